@@ -1,0 +1,49 @@
+"""The task and its transforms. Names are imported on first use, so this alone costs no simulator.
+
+Importing the package registers `ClutterPush-v1` with Gymnasium.
+"""
+
+from importlib import import_module
+from typing import Any
+
+import gymnasium
+from gymnasium.envs.registration import WrapperSpec, registry
+
+_HOME = {
+    "CAMERA": "camera",
+    "Camera": "camera",
+    "ClutterPushEnv": "task",
+    "Dynamics": "scenarios",
+    "OBJECTS": "objects",
+    "Obstacle": "scenes",
+    "PushEnv": "push_env",
+    "PushGymEnv": "gym_env",
+    "PushedObject": "objects",
+    "SCENES": "scenes",
+    "Scenario": "scenarios",
+    "ScenarioConfig": "scenarios",
+    "find_render_device": "rendering",
+    "sample_scenario": "scenarios",
+}
+
+__all__ = [  # noqa: PLE0604 (names come from _HOME)
+    *sorted(_HOME),
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+
+
+if "ClutterPush-v1" not in registry:
+    gymnasium.register(
+        "ClutterPush-v1",
+        entry_point="modpush.envs.task:ClutterPushEnv",
+        max_episode_steps=200,
+        disable_env_checker=True,
+        additional_wrappers=(
+            WrapperSpec("EpisodeEnd", "modpush.envs.task:EpisodeEnd", {"max_episode_steps": 200}),
+        ),
+    )

@@ -1,0 +1,239 @@
+"""Scene families: pure functions `(rng, difficulty) -> obstacles`.
+
+All coordinates are in the robot's base frame; the authors' are turned by +90 degrees about z.
+Source: paper Sec. V and the facts of the authors' code (spec 2).
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+__all__ = [
+    "BAR_SECTION",
+    "CUBE_SIDE",
+    "HARD_SCENES",
+    "MAX_OBSTACLES",
+    "OBSTACLE_SCENES",
+    "SCENES",
+    "Obstacle",
+    "SceneFn",
+    "get_scene",
+    "obstacle_distance",
+    "random_clutter",
+]
+
+BAR_SECTION = 0.06
+"""Width and height of a bar [m]."""
+CUBE_SIDE = 0.05
+"""Of an obstacle cube [m]."""
+MAX_OBSTACLES = 24
+"""The most obstacles a layout may have."""
+
+_CENTER = (0.475, 0.0)
+_ACROSS = math.pi / 2  # a bar's long axis along y, across the way out from the robot
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """An upright box on the table."""
+
+    size: tuple[float, float, float]
+    """Length, width, height [m]."""
+    pose: tuple[float, float, float]
+    """x, y of the centre and yaw of the long axis [m, m, rad]."""
+
+
+SceneFn = Callable[[np.random.Generator, float], list[Obstacle]]
+"""`(rng, difficulty in [0, 1]) -> obstacles`."""
+
+
+def _bar(length: float, x: float, y: float, yaw: float) -> Obstacle:
+    return Obstacle((length, BAR_SECTION, BAR_SECTION), (x, y, yaw))
+
+
+def _cube(x: float, y: float, yaw: float = 0.0) -> Obstacle:
+    return Obstacle((CUBE_SIDE, CUBE_SIDE, CUBE_SIDE), (x, y, yaw))
+
+
+def _gap(difficulty: float) -> float:
+    """Free gap, 20 cm at difficulty 0 and 10 cm at 1 [m]."""
+    return 0.20 - 0.10 * difficulty
+
+
+def free(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
+    """Nothing but the table."""
+    return []
+
+
+def bar_across(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
+    """(a) One bar, 10 to 60 cm, within 45 degrees of lying across."""
+    yaw = _ACROSS + rng.uniform(-1, 1) * math.pi / 4
+    return [_bar(0.10 + 0.50 * difficulty, *_CENTER, yaw)]
+
+
+def bar_along(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
+    """(b) One bar, 10 to 60 cm, within 45 degrees of pointing away from the robot."""
+    yaw = rng.uniform(-1, 1) * math.pi / 4
+    return [_bar(0.10 + 0.50 * difficulty, *_CENTER, yaw)]
+
+
+def slot(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
+    """(c) Two bars in line across, 40 cm each, with a gap between their ends."""
+    offset = _gap(difficulty) / 2 + 0.20
+    return [_bar(0.40, _CENTER[0], side * offset, _ACROSS) for side in (-1, 1)]
+
+
+def posts(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
+    """(d) Four cubes at the corners of a square, the gap between neighbours."""
+    offset = (_gap(difficulty) + CUBE_SIDE) / 2
+    return [_cube(0.45 + i * offset, j * offset) for i in (-1, 1) for j in (-1, 1)]
+
+
+def corridor(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
+    """(e) Two parallel bars across, 30 cm each, the gap between them."""
+    offset = (_gap(difficulty) + BAR_SECTION) / 2
+    return [_bar(0.30, 0.45 + side * offset, 0.0, _ACROSS) for side in (-1, 1)]
+
+
+def zigzag(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
+    """Two long bars across, shifted sideways, so that the way between them is an S."""
+    offset = (_gap(difficulty) + BAR_SECTION) / 2
+    return [_bar(0.60, 0.45 + side * offset, side * 0.15, _ACROSS) for side in (-1, 1)]
+
+
+def diagonal_walls(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
+    """Unseen and hard: thirteen short bars in two crossing diagonals (the authors' case 11)."""
+    theirs = [
+        (0.15, -0.475),
+        (0.25, -0.375),
+        (0.35, -0.275),
+        (0.0, -0.575),
+        (0.15, -0.675),
+        (0.25, -0.775),
+        (0.35, -0.875),
+        (-0.15, -0.475),
+        (-0.25, -0.375),
+        (-0.35, -0.275),
+        (-0.15, -0.675),
+        (-0.25, -0.775),
+        (-0.35, -0.875),
+    ]
+    return [_bar(0.10, -y, x, _ACROSS) for x, y in theirs]
+
+
+def maze(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
+    """Unseen and hard: one diagonal of short bars and two long oblique ones (the authors' case 12)."""
+    theirs = [
+        (0.15, -0.475),
+        (0.25, -0.375),
+        (0.35, -0.275),
+        (0.0, -0.575),
+        (-0.15, -0.675),
+        (-0.25, -0.775),
+        (-0.35, -0.875),
+    ]
+    short = [_bar(0.10, -y, x, _ACROSS) for x, y in theirs]
+    long = [_bar(0.40, -y, x, _ACROSS + math.pi / 4) for x, y in ((-0.15, -0.375), (0.15, -0.775))]
+    return short + long
+
+
+def random_clutter(
+    rng: np.random.Generator, difficulty: float, num_cubes: int = 10, spacing: float = 0.02
+) -> list[Obstacle]:
+    """Cubes anywhere in the workspace, at any angle.
+
+    Args:
+        rng: Source of randomness.
+        difficulty: Not used; the number says it all.
+        num_cubes: How many, up to `MAX_OBSTACLES`.
+        spacing: Least distance between the cubes' circumscribed circles [m].
+
+    Raises:
+        ValueError: If `num_cubes` is out of range, or they do not fit after 100 tries for each.
+    """
+    if not 0 <= num_cubes <= MAX_OBSTACLES:
+        raise ValueError(
+            f"random_clutter: num_cubes must be in [0, {MAX_OBSTACLES}], got {num_cubes}."
+        )
+    centers = np.empty((0, 2))
+    apart = CUBE_SIDE * math.sqrt(2) + spacing
+    for _ in range(num_cubes):
+        tries = rng.uniform((0.20, -0.35), (0.75, 0.35), (100, 2))
+        distance = np.linalg.norm(tries[:, None] - centers, axis=-1).min(1, initial=np.inf)
+        if not (distance >= apart).any():
+            raise ValueError(
+                f"random_clutter: {num_cubes} cubes at a spacing of {spacing} m do not fit; "
+                f"placed {len(centers)} in 100 tries for each."
+            )
+        centers = np.vstack([centers, tries[np.argmax(distance >= apart)]])
+    yaws = rng.uniform(-np.pi, np.pi, num_cubes)
+    return [_cube(float(x), float(y), float(a)) for (x, y), a in zip(centers, yaws, strict=True)]
+
+
+SCENES: dict[str, SceneFn] = {
+    "free": free,
+    "bar_across": bar_across,
+    "bar_along": bar_along,
+    "slot": slot,
+    "posts": posts,
+    "corridor": corridor,
+    "zigzag": zigzag,
+    "random_clutter": random_clutter,
+    "diagonal_walls": diagonal_walls,
+    "maze": maze,
+}
+"""All families by name."""
+
+OBSTACLE_SCENES = ("bar_across", "bar_along", "slot", "posts", "corridor")
+"""The paper's five families for training and testing (Sec. V)."""
+HARD_SCENES = ("diagonal_walls", "maze")
+"""The paper's two unseen complex scenes (Sec. V)."""
+
+
+def get_scene(scene: str | SceneFn) -> tuple[str, SceneFn]:
+    """Look a family up by name, or pass a function of your own through.
+
+    Returns:
+        Its name and its function.
+
+    Raises:
+        ValueError: If there is no family of that name; the message lists those there are.
+    """
+    if callable(scene):
+        return getattr(scene, "__name__", type(scene).__name__), scene
+    if scene not in SCENES:
+        raise ValueError(f"scene: no family {scene!r}, expected one of {sorted(SCENES)}.")
+    return scene, SCENES[scene]
+
+
+def obstacle_distance(points: np.ndarray, obstacles: Sequence[Obstacle]) -> np.ndarray:
+    """Distance from points to the nearest obstacle seen from above [m]; 0 inside one, inf for none.
+
+    Args:
+        points: `[..., 2]` [m].
+        obstacles: Any number.
+
+    Returns:
+        `[...]` [m].
+    """
+    rows = np.array([(*o.pose, *o.size[:2]) for o in obstacles]).reshape(-1, 5)
+    flat = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 2)
+    return _rectangle_distance(flat, rows).reshape(points.shape[:-1])
+
+
+@numba.njit(cache=True)
+def _rectangle_distance(points: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Per point the distance to the nearest of the rectangles (x, y, yaw, length, width)."""
+    nearest = np.full(len(points), np.inf)
+    for k in range(len(rows)):
+        x, y, yaw, length, width = rows[k]
+        c, s = math.cos(yaw), math.sin(yaw)
+        for i in range(len(points)):
+            dx, dy = points[i, 0] - x, points[i, 1] - y
+            u = max(abs(dx * c + dy * s) - length / 2, 0.0)
+            v = max(abs(dy * c - dx * s) - width / 2, 0.0)
+            nearest[i] = min(nearest[i], math.sqrt(u * u + v * v))
+    return nearest

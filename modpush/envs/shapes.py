@@ -1,0 +1,86 @@
+"""Solid primitives: the one description that physics, both cameras and the scene sampler share."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["KINDS", "Primitive", "box", "capsule", "cylinder", "prism", "rpy_matrix"]
+
+Kind = Literal["box", "cylinder", "capsule", "prism"]
+KINDS: tuple[Kind, ...] = ("box", "cylinder", "capsule", "prism")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Primitive:
+    """A solid in the frame of the body it belongs to.
+
+    Axes: a cylinder, a capsule and a prism stand along their own z.
+    """
+
+    kind: Kind
+    size: tuple[float, float, float]
+    """[m] box: half extents; cylinder, capsule: radius, half length, 0; prism: 0, 0, half height."""
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Centre in the body's frame [m]."""
+    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Fixed-axis roll, pitch, yaw in the body's frame [rad], as in URDF."""
+    outline: tuple[tuple[float, float], ...] = ()
+    """Prism only: convex outline, counter-clockwise [m]."""
+    color: tuple[float, float, float] = (0.6, 0.6, 0.6)
+    """Seen by the rendered camera only."""
+
+    def rotation(self) -> NDArray[np.float64]:
+        """Rotation from the primitive's axes to the body's, `[3, 3]`."""
+        return rpy_matrix(self.rpy)
+
+
+def rpy_matrix(rpy: tuple[float, float, float]) -> NDArray[np.float64]:
+    """Rotation matrix `[3, 3]` of fixed-axis roll, pitch, yaw [rad]."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+_Vector = tuple[float, float, float]
+_ZERO: _Vector = (0.0, 0.0, 0.0)
+
+
+def box(
+    length: float, width: float, height: float, position: _Vector = _ZERO, **look: _Vector
+) -> Primitive:
+    """A box of full extents [m] along x, y and z."""
+    return Primitive(
+        kind="box", size=(length / 2, width / 2, height / 2), position=position, **look
+    )
+
+
+def cylinder(
+    radius: float, length: float, position: _Vector = _ZERO, rpy: _Vector = _ZERO, **look: _Vector
+) -> Primitive:
+    """A cylinder of full length [m] along its z."""
+    return Primitive(
+        kind="cylinder", size=(radius, length / 2, 0.0), position=position, rpy=rpy, **look
+    )
+
+
+def capsule(
+    radius: float, length: float, position: _Vector = _ZERO, rpy: _Vector = _ZERO, **look: _Vector
+) -> Primitive:
+    """A capsule; `length` [m] is that of its cylindrical part."""
+    return Primitive(
+        kind="capsule", size=(radius, length / 2, 0.0), position=position, rpy=rpy, **look
+    )
+
+
+def prism(
+    outline: tuple[tuple[float, float], ...], height: float, **look: _Vector
+) -> Primitive:
+    """An upright prism over a convex, counter-clockwise outline [m]."""
+    return Primitive(kind="prism", size=(0.0, 0.0, height / 2), outline=outline, **look)
