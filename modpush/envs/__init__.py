@@ -26,7 +26,7 @@ _HOME = {
     "sample_scenario": "scenarios",
 }
 
-__all__ = [  # noqa: PLE0604 (names come from _HOME)
+__all__ = [
     *sorted(_HOME),
 ]
 

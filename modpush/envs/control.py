@@ -8,7 +8,7 @@ from torch import Tensor
 
 from modpush.envs.kinematics import planar_inverse_kinematics, wrap_angle
 
-__all__ = ["MotionConfig", "PlannedMotion", "clamp_to_workspace", "plan_motion"]
+__all__ = ["MotionConfig", "PlannedMotion", "clamp_to_workspace", "plan_motion", "ramp"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,3 +112,25 @@ def clamp_to_workspace(position: Tensor, config: MotionConfig) -> Tensor:
     radius = torch.linalg.vector_norm(position, dim=-1, keepdim=True).clamp_min(1e-12)
     return position * (radius.clamp(config.min_radius, config.max_radius) / radius)
 
+
+def ramp(joints: Tensor, num_substeps: int, control_freq: float) -> tuple[Tensor, Tensor]:
+    """Where the drives aim during each substep of a control step.
+
+    The velocity goes with the position: without it the drives' damping makes the tip lag by 7 mm
+    at full speed, with it by 1 mm.
+
+    Args:
+        joints: Knots, the start included, `[..., K + 1, 6]` [rad].
+        num_substeps: Physics steps of the control step, `S`.
+        control_freq: [Hz]
+
+    Returns:
+        Positions at the end of every substep, `[..., S, 6]` [rad], and velocities in it,
+        `[..., S, 6]` [rad/s].
+    """
+    num_knots = joints.shape[-2] - 1
+    at = torch.arange(1, num_substeps + 1, dtype=joints.dtype) * (num_knots / num_substeps)
+    left = (torch.ceil(at - 1e-9).long() - 1).to(joints.device)
+    start, step = joints[..., left, :], joints.diff(dim=-2)[..., left, :]
+    fraction = (at.to(joints.device) - left).unsqueeze(-1)
+    return start + fraction * step, step * (num_knots * control_freq)

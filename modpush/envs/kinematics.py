@@ -121,7 +121,9 @@ def inverse_kinematics(T_base_flange: Tensor) -> tuple[Tensor, Tensor]:
     return torch.stack(solutions, -2), torch.stack(masks, -1)
 
 
-def _finish(R: Tensor, wrist: Tensor, q1: Tensor, q5: Tensor, elbow: float) -> tuple[Tensor, Tensor]:
+def _finish(
+    R: Tensor, wrist: Tensor, q1: Tensor, q5: Tensor, elbow: float
+) -> tuple[Tensor, Tensor]:
     """The remaining four angles, once shoulder and wrist bend are chosen."""
     s1, c1, s5 = torch.sin(q1), torch.cos(q1), torch.sin(q5)
     # Axis 5 seen from the flange gives q6; with the wrist stretched (s5 = 0) q6 is free: take 0.

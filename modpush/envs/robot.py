@@ -13,10 +13,10 @@ from mani_skill.agents.registration import register_agent
 from torch import Tensor
 
 from modpush.envs import bodies
-from modpush.envs.control import MotionConfig, plan_motion
+from modpush.envs.control import MotionConfig, plan_motion, ramp
 from modpush.envs.ur5_2f85 import FORCE_LIMIT, JOINT_NAMES, LINKS, TOOLS, Tool, ToolName, urdf_path
 
-__all__ = ["DAMPING", "STIFFNESS", "UR5", "UR5Rod", "PlanarController", "PlanarControllerConfig"]
+__all__ = ["DAMPING", "STIFFNESS", "UR5", "PlanarController", "PlanarControllerConfig", "UR5Rod"]
 
 STIFFNESS = 2e4
 """Of the joint drives [N m/rad]."""
@@ -52,7 +52,7 @@ class PlanarController(BaseController):
             self.reachable = torch.ones(len(pose), dtype=torch.bool, device=self.device)
         self.target = torch.where(mask[:, None], pose, self.target)
         self.flange_height = torch.where(mask, height, self.flange_height)
-        self._joints: Tensor | None = None
+        self._ramp: tuple[Tensor, Tensor] | None = None
 
     def _measure(self) -> tuple[Tensor, Tensor]:
         """Planar pose of the tip `[B, 3]` and height of the flange `[B]`."""
@@ -72,24 +72,20 @@ class PlanarController(BaseController):
         pose, _ = self._measure()
         motion = plan_motion(action, self.target, pose, self.flange_height, self.config.motion)
         self.target, self.reachable = motion.target, motion.reachable
-        self._joints = motion.joints.float()
+        self._ramp = ramp(motion.joints.float(), self._sim_steps, self.control_freq)
         self._substep = 0
-        self._ramp()  # ManiSkill sends targets to a GPU once per action, right after this
+        self._aim()  # ManiSkill sends targets to a GPU once per action, right after this
 
     def before_simulation_step(self) -> None:
         """Move the drives' targets along the ramp."""
-        if self._joints is not None:
-            self._ramp()
+        if self._ramp is not None and self._substep < self._sim_steps:
+            self._aim()
             self._substep += 1
 
-    def _ramp(self) -> None:
-        assert self._joints is not None
-        position, velocity = ramp_targets(
-            self._joints, self._substep, self._sim_steps, self.control_freq
-        )
-        self.articulation.set_joint_drive_targets(
-            position, self.joints, self.active_joint_indices
-        )
+    def _aim(self) -> None:
+        assert self._ramp is not None
+        position, velocity = (values[:, self._substep] for values in self._ramp)
+        self.articulation.set_joint_drive_targets(position, self.joints, self.active_joint_indices)
         self.articulation.set_joint_drive_velocity_targets(
             velocity, self.joints, self.active_joint_indices
         )
@@ -105,28 +101,7 @@ class PlanarController(BaseController):
         """Inverse of `get_state`."""
         self.target = state["target"].clone()
         self.flange_height = state["flange_height"][:, 0].clone()
-        self._joints = None
-
-
-def ramp_targets(
-    joints: Tensor, substep: int, num_substeps: int, control_freq: float
-) -> tuple[Tensor, Tensor]:
-    """Where the drives aim during one substep of a ramp.
-
-    Args:
-        joints: Knots of the ramp, the start included, `[..., K + 1, 6]` [rad].
-        substep: From 0.
-        num_substeps: Of the control step.
-        control_freq: [Hz]
-
-    Returns:
-        Position `[..., 6]` [rad] at the end of the substep and velocity `[..., 6]` [rad/s] in it.
-    """
-    knots = joints.shape[-2] - 1
-    at = (substep + 1) * knots / num_substeps
-    left = min(int(np.ceil(at - 1e-9)), knots) - 1
-    step = joints[..., left + 1, :] - joints[..., left, :]
-    return joints[..., left, :] + (at - left) * step, step * (knots * control_freq)
+        self._ramp = None
 
 
 def tip_yaw(quaternion: Tensor) -> Tensor:

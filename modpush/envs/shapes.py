@@ -21,7 +21,8 @@ class Primitive:
 
     kind: Kind
     size: tuple[float, float, float]
-    """[m] box: half extents; cylinder, capsule: radius, half length, 0; prism: 0, 0, half height."""
+    """[m] box and prism: half extents (a prism's about its origin); cylinder, capsule: radius, half
+    length, 0."""
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Centre in the body's frame [m]."""
     rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -79,8 +80,7 @@ def capsule(
     )
 
 
-def prism(
-    outline: tuple[tuple[float, float], ...], height: float, **look: _Vector
-) -> Primitive:
+def prism(outline: tuple[tuple[float, float], ...], height: float, **look: _Vector) -> Primitive:
     """An upright prism over a convex, counter-clockwise outline [m]."""
-    return Primitive(kind="prism", size=(0.0, 0.0, height / 2), outline=outline, **look)
+    half_x, half_y = (max(abs(vertex[axis]) for vertex in outline) for axis in (0, 1))
+    return Primitive(kind="prism", size=(half_x, half_y, height / 2), outline=outline, **look)

@@ -109,7 +109,7 @@ class ClutterPushEnv(BaseEnv):
                 "state",
                 "state_dict",
             )
-            render_backend = _choose_render_backend() if pictures else "none"
+            render_backend = choose_render_backend() if pictures else "none"
         self._render_name = render_backend
         if render_backend.startswith("pci"):
             render_backend = "cpu"  # `_setup_scene` puts the real one in its place
@@ -180,6 +180,8 @@ class ClutterPushEnv(BaseEnv):
             self.scene, obstacle, self.dynamic_obstacles
         )
         self.contacts = ContactReader(self)
+        self._unit_inertia: dict[str, np.ndarray] = {}
+        self._raw_joints = [joint._objs[0] for joint in self.agent.robot.active_joints]
 
     def _load_table(self, material: physx.PhysxMaterial) -> None:
         """An endless plane to rest on, and a table top to see."""
@@ -240,10 +242,16 @@ class ClutterPushEnv(BaseEnv):
         """
         if seed is not None:
             seeds = [seed] if isinstance(seed, int | np.integer) else list(seed)
-            seeds = seeds if len(seeds) == self.num_envs else [*range(seeds[0], seeds[0] + self.num_envs)]
+            seeds = (
+                seeds
+                if len(seeds) == self.num_envs
+                else [*range(seeds[0], seeds[0] + self.num_envs)]
+            )
             self._rngs = [np.random.default_rng(s) for s in seeds]
         elif not self._rngs:
-            self._rngs = [np.random.default_rng(s) for s in np.random.SeedSequence().spawn(self.num_envs)]
+            self._rngs = [
+                np.random.default_rng(s) for s in np.random.SeedSequence().spawn(self.num_envs)
+            ]
         return super().reset(seed=seed, options=options)
 
     def _initialize_episode(self, env_idx: Tensor, options: dict[str, Any]) -> None:
@@ -299,8 +307,6 @@ class ClutterPushEnv(BaseEnv):
         """Mass, centre of mass and friction of the episode. On CUDA they stay as built."""
         wanted = scenario.dynamics
         body = actor._bodies[0]
-        if not hasattr(self, "_unit_inertia"):
-            self._unit_inertia: dict[str, np.ndarray] = {}
         unit = self._unit_inertia.setdefault(item.name, np.array(body.inertia) / body.mass)
         body.mass = wanted.mass
         body.inertia = unit * wanted.mass
@@ -386,11 +392,57 @@ class ClutterPushEnv(BaseEnv):
         yaw = tip_yaw(transform[:, 3:])
         return torch.cat([transform[:, :2], yaw[:, None]], -1)
 
+    def object_transform_of(self, index: int) -> np.ndarray:
+        """Position and quaternion (w, x, y, z) of the pushed body of one scene, `[7]` [m]."""
+        actor = self._actors[self.scenarios[index].pushed_object]
+        if self.gpu_sim_enabled:
+            return np.array(actor.pose.raw_pose[index].tolist())
+        pose = actor._bodies[0].entity_pose
+        return np.array([*pose.p, *pose.q])
+
+    def link_transforms_of(self, index: int, names: Sequence[str]) -> np.ndarray:
+        """The same for links of the robot, `[len(names), 7]` [m]."""
+        links = self.agent.robot.links_map
+        if self.gpu_sim_enabled:
+            return np.array([links[name].pose.raw_pose[index].tolist() for name in names])
+        poses = [links[name]._objs[0].entity_pose for name in names]
+        return np.array([[*pose.p, *pose.q] for pose in poses])
+
     @property
     def ee_pose(self) -> Tensor:
         """x, y, yaw of the tool's tip, `[num_envs, 3]` float64 [m, m, rad]."""
         pose = self.agent.robot.links_map["tip"].pose
         return torch.cat([pose.p[:, :2].double(), tip_yaw(pose.q.double())[:, None]], -1)
+
+    # ------------------------------------------------------------------ the quick way, CPU only
+
+    def start(self, scenario: Scenario) -> None:
+        """Start an episode in the one scene of a CPU task: what `reset` does, less its overhead."""
+        self._clear_sim_state()
+        self._initialize_episode(torch.tensor([0]), {"scenarios": [scenario]})
+
+    def advance(self, position: list[list[float]], velocity: list[list[float]]) -> None:
+        """One control step of a CPU task, given drive targets: `step` less its overhead.
+
+        Args:
+            position: For every substep the six joint targets [rad].
+            velocity: For every substep the six joint velocities [rad/s].
+        """
+        px, contacts = self.scene.px, self.contacts
+        joints = self._raw_joints
+        sample_at = contacts.sample_at(len(position))
+        contacts.clear()
+        last: list[float] | None = None
+        for substep, (angles, rates) in enumerate(zip(position, velocity, strict=True), start=1):
+            for joint, angle in zip(joints, angles, strict=True):
+                joint.set_drive_target(angle)
+            if rates != last:
+                for joint, rate in zip(joints, rates, strict=True):
+                    joint.set_drive_velocity_target(rate)
+                last = rates
+            px.step()
+            if substep in sample_at:
+                contacts.read()
 
     # ------------------------------------------------------------------ state
 
@@ -417,7 +469,12 @@ def get_object_of(items: Sequence[PushedObject], name: str) -> PushedObject:
     )
 
 
-def _choose_render_backend() -> str:
+def choose_render_backend() -> str:
+    """ManiSkill's name for the renderer there is.
+
+    Raises:
+        RuntimeError: If there is none; the message says how to get one.
+    """
     device = find_render_device()
     if device is None:
         raise RuntimeError(NO_RENDERER)

@@ -197,9 +197,7 @@ def _add_joint(
     return joint
 
 
-def _add_link(
-    robot: ET.Element, name: str, mass: float, shapes: tuple[Primitive, ...]
-) -> None:
+def _add_link(robot: ET.Element, name: str, mass: float, shapes: tuple[Primitive, ...]) -> None:
     link = ET.SubElement(robot, "link", name=name)
     if mass > 0:
         inertial = ET.SubElement(link, "inertial")
@@ -214,9 +212,7 @@ def _add_link(
         )
     for shape in shapes:
         collision = ET.SubElement(link, "collision")
-        ET.SubElement(
-            collision, "origin", xyz=_numbers(shape.position), rpy=_numbers(shape.rpy)
-        )
+        ET.SubElement(collision, "origin", xyz=_numbers(shape.position), rpy=_numbers(shape.rpy))
         geometry = ET.SubElement(collision, "geometry")
         if shape.kind == "box":
             ET.SubElement(geometry, "box", size=_numbers(tuple(2 * x for x in shape.size)))

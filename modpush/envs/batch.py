@@ -1,0 +1,312 @@
+"""A batch of scenes to step: many CPU tasks in one process, or one CUDA task."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from modpush.envs.control import plan_motion, ramp
+from modpush.envs.depth import AnalyticEye, DepthName, Eye, make_eye
+from modpush.envs.robot import tip_yaw
+from modpush.envs.scenarios import Scenario
+from modpush.envs.task import ClutterPushEnv, choose_render_backend, get_object_of
+
+__all__ = ["Batch", "CpuBatch", "CudaBatch", "Reading", "SceneState", "make_batch"]
+
+
+class Reading(NamedTuple):
+    """The truth of the scenes, on the CPU or the GPU as they are; metres and radians, float64."""
+
+    object_pose: Tensor
+    """`[B, 3]`"""
+    ee_pose: Tensor
+    """`[B, 3]`"""
+    joint_position: Tensor
+    """`[B, 6]`"""
+    contacts: Tensor
+    """`[B, 3]` bool, in the order of `CONTACT_KEYS`"""
+    reachable: Tensor
+    """`[B]` bool"""
+
+
+@dataclass(frozen=True)
+class SceneState:
+    """All of one scene that the future depends on."""
+
+    scenario: Scenario
+    physics: Any
+    """PhysX's own state on a CPU, ManiSkill's state dictionary on CUDA."""
+    target: tuple[float, float, float]
+    """The controller's commanded pose."""
+    contacts: tuple[bool, bool, bool]
+    reachable: bool
+
+
+class Batch(ABC):
+    """Scenes that are reset, stepped and read together."""
+
+    tasks: list[ClutterPushEnv]
+    device: torch.device
+
+    @abstractmethod
+    def start(self, indices: Sequence[int], scenarios: Sequence[Scenario]) -> None:
+        """Start episodes in the scenes of these indices."""
+
+    @abstractmethod
+    def step(self, action: Tensor) -> None:
+        """One control step of all scenes; action `[B, 3]` in [-1, 1]."""
+
+    @abstractmethod
+    def read(self) -> Reading:
+        """The present state of all scenes."""
+
+    @abstractmethod
+    def capture(self, index: int, depth: np.ndarray, segmentation: np.ndarray) -> None:
+        """Write the image of one scene into `[H, W]` arrays."""
+
+    @abstractmethod
+    def cast(self, index: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Depth and label at single pixels of one scene's image, without drawing it."""
+
+    @abstractmethod
+    def scenario(self, index: int) -> Scenario:
+        """What the present episode of one scene started from."""
+
+    @abstractmethod
+    def obstacle_positions(self, index: int) -> np.ndarray:
+        """Where the obstacles of one scene are now, `[n, 2]` [m]."""
+
+    @abstractmethod
+    def get_state(self, index: int) -> SceneState:
+        """A copy of the state of one scene."""
+
+    @abstractmethod
+    def set_state(self, index: int, state: SceneState) -> None:
+        """Put one scene into a state."""
+
+    def close(self) -> None:
+        """Free the simulators."""
+        for task in self.tasks:
+            task.close()
+        self.tasks = []
+
+
+class CpuBatch(Batch):
+    """As many one-scene tasks as there are scenes, stepped one after the other in this process.
+
+    SAPIEN holds Python's lock while it steps, so threads would only wait for each other; what
+    scales over cores is processes (`torchrl.envs.ParallelEnv` around a `PushEnv`).
+    """
+
+    def __init__(
+        self, num_envs: int, depth: DepthName | None, arm_in_depth: bool, **task: Any
+    ) -> None:
+        self.device = torch.device("cpu")
+        self.tasks = [ClutterPushEnv(obs_mode="none", **task) for _ in range(num_envs)]
+        self._casters = [AnalyticEye(task, arm_in_depth) for task in self.tasks]
+        self._eyes: Sequence[Eye] = (
+            self._casters
+            if depth in ("analytic", None)
+            else [make_eye(depth, task, arm_in_depth) for task in self.tasks]
+        )
+        first = self.tasks[0]
+        self._motion = first.agent.motion
+        self._substeps, self._control_freq = first._sim_steps_per_control, first.control_freq
+        self._target = torch.zeros(num_envs, 3, dtype=torch.float64)
+        self._height = torch.zeros(num_envs, dtype=torch.float64)
+        self._reachable = torch.ones(num_envs, dtype=torch.bool)
+        self._ee_pose = torch.zeros(num_envs, 3, dtype=torch.float64)
+
+    def start(self, indices: Sequence[int], scenarios: Sequence[Scenario]) -> None:
+        """See `Batch`."""
+        for i, scenario in zip(indices, scenarios, strict=True):
+            self.tasks[i].start(scenario)
+            self._settle(i, scenario, scenario.tool_pose)
+            self._reachable[i] = True
+
+    def _settle(self, i: int, scenario: Scenario, target: Sequence[float]) -> None:
+        """Point the controller and the eyes at a scene that has just changed."""
+        task = self.tasks[i]
+        item = get_object_of(task.pushed_objects, scenario.pushed_object)
+        self._target[i] = torch.tensor(target, dtype=torch.float64)
+        self._height[i] = item.tool_height + task.agent.tool.length
+        self._casters[i].reset(0)
+        if self._eyes[i] is not self._casters[i]:
+            self._eyes[i].reset(0)
+        self._ee_pose[i] = _planar([task.link_transforms_of(0, ("tip",))[0]])[0]
+
+    def step(self, action: Tensor) -> None:
+        """See `Batch`."""
+        motion = plan_motion(action, self._target, self._ee_pose, self._height, self._motion)
+        self._target, self._reachable = motion.target, motion.reachable
+        position, velocity = ramp(motion.joints, self._substeps, self._control_freq)
+        for task, angles, rates in zip(
+            self.tasks, position.tolist(), velocity.tolist(), strict=True
+        ):
+            task.advance(angles, rates)
+        self._ee_pose = _planar(task.link_transforms_of(0, ("tip",))[0] for task in self.tasks)
+
+    def read(self) -> Reading:
+        """See `Batch`."""
+        joints = torch.from_numpy(np.array([t.agent.robot._objs[0].qpos for t in self.tasks]))
+        return Reading(
+            _planar(task.object_transform_of(0) for task in self.tasks),
+            self._ee_pose,
+            joints.double(),
+            torch.tensor([task.contacts.row for task in self.tasks]),
+            self._reachable,
+        )
+
+    def capture(self, index: int, depth: np.ndarray, segmentation: np.ndarray) -> None:
+        """See `Batch`."""
+        self._eyes[index].capture(0, depth, segmentation)
+
+    def cast(self, index: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See `Batch`."""
+        return self._casters[index].cast(0, pixels)
+
+    def scenario(self, index: int) -> Scenario:
+        """See `Batch`."""
+        return self.tasks[index].scenarios[0]
+
+    def obstacle_positions(self, index: int) -> np.ndarray:
+        """See `Batch`."""
+        return self.tasks[index].obstacles.transforms(0)[:, :2]
+
+    def get_state(self, index: int) -> SceneState:
+        """See `Batch`."""
+        task = self.tasks[index]
+        x, y, yaw = self._target[index].tolist()
+        first, second, third = task.contacts.row
+        return SceneState(
+            scenario=task.scenarios[0],
+            physics=task.scene.px.pack(),
+            target=(x, y, yaw),
+            contacts=(first, second, third),
+            reachable=bool(self._reachable[index]),
+        )
+
+    def set_state(self, index: int, state: SceneState) -> None:
+        """See `Batch`. Bodies first, so that PhysX's packed state finds them all."""
+        task = self.tasks[index]
+        task.start(state.scenario)
+        task.scene.px.unpack(state.physics)
+        task.contacts.row = list(state.contacts)
+        self._settle(index, state.scenario, state.target)
+        self._reachable[index] = state.reachable
+
+
+def _planar(transforms: Iterable[np.ndarray]) -> Tensor:
+    """x, y, yaw of transforms `[7]`, `[B, 3]`."""
+    rows = torch.from_numpy(np.array(list(transforms)))
+    return torch.cat([rows[:, :2], tip_yaw(rows[:, 3:])[:, None]], -1)
+
+
+class CudaBatch(Batch):
+    """One ManiSkill task that holds all scenes on a GPU. Images are still made on the CPU."""
+
+    def __init__(
+        self, num_envs: int, depth: DepthName | None, arm_in_depth: bool, **task: Any
+    ) -> None:
+        self._task = ClutterPushEnv(
+            obs_mode="none", num_envs=num_envs, sim_backend="physx_cuda", **task
+        )
+        self.tasks = [self._task]
+        self.device = self._task.device
+        self._caster = AnalyticEye(self._task, arm_in_depth)
+        self._eye = (
+            self._caster
+            if depth in ("analytic", None)
+            else make_eye(depth, self._task, arm_in_depth)
+        )
+
+    def start(self, indices: Sequence[int], scenarios: Sequence[Scenario]) -> None:
+        """See `Batch`."""
+        rows = torch.as_tensor(indices, device=self.device)
+        self._task.reset(options={"env_idx": rows, "scenarios": list(scenarios)})
+        for i in indices:
+            self._eye.reset(i)
+            self._caster.reset(i)
+
+    def step(self, action: Tensor) -> None:
+        """See `Batch`."""
+        self._task.step(action.float())
+
+    def read(self) -> Reading:
+        """See `Batch`."""
+        task = self._task
+        return Reading(
+            task.object_pose,
+            task.ee_pose,
+            task.agent.robot.get_qpos().double(),
+            torch.stack(list(task.contacts.flags().values()), -1),
+            task.agent.controller.reachable,
+        )
+
+    def capture(self, index: int, depth: np.ndarray, segmentation: np.ndarray) -> None:
+        """See `Batch`."""
+        self._eye.capture(index, depth, segmentation)
+
+    def cast(self, index: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See `Batch`."""
+        return self._caster.cast(index, pixels)
+
+    def scenario(self, index: int) -> Scenario:
+        """See `Batch`."""
+        return self._task.scenarios[index]
+
+    def obstacle_positions(self, index: int) -> np.ndarray:
+        """See `Batch`."""
+        return self._task.obstacles.transforms(index)[:, :2]
+
+    def get_state(self, index: int) -> SceneState:
+        """See `Batch`."""
+        task = self._task
+        controller = task.agent.controller
+        x, y, yaw = controller.target[index].tolist()
+        first, second, third = (bool(v[index]) for v in task.contacts.flags().values())
+        physics = _rows(task.get_state_dict(), index)
+        return SceneState(
+            scenario=task.scenarios[index],
+            physics=physics,
+            target=(x, y, yaw),
+            contacts=(first, second, third),
+            reachable=bool(controller.reachable[index]),
+        )
+
+    def set_state(self, index: int, state: SceneState) -> None:
+        """See `Batch`."""
+        self.start([index], [state.scenario])
+        rows = torch.tensor([index], device=self.device)
+        task, controller = self._task, self._task.agent.controller
+        physics = {k: v for k, v in state.physics.items() if k != "controller"}
+        task.set_state_dict(physics, rows)
+        controller.target[index] = controller.target.new_tensor(state.target)
+        controller.reachable[index] = state.reachable
+
+
+def _rows(state: Any, index: int) -> Any:
+    """One scene's rows of a nested dictionary of tensors, copied."""
+    if isinstance(state, dict):
+        return {key: _rows(value, index) for key, value in state.items()}
+    return state[index : index + 1].clone()
+
+
+def make_batch(
+    num_envs: int,
+    device: torch.device,
+    depth: DepthName | None,
+    arm_in_depth: bool,
+    pictures: bool,
+    **task: Any,
+) -> Batch:
+    """The batch for a device; with a renderer only where pictures are asked for."""
+    task["render_backend"] = (
+        choose_render_backend() if pictures or depth == "sapien" else "none"
+    )
+    kind = CudaBatch if device.type == "cuda" else CpuBatch
+    return kind(num_envs, depth, arm_in_depth, **task)

@@ -1,0 +1,179 @@
+"""The bird's-eye depth image, one interface and two eyes: cast from the known shapes, or rendered."""
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import sapien
+from numpy.typing import NDArray
+
+from modpush.envs.camera import CAMERA
+from modpush.envs.obstacles import obstacle_part
+from modpush.envs.raycast import (
+    LABELS,
+    Solids,
+    blank_image,
+    cast_pixels,
+    draw,
+    quaternion_matrix,
+    warmup,
+)
+from modpush.envs.rendering import NO_RENDERER
+from modpush.envs.ur5_2f85 import LINKS
+
+if TYPE_CHECKING:
+    from modpush.envs.task import ClutterPushEnv
+
+__all__ = ["AnalyticEye", "DepthName", "Eye", "SapienEye", "make_eye"]
+
+DepthName = Literal["analytic", "sapien"]
+
+
+class Eye(ABC):
+    """Looks at the scenes of one task. `reset` when a scene's layout changes, then `capture`."""
+
+    def __init__(self, task: "ClutterPushEnv", arm_in_depth: bool) -> None:
+        self.task = task
+        self.arm_in_depth = arm_in_depth
+
+    @abstractmethod
+    def reset(self, index: int) -> None:
+        """Look anew at what stands still in scene `index`."""
+
+    @abstractmethod
+    def capture(
+        self, index: int, depth: NDArray[np.float32], segmentation: NDArray[np.uint8]
+    ) -> None:
+        """Write the present image of scene `index` into `[H, W]` arrays [m] and labels."""
+
+
+class AnalyticEye(Eye):
+    """Casts rays at the known shapes. Fixed obstacles are drawn once an episode."""
+
+    def __init__(self, task: "ClutterPushEnv", arm_in_depth: bool = False) -> None:
+        super().__init__(task, arm_in_depth)
+        warmup()
+        self._objects = {item.name: Solids.of(item.parts) for item in task.pushed_objects}
+        self._background = [blank_image() for _ in range(task.num_envs)]
+        shapes = {link.name: link.shapes for link in LINKS} | {"tool": task.agent.tool.shapes}
+        self._link_names = tuple(shapes)
+        self._robot = Solids.of(part for parts in shapes.values() for part in parts)
+        self._link_of_part = np.repeat(np.arange(len(shapes)), [len(p) for p in shapes.values()])
+
+    def reset(self, index: int) -> None:
+        """Draw the table and, where they are fixed, the obstacles."""
+        self._background[index] = blank_image()
+        if not self.task.dynamic_obstacles:
+            draw(*self._background[index], self._obstacles(index), LABELS["obstacle"])
+
+    def capture(
+        self, index: int, depth: NDArray[np.float32], segmentation: NDArray[np.uint8]
+    ) -> None:
+        """Draw what moves over what stands."""
+        behind, labels = self._background[index]
+        np.copyto(depth, behind)
+        np.copyto(segmentation, labels)
+        for solids, label in self._moving(index):
+            draw(depth, segmentation, solids, label)
+
+    def cast(
+        self, index: int, pixels: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+        """Depth and label at single pixels `[..., 2]` (u, v), without an image."""
+        groups = self._moving(index)
+        if not self.task.dynamic_obstacles:
+            groups.append((self._obstacles(index), LABELS["obstacle"]))
+        return cast_pixels(pixels, groups)
+
+    def _moving(self, index: int) -> list[tuple[Solids, int]]:
+        """What has to be drawn anew in every image."""
+        pose = self.task.object_transform_of(index)
+        name = self.task.scenarios[index].pushed_object
+        groups = [(_placed(self._objects[name], pose), LABELS["object"])]
+        if self.task.dynamic_obstacles:
+            groups.append((self._obstacles(index), LABELS["obstacle"]))
+        if self.arm_in_depth:
+            poses = self.task.link_transforms_of(index, self._link_names)[self._link_of_part]
+            groups.append((_placed(self._robot, poses), LABELS["robot"]))
+        return groups
+
+    def _obstacles(self, index: int) -> Solids:
+        obstacles = self.task.scenarios[index].obstacles
+        solids = Solids.of(obstacle_part(o) for o in obstacles)
+        return _placed(solids, self.task.obstacles.transforms(index))
+
+
+def _placed(solids: Solids, poses: NDArray[np.float64]) -> Solids:
+    """Solids of bodies at poses `[7]` or `[n, 7]`, position and quaternion (w, x, y, z)."""
+    return solids.moved(quaternion_matrix(poses[..., 3:]), poses[..., :3])
+
+
+class SapienEye(Eye):
+    """SAPIEN's own rendered camera: slow without a GPU, and the guard of the analytic one.
+
+    Raises:
+        RuntimeError: If the task was built without a renderer.
+    """
+
+    def __init__(self, task: "ClutterPushEnv", arm_in_depth: bool = False) -> None:
+        super().__init__(task, arm_in_depth)
+        if not task.scene.can_render():
+            raise RuntimeError(NO_RENDERER)
+        self._cameras = [self._add_camera(scene) for scene in task.scene.sub_scenes]
+
+    @staticmethod
+    def _add_camera(scene: sapien.Scene) -> Any:
+        camera = scene.add_camera(
+            "bird_eye_raw", CAMERA.width, CAMERA.height, CAMERA.fov, near=0.01, far=10.0
+        )
+        camera.entity.pose = CAMERA.sapien_pose()
+        return camera
+
+    def reset(self, index: int) -> None:
+        """Nothing is kept between images."""
+
+    def capture(
+        self, index: int, depth: NDArray[np.float32], segmentation: NDArray[np.uint8]
+    ) -> None:
+        """Render."""
+        task, camera = self.task, self._cameras[index]
+        if task.gpu_sim_enabled:
+            task.scene.px.sync_poses_gpu_to_cpu()
+        self._show_robot(index, self.arm_in_depth)
+        task.scene.sub_scenes[index].update_render()
+        camera.take_picture()
+        np.copyto(depth, -camera.get_picture("Position")[..., 2])
+        ids = camera.get_picture("Segmentation")[..., 1]
+        segmentation[:] = LABELS["table"]
+        for label, entities in self._entities(index).items():
+            segmentation[np.isin(ids, [entity.per_scene_id for entity in entities])] = label
+        self._show_robot(index, True)
+
+    def _entities(self, index: int) -> dict[int, list[sapien.Entity]]:
+        task = self.task
+        name = task.scenarios[index].pushed_object
+        return {
+            LABELS["object"]: [task._actors[name]._objs[index]],
+            LABELS["obstacle"]: task.obstacles.entities(index),
+            LABELS["robot"]: [link._objs[index].entity for link in task.agent.robot.links],
+        }
+
+    def _show_robot(self, index: int, visible: bool) -> None:
+        for link in self.task.agent.robot.links:
+            drawn = link._objs[index].entity.find_component_by_type(
+                sapien.render.RenderBodyComponent
+            )
+            if drawn is not None:
+                drawn.visibility = float(visible)
+
+
+def make_eye(name: DepthName, task: "ClutterPushEnv", arm_in_depth: bool = False) -> Eye:
+    """The eye of this name.
+
+    Raises:
+        ValueError: If there is none; the message lists those there are.
+    """
+    eyes: dict[str, type[Eye]] = {"analytic": AnalyticEye, "sapien": SapienEye}
+    if name not in eyes:
+        raise ValueError(f"depth: no eye {name!r}, expected one of {sorted(eyes)} or None.")
+    return eyes[name](task, arm_in_depth)

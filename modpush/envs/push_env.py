@@ -1,0 +1,404 @@
+"""`PushEnv`: a batch of pushing scenes as one TorchRL environment."""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.data import Binary, Bounded, Composite, Unbounded, UnboundedDiscrete
+from torchrl.envs import EnvBase
+
+from modpush.envs.batch import SceneState, make_batch
+from modpush.envs.camera import CAMERA
+from modpush.envs.contacts import CONTACT_KEYS
+from modpush.envs.depth import DepthName
+from modpush.envs.scenarios import Scenario, ScenarioConfig, sample_scenario
+from modpush.envs.scenes import MAX_OBSTACLES
+from modpush.envs.ur5_2f85 import TOOLS, ToolName
+
+__all__ = ["PushEnv", "PushState"]
+
+
+@dataclass(frozen=True)
+class PushState:
+    """A restorable state of some scenes of a `PushEnv`: physics, episode, step counts, randomness."""
+
+    scenes: tuple[SceneState, ...]
+    step_count: tuple[int, ...]
+    rngs: tuple[dict[str, Any], ...]
+
+
+class PushEnv(EnvBase):
+    """Push an object through clutter to a goal; batch size `[num_envs]`.
+
+    It tells the truth of the world and nothing else: the paper's observation and reward are
+    transforms on top. On a CPU the scenes are stepped one after the other in this process (SAPIEN
+    holds Python's lock while it steps, so use `ParallelEnv` for more cores); on CUDA they are one
+    batched simulation.
+
+    All lengths in metres, all angles in radians, all poses `[x, y, yaw]` in the robot's base frame:
+    x forward, y left, z up, the table's top at z = 0.
+
+    ======================= ==================== =====================================================
+    key                     shape, dtype         meaning
+    ======================= ==================== =====================================================
+    action                  `[B, 3]` float32     (dx, dy, dyaw) of the tool in [-1, 1], times
+                                                 (0.02 m, 0.02 m, 0.05 rad)
+    depth                   `[B, 1, 256, 256]`   bird's-eye depth along the optical axis [m]; the table
+                            float32              is at 1.1 (absent with `depth=None`)
+    segmentation            `[B, 1, 256, 256]`   what a pixel shows: 0 table, 1 pushed object,
+                            uint8                2 obstacle, 3 robot
+    object_pose             `[B, 3]` float32     pose of the pushed object
+    goal_position           `[B, 2]` float32     where its centre shall go
+    ee_pose                 `[B, 3]` float32     pose of the tool's tip
+    joint_position          `[B, 6]` float32     the arm's joints
+    object_radius           `[B, 1]` float32     circumscribed radius of the object's footprint
+    object_contact          `[B, 1]` bool        tool or arm touched the object during the step
+    obstacle_contact        `[B, 1]` bool        the object touched an obstacle during the step
+    tool_obstacle_contact   `[B, 1]` bool        tool or arm touched an obstacle during the step
+    target_reachable        `[B, 1]` bool        False where the commanded pose had no solution and the
+                                                 target stayed
+    obstacle_displacement   `[B, 24]` float32    how far each obstacle was moved since reset (only with
+                                                 `dynamic_obstacles=True`)
+    success                 `[B, 1]` bool        the object's centre is within 5 cm of the goal
+    out_of_bounds           `[B, 1]` bool        its centre is over 5 cm outside the workspace
+    reward                  `[B, 1]` float32     1 on success, else 0
+    terminated              `[B, 1]` bool        success (and out of bounds with `oob="terminate"`)
+    truncated               `[B, 1]` bool        step limit, or out of bounds
+    done                    `[B, 1]` bool        either
+    ======================= ==================== =====================================================
+
+    Args:
+        num_envs: Number of scenes.
+        scenario: What episodes are drawn from; or give fields of `ScenarioConfig` one by one
+            (`scene="slot"`, `pushed_object="fragment"`, `difficulty=0.5`, ...). May be replaced at
+            any time (`env.scenario = ...`) and counts from the next reset on.
+        depth: `"analytic"` (cast from the known shapes, needs no renderer), `"sapien"` (rendered),
+            or None.
+        arm_in_depth: Show the arm in the image, as a real camera would. The paper sets the arm's
+            pixels to background, which also hides what lies under it; so the default leaves it out.
+        tool: `"2f85"`, or `"rod"` as in the authors' code.
+        dynamic_obstacles: Make obstacles movable.
+        sim_freq: Physics steps a second.
+        control_freq: Actions a second.
+        max_episode_steps: Truncate after so many steps; None for never.
+        oob: Whether leaving the workspace truncates (and so bootstraps) or terminates.
+        pictures: Build the scenes with a renderer, for `render`.
+        seed: Of the first scene; scene `i` gets `seed + i`, so that it draws the same episodes in a
+            batch of any size. None for unpredictable.
+        device: `"cpu"` or a CUDA device.
+
+    Raises:
+        ValueError: For unknown names, with the list of those there are, and for values out of range.
+        RuntimeError: If a renderer is needed and there is none.
+    """
+
+    batch_locked = True
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        scenario: ScenarioConfig | None = None,
+        depth: DepthName | None = "analytic",
+        arm_in_depth: bool = False,
+        tool: ToolName = "2f85",
+        dynamic_obstacles: bool = False,
+        sim_freq: int = 120,
+        control_freq: int = 15,
+        max_episode_steps: int | None = 200,
+        oob: Literal["truncate", "terminate"] = "truncate",
+        pictures: bool = False,
+        seed: int | None = None,
+        device: torch.device | str = "cpu",
+        **fields: Any,
+    ) -> None:
+        _check(num_envs=num_envs, max_episode_steps=max_episode_steps, tool=tool, oob=oob)
+        super().__init__(device=torch.device(device), batch_size=torch.Size([num_envs]))
+        if scenario is not None and fields:
+            raise ValueError(
+                f"PushEnv: give either scenario or its fields, got both: {sorted(fields)}."
+            )
+        self.scenario = scenario if scenario is not None else _scenario_config(fields)
+        self._batch = make_batch(
+            num_envs,
+            torch.device(device),
+            depth,
+            arm_in_depth,
+            pictures,
+            scenario=self.scenario,
+            robot_uids=f"ur5_{tool}",
+            dynamic_obstacles=dynamic_obstacles,
+            sim_freq=sim_freq,
+            control_freq=control_freq,
+        )
+        self._task = self._batch.tasks[0]
+        self._depth, self._dynamic_obstacles = depth, dynamic_obstacles
+        self._max_episode_steps, self._oob = max_episode_steps, oob
+        self._step_count = torch.zeros(num_envs, dtype=torch.long)
+        self._goal = torch.zeros(num_envs, 2, dtype=torch.float64)
+        self._radius = torch.zeros(num_envs, 1)
+        self._started = False
+        self._rngs = [np.random.default_rng() for _ in range(num_envs)]
+        self._make_specs()
+        if seed is not None:
+            self.set_seed(seed)
+
+    def _make_specs(self) -> None:
+        B, device = self.batch_size, self.device
+
+        def real(*shape: int) -> Unbounded:
+            return Unbounded((*B, *shape), device=device, dtype=torch.float32)
+
+        def flag() -> Binary:
+            return Binary(1, (*B, 1), device=device, dtype=torch.bool)
+
+        observation: dict[str, Any] = {
+            "object_pose": real(3),
+            "goal_position": real(2),
+            "ee_pose": real(3),
+            "joint_position": real(6),
+            "object_radius": real(1),
+            **{key: flag() for key in CONTACT_KEYS},
+            "target_reachable": flag(),
+            "success": flag(),
+            "out_of_bounds": flag(),
+        }
+        if self._dynamic_obstacles:
+            observation["obstacle_displacement"] = real(MAX_OBSTACLES)
+        if self._depth is not None:
+            image = (*B, 1, CAMERA.height, CAMERA.width)
+            observation["depth"] = Bounded(
+                0.0, CAMERA.position[2], image, device=device, dtype=torch.float32
+            )
+            observation["segmentation"] = UnboundedDiscrete(
+                image, device=device, dtype=torch.uint8
+            )
+        self.observation_spec = Composite(observation, shape=B, device=device)
+        self.action_spec = Bounded(-1.0, 1.0, (*B, 3), device=device, dtype=torch.float32)
+        self.reward_spec = Bounded(0.0, 1.0, (*B, 1), device=device, dtype=torch.float32)
+        self.done_spec = Composite(
+            {key: flag() for key in ("done", "terminated", "truncated")}, shape=B, device=device
+        )
+
+    # ------------------------------------------------------------------ the episode
+
+    def _set_seed(self, seed: int | None) -> None:
+        self._rngs = [
+            np.random.default_rng(None if seed is None else seed + i)
+            for i in range(self.batch_size[0])
+        ]
+
+    def _reset(
+        self,
+        tensordict: TensorDictBase | None = None,
+        scenarios: Sequence[Scenario] | None = None,
+        **kwargs: Any,
+    ) -> TensorDictBase:
+        """Start new episodes where `"_reset"` says so (everywhere without it).
+
+        `env.reset(scenarios=[...])` starts from these instead of drawing, one for each scene that
+        is reset.
+        """
+        mask = torch.ones(self.batch_size[0], dtype=torch.bool)
+        if tensordict is not None and "_reset" in tensordict.keys():
+            mask = tensordict["_reset"].reshape(self.batch_size[0], -1).any(-1).cpu()
+        if not self._started and not mask.all():
+            raise RuntimeError("PushEnv.reset: the first reset must be of all scenes.")
+        indices = torch.nonzero(mask).flatten().tolist()
+        if scenarios is None:
+            extents = TOOLS[self._task.agent.tool_name].tip_half_extents
+            scenarios = [
+                sample_scenario(self._rngs[i], self.scenario, tool_half_extents=extents)
+                for i in indices
+            ]
+        elif len(scenarios) != len(indices):
+            raise ValueError(
+                f"PushEnv.reset: scenarios must have one entry for each of the {len(indices)} "
+                f"scenes being reset, got {len(scenarios)}."
+            )
+        self._batch.start(indices, scenarios)
+        self._started = True
+        for i in indices:
+            self._enter(i)
+        self._step_count[mask] = 0
+        return self._emit()
+
+    def _enter(self, index: int) -> None:
+        """Take over what stays the same through the episode of one scene."""
+        scenario = self._batch.scenario(index)
+        self._goal[index] = torch.tensor(scenario.goal_position, dtype=torch.float64)
+        radii = {item.name: item.radius for item in self._task.pushed_objects}
+        self._radius[index] = radii[scenario.pushed_object]
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        action = tensordict["action"]
+        bad = ~(action.isfinite() & (action.abs() <= 1.0 + 1e-4)).all(-1)
+        if bad.any():
+            index = int(torch.argmax(bad.int()))
+            raise ValueError(
+                f"PushEnv.step: action of scene {index} must be finite and in [-1, 1], "
+                f"got {action[index].tolist()}."
+            )
+        if not self._started:
+            raise RuntimeError("PushEnv.step: call reset first.")
+        self._batch.step(action.detach().double())
+        self._step_count += 1
+        return self._emit(after_step=True)
+
+    def _emit(self, after_step: bool = False) -> TensorDictBase:
+        """What all scenes show now."""
+        reading = self._batch.read()
+        if not reading.object_pose.isfinite().all():
+            index = int(torch.argmax((~reading.object_pose.isfinite()).any(-1).int()))
+            raise RuntimeError(f"PushEnv: physics gave a non-finite object pose in scene {index}.")
+        goal = self._goal.to(reading.object_pose.device)
+        success = self._near_goal(reading.object_pose, goal)
+        outside = self._outside(reading.object_pose)
+        limit = self._max_episode_steps
+        too_long = self._step_count >= limit if limit is not None else self._step_count < 0
+        terminated = success | outside if self._oob == "terminate" else success
+        truncated = outside | too_long.to(outside.device)
+        source: dict[str, Tensor] = {
+            "object_pose": reading.object_pose.float(),
+            "goal_position": goal.float(),
+            "ee_pose": reading.ee_pose.float(),
+            "joint_position": reading.joint_position.float(),
+            "object_radius": self._radius.clone(),
+            **{key: reading.contacts[:, i, None] for i, key in enumerate(CONTACT_KEYS)},
+            "target_reachable": reading.reachable[:, None].clone(),
+            "success": success[:, None],
+            "out_of_bounds": outside[:, None],
+            "terminated": terminated[:, None],
+            "truncated": truncated[:, None],
+            "done": (terminated | truncated)[:, None],
+        }
+        if self._dynamic_obstacles:
+            source["obstacle_displacement"] = self._displacements()
+        if self._depth is not None:
+            source["depth"], source["segmentation"] = self._capture()
+        if after_step:
+            source["reward"] = success[:, None].float()
+        return TensorDict(source, batch_size=self.batch_size).to(self.device)
+
+    def _near_goal(self, pose: Tensor, goal: Tensor) -> Tensor:
+        distance = torch.linalg.vector_norm(pose[:, :2] - goal, dim=-1)
+        return distance <= self._task.goal_threshold
+
+    def _outside(self, pose: Tensor) -> Tensor:
+        margin = self._task.bounds_margin
+        low, high = pose.new_tensor(self.scenario.low), pose.new_tensor(self.scenario.high)
+        return ((pose[:, :2] < low - margin) | (pose[:, :2] > high + margin)).any(-1)
+
+    def _capture(self) -> tuple[Tensor, Tensor]:
+        shape = (*self.batch_size, 1, CAMERA.height, CAMERA.width)
+        depth, segmentation = torch.empty(shape), torch.empty(shape, dtype=torch.uint8)
+        depth_rows, label_rows = depth.numpy(), segmentation.numpy()
+        for i in range(self.batch_size[0]):
+            self._batch.capture(i, depth_rows[i, 0], label_rows[i, 0])
+        return depth, segmentation
+
+    def _displacements(self) -> Tensor:
+        moved = torch.zeros(*self.batch_size, MAX_OBSTACLES)
+        for i in range(self.batch_size[0]):
+            start = np.array([o.pose[:2] for o in self._batch.scenario(i).obstacles])
+            if len(start):
+                now = self._batch.obstacle_positions(i)
+                moved[i, : len(start)] = torch.from_numpy(np.linalg.norm(now - start, axis=-1))
+        return moved
+
+    # ------------------------------------------------------------------ beside the episode
+
+    @property
+    def scenarios(self) -> list[Scenario]:
+        """What the present episodes started from, one for each scene."""
+        return [self._batch.scenario(i) for i in range(self.batch_size[0])]
+
+    def cast(self, index: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Depth [m] and label at single pixels `[..., 2]` (u, v) of one scene's image.
+
+        The same values as the image has, without drawing it: for those who need a window only.
+        """
+        return self._batch.cast(index, pixels)
+
+    def render(self, index: int = 0) -> np.ndarray:
+        """A picture of one scene from the side, `[H, W, 3]` uint8.
+
+        Raises:
+            RuntimeError: Without `pictures=True`.
+        """
+        task = self._batch.tasks[index if len(self._batch.tasks) > 1 else 0]
+        if not task.scene.can_render():
+            raise RuntimeError("PushEnv.render: build the environment with pictures=True.")
+        frames = task.render_rgb_array()
+        return frames[index if len(self._batch.tasks) == 1 else 0].cpu().numpy()
+
+    def get_state(self, indices: Sequence[int] | None = None) -> PushState:
+        """A copy of the state of some scenes (default: all), to go back to with `set_state`."""
+        indices = self._indices(indices)
+        return PushState(
+            tuple(self._batch.get_state(i) for i in indices),
+            tuple(int(self._step_count[i]) for i in indices),
+            tuple(self._rngs[i].bit_generator.state for i in indices),
+        )
+
+    def set_state(
+        self, state: PushState, indices: Sequence[int] | None = None
+    ) -> TensorDictBase:
+        """Put scenes into a state; returns what all scenes show then.
+
+        Two continuations from one state are equal to the last bit on a CPU. A continuation may
+        differ from the run the state was taken from by PhysX's contact cache, which it does not
+        hand out.
+
+        Raises:
+            ValueError: If the state is of another number of scenes than `indices`.
+        """
+        indices = self._indices(indices)
+        if len(indices) != len(state.scenes):
+            raise ValueError(
+                f"PushEnv.set_state: the state holds {len(state.scenes)} scenes, "
+                f"expected {len(indices)}."
+            )
+        if not self._started and len(indices) != self.batch_size[0]:
+            raise RuntimeError("PushEnv.set_state: reset or set all scenes first.")
+        self._started = True
+        for row, i in enumerate(indices):
+            self._batch.set_state(i, state.scenes[row])
+            self._enter(i)
+            self._step_count[i] = state.step_count[row]
+            self._rngs[i].bit_generator.state = state.rngs[row]
+        return self._emit()
+
+    def _indices(self, indices: Sequence[int] | None) -> Sequence[int]:
+        return range(self.batch_size[0]) if indices is None else indices
+
+    def close(self, *, raise_if_closed: bool = True) -> None:
+        """Free the simulators."""
+        if not self.is_closed:
+            self._batch.close()
+        super().close(raise_if_closed=raise_if_closed)
+
+
+def _scenario_config(fields: dict[str, Any]) -> ScenarioConfig:
+    known = {field.name for field in dataclasses.fields(ScenarioConfig)}
+    if unknown := sorted(set(fields) - known):
+        raise ValueError(f"PushEnv: unknown arguments {unknown}, expected some of {sorted(known)}.")
+    return ScenarioConfig(**fields)
+
+
+def _check(*, num_envs: int, max_episode_steps: int | None, tool: str, oob: str) -> None:
+    if num_envs < 1:
+        raise ValueError(f"PushEnv: num_envs must be >= 1, got {num_envs}.")
+    if max_episode_steps is not None and max_episode_steps < 1:
+        raise ValueError(
+            f"PushEnv: max_episode_steps must be >= 1 or None, got {max_episode_steps}."
+        )
+    if tool not in TOOLS:
+        raise ValueError(f"PushEnv: no tool {tool!r}, expected one of {sorted(TOOLS)}.")
+    if oob not in ("truncate", "terminate"):
+        raise ValueError(f"PushEnv: oob must be 'truncate' or 'terminate', got {oob!r}.")
