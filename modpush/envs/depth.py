@@ -15,7 +15,6 @@ from modpush.envs.raycast import (
     blank_image,
     cast_pixels,
     draw,
-    quaternion_matrix,
     warmup,
 )
 from modpush.envs.rendering import NO_RENDERER
@@ -64,7 +63,7 @@ class AnalyticEye(Eye):
         """Draw the table and, where they are fixed, the obstacles."""
         self._background[index] = blank_image()
         if not self.task.dynamic_obstacles:
-            draw(*self._background[index], self._obstacles(index), LABELS["obstacle"])
+            draw(*self._background[index], *self._obstacles(index))
 
     def capture(
         self, index: int, depth: NDArray[np.float32], segmentation: NDArray[np.uint8]
@@ -73,8 +72,8 @@ class AnalyticEye(Eye):
         behind, labels = self._background[index]
         np.copyto(depth, behind)
         np.copyto(segmentation, labels)
-        for solids, label in self._moving(index):
-            draw(depth, segmentation, solids, label)
+        for solids, poses, label in self._moving(index):
+            draw(depth, segmentation, solids, poses, label)
 
     def cast(
         self, index: int, pixels: NDArray[np.float64]
@@ -82,30 +81,26 @@ class AnalyticEye(Eye):
         """Depth and label at single pixels `[..., 2]` (u, v), without an image."""
         groups = self._moving(index)
         if not self.task.dynamic_obstacles:
-            groups.append((self._obstacles(index), LABELS["obstacle"]))
+            groups.append(self._obstacles(index))
         return cast_pixels(pixels, groups)
 
-    def _moving(self, index: int) -> list[tuple[Solids, int]]:
-        """What has to be drawn anew in every image."""
-        pose = self.task.object_transform_of(index)
-        name = self.task.scenarios[index].pushed_object
-        groups = [(_placed(self._objects[name], pose), LABELS["object"])]
-        if self.task.dynamic_obstacles:
-            groups.append((self._obstacles(index), LABELS["obstacle"]))
+    def _moving(self, index: int) -> list[tuple[Solids, NDArray[np.float64], int]]:
+        """What has to be drawn anew in every image: solids, poses, label."""
+        task = self.task
+        name = task.scenarios[index].pushed_object
+        pose = task.object_transform_of(index)[None]
+        groups = [(self._objects[name], pose, LABELS["object"])]
+        if task.dynamic_obstacles:
+            groups.append(self._obstacles(index))
         if self.arm_in_depth:
-            poses = self.task.link_transforms_of(index, self._link_names)[self._link_of_part]
-            groups.append((_placed(self._robot, poses), LABELS["robot"]))
+            poses = task.link_transforms_of(index, self._link_names)[self._link_of_part]
+            groups.append((self._robot, poses, LABELS["robot"]))
         return groups
 
-    def _obstacles(self, index: int) -> Solids:
+    def _obstacles(self, index: int) -> tuple[Solids, NDArray[np.float64], int]:
         obstacles = self.task.scenarios[index].obstacles
         solids = Solids.of(obstacle_part(o) for o in obstacles)
-        return _placed(solids, self.task.obstacles.transforms(index))
-
-
-def _placed(solids: Solids, poses: NDArray[np.float64]) -> Solids:
-    """Solids of bodies at poses `[7]` or `[n, 7]`, position and quaternion (w, x, y, z)."""
-    return solids.moved(quaternion_matrix(poses[..., 3:]), poses[..., :3])
+        return solids, self.task.obstacles.transforms(index), LABELS["obstacle"]
 
 
 class SapienEye(Eye):

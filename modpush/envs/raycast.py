@@ -5,9 +5,11 @@ Bodies are drawn one after the other into an image that already holds what is be
 what stands still is drawn once.
 """
 
+import functools
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numba
 import numpy as np
@@ -22,7 +24,6 @@ __all__ = [
     "blank_image",
     "cast_pixels",
     "draw",
-    "quaternion_matrix",
     "warmup",
 ]
 
@@ -75,31 +76,6 @@ class Solids:
     def __len__(self) -> int:
         return len(self.kind)
 
-    def moved(self, rotation: NDArray[np.float64], position: NDArray[np.float64]) -> "Solids":
-        """The solids of bodies at given poses, one pose for each solid or one for all.
-
-        Args:
-            rotation: Body to base, `[3, 3]` or `[n, 3, 3]`.
-            position: `[3]` or `[n, 3]` [m].
-        """
-        turned = np.squeeze(rotation @ self.position[..., None], -1)
-        return Solids(
-            self.kind, self.size, self.planes, rotation @ self.rotation, turned + position
-        )
-
-    @classmethod
-    def joined(cls, groups: "Iterable[Solids]") -> "Solids":
-        """Several as one."""
-        groups = tuple(groups)
-        if not groups:
-            return cls.of(())
-        return cls(
-            *(
-                np.concatenate([getattr(group, name) for group in groups])
-                for name in ("kind", "size", "planes", "rotation", "position")
-            )
-        )
-
 
 def _side_planes(part: Primitive) -> NDArray[np.float64]:
     """Outward normals and distances of a prism's sides, `[m, 3]`."""
@@ -109,22 +85,6 @@ def _side_planes(part: Primitive) -> NDArray[np.float64]:
     edge = np.roll(outline, -1, axis=0) - outline
     normal = np.stack([edge[:, 1], -edge[:, 0]], -1) / np.linalg.norm(edge, axis=1)[:, None]
     return np.hstack([normal, (normal * outline).sum(1, keepdims=True)])
-
-
-def quaternion_matrix(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rotation matrices `[..., 3, 3]` of unit quaternions (w, x, y, z), `[..., 4]`."""
-    w, x, y, z = np.moveaxis(np.asarray(quaternion, dtype=np.float64), -1, 0)
-    matrix = np.empty((*w.shape, 3, 3))
-    matrix[..., 0, 0] = 1 - 2 * (y * y + z * z)
-    matrix[..., 0, 1] = 2 * (x * y - w * z)
-    matrix[..., 0, 2] = 2 * (x * z + w * y)
-    matrix[..., 1, 0] = 2 * (x * y + w * z)
-    matrix[..., 1, 1] = 1 - 2 * (x * x + z * z)
-    matrix[..., 1, 2] = 2 * (y * z - w * x)
-    matrix[..., 2, 0] = 2 * (x * z - w * y)
-    matrix[..., 2, 1] = 2 * (y * z + w * x)
-    matrix[..., 2, 2] = 1 - 2 * (x * x + y * y)
-    return matrix
 
 
 def blank_image(camera: Camera = CAMERA) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
@@ -137,39 +97,34 @@ def draw(
     depth: NDArray[np.float32],
     segmentation: NDArray[np.uint8],
     solids: Solids,
+    poses: NDArray[np.float64],
     label: int,
     camera: Camera = CAMERA,
 ) -> None:
-    """Draw solids at their poses in the base frame into an image, in place.
+    """Draw solids into an image, in place.
 
     Args:
         depth: `[H, W]` float32 [m].
         segmentation: `[H, W]` uint8.
-        solids: Placed in the base frame, see `Solids.moved`.
+        solids: `n` primitives.
+        poses: Of the body they all belong to, `[1, 7]`, or of each one's own, `[n, 7]`, float64:
+            position [m] and quaternion (w, x, y, z) in the base frame.
         label: Written where the solids are in front, see `LABELS`.
         camera: The pinhole the image belongs to.
     """
-    _draw(
-        depth,
-        segmentation,
-        solids.kind,
-        solids.size,
-        solids.planes,
-        solids.rotation,
-        solids.position,
-        label,
-        np.array([*camera.position, camera.focal, *camera.principal_point]),
-    )
+    _draw(depth, segmentation, *_arrays(solids), poses, label, _pinhole(camera))
 
 
 def cast_pixels(
-    pixels: NDArray[np.float64], groups: Iterable[tuple[Solids, int]], camera: Camera = CAMERA
+    pixels: NDArray[np.float64],
+    groups: Iterable[tuple[Solids, NDArray[np.float64], int]],
+    camera: Camera = CAMERA,
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """Depth and label at single pixels: what the full image would hold there, without drawing it.
 
     Args:
         pixels: `[..., 2]` (u, v); any real number, also outside the image.
-        groups: Placed solids and their labels, in any order.
+        groups: Solids, their poses as in `draw`, and their label, in any order.
         camera: The pinhole.
 
     Returns:
@@ -177,46 +132,46 @@ def cast_pixels(
     """
     flat = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 2)
     depth = np.full(len(flat), camera.position[2], dtype=np.float32)
-    label = np.zeros(len(flat), dtype=np.uint8)
-    pinhole = np.array([*camera.position, camera.focal, *camera.principal_point])
-    for solids, name in groups:
-        _cast(
-            flat,
-            depth,
-            label,
-            solids.kind,
-            solids.size,
-            solids.planes,
-            solids.rotation,
-            solids.position,
-            name,
-            pinhole,
-        )
+    labels = np.zeros(len(flat), dtype=np.uint8)
+    for solids, poses, label in groups:
+        _cast(flat, depth, labels, *_arrays(solids), poses, label, _pinhole(camera))
     shape = pixels.shape[:-1]
-    return depth.reshape(shape), label.reshape(shape)
+    return depth.reshape(shape), labels.reshape(shape)
+
+
+def _arrays(solids: Solids) -> tuple[NDArray[Any], ...]:
+    return solids.kind, solids.size, solids.planes, solids.rotation, solids.position
+
+
+@functools.cache
+def _pinhole(camera: Camera) -> NDArray[np.float64]:
+    """Position, focal length and principal point as the kernels read them, `[6]`."""
+    return np.array([*camera.position, camera.focal, *camera.principal_point])
 
 
 def warmup() -> None:
     """Compile (or load from the cache) every kernel, so that no first call is slow."""
     solids = Solids.of([Primitive(kind="box", size=(0.01, 0.01, 0.01))])
     depth, segmentation = blank_image()
-    draw(depth, segmentation, solids, LABELS["object"])
-    cast_pixels(np.zeros((1, 2)), [(solids, LABELS["object"])])
+    pose = np.array([[0.5, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]])
+    draw(depth, segmentation, solids, pose, LABELS["object"])
+    cast_pixels(np.zeros((1, 2)), [(solids, pose, LABELS["object"])])
 
 
 @numba.njit(cache=True)
-def _draw(depth, segmentation, kind, size, planes, rotation, position, label, pinhole):  # type: ignore[no-untyped-def]
+def _draw(depth, segmentation, kind, size, planes, rotation, position, poses, label, pinhole):  # type: ignore[no-untyped-def]
     height, width = depth.shape
-    origin, ray = np.empty(3), np.empty(3)
+    origin, ray, R, center = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3)
     for k in range(len(kind)):
-        u0, u1, v0, v1 = _bounds(kind[k], size[k], rotation[k], position[k], pinhole)
+        _place(poses[min(k, len(poses) - 1)], rotation[k], position[k], R, center)
+        u0, u1, v0, v1 = _bounds(kind[k], size[k], R, center, pinhole)
         u0, v0 = max(int(math.floor(u0)), 0), max(int(math.floor(v0)), 0)
         u1, v1 = min(int(math.ceil(u1)), width - 1), min(int(math.ceil(v1)), height - 1)
         if u0 > u1 or v0 > v1:
             continue
-        R = rotation[k]
-        _into_local(R, pinhole[0] - position[k, 0], pinhole[1] - position[k, 1],
-                    pinhole[2] - position[k, 2], origin)  # fmt: skip
+        _into_local(
+            R, pinhole[0] - center[0], pinhole[1] - center[1], pinhole[2] - center[2], origin
+        )
         for v in range(v0, v1 + 1):
             dx = -(v - pinhole[5]) / pinhole[3]
             for u in range(u0, u1 + 1):
@@ -229,20 +184,21 @@ def _draw(depth, segmentation, kind, size, planes, rotation, position, label, pi
 
 
 @numba.njit(cache=True)
-def _cast(pixels, depth, labels, kind, size, planes, rotation, position, label, pinhole):  # type: ignore[no-untyped-def]
-    origin, ray = np.empty(3), np.empty(3)
+def _cast(pixels, depth, labels, kind, size, planes, rotation, position, poses, label, pinhole):  # type: ignore[no-untyped-def]
+    origin, ray, R, center = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3)
     low, high = np.array([np.inf, np.inf]), np.array([-np.inf, -np.inf])
     for i in range(len(pixels)):
         for axis in range(2):
             low[axis] = min(low[axis], pixels[i, axis])
             high[axis] = max(high[axis], pixels[i, axis])
     for k in range(len(kind)):
-        u0, u1, v0, v1 = _bounds(kind[k], size[k], rotation[k], position[k], pinhole)
+        _place(poses[min(k, len(poses) - 1)], rotation[k], position[k], R, center)
+        u0, u1, v0, v1 = _bounds(kind[k], size[k], R, center, pinhole)
         if u1 < low[0] or u0 > high[0] or v1 < low[1] or v0 > high[1]:
             continue
-        R = rotation[k]
-        _into_local(R, pinhole[0] - position[k, 0], pinhole[1] - position[k, 1],
-                    pinhole[2] - position[k, 2], origin)  # fmt: skip
+        _into_local(
+            R, pinhole[0] - center[0], pinhole[1] - center[1], pinhole[2] - center[2], origin
+        )
         for i in range(len(pixels)):
             u, v = pixels[i]
             if u < u0 or u > u1 or v < v0 or v > v1:
@@ -254,6 +210,23 @@ def _cast(pixels, depth, labels, kind, size, planes, rotation, position, label, 
             if t < depth[i]:
                 depth[i] = t
                 labels[i] = label
+
+
+@numba.njit(cache=True)
+def _place(pose, rotation, position, R, center):  # type: ignore[no-untyped-def]
+    """Rotation and centre of a primitive in the base frame, from its body's pose."""
+    w, x, y, z = pose[3], pose[4], pose[5], pose[6]
+    B = np.empty((3, 3))
+    B[0, 0], B[0, 1], B[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+    B[1, 0], B[1, 1], B[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+    B[2, 0], B[2, 1], B[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    for i in range(3):
+        center[i] = pose[i]
+        for j in range(3):
+            center[i] += B[i, j] * position[j]
+            R[i, j] = 0.0
+            for m in range(3):
+                R[i, j] += B[i, m] * rotation[m, j]
 
 
 @numba.njit(cache=True, inline="always")

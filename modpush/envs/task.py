@@ -398,7 +398,7 @@ class ClutterPushEnv(BaseEnv):
         if self.gpu_sim_enabled:
             return np.array(actor.pose.raw_pose[index].tolist())
         pose = actor._bodies[0].entity_pose
-        return np.array([*pose.p, *pose.q])
+        return np.concatenate([pose.p, pose.q], dtype=np.float64)
 
     def link_transforms_of(self, index: int, names: Sequence[str]) -> np.ndarray:
         """The same for links of the robot, `[len(names), 7]` [m]."""
@@ -406,7 +406,7 @@ class ClutterPushEnv(BaseEnv):
         if self.gpu_sim_enabled:
             return np.array([links[name].pose.raw_pose[index].tolist() for name in names])
         poses = [links[name]._objs[0].entity_pose for name in names]
-        return np.array([[*pose.p, *pose.q] for pose in poses])
+        return np.array([np.concatenate([pose.p, pose.q]) for pose in poses], dtype=np.float64)
 
     @property
     def ee_pose(self) -> Tensor:
@@ -431,7 +431,7 @@ class ClutterPushEnv(BaseEnv):
         px, contacts = self.scene.px, self.contacts
         joints = self._raw_joints
         sample_at = contacts.sample_at(len(position))
-        contacts.clear()
+        contacts.row = [False] * len(contacts.row)
         last: list[float] | None = None
         for substep, (angles, rates) in enumerate(zip(position, velocity, strict=True), start=1):
             for joint, angle in zip(joints, angles, strict=True):

@@ -1,0 +1,152 @@
+"""A pusher that needs no learning: go round behind the object, push, correct."""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torch import Tensor
+
+__all__ = ["ScriptedPusher", "ScriptedPusherConfig", "scripted_push"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScriptedPusherConfig:
+    """Gains of the scripted pusher, tuned by hand in free space."""
+
+    tool_radius: float = 0.034
+    """Circumscribed radius of the tool's tip [m]."""
+    margin: float = 0.012
+    """Kept free between tool and object while going round [m]."""
+    approach_angle: float = 0.15
+    """Off the line from goal through object by less than this, the tool closes in [rad]."""
+    push_angle: float = 0.7
+    """In contact it goes on pushing up to this [rad]."""
+    steer_gain: float = 1.5
+    """How much farther than the object's bearing the tool steers to get back on the line."""
+    push_speed: float = 0.7
+    """Part of the largest step while in contact."""
+    max_turn: float = 0.05
+    """The action's largest rotation [rad]."""
+
+    def __post_init__(self) -> None:
+        """Check ranges."""
+        if not 0 < self.approach_angle <= self.push_angle < math.pi:
+            raise ValueError(
+                "ScriptedPusherConfig: expected 0 < approach_angle <= push_angle < pi, "
+                f"got {self.approach_angle} and {self.push_angle}."
+            )
+        if not 0 < self.push_speed <= 1:
+            raise ValueError(
+                f"ScriptedPusherConfig: push_speed must be in (0, 1], got {self.push_speed}."
+            )
+
+
+def scripted_push(
+    object_position: Tensor,
+    target: Tensor,
+    ee_pose: Tensor,
+    contact: Tensor,
+    object_radius: Tensor,
+    config: ScriptedPusherConfig,
+) -> Tensor:
+    """The next action of the scripted pusher.
+
+    Args:
+        object_position: `[B, 2]` [m].
+        target: Where to push the object, `[B, 2]` [m].
+        ee_pose: x, y, yaw of the tool's tip, `[B, 3]` [m, m, rad].
+        contact: Whether the tool touches the object, `[B, 1]` bool.
+        object_radius: Circumscribed radius of the object, `[B, 1]` [m].
+        config: Gains.
+
+    Returns:
+        `[B, 3]` in [-1, 1].
+    """
+    to_object = object_position - ee_pose[:, :2]
+    to_target = target - object_position
+    distance = torch.linalg.vector_norm(to_object, dim=-1)
+    bearing, way = _angle(to_object), _angle(to_target)
+    off = _wrap(bearing - way)  # 0: the tool is right behind the object
+    behind = off.abs() < torch.where(contact[:, 0], config.push_angle, config.approach_angle)
+
+    push = _unit(way + (1 + config.steer_gain) * off)
+    push = push * torch.where(contact[:, 0], config.push_speed, 1.0)[:, None]
+
+    # Round the object on a circle, the shorter way; the farther from the circle, the more radial.
+    circle = object_radius[:, 0] + config.tool_radius + config.margin
+    side = torch.where(off > 0, 1.0, -1.0).to(off)
+    inwards = ((distance - circle) / 0.02).clamp(-1.2, 1.2)
+    round_about = _unit(bearing + side * (math.pi / 2 - inwards))
+
+    move = torch.where(behind[:, None], push, round_about)
+    # The wide side of the gripper faces the way; it looks the same turned by half a turn.
+    turn = _wrap(2 * (way + math.pi / 2 - ee_pose[:, 2])) / 2
+    action = torch.cat([move, (turn / config.max_turn)[:, None]], -1)
+    return action.clamp(-1.0, 1.0)
+
+
+def _angle(vector: Tensor) -> Tensor:
+    return torch.atan2(vector[..., 1], vector[..., 0])
+
+
+def _unit(angle: Tensor) -> Tensor:
+    return torch.stack([torch.cos(angle), torch.sin(angle)], -1)
+
+
+def _wrap(angle: Tensor) -> Tensor:
+    return torch.remainder(angle + math.pi, 2 * math.pi) - math.pi
+
+
+class ScriptedPusher(TensorDictModuleBase):
+    """The scripted pusher as a policy. It holds no state.
+
+    It knows nothing of obstacles: it pushes straight at its target. Give it a planner's sub-goals
+    (`target_key="subgoal"`) to push along a path.
+
+    Args:
+        config: Gains.
+        target_key: Where to push the object, `[B, 2]` [m], base frame.
+        object_pose_key: `[B, 3]` [m, m, rad].
+        ee_pose_key: `[B, 3]` [m, m, rad].
+        contact_key: `[B, 1]` bool.
+        object_radius_key: `[B, 1]` [m].
+        action_key: `[B, 3]`, written.
+    """
+
+    def __init__(
+        self,
+        config: ScriptedPusherConfig | None = None,
+        *,
+        target_key: NestedKey = "goal_position",
+        object_pose_key: NestedKey = "object_pose",
+        ee_pose_key: NestedKey = "ee_pose",
+        contact_key: NestedKey = "object_contact",
+        object_radius_key: NestedKey = "object_radius",
+        action_key: NestedKey = "action",
+    ) -> None:
+        super().__init__()
+        self.config = config if config is not None else ScriptedPusherConfig()
+        self.in_keys = [object_pose_key, target_key, ee_pose_key, contact_key, object_radius_key]
+        self.out_keys = [action_key]
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Write the action.
+
+        Raises:
+            KeyError: If a key is missing; the message lists those there are.
+        """
+        values = [tensordict.get(key, None) for key in self.in_keys]
+        for key, value in zip(self.in_keys, values, strict=True):
+            if value is None:
+                raise KeyError(
+                    f"ScriptedPusher: no entry {key!r} in the tensordict, "
+                    f"it has {sorted(map(str, tensordict.keys(True, True)))}."
+                )
+        object_pose, target, ee_pose, contact, radius = values
+        batch = object_pose.shape[:-1]
+        flat = [v.reshape(-1, v.shape[-1]) for v in (target, ee_pose, contact, radius)]
+        action = scripted_push(object_pose.reshape(-1, 3)[:, :2], *flat, config=self.config)
+        tensordict.set(self.out_keys[0], action.reshape(*batch, 3))
+        return tensordict
