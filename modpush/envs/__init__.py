@@ -1,6 +1,7 @@
 """The task and its transforms. Names are imported on first use, so this alone costs no simulator.
 
-Importing the package registers `ClutterPush-v1` with Gymnasium.
+Importing the package registers `ClutterPush-v1` (ManiSkill's ways) and `ClutterPushState-v1` (plain
+Gymnasium's) with Gymnasium.
 """
 
 from importlib import import_module
@@ -37,6 +38,8 @@ def __getattr__(name: str) -> Any:
     return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
 
 
+if "ClutterPushState-v1" not in registry:
+    gymnasium.register("ClutterPushState-v1", entry_point="modpush.envs.gym_env:PushGymEnv")
 if "ClutterPush-v1" not in registry:
     gymnasium.register(
         "ClutterPush-v1",

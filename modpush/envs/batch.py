@@ -306,8 +306,6 @@ def make_batch(
     **task: Any,
 ) -> Batch:
     """The batch for a device; with a renderer only where pictures are asked for."""
-    task["render_backend"] = (
-        choose_render_backend() if pictures or depth == "sapien" else "none"
-    )
+    task["render_backend"] = choose_render_backend() if pictures or depth == "sapien" else "none"
     kind = CudaBatch if device.type == "cuda" else CpuBatch
     return kind(num_envs, depth, arm_in_depth, **task)

@@ -118,6 +118,8 @@ class SapienEye(Eye):
 
     @staticmethod
     def _add_camera(scene: sapien.Scene) -> Any:
+        # ManiSkill's cameras use another shader, whose depth is whole millimetres.
+        sapien.render.set_camera_shader_dir("default")
         camera = scene.add_camera(
             "bird_eye_raw", CAMERA.width, CAMERA.height, CAMERA.fov, near=0.01, far=10.0
         )
@@ -134,6 +136,8 @@ class SapienEye(Eye):
         task, camera = self.task, self._cameras[index]
         if task.gpu_sim_enabled:
             task.scene.px.sync_poses_gpu_to_cpu()
+        for marker in task._hidden_objects:
+            marker.hide_visual()
         self._show_robot(index, self.arm_in_depth)
         task.scene.sub_scenes[index].update_render()
         camera.take_picture()

@@ -175,9 +175,7 @@ class PushEnv(EnvBase):
             observation["depth"] = Bounded(
                 0.0, CAMERA.position[2], image, device=device, dtype=torch.float32
             )
-            observation["segmentation"] = UnboundedDiscrete(
-                image, device=device, dtype=torch.uint8
-            )
+            observation["segmentation"] = UnboundedDiscrete(image, device=device, dtype=torch.uint8)
         self.observation_spec = Composite(observation, shape=B, device=device)
         self.action_spec = Bounded(-1.0, 1.0, (*B, 3), device=device, dtype=torch.float32)
         self.reward_spec = Bounded(0.0, 1.0, (*B, 1), device=device, dtype=torch.float32)
@@ -346,9 +344,7 @@ class PushEnv(EnvBase):
             tuple(self._rngs[i].bit_generator.state for i in indices),
         )
 
-    def set_state(
-        self, state: PushState, indices: Sequence[int] | None = None
-    ) -> TensorDictBase:
+    def set_state(self, state: PushState, indices: Sequence[int] | None = None) -> TensorDictBase:
         """Put scenes into a state; returns what all scenes show then.
 
         Two continuations from one state are equal to the last bit on a CPU. A continuation may

@@ -1,0 +1,19 @@
+"""What all tests share."""
+
+import pytest
+import torch
+
+
+def pytest_configure() -> None:
+    # Small tensors only: a second thread costs more than it brings, and CI has two cores for all.
+    torch.set_num_threads(1)
+
+
+@pytest.fixture(scope="session")
+def render_device() -> str:
+    from modpush.envs.rendering import NO_RENDERER, find_render_device
+
+    device = find_render_device()
+    if device is None:
+        pytest.skip(NO_RENDERER)
+    return device
