@@ -115,6 +115,8 @@ def rigid_body(
     for shape in collision_shapes(parts, material):
         body.attach(shape)
     if mass is not None:
+        # Shapes came with a density of their own; the inertia goes with the mass.
+        body.inertia = body.inertia * (mass / body.mass)
         body.mass = mass
     entity = sapien.Entity()
     entity.add_component(body)
