@@ -12,8 +12,6 @@ from modpush.envs.depth import AnalyticEye, SapienEye
 from modpush.envs.raycast import LABELS, blank_image
 from modpush.envs.task import ClutterPushEnv, choose_render_backend
 
-pytestmark = pytest.mark.render
-
 NUM_SCENES = 200
 OUT = Path(__file__).parents[2] / "build" / "depth"
 # SAPIEN warns of shader fallbacks and missing extensions on software devices.
@@ -56,7 +54,8 @@ def test_analytic_equals_rendered_on_200_scenes(rendered_task) -> None:
         rendered.capture(0, *theirs)
         error = np.abs(ours[0] - theirs[0])
         same = {name: ((ours[1] == n) == (theirs[1] == n)).mean() for name, n in LABELS.items()}
-        rows.append({"within_2mm": (error <= 0.002).mean(), **same})
+        off = (error > 0.002) & ~at_an_edge(theirs[0])
+        rows.append({"within_2mm": (error <= 0.002).mean(), "off_edges": off.mean(), **same})
         if rows[-1]["within_2mm"] < worst[0]:
             worst = (rows[-1]["within_2mm"], (ours[0], theirs[0], error))
         if k == 0:
@@ -67,12 +66,22 @@ def test_analytic_equals_rendered_on_200_scenes(rendered_task) -> None:
     (OUT / "agreement.json").write_text(json.dumps(summary, indent=1))
     assert len({scene for scene, _ in seen}) == len(SCENES)
     assert len({item for _, item in seen}) == len(OBJECTS)
-    for key, value in summary.items():
-        assert value["mean"] >= 0.999, (key, value)
-    # Every image for itself, too: where an edge falls on pixel centres, rounding decides a row.
-    assert summary["within_2mm"]["min"] >= 0.998
-    assert summary["object"]["min"] >= 0.998
-    assert summary["robot"]["min"] >= 0.998
+    for key in ("within_2mm", *LABELS):
+        assert summary[key]["mean"] >= 0.999, (key, summary[key])
+    # All differences lie at edges: a rasteriser snaps vertices to a part of a pixel (a sixteenth on
+    # SwiftShader), so that where a straight edge runs along pixel centres a whole row may fall on
+    # its other side. Hence a few images are below 99.9 % for themselves, and none far below.
+    assert max(table["off_edges"]) == 0.0
+    assert np.mean(np.array(table["within_2mm"]) >= 0.999) >= 0.85
+    assert summary["within_2mm"]["min"] >= 0.995
+    assert summary["object"]["min"] >= 0.999
+    assert summary["robot"]["min"] >= 0.999
+
+
+def at_an_edge(depth: np.ndarray) -> np.ndarray:
+    """Where the depth changes by over 2 mm within a pixel's neighbourhood."""
+    kernel = np.ones((3, 3), np.uint8)
+    return cv2.dilate(depth, kernel) - cv2.erode(depth, kernel) > 0.002
 
 
 def save(name: str, ours: np.ndarray, theirs: np.ndarray, error: np.ndarray) -> None:

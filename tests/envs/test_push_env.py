@@ -1,0 +1,335 @@
+import functools
+
+import numpy as np
+import pytest
+import torch
+from tensordict import TensorDict
+from torchrl.collectors import Collector, MultiSyncCollector
+from torchrl.envs import (
+    Compose,
+    ParallelEnv,
+    RewardSum,
+    SerialEnv,
+    StepCounter,
+    TransformedEnv,
+)
+from torchrl.envs.utils import check_env_specs
+
+from modpush.envs import OBJECTS, PushEnv, ScenarioConfig
+from modpush.envs.camera import CAMERA
+from modpush.envs.scenes import OBSTACLE_SCENES, Obstacle
+from modpush.envs.task import ClutterPushEnv
+from tests.envs.test_robot import scenario
+
+make_small = functools.partial(PushEnv, 2, scene="slot", depth=None)
+
+
+def act(env: PushEnv, td: TensorDict, *action: float) -> TensorDict:
+    td = td.clone()
+    td["action"] = torch.tensor(action or (0.0, 0.0, 0.0)).expand(*env.batch_size, 3)
+    return env.step(td)["next"]
+
+
+def test_specs(env) -> None:
+    check_env_specs(env, break_when_any_done="both")
+
+
+@pytest.mark.parametrize(
+    "kwargs",
+    [
+        {"depth": None},
+        {"dynamic_obstacles": True, "scene": "posts"},
+        {"arm_in_depth": True},
+        {"tool": "rod", "oob": "terminate", "max_episode_steps": None},
+        {"pushed_object": tuple(OBJECTS), "scene": OBSTACLE_SCENES, "sim_freq": 240},
+    ],
+)
+def test_specs_under_other_options(kwargs) -> None:
+    env = PushEnv(2, **kwargs)
+    check_env_specs(env, break_when_any_done="both")
+    env.close()
+
+
+def test_every_key_of_the_docstring_is_emitted_and_no_other() -> None:
+    env = PushEnv(1, dynamic_obstacles=True)
+    said = {
+        line.split()[0]
+        for line in PushEnv.__doc__.split("meaning")[1].splitlines()
+        if line.startswith("    ") and not line.startswith("     ") and "`[B" in line
+    }
+    state = env.rand_step(env.reset())
+    emitted = set(state["next"].keys()) | {"action"}
+    env.close()
+    assert said == emitted
+
+
+@pytest.mark.parametrize("kind", [SerialEnv, ParallelEnv])
+def test_in_serial_and_parallel_envs(kind) -> None:
+    env = kind(2, make_small)
+    check_env_specs(env)
+    assert env.rollout(4, break_when_any_done=False).shape == (2, 2, 4)
+    env.close()
+
+
+def test_in_collectors() -> None:
+    for data in Collector(make_small, None, frames_per_batch=8, total_frames=16):
+        assert data.shape == (2, 4)
+    collector = MultiSyncCollector([make_small, make_small], None, frames_per_batch=16)
+    data = next(iter(collector))
+    assert data.numel() == 16
+    assert data["next", "object_pose"].isfinite().all()
+    collector.shutdown()
+
+
+def test_with_torchrls_own_transforms() -> None:
+    env = TransformedEnv(
+        make_small(), Compose(StepCounter(), RewardSum(["reward"], ["reward_sum"]))
+    )
+    check_env_specs(env)
+    env.close()
+
+
+def test_partial_reset_leaves_the_others_alone(env) -> None:
+    td = env.reset()
+    for _ in range(3):
+        td = act(env, td, 0.5, 0.5, 0.0)
+    mask = torch.tensor([[False], [True], [False]])
+    after = env.reset(td.clone().set("_reset", mask))
+    for key in env.observation_spec.keys():
+        assert torch.equal(after[key][[0, 2]], td[key][[0, 2]]), key
+    assert not torch.equal(after["object_pose"][1], td["object_pose"][1])
+    counts = env._step_count.tolist()
+    assert counts == [3, 0, 3]
+
+
+def test_scene_i_draws_the_same_episodes_in_a_batch_of_any_size() -> None:
+    many, one = PushEnv(3, scene="posts", depth=None), PushEnv(1, scene="posts", depth=None)
+    many.set_seed(5)
+    one.set_seed(5 + 2)
+    for _ in range(3):
+        many.reset()
+        one.reset()
+        assert many.scenarios[2] == one.scenarios[0]
+    assert len({s.object_pose for s in many.scenarios}) == 3
+    many.close()
+    one.close()
+
+
+def test_fresh_environments_agree_to_the_last_bit() -> None:
+    ends = []
+    for _ in range(2):
+        env = PushEnv(2, scene="corridor", seed=4)
+        torch.manual_seed(0)
+        ends.append(env.rollout(40, break_when_any_done=False)["next"][:, -1])
+        env.close()
+    assert (ends[0] == ends[1]).all()
+
+
+def test_continuations_from_one_state_agree_to_the_last_bit(env) -> None:
+    td = env.reset()
+    for _ in range(5):
+        td = act(env, td, 1.0, -0.3, 0.2)
+    state = env.get_state()
+    actions = torch.rand(15, 3, 3, generator=torch.Generator().manual_seed(0)) * 2 - 1
+    runs = []
+    for _ in range(2):
+        td = env.set_state(state)
+        for action in actions:
+            td = env.step(td.set("action", action))["next"]
+        runs.append(td)
+        env.reset()  # another layout in between
+    for key in env.observation_spec.keys():
+        assert torch.equal(runs[0][key], runs[1][key]), key
+
+
+def test_set_state_shows_what_was_there(env) -> None:
+    td = act(env, env.reset(), 1.0, 0.0, 0.0)
+    state = env.get_state()
+    env.reset()
+    back = env.set_state(state)
+    for key in env.observation_spec.keys():
+        assert torch.equal(back[key], td[key]), key
+    # and the next episodes are the same as well: the randomness belongs to the state
+    first = (env.reset(), env.scenarios)[1]
+    env.set_state(state)
+    env.reset()
+    assert env.scenarios == first
+
+
+def test_state_of_movable_obstacles_is_restored() -> None:
+    env = PushEnv(1, scene="posts", dynamic_obstacles=True, depth=None, seed=0)
+    wall = (Obstacle((0.05, 0.05, 0.05), (0.56, 0.0, 0.0)),) * 1
+    td = env.reset(scenarios=[scenario((0.48, 0.0, np.pi / 2), obstacles=wall)])
+    for _ in range(6):
+        td = act(env, td, 1.0, 0.0, 0.0)
+    assert td["obstacle_displacement"][0, 0] > 0.03
+    state = env.get_state()
+    env.reset()
+    back = env.set_state(state)
+    assert torch.equal(back["obstacle_displacement"], td["obstacle_displacement"])
+    env.close()
+
+
+def test_some_scenes_can_be_put_back_while_others_go_on(env) -> None:
+    td = env.reset()
+    state = env.get_state([1])
+    td = act(env, td, 1.0, 0.0, 0.0)
+    mixed = env.set_state(state, [1])
+    assert torch.equal(mixed["ee_pose"][[0, 2]], td["ee_pose"][[0, 2]])
+    assert not torch.equal(mixed["ee_pose"][1], td["ee_pose"][1])
+    with pytest.raises(ValueError, match="the state holds 1 scenes, expected 3"):
+        env.set_state(state)
+
+
+def test_it_steps_as_the_maniskill_task_does() -> None:
+    where = scenario((0.42, 0.02, 0.3), (0.52, 0.0, 0.4), goal_position=(0.65, 0.2))
+    task, env = ClutterPushEnv(obs_mode="none"), PushEnv(1, depth=None)
+    task.reset(options={"scenarios": [where]})
+    td = env.reset(scenarios=[where])
+    rng = np.random.default_rng(0)
+    for _ in range(25):
+        action = np.clip(rng.normal([0.8, 0, 0], 0.5), -1, 1).astype(np.float32)
+        *_, info = task.step(action)
+        td = act(env, td, *action.tolist())
+        # The ways differ in a rounding (float32 targets here, float64 there), which contact amplifies.
+        np.testing.assert_allclose(td["object_pose"], task.object_pose, atol=2e-4)
+        np.testing.assert_allclose(td["ee_pose"], task.ee_pose, atol=2e-4)
+        for key in ("object_contact", "obstacle_contact", "tool_obstacle_contact", "success"):
+            assert bool(td[key]) == bool(info[key]), key
+    task.close()
+    env.close()
+
+
+def test_success_terminates_with_reward_one() -> None:
+    env = PushEnv(1, depth=None)
+    where = scenario((0.40, 0.0, np.pi / 2), (0.50, 0.0, 0.0), goal_position=(0.60, 0.0))
+    td = env.reset(scenarios=[where])
+    rewards = []
+    while not td["done"].any():
+        td = act(env, td, 1.0, 0.0, 0.0)
+        rewards.append(td["reward"].item())
+    assert rewards[-1] == 1.0
+    assert not any(rewards[:-1])
+    assert td["success"].all()
+    assert td["terminated"].all()
+    assert not td["truncated"].any()
+    env.close()
+
+
+@pytest.mark.parametrize(("oob", "key"), [("truncate", "truncated"), ("terminate", "terminated")])
+def test_leaving_the_workspace(oob, key) -> None:
+    env = PushEnv(1, depth=None, oob=oob)
+    td = env.reset(scenarios=[scenario((0.62, 0.0, np.pi / 2), (0.72, 0.0, 0.0), goal_position=(0.3, 0))])
+    while not td["done"].any():
+        td = act(env, td, 1.0, 0.0, 0.0)
+    assert td["out_of_bounds"].all()
+    assert td["object_pose"][0, 0] > 0.80
+    assert td[key].all()
+    env.close()
+
+
+def test_the_step_limit_truncates() -> None:
+    env = PushEnv(1, depth=None, max_episode_steps=7)
+    td = env.reset(scenarios=[scenario((0.4, 0.2, 0.0))])
+    for step in range(1, 8):
+        td = act(env, td)
+        assert bool(td["truncated"]) == (step == 7)
+    assert not td["terminated"].any()
+    env.close()
+
+
+def test_the_scene_distribution_can_be_changed_between_episodes(env) -> None:
+    before = env.scenario
+    env.scenario = ScenarioConfig(scene="posts", distance=(0.06, 0.08))
+    env.reset()
+    assert {s.scene for s in env.scenarios} == {"posts"}
+    for s in env.scenarios:
+        assert np.hypot(*np.subtract(s.goal_position, s.object_pose[:2])) < 0.08
+    env.scenario = before
+
+
+def test_single_pixels_equal_the_image(env) -> None:
+    td = env.reset()
+    u, v = np.meshgrid(np.arange(90, 154), np.arange(60, 124))
+    for i in range(3):
+        depth, labels = env.cast(i, np.stack([u, v], -1).astype(float))
+        np.testing.assert_array_equal(depth, td["depth"][i, 0].numpy()[v, u])
+        np.testing.assert_array_equal(labels, td["segmentation"][i, 0].numpy()[v, u])
+
+
+def test_the_object_is_where_its_pose_says_in_the_image(env) -> None:
+    td = env.reset()
+    for i in range(3):
+        v, u = np.nonzero(td["segmentation"][i, 0].numpy() == 1)
+        x, y, _ = td["object_pose"][i].tolist()
+        expected = CAMERA.project(np.array([x, y, 0.04]))
+        assert [u.mean(), v.mean()] == pytest.approx(expected, abs=1.5)
+
+
+def test_the_arm_is_in_the_image_only_where_asked_for() -> None:
+    for arm in (False, True):
+        env = PushEnv(1, arm_in_depth=arm, seed=0)
+        assert (env.reset()["segmentation"] == 3).any() == arm
+        env.close()
+
+
+def test_memory_does_not_grow_with_episodes() -> None:
+    import psutil
+
+    env = PushEnv(2, scene=OBSTACLE_SCENES, pushed_object=tuple(OBJECTS), seed=0)
+    process = psutil.Process()
+    for _ in range(50):
+        env.reset()
+    before = process.memory_info().rss
+    for _ in range(200):
+        env.reset()
+    env.close()
+    assert process.memory_info().rss - before < 20e6
+
+
+@pytest.mark.parametrize(
+    ("action", "message"),
+    [
+        ([float("nan"), 0, 0], r"action of scene 1 must be finite and in \[-1, 1\]"),
+        ([0, 1.5, 0], r"action of scene 1 must be .* got \[0.0, 1.5, 0.0\]"),
+    ],
+)
+def test_bad_actions_are_refused_with_the_scenes_index(env, action, message) -> None:
+    td = env.reset()
+    td["action"] = torch.zeros(3, 3)
+    td["action"][1] = torch.tensor(action)
+    with pytest.raises(ValueError, match=message):
+        env.step(td)
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "message"),
+    [
+        ({"num_envs": 0}, "num_envs must be >= 1, got 0"),
+        ({"scene": "volcano"}, "no family 'volcano', expected one of"),
+        ({"pushed_object": "egg"}, "no object 'egg', expected one of"),
+        ({"depth": "lidar"}, r"no eye 'lidar', expected one of \['analytic', 'sapien'\] or None"),
+        ({"tool": "hook"}, "no tool 'hook', expected one of"),
+        ({"oob": "explode"}, "oob must be 'truncate' or 'terminate', got 'explode'"),
+        ({"max_episode_steps": 0}, "max_episode_steps must be >= 1 or None, got 0"),
+        ({"colour": "red"}, r"unknown arguments \['colour'\]"),
+        ({"scenario": ScenarioConfig(), "scene": "slot"}, "either scenario or its fields"),
+    ],
+)
+def test_bad_arguments(kwargs, message) -> None:
+    with pytest.raises(ValueError, match=message):
+        PushEnv(**kwargs)
+
+
+def test_use_before_reset_is_refused() -> None:
+    env = PushEnv(2, depth=None)
+    with pytest.raises(RuntimeError, match="call reset first"):
+        env.step(TensorDict({"action": torch.zeros(2, 3)}, [2]))
+    with pytest.raises(RuntimeError, match="first reset must be of all scenes"):
+        env.reset(TensorDict({"_reset": torch.tensor([[True], [False]])}, [2]))
+    env.reset()
+    with pytest.raises(ValueError, match="one entry for each of the 2 scenes being reset, got 1"):
+        env.reset(scenarios=[scenario((0.4, 0.0, 0.0))])
+    with pytest.raises(RuntimeError, match="pictures=True"):
+        env.render()
+    env.close()
