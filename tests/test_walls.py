@@ -20,7 +20,16 @@ MAY_KNOW = {
     "envs": {"envs"},
 }
 SIMULATOR = {"sapien", "mani_skill"}
-KNOW_THE_SIMULATOR = {"robot", "task", "depth", "batch", "bodies", "obstacles", "camera", "contacts"}
+KNOW_THE_SIMULATOR = {
+    "robot",
+    "task",
+    "depth",
+    "batch",
+    "bodies",
+    "obstacles",
+    "camera",
+    "contacts",
+}
 
 
 def imports_of(path: Path) -> set[str]:

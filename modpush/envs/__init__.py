@@ -16,6 +16,8 @@ _HOME = {
     "ClutterPushEnv": "task",
     "Dynamics": "scenarios",
     "OBJECTS": "objects",
+    "HARD_SCENES": "scenes",
+    "OBSTACLE_SCENES": "scenes",
     "Obstacle": "scenes",
     "PushEnv": "push_env",
     "PushGymEnv": "gym_env",

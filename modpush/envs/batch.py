@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush.envs.control import plan_motion, ramp
+from modpush.envs.control import plan_motion_cpu
 from modpush.envs.depth import AnalyticEye, DepthName, Eye, make_eye
 from modpush.envs.scenarios import Scenario
 from modpush.envs.task import ClutterPushEnv, choose_render_backend, get_object_of
@@ -18,18 +19,18 @@ __all__ = ["Batch", "CpuBatch", "CudaBatch", "Reading", "SceneState", "make_batc
 
 
 class Reading(NamedTuple):
-    """The truth of the scenes, on the CPU or the GPU as they are; metres and radians, float64."""
+    """The truth of the scenes, on the host; metres and radians."""
 
-    object_pose: Tensor
+    object_pose: NDArray[np.float64]
     """`[B, 3]`"""
-    ee_pose: Tensor
+    ee_pose: NDArray[np.float64]
     """`[B, 3]`"""
-    joint_position: Tensor
+    joint_position: NDArray[np.float64]
     """`[B, 6]`"""
-    contacts: Tensor
-    """`[B, 3]` bool, in the order of `CONTACT_KEYS`"""
-    reachable: Tensor
-    """`[B]` bool"""
+    contacts: NDArray[np.bool_]
+    """`[B, 3]`, in the order of `CONTACT_KEYS`"""
+    reachable: NDArray[np.bool_]
+    """`[B]`"""
 
 
 @dataclass(frozen=True)
@@ -115,10 +116,8 @@ class CpuBatch(Batch):
         first = self.tasks[0]
         self._motion = first.agent.motion
         self._substeps, self._control_freq = first._sim_steps_per_control, first.control_freq
-        self._target = torch.zeros(num_envs, 3, dtype=torch.float64)
-        self._height = torch.zeros(num_envs, dtype=torch.float64)
-        self._reachable = torch.ones(num_envs, dtype=torch.bool)
-        self._ee_pose = torch.zeros(num_envs, 3, dtype=torch.float64)
+        self._target, self._ee_pose = np.zeros((num_envs, 3)), np.zeros((num_envs, 3))
+        self._height, self._reachable = np.zeros(num_envs), np.ones(num_envs, dtype=bool)
 
     def start(self, indices: Sequence[int], scenarios: Sequence[Scenario]) -> None:
         """See `Batch`."""
@@ -131,7 +130,7 @@ class CpuBatch(Batch):
         """Point the controller and the eyes at a scene that has just changed."""
         task = self.tasks[i]
         item = get_object_of(task.pushed_objects, scenario.pushed_object)
-        self._target[i] = torch.tensor(target, dtype=torch.float64)
+        self._target[i] = target
         self._height[i] = item.tool_height + task.agent.tool.length
         self._casters[i].reset(0)
         if self._eyes[i] is not self._casters[i]:
@@ -140,9 +139,15 @@ class CpuBatch(Batch):
 
     def step(self, action: Tensor) -> None:
         """See `Batch`."""
-        motion = plan_motion(action, self._target, self._ee_pose, self._height, self._motion)
-        self._target, self._reachable = motion.target, motion.reachable
-        position, velocity = ramp(motion.joints, self._substeps, self._control_freq)
+        self._target, position, velocity, self._reachable = plan_motion_cpu(
+            action.double().numpy(),
+            self._target,
+            self._ee_pose,
+            self._height,
+            self._motion,
+            self._substeps,
+            self._control_freq,
+        )
         for task, angles, rates in zip(
             self.tasks, position.tolist(), velocity.tolist(), strict=True
         ):
@@ -151,12 +156,11 @@ class CpuBatch(Batch):
 
     def read(self) -> Reading:
         """See `Batch`."""
-        joints = torch.from_numpy(np.array([t.agent.robot._objs[0].qpos for t in self.tasks]))
         return Reading(
             _planar(task.object_transform_of(0) for task in self.tasks),
             self._ee_pose,
-            joints.double(),
-            torch.tensor([task.contacts.row for task in self.tasks]),
+            np.array([task.agent.robot._objs[0].qpos for task in self.tasks], dtype=np.float64),
+            np.array([task.contacts.row for task in self.tasks]),
             self._reachable,
         )
 
@@ -199,12 +203,12 @@ class CpuBatch(Batch):
         self._reachable[index] = state.reachable
 
 
-def _planar(transforms: Iterable[np.ndarray]) -> Tensor:
-    """x, y, yaw of transforms `[7]`, `[B, 3]`. In numpy: a tenth of torch's overhead per call."""
+def _planar(transforms: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """x, y, yaw of transforms `[7]`, `[B, 3]`."""
     rows = np.array(list(transforms))
     w, x, y, z = rows[:, 3:].T
     yaw = np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
-    return torch.from_numpy(np.column_stack([rows[:, :2], yaw]))
+    return np.column_stack([rows[:, :2], yaw])
 
 
 class CudaBatch(Batch):
@@ -240,13 +244,14 @@ class CudaBatch(Batch):
     def read(self) -> Reading:
         """See `Batch`."""
         task = self._task
-        return Reading(
+        tensors = (
             task.object_pose,
             task.ee_pose,
             task.agent.robot.get_qpos().double(),
             torch.stack(list(task.contacts.flags().values()), -1),
             task.agent.controller.reachable,
         )
+        return Reading(*(tensor.cpu().numpy() for tensor in tensors))
 
     def capture(self, index: int, depth: np.ndarray, segmentation: np.ndarray) -> None:
         """See `Batch`."""

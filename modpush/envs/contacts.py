@@ -17,6 +17,7 @@ CONTACT_KEYS = ("object_contact", "obstacle_contact", "tool_obstacle_contact")
 
 _ROBOT, _OBJECT, _OBSTACLE = 1, 2, 4
 _KEY_OF_PAIR = {_ROBOT | _OBJECT: 0, _OBJECT | _OBSTACLE: 1, _ROBOT | _OBSTACLE: 2}
+_SPECULATIVE_GAP = 0.005  # PhysX may push ahead of a touch; farther apart than this it does not [m]
 _SAMPLES = 4  # times per control step that contacts are looked at
 _NEAR_OBSTACLES = ("wrist_2", "wrist_3", "tool")  # links that can come down to an obstacle
 
@@ -66,16 +67,16 @@ class ContactReader:
 
     def read(self) -> None:
         """Add the present contacts of a CPU scene to `row`."""
-        category = self._category
+        category, row = self._category, self.row
         for contact in self._task.scene.px.get_contacts():
             first, second = contact.bodies
             key = _KEY_OF_PAIR.get(category.get(first, 0) | category.get(second, 0))
-            if key is None or self.row[key]:
-                continue
-            for point in contact.points:
-                if point.separation <= CONTACT_GAP or point.impulse.any():
-                    self.row[key] = True
-                    break
+            if key is not None and not row[key]:
+                row[key] = any(
+                    point.separation <= CONTACT_GAP
+                    or (point.separation <= _SPECULATIVE_GAP and point.impulse.any())
+                    for point in contact.points
+                )
 
     def flags(self) -> dict[str, Tensor]:
         """By key, `[num_envs]` bool."""

@@ -13,7 +13,9 @@ CONFIG = ScriptedPusherConfig()
 
 def push(obj, target, ee, contact=False):
     rows = (torch.tensor([v], dtype=torch.float32) for v in (obj, target, ee))
-    return scripted_push(*rows, torch.tensor([[contact]]), torch.tensor([[0.035]]), config=CONFIG)[0]
+    return scripted_push(*rows, torch.tensor([[contact]]), torch.tensor([[0.035]]), config=CONFIG)[
+        0
+    ]
 
 
 def test_right_behind_it_goes_straight_on() -> None:

@@ -22,7 +22,9 @@ def test_gymnasiums_and_stable_baselines_own_checks(env) -> None:
 
 
 def test_stable_baselines_learns_on_it(env) -> None:
-    model = SAC("MlpPolicy", env, learning_starts=20, batch_size=16, policy_kwargs={"net_arch": [16]})
+    model = SAC(
+        "MlpPolicy", env, learning_starts=20, batch_size=16, policy_kwargs={"net_arch": [16]}
+    )
     before = model.policy.actor.mu.weight.clone()
     model.learn(60)
     assert not (model.policy.actor.mu.weight == before).all()

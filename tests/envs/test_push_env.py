@@ -219,7 +219,9 @@ def test_success_terminates_with_reward_one() -> None:
 @pytest.mark.parametrize(("oob", "key"), [("truncate", "truncated"), ("terminate", "terminated")])
 def test_leaving_the_workspace(oob, key) -> None:
     env = PushEnv(1, depth=None, oob=oob)
-    td = env.reset(scenarios=[scenario((0.62, 0.0, np.pi / 2), (0.72, 0.0, 0.0), goal_position=(0.3, 0))])
+    td = env.reset(
+        scenarios=[scenario((0.62, 0.0, np.pi / 2), (0.72, 0.0, 0.0), goal_position=(0.3, 0))]
+    )
     while not td["done"].any():
         td = act(env, td, 1.0, 0.0, 0.0)
     assert td["out_of_bounds"].all()

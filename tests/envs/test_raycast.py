@@ -5,7 +5,7 @@ import pytest
 
 from modpush.envs.camera import CAMERA
 from modpush.envs.depth import AnalyticEye
-from modpush.envs.raycast import LABELS, Solids, blank_image, cast_pixels, draw
+from modpush.envs.raycast import LABELS, Solids, blank_image, draw
 from modpush.envs.shapes import box, capsule, cylinder, prism
 
 UPRIGHT = [1.0, 0.0, 0.0, 0.0]

@@ -119,7 +119,9 @@ def test_the_object_begins_to_slide_at_its_friction(fraction) -> None:
 
 def test_randomised_dynamics_reach_physics() -> None:
     task = ClutterPushEnv(obs_mode="none", scenario=ScenarioConfig(randomize_dynamics=True))
-    start(task, (0.4, 0.1, 0.0), dynamics=Dynamics(mass=0.4, friction=0.8, center_of_mass=(0.01, 0)))
+    start(
+        task, (0.4, 0.1, 0.0), dynamics=Dynamics(mass=0.4, friction=0.8, center_of_mass=(0.01, 0))
+    )
     body = task.object_actor._bodies[0]
     assert body.mass == pytest.approx(0.4)
     assert body.inertia == pytest.approx([0.4 * 0.05**2 / 6] * 3, rel=1e-3)  # of a solid cube

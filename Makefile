@@ -1,0 +1,43 @@
+# `make demo` and `make test` do all their own set-up on a fresh clone. PYTHON must be 3.11 or 3.12.
+PYTHON ?= python3
+BIN := .venv/bin
+STAMP := .venv/.installed
+# A software Vulkan device made by `make renderer` is used by every target below.
+ICD := $(wildcard .vulkan/swiftshader_icd.json)
+ifneq ($(ICD),)
+export VK_ICD_FILENAMES ?= $(abspath $(ICD))
+endif
+
+.PHONY: setup demo test test-slow check bench renderer clean
+
+setup: $(STAMP)
+
+# torch first and by its pinned version: a looser request for it would fetch the CUDA build.
+$(STAMP): pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install --quiet -c constraints.txt torch==$$(sed -n 's/^torch==//p' constraints.txt)
+	$(BIN)/pip install --quiet -c constraints.txt -e '.[dev]'
+	touch $@
+
+demo: setup
+	$(BIN)/python examples/demo.py
+
+test: setup
+	$(BIN)/python -m pytest
+
+test-slow: setup
+	$(BIN)/python -m pytest -m slow -s
+
+check: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: setup
+	for file in benchmarks/bench_*.py; do $(BIN)/python $$file || exit 1; done
+
+renderer:
+	bash tools/software_vulkan.sh
+
+clean:
+	rm -rf .venv .vulkan build runs

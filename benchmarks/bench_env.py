@@ -1,0 +1,263 @@
+"""Speed and memory of the environment, each row beside its floor or its peer, in one run.
+
+    python benchmarks/bench_env.py            # about 3 minutes; --quick for one
+
+Every figure is a median over interleaved repetitions, one thread. The floor replays the very joint
+targets of the environment's run through bare SAPIEN calls, in the same scenes, from the same state.
+"""
+
+import concurrent.futures
+import functools
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import psutil
+import torch
+import tyro
+from torchrl.envs import ParallelEnv
+
+from modpush.envs import OBSTACLE_SCENES, PushEnv, find_render_device
+from modpush.envs.depth import AnalyticEye
+from modpush.envs.raycast import blank_image
+from modpush.envs.task import ClutterPushEnv
+
+NUM_ENVS = 8
+Row = tuple[str, str, str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    """How long to measure."""
+
+    quick: bool = False
+    """A third of the repetitions."""
+
+
+def actions(steps: int, seed: int = 0) -> torch.Tensor:
+    """Pushes about the workspace, `[steps, NUM_ENVS, 3]`: half the noise kept from step to step."""
+    rng = np.random.default_rng(seed)
+    noise = rng.uniform(-1, 1, (steps, NUM_ENVS, 3))
+    for t in range(1, steps):
+        noise[t] = 0.8 * noise[t - 1] + 0.6 * noise[t]
+    return torch.from_numpy(noise.clip(-1, 1)).float()
+
+
+def timed(function: Callable[[], object]) -> float:
+    """Seconds."""
+    start = time.perf_counter()
+    function()
+    return time.perf_counter() - start
+
+
+def bench_step(sim_freq: int, repetitions: int, steps: int = 40) -> list[Row]:
+    """The environment's step beside the bare SAPIEN calls, per scene-step."""
+    env = PushEnv(NUM_ENVS, scene=OBSTACLE_SCENES, seed=0, sim_freq=sim_freq)
+    blind = PushEnv(NUM_ENVS, scene=OBSTACLE_SCENES, seed=0, sim_freq=sim_freq, depth=None)
+    todo = actions(steps)
+    recorded: list[list[tuple]] = []
+    advance = ClutterPushEnv.advance
+
+    def recording(task: ClutterPushEnv, position: list, velocity: list) -> None:
+        recorded[-1].append((task, position, velocity))
+        advance(task, position, velocity)
+
+    def run(which: PushEnv) -> None:
+        td = which.set_state(states[which])
+        for action in todo:
+            recorded.append([])
+            td["action"] = action
+            td = which.step(td)["next"]
+
+    def floor() -> None:
+        env.set_state(states[env])
+        start = time.perf_counter()
+        for step in recorded[:steps]:
+            for task, position, velocity in step:
+                px, joints = task.scene.px, task._raw_joints
+                for angles, rates in zip(position, velocity, strict=True):
+                    for joint, angle, rate in zip(joints, angles, rates, strict=True):
+                        joint.set_drive_target(angle)
+                        joint.set_drive_velocity_target(rate)
+                    px.step()
+        floor_times.append(time.perf_counter() - start)
+
+    states = {}
+    for which in (env, blind):
+        which.reset()
+        states[which] = which.get_state()
+    ClutterPushEnv.advance = recording
+    run(env)
+    ClutterPushEnv.advance = advance
+    floor_times: list[float] = []
+    with_depth, without = [], []
+    for _ in range(repetitions):
+        floor()
+        with_depth.append(timed(lambda: run(env)))
+        without.append(timed(lambda: run(blind)))
+    per = 1e3 / (steps * NUM_ENVS)
+    base = np.median(floor_times) * per
+    name = f"{sim_freq} Hz x {sim_freq // 15}"
+    ratio = np.median(np.array(with_depth) / np.array(floor_times))
+    ms = np.median(with_depth) * per
+    rows = [
+        (f"bare SAPIEN calls, {name} (floor)", f"{base:.3f} ms", "1.00x"),
+        (
+            f"PushEnv(8).step, depth on, {name}",
+            f"{ms:.3f} ms",
+            f"{ratio:.2f}x floor, {1e3 / ms:.0f} scene-steps/s",
+        ),
+        (
+            f"PushEnv(8).step, no depth, {name}",
+            f"{np.median(without) * per:.3f} ms",
+            f"{np.median(np.array(without) / np.array(floor_times)):.2f}x floor",
+        ),
+    ]
+    env.close()
+    blind.close()
+    return rows
+
+
+def bench_maniskill(repetitions: int, steps: int = 40) -> list[Row]:
+    """The same task through ManiSkill's stock step: our controller, and its stock one."""
+    rows = []
+    for mode, width in (("planar", 3), ("pd_joint_delta_pos", 6)):
+        task = ClutterPushEnv(obs_mode="state_dict", scene=list(OBSTACLE_SCENES), control_mode=mode)
+        rng = np.random.default_rng(0)
+        todo = rng.uniform(-1, 1, (steps, width)).astype(np.float32) * (1 if width == 3 else 0.2)
+        times = []
+        for seed in range(repetitions):
+            task.reset(seed=seed)
+            times.append(timed(lambda: [task.step(action) for action in todo]))
+        ms = np.median(times) / steps * 1e3
+        rows.append(
+            (f"ManiSkill's own step, state only, {mode}, 120 Hz x 8", f"{ms:.3f} ms", "peer")
+        )
+        task.close()
+    return rows
+
+
+def bench_eye(repetitions: int) -> list[Row]:
+    """The image alone, per scene."""
+    task = ClutterPushEnv(obs_mode="none", scene=list(OBSTACLE_SCENES))
+    rng = np.random.default_rng(0)
+    u, v = np.meshgrid(np.arange(64.0), np.arange(64.0))
+    window = np.stack([u, v], -1) + rng.uniform(60, 130, 2)
+    bare, armed = AnalyticEye(task), AnalyticEye(task, arm_in_depth=True)
+    image = blank_image()
+    times: dict[str, list[float]] = {}
+    for seed in range(repetitions):
+        task.reset(seed=seed)
+        for name, call in {
+            "analytic depth 256 x 256, layout drawn anew": lambda: bare.reset(0),
+            "analytic depth 256 x 256, no arm, layout cached": lambda: bare.capture(0, *image),
+            "analytic depth 256 x 256, with the arm": lambda: armed.capture(0, *image),
+            "analytic window 64 x 64, no full image": lambda: bare.cast(0, window),
+        }.items():
+            armed.reset(0)
+            times.setdefault(name, []).append(
+                min(timed(lambda: [call() for _ in range(5)]) / 5 for _ in range(3))
+            )
+    task.close()
+    rows = [(name, f"{np.median(values) * 1e3:.3f} ms", "") for name, values in times.items()]
+    if find_render_device() is not None:
+        env = PushEnv(1, depth="sapien", scene="slot")
+        image = blank_image()
+        env.reset()
+        values = [timed(lambda: env._batch.capture(0, *image)) for _ in range(7)]
+        rows.append(("SAPIEN's rendered depth", f"{np.median(values) * 1e3:.1f} ms", "peer"))
+        env.close()
+    return rows
+
+
+def bench_reset(repetitions: int) -> list[Row]:
+    """A partial reset to a new layout, beside ManiSkill's reconfigure."""
+    env = PushEnv(NUM_ENVS, scene=OBSTACLE_SCENES, seed=0)
+    td = env.reset()
+    times = []
+    for i in range(repetitions * 4):
+        mask = torch.zeros(NUM_ENVS, 1, dtype=torch.bool)
+        mask[i % NUM_ENVS] = True
+        td["_reset"] = mask
+        times.append(timed(lambda: env.reset(td)))
+    env.close()
+    task = ClutterPushEnv(obs_mode="none", scene=list(OBSTACLE_SCENES))
+    stock = [timed(lambda: task.reset(options={"reconfigure": True})) for _ in range(5)]
+    task.close()
+    return [
+        (
+            "partial reset of one scene, new layout, images of all 8",
+            f"{np.median(times) * 1e3:.2f} ms",
+            "",
+        ),
+        ("ManiSkill's reset with reconfigure", f"{np.median(stock) * 1e3:.0f} ms", "peer"),
+    ]
+
+
+def bench_memory() -> list[Row]:
+    """Resident memory of one more scene."""
+    process = psutil.Process()
+    first = PushEnv(1, scene=OBSTACLE_SCENES)
+    first.reset()
+    before = process.memory_info().rss
+    many = PushEnv(16, scene=OBSTACLE_SCENES)
+    many.reset()
+    each = (process.memory_info().rss - before) / 16 / 2**20
+    first.close()
+    many.close()
+    return [("memory of one more scene", f"{each:.1f} MiB", "")]
+
+
+def bench_scaling(repetitions: int, steps: int = 30) -> list[Row]:
+    """Eight scenes on two cores: one process, two threads, two processes."""
+    half = functools.partial(PushEnv, NUM_ENVS // 2, scene=OBSTACLE_SCENES, seed=0)
+    whole, pair = PushEnv(NUM_ENVS, scene=OBSTACLE_SCENES, seed=0), [half(), half()]
+    processes = ParallelEnv(2, half)
+
+    def run(env: PushEnv | ParallelEnv) -> None:
+        td = env.reset()
+        for action in actions(steps):
+            td["action"] = action.reshape(-1)[: 3 * env.batch_size.numel()].view(*env.batch_size, 3)
+            td = env.step(td)["next"]
+
+    times: dict[str, list[float]] = {"one process": [], "two threads": [], "two processes": []}
+    with concurrent.futures.ThreadPoolExecutor(2) as pool:
+        for _ in range(max(repetitions // 2, 2)):
+            times["one process"].append(timed(lambda: run(whole)))
+            times["two threads"].append(timed(lambda: list(pool.map(run, pair))))
+            times["two processes"].append(timed(lambda: run(processes)))
+    for env in (whole, *pair, processes):
+        env.close()
+    return [
+        (
+            f"8 scenes, {name}",
+            f"{NUM_ENVS * steps / np.median(values):.0f} scene-steps/s",
+            f"{np.median(np.array(times['one process']) / np.array(values)):.2f}x one process",
+        )
+        for name, values in times.items()
+    ]
+
+
+def main(config: Config) -> None:
+    """Measure and print one table."""
+    torch.set_num_threads(1)
+    n = 3 if config.quick else 9
+    rows = [
+        *bench_step(120, n),
+        *bench_step(240, n),
+        *bench_maniskill(n),
+        *bench_eye(n * 3),
+        *bench_reset(n * 2),
+        *bench_memory(),
+        *bench_scaling(n),
+    ]
+    print("| what | median | beside |\n|---|---|---|")
+    for row in rows:
+        print("| " + " | ".join(row) + " |")
+
+
+if __name__ == "__main__":
+    warnings.filterwarnings("ignore")
+    main(tyro.cli(Config, description=__doc__))
