@@ -89,7 +89,8 @@ def main(config: DemoConfig) -> None:
     torch.set_num_threads(1)
     rendered = config.rendered and find_render_device() is not None
     config.out.mkdir(parents=True, exist_ok=True)
-    policy, rows, frames = ScriptedPusher(), [], []
+    policy, rows = ScriptedPusher(), []
+    frames: list[np.ndarray] = []
     with tqdm(total=len(config.scenes) * config.episodes, unit="episode") as bar:
         env = PushEnv(config.episodes, depth=None, pictures=rendered, seed=config.seed)
         for scene in config.scenes:

@@ -146,7 +146,10 @@ class ScriptedPusher(TensorDictModuleBase):
                 )
         object_pose, target, ee_pose, contact, radius = values
         batch = object_pose.shape[:-1]
-        flat = [v.reshape(-1, v.shape[-1]) for v in (target, ee_pose, contact, radius)]
-        action = scripted_push(object_pose.reshape(-1, 3)[:, :2], *flat, config=self.config)
+        target, ee_pose, contact, radius = (
+            value.reshape(-1, value.shape[-1]) for value in (target, ee_pose, contact, radius)
+        )
+        position = object_pose.reshape(-1, 3)[:, :2]
+        action = scripted_push(position, target, ee_pose, contact, radius, self.config)
         tensordict.set(self.out_keys[0], action.reshape(*batch, 3))
         return tensordict

@@ -118,6 +118,7 @@ class CpuBatch(Batch):
         self._substeps, self._control_freq = first._sim_steps_per_control, first.control_freq
         self._target, self._ee_pose = np.zeros((num_envs, 3)), np.zeros((num_envs, 3))
         self._height, self._reachable = np.zeros(num_envs), np.ones(num_envs, dtype=bool)
+        self._plan(torch.zeros(num_envs, 3))  # compiles, or loads what was compiled before
 
     def start(self, indices: Sequence[int], scenarios: Sequence[Scenario]) -> None:
         """See `Batch`."""
@@ -139,7 +140,15 @@ class CpuBatch(Batch):
 
     def step(self, action: Tensor) -> None:
         """See `Batch`."""
-        self._target, position, velocity, self._reachable = plan_motion_cpu(
+        self._target, position, velocity, self._reachable = self._plan(action)
+        for task, angles, rates in zip(
+            self.tasks, position.tolist(), velocity.tolist(), strict=True
+        ):
+            task.advance(angles, rates)
+        self._ee_pose = _planar(task.link_transforms_of(0, ("tip",))[0] for task in self.tasks)
+
+    def _plan(self, action: Tensor) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        return plan_motion_cpu(
             action.double().numpy(),
             self._target,
             self._ee_pose,
@@ -148,11 +157,6 @@ class CpuBatch(Batch):
             self._substeps,
             self._control_freq,
         )
-        for task, angles, rates in zip(
-            self.tasks, position.tolist(), velocity.tolist(), strict=True
-        ):
-            task.advance(angles, rates)
-        self._ee_pose = _planar(task.link_transforms_of(0, ("tip",))[0] for task in self.tasks)
 
     def read(self) -> Reading:
         """See `Batch`."""

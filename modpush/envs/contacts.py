@@ -108,7 +108,7 @@ class ContactReader:
         """Every pair of one scene that may touch, with the key it counts for."""
         task = self._task
         things = [actor._bodies[index] for actor in task._actors.values()]
-        blocks = [actor._bodies[index] for actor in task.obstacles.actors]
+        blocks = [actor._bodies[index] for actor in task.obstacles.actors]  # a pool, on CUDA
         arm = [link._bodies[index] for link in links]
         return [
             *((0, (a, b)) for a in arm for b in things),

@@ -63,7 +63,8 @@ class AnalyticEye(Eye):
         """Draw the table and, where they are fixed, the obstacles."""
         self._background[index] = blank_image()
         if not self.task.dynamic_obstacles:
-            draw(*self._background[index], *self._obstacles(index))
+            solids, poses, label = self._obstacles(index)
+            draw(*self._background[index], solids, poses, label)
 
     def capture(
         self, index: int, depth: NDArray[np.float32], segmentation: NDArray[np.uint8]

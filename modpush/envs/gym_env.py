@@ -54,6 +54,7 @@ class PushGymEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         high = np.array([2, 2, yaw, 2, 2, 2, 2, yaw, *[joint] * 6, 1, 1, 1], dtype=np.float32)
         low = -high
         low[-3:] = 0
+        self._bounds = (low, high)
         self.observation_space = spaces.Box(low, high, dtype=np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (3,), dtype=np.float32)
 
@@ -85,7 +86,7 @@ class PushGymEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def _observation(self, state: TensorDictBase) -> np.ndarray:
         self._state = state
         values = torch.cat([state[key][0].float() for key in OBSERVATION_KEYS]).numpy()
-        return np.clip(values, self.observation_space.low, self.observation_space.high)
+        return np.clip(values, *self._bounds)
 
     @staticmethod
     def _info(state: TensorDictBase) -> dict[str, Any]:

@@ -47,6 +47,7 @@ class ObstacleSwapper:
         self._dynamic = dynamic
         self._spare: dict[tuple[float, float, float], list[sapien.Entity]] = defaultdict(list)
         self._placed: list[tuple[Obstacle, sapien.Entity]] = []
+        self.actors: list[Actor] = []  # ManiSkill's structs are for bodies that stay
         self._rigid: list[physx.PhysxRigidBaseComponent] = []
 
     def place(

@@ -1,7 +1,7 @@
 """`PushEnv`: a batch of pushing scenes as one TorchRL environment."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -30,7 +30,7 @@ class PushState:
 
     scenes: tuple[SceneState, ...]
     step_count: tuple[int, ...]
-    rngs: tuple[dict[str, Any], ...]
+    rngs: tuple[Mapping[str, Any], ...]
 
 
 class PushEnv(EnvBase):

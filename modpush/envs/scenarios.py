@@ -138,14 +138,16 @@ class ScenarioConfig:
     @property
     def scenes(self) -> list[tuple[str, SceneFn]]:
         """The families to draw from, by name and function."""
-        one = isinstance(self.scene, str) or callable(self.scene)
-        return [get_scene(s) for s in ([self.scene] if one else self.scene)]  # type: ignore[list-item,union-attr]
+        scene = self.scene
+        several = [scene] if isinstance(scene, str) or callable(scene) else list(scene)
+        return [get_scene(one) for one in several]
 
     @property
     def objects(self) -> list[PushedObject]:
         """The objects to draw from."""
-        one = isinstance(self.pushed_object, str | PushedObject)
-        return [get_object(o) for o in ([self.pushed_object] if one else self.pushed_object)]  # type: ignore[list-item,union-attr]
+        item = self.pushed_object
+        several = [item] if isinstance(item, str | PushedObject) else list(item)
+        return [get_object(one) for one in several]
 
     @property
     def difficulty_range(self) -> tuple[float, float]:

@@ -51,36 +51,47 @@ def rpy_matrix(rpy: tuple[float, float, float]) -> NDArray[np.float64]:
 
 _Vector = tuple[float, float, float]
 _ZERO: _Vector = (0.0, 0.0, 0.0)
+_GREY: _Vector = (0.6, 0.6, 0.6)
 
 
 def box(
-    length: float, width: float, height: float, position: _Vector = _ZERO, **look: _Vector
+    length: float, width: float, height: float, position: _Vector = _ZERO, color: _Vector = _GREY
 ) -> Primitive:
     """A box of full extents [m] along x, y and z."""
     return Primitive(
-        kind="box", size=(length / 2, width / 2, height / 2), position=position, **look
+        kind="box", size=(length / 2, width / 2, height / 2), position=position, color=color
     )
 
 
 def cylinder(
-    radius: float, length: float, position: _Vector = _ZERO, rpy: _Vector = _ZERO, **look: _Vector
+    radius: float,
+    length: float,
+    position: _Vector = _ZERO,
+    rpy: _Vector = _ZERO,
+    color: _Vector = _GREY,
 ) -> Primitive:
     """A cylinder of full length [m] along its z."""
     return Primitive(
-        kind="cylinder", size=(radius, length / 2, 0.0), position=position, rpy=rpy, **look
+        kind="cylinder", size=(radius, length / 2, 0.0), position=position, rpy=rpy, color=color
     )
 
 
 def capsule(
-    radius: float, length: float, position: _Vector = _ZERO, rpy: _Vector = _ZERO, **look: _Vector
+    radius: float,
+    length: float,
+    position: _Vector = _ZERO,
+    rpy: _Vector = _ZERO,
+    color: _Vector = _GREY,
 ) -> Primitive:
     """A capsule; `length` [m] is that of its cylindrical part."""
     return Primitive(
-        kind="capsule", size=(radius, length / 2, 0.0), position=position, rpy=rpy, **look
+        kind="capsule", size=(radius, length / 2, 0.0), position=position, rpy=rpy, color=color
     )
 
 
-def prism(outline: tuple[tuple[float, float], ...], height: float, **look: _Vector) -> Primitive:
+def prism(
+    outline: tuple[tuple[float, float], ...], height: float, color: _Vector = _GREY
+) -> Primitive:
     """An upright prism over a convex, counter-clockwise outline [m]."""
     half_x, half_y = (max(abs(vertex[axis]) for vertex in outline) for axis in (0, 1))
-    return Primitive(kind="prism", size=(half_x, half_y, height / 2), outline=outline, **look)
+    return Primitive(kind="prism", size=(half_x, half_y, height / 2), outline=outline, color=color)

@@ -203,13 +203,9 @@ def _add_link(robot: ET.Element, name: str, mass: float, shapes: tuple[Primitive
         inertial = ET.SubElement(link, "inertial")
         ET.SubElement(inertial, "origin", xyz=_numbers(_center(shapes)), rpy="0 0 0")
         ET.SubElement(inertial, "mass", value=f"{mass:g}")
-        ixx, iyy, izz = _inertia(mass, shapes)
-        ET.SubElement(
-            inertial,
-            "inertia",
-            **{"ixx": f"{ixx:.9g}", "iyy": f"{iyy:.9g}", "izz": f"{izz:.9g}"},
-            **{"ixy": "0", "ixz": "0", "iyz": "0"},
-        )
+        values = dict(zip(("ixx", "iyy", "izz"), _inertia(mass, shapes), strict=True))
+        inertia = {name: f"{value:.9g}" for name, value in values.items()}
+        ET.SubElement(inertial, "inertia", inertia | dict.fromkeys(("ixy", "ixz", "iyz"), "0"))
     for shape in shapes:
         collision = ET.SubElement(link, "collision")
         ET.SubElement(collision, "origin", xyz=_numbers(shape.position), rpy=_numbers(shape.rpy))

@@ -66,7 +66,7 @@ def test_keys_can_be_renamed_and_nested() -> None:
         [4],
     )
     assert policy(td)["out", "a"].shape == (4, 3)
-    with pytest.raises(KeyError, match="no entry .*goal_position.* it has"):
+    with pytest.raises(KeyError, match=r"no entry .*goal_position.* it has"):
         ScriptedPusher(object_pose_key=("state", "object"))(td)
 
 

@@ -105,7 +105,9 @@ def test_the_compiled_way_gives_the_same_numbers(num_substeps: int) -> None:
 
     n = 500
     action = uniform(-1.3, 1.3, n, 3)
-    target = torch.cat([uniform(0.05, 0.95, n, 1), uniform(-0.5, 0.5, n, 1), uniform(-7, 5, n, 1)], 1)
+    target = torch.cat(
+        [uniform(0.05, 0.95, n, 1), uniform(-0.5, 0.5, n, 1), uniform(-7, 5, n, 1)], 1
+    )
     tip = target + uniform(-0.02, 0.02, n, 3) * torch.tensor([1, 1, 10.0])
     height = uniform(0.17, 0.19, n)
     motion = plan_motion(action, target, tip, height, CONFIG)
@@ -113,5 +115,7 @@ def test_the_compiled_way_gives_the_same_numbers(num_substeps: int) -> None:
     arrays = (tensor.numpy() for tensor in (action, target, tip, height))
     got = plan_motion_cpu(*arrays, CONFIG, num_substeps, 15.0)
     assert not motion.reachable.all()
-    for ours, theirs in zip(got, (motion.target, position, velocity, motion.reachable), strict=True):
+    for ours, theirs in zip(
+        got, (motion.target, position, velocity, motion.reachable), strict=True
+    ):
         torch.testing.assert_close(torch.from_numpy(ours), theirs, atol=1e-9, rtol=1e-9)

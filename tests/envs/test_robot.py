@@ -36,7 +36,7 @@ def test_urdf_has_no_visuals_since_sapien_refuses_them_without_a_renderer() -> N
 def test_the_robot_is_a_ur5_with_a_gripper(task) -> None:
     robot = task.agent.robot
     assert {"ur5_2f85", "ur5_rod"} <= set(REGISTERED_AGENTS)
-    assert [joint.name for joint in robot.active_joints][0] == "shoulder_pan"
+    assert robot.active_joints[0].name == "shoulder_pan"
     masses = {link.name: float(link.mass[0]) for link in robot.links}
     for link in LINKS:
         assert masses[link.name] == pytest.approx(link.mass)
