@@ -1,0 +1,24 @@
+"""The demo writes what it says, on two families and one episode each."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_demo(tmp_path) -> None:
+    command = [sys.executable, str(ROOT / "examples/demo.py"), "--episodes", "1"]
+    command += ["--out", str(tmp_path), "--scenes", "free", "posts", "--no-rendered"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert "| scene | success | contact | collision | steps |" in done.stdout
+    assert (tmp_path / "table.md").read_text().count("\n") == 4
+    for name in ("free", "posts"):
+        assert cv2.imread(str(tmp_path / f"{name}.png")).std() > 10
+    video = cv2.VideoCapture(str(tmp_path / "demo.mp4"))
+    frames = 0
+    while video.read()[0]:
+        frames += 1
+    assert frames > 20
