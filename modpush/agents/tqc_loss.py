@@ -1,14 +1,18 @@
-"""TQC's loss: TorchRL's results at the price of its matrix products."""
+"""TQC's loss: TorchRL's results at little more than the price of their matrix products."""
 
 import logging
+from typing import NoReturn
 
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
+from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.objectives import TQCLoss as _TorchRLTQCLoss
+from torchrl.objectives.sac import compute_rsample_log_prob
+from torchrl.objectives.value import TD0Estimator
 
-from modpush.agents.ensemble import BatchedEnsemble, NotBatchable
-from modpush.agents.quantile_huber import quantile_huber
+from modpush.agents.ensemble import BatchedEnsemble, NotBatchableError
+from modpush.agents.quantiles import quantile_huber, truncate_atoms
 
 __all__ = ["TQCLoss"]
 
@@ -16,20 +20,130 @@ _logger = logging.getLogger(__name__)
 
 
 class TQCLoss(_TorchRLTQCLoss):
+    """Truncated Quantile Critics loss, a drop-in for `torchrl.objectives.TQCLoss`.
+
+    The constructor, keys, outputs, random draws and results are TorchRL's, and everything that
+    works with its loss works with this one (`SoftUpdate`, `make_value_estimator`, `set_keys`,
+    `SACTrainer`, prioritized weights, every reduction). What differs is the way there: the
+    critics are one batched matrix product per layer, and the quantile-Huber loss brings its
+    gradient in closed form, in compiled code on CPU.
+
+    Critics that `BatchedEnsemble` cannot batch (anything but a multilayer perceptron) take
+    TorchRL's path, which one log line (`INFO`, at construction) says. So do target computations
+    with `skip_done_states` or with another value estimator than a plain TD(0): exact, but slower.
+
+    `loss_qvalue` is a mean over atoms and a *sum* over critics, as in TorchRL; sb3-contrib takes
+    the mean over both.
+
+    Raises:
+        ValueError: At construction, if as many or more atoms are dropped than the critics hold.
+            In a call on CPU, if the loss is not finite because the batch holds NaN or infinite
+            values (TorchRL returns NaN); on a GPU this check would stall the device, and the
+            loss is returned as it is.
+
+    Source: Kuznetsov et al. (2020), arXiv 2005.04269; TorchRL's `TQCLoss` is the reference.
+    """
+
     def _make_vmap(self) -> None:
+        # TorchRL's hook for what it calls critics through; the base constructor runs it once the
+        # parameters are in place, and `set_vmap_randomness` again.
         super()._make_vmap()
-        self._ensemble = None
+        self._ensemble: BatchedEnsemble | None = None
         try:
-            self._vmap_qnetworkN0 = self._ensemble = BatchedEnsemble(self.qvalue_network)
-        except NotBatchable as reason:
-            _logger.info("%s", reason)
+            self._ensemble = BatchedEnsemble(self.qvalue_network)
+        except NotBatchableError as reason:
+            _logger.info("TQCLoss: critics cannot be batched (%s); using TorchRL's path.", reason)
+            return
+        self._vmap_qnetworkN0 = self._ensemble
+        if self.top_quantiles_to_drop_per_net >= self._ensemble.num_atoms:
+            raise ValueError(
+                "TQCLoss: top_quantiles_to_drop_per_net must be smaller than the critic's number "
+                f"of quantiles (its last dimension, {self._ensemble.num_atoms}), got "
+                f"{self.top_quantiles_to_drop_per_net}."
+            )
 
     def qvalue_v2_loss(self, tensordict: TensorDictBase) -> tuple[Tensor, dict[str, Tensor]]:
+        """Critic loss, and under `"td_error"` the priorities `[*B]`."""
+        if self._ensemble is None:
+            return super().qvalue_v2_loss(tensordict)
         weights = self._maybe_get_priority_weight(tensordict)
         targets = self.compute_target(tensordict)
-        critic_input = tensordict.select(*self.qvalue_network.in_keys, strict=False)
-        critic_output = self._vmap_qnetworkN0(critic_input, self.qvalue_network_params)
-        quantiles = critic_output.get(self.tensor_keys.state_action_value)
+        quantiles = self._atoms(tensordict, "qvalue_network_params")  # [N, *B, n]
         loss, td_error = quantile_huber(quantiles, targets)
         loss = self._reduce_loss(loss.sum(0), tensordict=tensordict, weights=weights)
+        if loss.device.type == "cpu" and not torch.compiler.is_compiling():
+            self._check_finite(loss, tensordict)
         return loss, {"td_error": td_error.max(0).values}
+
+    def actor_loss(self, tensordict: TensorDictBase) -> tuple[Tensor, dict[str, Tensor]]:
+        """Actor loss, and under `"log_prob"` the new actions' log-probabilities `[*B]`."""
+        if self._ensemble is None:
+            return super().actor_loss(tensordict)
+        weights = self._maybe_get_priority_weight(tensordict)
+        action, log_prob = self._draw_action(tensordict)
+        # Frozen critics: the gradient reaches the action, no critic's parameter.
+        quantiles = self._atoms(tensordict, "_cached_detached_qvalue_params", action)
+        # Policy gradients use the whole mixture; only Bellman targets are cut.
+        loss = self._alpha * log_prob - quantiles.mean(dim=(0, -1))
+        loss = self._reduce_loss(loss, tensordict=tensordict, weights=weights)
+        return loss, {"log_prob": log_prob.detach()}
+
+    @torch.no_grad()
+    def compute_target(self, tensordict: TensorDictBase) -> Tensor:
+        """Truncated Bellman targets in ascending order, `[*B, N * n - N * dropped]`."""
+        estimator = self.value_estimator
+        plain = type(estimator) is TD0Estimator and not estimator.average_rewards
+        if self._ensemble is None or self.skip_done_states or not plain:
+            return super().compute_target(tensordict)
+        next_tensordict = tensordict.get("next")
+        action, log_prob = self._draw_action(next_tensordict)
+        atoms = self._atoms(next_tensordict, "target_qvalue_network_params", action)
+        num_dropped = self.top_quantiles_to_drop_per_net * self.num_qvalue_nets
+        value = truncate_atoms(atoms, num_dropped) - self._alpha * log_prob.unsqueeze(-1)
+        reward = _to_ndim(next_tensordict.get(self.tensor_keys.reward), value.ndim)
+        terminated = _to_ndim(next_tensordict.get(self.tensor_keys.terminated), value.ndim)
+        gamma = estimator.gamma.to(reward.device)
+        steps = tensordict.get(estimator.tensor_keys.steps_to_next_obs, None)
+        if steps is not None:  # n-step returns, as `MultiStepTransform` writes them
+            gamma = gamma ** _to_ndim(steps, value.ndim)
+        return reward + gamma * (~terminated).int() * value
+
+    def _draw_action(self, tensordict: TensorDictBase) -> tuple[Tensor, Tensor]:
+        """An action of the present policy, `[*B, A]`, and its log-probability, `[*B]`."""
+        actor_input = tensordict.select(*self.actor_network.in_keys, strict=False)
+        with (
+            set_exploration_type(ExplorationType.RANDOM),
+            self.actor_network_params.to_module(self.actor_network, preserve_module_state=False),
+        ):
+            return compute_rsample_log_prob(self.actor_network.get_dist(actor_input))
+
+    def _atoms(
+        self, tensordict: TensorDictBase, params_name: str, action: Tensor | None = None
+    ) -> Tensor:
+        """Atoms `[N, *B, n]` at the tensordict's action, or at the one given."""
+        assert self._ensemble is not None
+        inputs = [
+            action if action is not None and key == self.tensor_keys.action else tensordict.get(key)
+            for key in self._ensemble.in_keys
+        ]
+        return self._ensemble.atoms(inputs, self._ensemble.parameters(getattr(self, params_name)))
+
+    def _check_finite(self, loss: Tensor, tensordict: TensorDictBase) -> None:
+        if loss.isfinite().all():
+            return
+        for key in self.in_keys:
+            value = tensordict.get(key, None)
+            if value is not None and value.is_floating_point() and not value.isfinite().all():
+                _raise_not_finite(key, value)
+
+
+def _to_ndim(x: Tensor, ndim: int) -> Tensor:
+    return x.reshape(*x.shape, *(1,) * (ndim - x.ndim))
+
+
+def _raise_not_finite(key: object, value: Tensor) -> NoReturn:
+    row = (~value.isfinite()).nonzero()[0].tolist()
+    raise ValueError(
+        f"TQCLoss: the batch holds NaN or infinite values under {key!r}, first at index {row}. "
+        "If only the next states of terminal transitions do, pass skip_done_states=True."
+    )
