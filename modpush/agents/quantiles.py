@@ -123,6 +123,10 @@ def _forward_numba(quantiles: Tensor, targets: Tensor) -> tuple[Tensor, Tensor, 
     return loss.view(shape), gradient.view_as(quantiles), error.view(shape)
 
 
+# Pairs a vector register takes at once (eight single-precision numbers in AVX2).
+_LANES = 8
+
+
 # Without leave to reorder the sums, LLVM does not vectorise the inner loop. NaN and infinity keep
 # their meaning: only reassociation, contraction and the sign of zero are given up. One thread on
 # purpose: the whole kernel takes well under a millisecond, and numba's worker pool neither forks
@@ -131,22 +135,26 @@ def _forward_numba(quantiles: Tensor, targets: Tensor) -> tuple[Tensor, Tensor, 
 def _kernel(quantiles: Any, targets: Any, loss: Any, gradient: Any, error: Any) -> None:
     num_critics, batch, num_quantiles = quantiles.shape
     num_targets = targets.shape[1]
+    num_vectors = -(-num_targets // _LANES)
     dtype = quantiles.dtype.type
     zero, half, one = dtype(0), dtype(0.5), dtype(1)
     scale = one / dtype(num_quantiles * num_targets)
+    target = np.empty(num_vectors * _LANES, quantiles.dtype)
     for critic in range(num_critics):
         for row in range(batch):
-            target = targets[row]
+            target[:num_targets] = targets[row]
             row_loss, row_error = zero, zero
             for i in range(num_quantiles):
                 quantile = quantiles[critic, row, i]
+                # The tail of the last vector meets itself and adds nothing; it halves the time.
+                for j in range(num_targets, num_vectors * _LANES):
+                    target[j] = quantile
                 above = (dtype(i) + half) / dtype(num_quantiles)
                 below = one - above
                 slope_sum, loss_sum, error_sum = zero, zero, zero
-                for j in range(num_targets):
+                for j in range(num_vectors * _LANES):
                     delta = target[j] - quantile
-                    slope = delta if delta < one else one
-                    slope = slope if slope > -one else -one
+                    slope = min(max(delta, -one), one)
                     weighted_slope = (above if delta >= zero else below) * slope
                     slope_sum += weighted_slope
                     loss_sum += weighted_slope * (delta - half * slope)

@@ -1,7 +1,8 @@
 """TQC's loss: TorchRL's results at little more than the price of their matrix products."""
 
 import logging
-from typing import NoReturn
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any, NoReturn
 
 import torch
 from tensordict import TensorDictBase
@@ -111,11 +112,24 @@ class TQCLoss(_TorchRLTQCLoss):
     def _draw_action(self, tensordict: TensorDictBase) -> tuple[Tensor, Tensor]:
         """An action of the present policy, `[*B, A]`, and its log-probability, `[*B]`."""
         actor_input = tensordict.select(*self.actor_network.in_keys, strict=False)
-        with (
-            set_exploration_type(ExplorationType.RANDOM),
-            self.actor_network_params.to_module(self.actor_network, preserve_module_state=False),
-        ):
+        with set_exploration_type(ExplorationType.RANDOM), self._bound_actor():
             return compute_rsample_log_prob(self.actor_network.get_dist(actor_input))
+
+    def _bound_actor(self) -> AbstractContextManager[Any]:
+        """The actor with the loss's parameters in it; free where it holds them already."""
+        actor, params = self.actor_network, self.actor_network_params
+        cache = self.__dict__.setdefault("_cache", {})  # emptied when the loss moves or casts
+        owners = cache.get("actor_owners")
+        if owners is None:
+            owners = [
+                (module._parameters, name, (*path.split("."), name) if path else (name,))
+                for path, module in actor.named_modules()
+                for name in module._parameters
+            ]
+            cache["actor_owners"] = owners
+        if all(held[name] is params.get(key, None) for held, name, key in owners):
+            return nullcontext()
+        return params.to_module(actor, preserve_module_state=False)
 
     def _atoms(
         self, tensordict: TensorDictBase, params_name: str, action: Tensor | None = None
