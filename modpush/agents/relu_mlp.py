@@ -43,6 +43,8 @@ class ReluMLP(MLP):
 
     def forward(self, *inputs: Tensor) -> Tensor:
         """`[*B, d_i]` each, to `[*B, out_features]`."""
+        if torch._C._are_functorch_transforms_active():
+            return super().forward(*inputs)  # `vmap` sees through layers, not through ours
         x = inputs[0] if len(inputs) == 1 else torch.cat(inputs, -1)
         linear = [layer for layer in self if isinstance(layer, nn.Linear)]
         output = relu_mlp(
