@@ -82,8 +82,7 @@ class TQCLoss(_TorchRLTQCLoss):
             return super().actor_loss(tensordict)
         weights = self._maybe_get_priority_weight(tensordict)
         action, log_prob = self._draw_action(tensordict)
-        # Frozen critics: the gradient reaches the action, no critic's parameter.
-        quantiles = self._atoms(tensordict, "_cached_detached_qvalue_params", action)
+        quantiles = self._atoms(tensordict, "qvalue_network_params", action, frozen=True)
         # Policy gradients use the whole mixture; only Bellman targets are cut.
         loss = self._alpha * log_prob - quantiles.mean(dim=(0, -1))
         loss = self._reduce_loss(loss, tensordict=tensordict, weights=weights)
@@ -132,15 +131,26 @@ class TQCLoss(_TorchRLTQCLoss):
         return params.to_module(actor, preserve_module_state=False)
 
     def _atoms(
-        self, tensordict: TensorDictBase, params_name: str, action: Tensor | None = None
+        self,
+        tensordict: TensorDictBase,
+        params_name: str,
+        action: Tensor | None = None,
+        *,
+        frozen: bool = False,
     ) -> Tensor:
-        """Atoms `[N, *B, n]` at the tensordict's action, or at the one given."""
+        """Atoms `[N, *B, n]` at the tensordict's action, or at the one given.
+
+        Frozen, gradients reach the action and no critic's parameter.
+        """
         assert self._ensemble is not None
         inputs = [
             action if action is not None and key == self.tensor_keys.action else tensordict.get(key)
             for key in self._ensemble.in_keys
         ]
-        return self._ensemble.atoms(inputs, self._ensemble.parameters(getattr(self, params_name)))
+        parameters = self._ensemble.parameters(getattr(self, params_name))
+        if frozen:
+            parameters = [[tensor.detach() for tensor in layer] for layer in parameters]
+        return self._ensemble.atoms(inputs, parameters)
 
     def _check_finite(self, loss: Tensor, tensordict: TensorDictBase) -> None:
         if loss.isfinite().all():
