@@ -340,5 +340,3 @@ def _distinct(total: int, size: int, generator: torch.Generator | None) -> Tenso
         more = torch.randint(total, (2 * (size - len(chosen)),), generator=generator)
         chosen = torch.cat([chosen, more]).unique()
     return chosen[torch.randperm(len(chosen), generator=generator)[:size]]
-
-

@@ -238,5 +238,3 @@ def _row_bytes(values: Sequence[Tensor]) -> list[bytes]:
     flat = [value.detach().reshape(len(value), -1).cpu().contiguous() for value in values]
     joined = torch.cat([value.view(torch.uint8) for value in flat], -1).numpy()
     return [row.tobytes() for row in joined]
-
-

@@ -91,8 +91,7 @@ def test_every_kind_of_critic(critic, dtype):
 
 @pytest.mark.parametrize("reduction", ["none", "mean", "sum"])
 @pytest.mark.parametrize("weighted", [False, True])
-def test_every_reduction_with_and_without_priority_weights(reduction, weighted
-):
+def test_every_reduction_with_and_without_priority_weights(reduction, weighted):
     batch = make_batch(9)
     if weighted:
         batch["priority_weight"] = torch.rand(9)

@@ -18,7 +18,7 @@ from torchrl.data import (
     RandomSampler,
     TensorDictReplayBuffer,
 )
-from torchrl.data.replay_buffers import LinearScheduler
+from torchrl.data.replay_buffers.scheduler import LinearScheduler
 
 from modpush.replay import AttentiveSampler, LatentSimilarity, cosine, negative_l2
 
@@ -35,9 +35,7 @@ def transitions(*size: int, seed: int = 0, key="observation") -> TensorDict:
 
 def make_buffer(sampler, storage=None, batch_size=8, **kwargs):
     storage = LazyTensorStorage(100) if storage is None else storage
-    return TensorDictReplayBuffer(
-        storage=storage, sampler=sampler, batch_size=batch_size, **kwargs
-    )
+    return TensorDictReplayBuffer(storage=storage, sampler=sampler, batch_size=batch_size, **kwargs)
 
 
 class Recording(AttentiveSampler):
@@ -48,16 +46,13 @@ class Recording(AttentiveSampler):
         return self.drawn
 
 
-SIMILARITIES = {"cosine": torch.nn.functional.cosine_similarity, "negative_l2": None}
-
-
 def brute_force(similarity: str, candidates, query):
     if similarity == "cosine":
         return nn.functional.cosine_similarity(candidates, query.expand_as(candidates), dim=-1)
     return -(candidates - query).square().sum(-1).sqrt()
 
 
-@pytest.mark.parametrize("similarity", SIMILARITIES)
+@pytest.mark.parametrize("similarity", ["cosine", "negative_l2"])
 @pytest.mark.parametrize("k", [1, 2, 3.5])
 def test_keeps_the_most_similar_candidates(similarity, k):
     sampler = Recording(k, similarity=similarity)
@@ -104,7 +99,7 @@ def test_remainders_rotate_among_queries():
     sampler, chosen = AttentiveSampler(1), torch.zeros(3)
     buffer = make_buffer(sampler, batch_size=1)
     buffer.extend(transitions(50))
-    sampler.similarity = lambda c, q: chosen.add_(q[0, :3]) if False else _count(chosen, c, q)
+    sampler.similarity = partial(_count, chosen)
     sampler.set_query(torch.eye(3, WIDTH))
     for _ in range(300):
         buffer.sample()
@@ -282,7 +277,7 @@ def test_storages_of_several_dimensions(shape, replacement):
     row = torch.Size(shape).numel()
     sampler = Recording(2, candidate_replacement=replacement)
     storage = LazyTensorStorage(row * 20, ndim=1 + len(shape))
-    buffer = make_buffer(sampler, storage, batch_size=12)
+    buffer = make_buffer(sampler, storage, batch_size=6, dim_extend=0)
     for step in range(33):
         buffer.extend(transitions(1, *shape, seed=step))
         if step >= 5:
@@ -361,7 +356,6 @@ def test_update_priority_is_a_quiet_no_op():
     buffer = make_buffer(AttentiveSampler(2))
     index = buffer.extend(transitions(20))
     assert buffer.update_priority(index, torch.ones(20)) is None
-    buffer.update_tensordict_priority(buffer.sample(4) if False else transitions(3))
 
 
 def test_state_dict_is_decoupled_and_continues():
@@ -505,7 +499,7 @@ def test_no_query_yet():
 def test_a_missing_key_lists_the_keys_there_are():
     buffer = make_buffer(AttentiveSampler(2, key="state"))
     buffer.extend(transitions(30))
-    with pytest.raises(KeyError, match=r"key 'state' not found, the storage has .*observation"):
+    with pytest.raises(KeyError, match=r"key .*state.* not found, the storage has .*observation"):
         buffer.sample()
 
 

@@ -24,9 +24,7 @@ def trajectories(num_envs: int, num_steps: int, episode: int, seed: int = 0, wid
         done = (torch.arange(num_envs) + step).remainder(episode) == 0
         after = {"observation": following, "reward": torch.randn(num_envs, 1, generator=generator)}
         after |= {"done": done.unsqueeze(-1), "terminated": done.unsqueeze(-1)}
-        rows.append(
-            TensorDict({"observation": observation, "next": after}, batch_size=[num_envs])
-        )
+        rows.append(TensorDict({"observation": observation, "next": after}, batch_size=[num_envs]))
         restart = torch.randn(num_envs, width, generator=generator)
         observation = torch.where(done.unsqueeze(-1), restart, following)
     return torch.stack(rows, 1)
@@ -72,7 +70,9 @@ LAYOUTS = {
     "time first, flattened": lambda data: [
         data[:, t : t + 4].transpose(0, 1).reshape(-1) for t in range(0, data.shape[1], 4)
     ],
-    "backwards": lambda data: [data.reshape(-1)[i : i + 5] for i in range(data.numel() - 5, -1, -5)],
+    "backwards": lambda data: [
+        data.reshape(-1)[i : i + 5] for i in range(data.numel() - 5, -1, -5)
+    ],
 }
 
 
