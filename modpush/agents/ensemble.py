@@ -110,14 +110,15 @@ class BatchedEnsemble:
         Returns:
             The atoms, `[N, *B, n]`.
         """
-        x = inputs[0] if len(inputs) == 1 else torch.cat(list(inputs), -1)
         num_critics = next(layer[0].shape[0] for layer in parameters if layer)
-        batch_size = x.shape[:-1]
-        x = x.reshape(1, -1, x.shape[-1]).expand(num_critics, -1, -1)  # [N, P, in]
+        batch_size = inputs[0].shape[:-1]
+        flat = [x.reshape(-1, x.shape[-1]) for x in inputs]  # [P, d_i]
         if self._is_relu_mlp:
             linear = parameters[::2]
-            x = relu_mlp(x, [weight for weight, _ in linear], [bias for _, bias in linear])
+            x = relu_mlp(flat, [weight for weight, _ in linear], [bias for _, bias in linear])
         else:
+            x = flat[0] if len(flat) == 1 else torch.cat(flat, -1)
+            x = x.expand(num_critics, *x.shape)  # [N, P, in]
             for (layer, _), tensors in zip(self._layers, parameters, strict=True):
                 x = layer(x, tensors)
         return x.view(num_critics, *batch_size, x.shape[-1])

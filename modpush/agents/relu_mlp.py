@@ -6,7 +6,7 @@ in place, forwards and backwards, and weight gradients come out in the weights' 
 this is a quarter of a TQC update.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import torch
@@ -45,23 +45,24 @@ class ReluMLP(MLP):
         """`[*B, d_i]` each, to `[*B, out_features]`."""
         if torch._C._are_functorch_transforms_active():
             return super().forward(*inputs)  # `vmap` sees through layers, not through ours
-        x = inputs[0] if len(inputs) == 1 else torch.cat(inputs, -1)
         linear = [layer for layer in self if isinstance(layer, nn.Linear)]
         output = relu_mlp(
-            x.reshape(1, -1, x.shape[-1]),
+            [x.reshape(-1, x.shape[-1]) for x in inputs],
             [layer.weight.unsqueeze(0) for layer in linear],
             [layer.bias.unsqueeze(0) for layer in linear],
         )
-        return output.view(*x.shape[:-1], output.shape[-1])
+        return output.view(*inputs[0].shape[:-1], output.shape[-1])
 
 
-def relu_mlp(x: Tensor, weights: Sequence[Tensor], biases: Sequence[Tensor]) -> Tensor:
+def relu_mlp(
+    inputs: Sequence[Tensor], weights: Sequence[Tensor], biases: Sequence[Tensor]
+) -> Tensor:
     """Evaluate `N` equal multilayer perceptrons, ReLU after each layer but the last.
 
     Differentiable once, with respect to all arguments.
 
     Args:
-        x: Inputs, `[N, P, in]` (expanded along `N` where the networks share them).
+        inputs: What the first layer sees side by side, the same for all networks, `[P, d_i]`.
         weights: One `[N, out_l, in_l]` a layer.
         biases: One `[N, out_l]` a layer.
 
@@ -70,13 +71,17 @@ def relu_mlp(x: Tensor, weights: Sequence[Tensor], biases: Sequence[Tensor]) -> 
     """
     parameters = [tensor for layer in zip(weights, biases, strict=True) for tensor in layer]
     if torch.is_grad_enabled():
-        return _ReluMLP.apply(x, *parameters)
-    for activation in _activations(x, parameters):
+        return _ReluMLP.apply(len(inputs), *inputs, *parameters)
+    for activation in _activations(inputs, parameters):
         x = activation  # earlier layers may be freed at once
     return x
 
 
-def _activations(x: Tensor, parameters: Sequence[Tensor]) -> Any:
+def _activations(inputs: Sequence[Tensor], parameters: Sequence[Tensor]) -> Iterator[Tensor]:
+    """The first layer's input, `[N, P, in]`, and then each layer's output."""
+    x = inputs[0] if len(inputs) == 1 else torch.cat(list(inputs), -1)
+    x = x.expand(parameters[0].shape[0], *x.shape)
+    yield x
     for index in range(0, len(parameters), 2):
         weight, bias = parameters[index], parameters[index + 1]
         x = torch.baddbmm(bias.unsqueeze(1), x, weight.mT)
@@ -87,9 +92,11 @@ def _activations(x: Tensor, parameters: Sequence[Tensor]) -> Any:
 
 class _ReluMLP(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, x: Tensor, *parameters: Tensor) -> Tensor:
-        *hidden, output = _activations(x, parameters)
-        ctx.save_for_backward(x, *hidden, *parameters[::2])
+    def forward(ctx: Any, num_inputs: int, *tensors: Tensor) -> Tensor:
+        inputs, parameters = tensors[:num_inputs], tensors[num_inputs:]
+        *hidden, output = _activations(inputs, parameters)
+        ctx.save_for_backward(*hidden, *parameters[::2])
+        ctx.widths = [x.shape[-1] for x in inputs]
         return output
 
     @staticmethod
@@ -97,18 +104,22 @@ class _ReluMLP(torch.autograd.Function):
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
         num_layers = len(ctx.saved_tensors) // 2
         inputs, weights = ctx.saved_tensors[:num_layers], ctx.saved_tensors[num_layers:]
-        grads: list[Tensor | None] = [None] * (1 + 2 * num_layers)
+        first = 1 + len(ctx.widths)  # of the parameters among the arguments
+        grads: list[Tensor | None] = [None] * (first + 2 * num_layers)
         for layer in reversed(range(num_layers)):
-            if ctx.needs_input_grad[1 + 2 * layer]:
-                grads[1 + 2 * layer] = torch.bmm(grad.mT, inputs[layer])
-            if ctx.needs_input_grad[2 + 2 * layer]:
-                grads[2 + 2 * layer] = grad.sum(1)
+            weight, bias = first + 2 * layer, first + 2 * layer + 1
+            if ctx.needs_input_grad[weight]:
+                grads[weight] = torch.bmm(grad.mT, inputs[layer])
+            if ctx.needs_input_grad[bias]:
+                grads[bias] = grad.sum(1)
             if layer:
                 grad = torch.bmm(grad, weights[layer])
                 # This function made `grad`, so it may overwrite it.
                 torch.ops.aten.threshold_backward.grad_input(
                     grad, inputs[layer], 0, grad_input=grad
                 )
-            elif ctx.needs_input_grad[0]:
-                grads[0] = torch.bmm(grad, weights[0])
+        # An actor's step needs the action's gradient only, not the observation's.
+        for index, columns in enumerate(weights[0].split(ctx.widths, dim=-1)):
+            if ctx.needs_input_grad[1 + index]:
+                grads[1 + index] = torch.bmm(grad, columns).sum(0)
         return tuple(grads)

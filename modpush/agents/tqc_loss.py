@@ -6,6 +6,7 @@ from typing import Any, NoReturn
 
 import torch
 from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModule
 from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.objectives import TQCLoss as _TorchRLTQCLoss
@@ -110,9 +111,26 @@ class TQCLoss(_TorchRLTQCLoss):
 
     def _draw_action(self, tensordict: TensorDictBase) -> tuple[Tensor, Tensor]:
         """An action of the present policy, `[*B, A]`, and its log-probability, `[*B]`."""
-        actor_input = tensordict.select(*self.actor_network.in_keys, strict=False)
         with set_exploration_type(ExplorationType.RANDOM), self._bound_actor():
-            return compute_rsample_log_prob(self.actor_network.get_dist(actor_input))
+            return compute_rsample_log_prob(self._distribution(tensordict))
+
+    def _distribution(self, tensordict: TensorDictBase) -> Any:
+        """The policy's action distribution; the input stays untouched."""
+        network, *others = self.actor_network.module
+        head = others[0] if len(others) == 1 else None
+        if (
+            head is None
+            or type(network) is not TensorDictModule
+            or list(network.out_keys) != list(head.in_keys)
+            or not all(isinstance(key, str) for key in head.dist_keys)
+            or any(part._forward_hooks or part._forward_pre_hooks for part in (network, head))
+        ):
+            actor_input = tensordict.select(*self.actor_network.in_keys, strict=False)
+            return self.actor_network.get_dist(actor_input)
+        # A network and a distribution: no need to pass the parameters through a tensordict.
+        parameters = network.module(*[tensordict.get(key) for key in network.in_keys])
+        named = dict(zip(head.dist_keys, parameters, strict=True))
+        return head.distribution_class(**named, **head.distribution_kwargs)
 
     def _bound_actor(self) -> AbstractContextManager[Any]:
         """The actor with the loss's parameters in it; free where it holds them already."""
