@@ -12,6 +12,7 @@ and once for the action), as `torch.bmm` into memory that is there already.
 
 import contextlib
 import io
+import itertools
 import logging
 import statistics
 import time
@@ -173,7 +174,7 @@ def matmuls(hidden: tuple[int, ...], batch: int) -> Step:
     products = []
 
     def network(count: int, sizes: list[int], *, parameters: bool, inputs: bool, backward: bool):
-        pairs = list(zip(sizes, sizes[1:], strict=False))
+        pairs = list(itertools.pairwise(sizes))
         for i, o in pairs:
             products.append((torch.randn(count, batch, i), torch.randn(count, o, i).mT))
         for layer, (i, o) in enumerate(pairs if backward else []):
@@ -254,7 +255,7 @@ def updates(args: Args) -> str:
 def gpu(args: Args) -> str:
     if not torch.cuda.is_available():
         return "No CUDA device: no GPU rows."
-    lines = ["| networks, batch | eager [ms] | compiled [ms] | CUDA graph [ms] |", "|---|---|---|---|"]
+    lines = ["| networks, batch | eager [ms] | compiled [ms] | CUDA graph [ms] |", "|" + "---|" * 4]
     for hidden, batch in args.sizes:
         modes = ("eager", "compile", "cudagraph")
         steps = {m: ours(hidden, batch, "uniform", device="cuda", execution=m) for m in modes}

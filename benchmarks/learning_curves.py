@@ -25,7 +25,7 @@ import tyro
 from tensordict import TensorDict
 from torch import Tensor
 from torchrl.data import LazyTensorStorage, RandomSampler, TensorDictReplayBuffer
-from torchrl.envs import GymEnv, ExplorationType, set_exploration_type
+from torchrl.envs import ExplorationType, GymEnv, set_exploration_type
 
 from modpush.agents import TQCAgent, TQCConfig, make_tqc
 from modpush.replay import AttentiveSampler

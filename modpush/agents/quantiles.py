@@ -1,8 +1,9 @@
 """What TQC does to atoms: truncate the pooled targets, regress the quantiles towards them.
 
-The pairwise quantile-Huber loss comes with its gradient in closed form. Autograd would keep several `[N, B, n, m]` tensors alive and walk them again in the backward
-pass. Value, gradient and mean absolute error all follow from one look at each pair, so a single
-kernel makes them together and the backward pass is one multiplication.
+The pairwise quantile-Huber loss comes with its gradient in closed form. Autograd would keep several
+`[N, B, n, m]` tensors alive and walk them again in the backward pass; value, gradient and mean
+absolute error all follow from one look at each pair, so a single kernel makes them together and
+the backward pass is one multiplication.
 """
 
 from typing import Any

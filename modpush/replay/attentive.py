@@ -312,7 +312,12 @@ def _read(storage: Storage, index: Tensor, key: NestedKey) -> Tensor:
     coordinates = tuple(index.unbind(-1))
     backing = getattr(storage, "_storage", None)
     column = None
-    if isinstance(storage, TensorStorage) and is_tensor_collection(backing):
+    if isinstance(storage, TensorStorage) and backing is not None:
+        if not is_tensor_collection(backing):
+            raise TypeError(
+                "AttentiveSampler: the storage must hold tensordicts, got "
+                f"{type(backing).__name__}."
+            )
         column = backing.get(key, None)  # spares gathering the other keys
     if column is not None:
         if len(coordinates) == 1:
@@ -334,9 +339,14 @@ def _distinct(total: int, size: int, generator: torch.Generator | None) -> Tenso
     """A uniform subset of `size` out of `range(total)`, in time that depends on `size` only."""
     if 2 * size > total:
         return torch.randperm(total, generator=generator)[:size]
-    # At least half of the range is free, so each round at least halves what is missing.
     chosen = torch.empty(0, dtype=torch.long)
     while len(chosen) < size:
-        more = torch.randint(total, (2 * (size - len(chosen)),), generator=generator)
+        # A few more than are missing and will collide; then seldom is there a second round.
+        missing = size - len(chosen)
+        draws = missing * total // (total - size) + missing // 8 + 8
+        more = torch.randint(total, (draws,), generator=generator)
         chosen = torch.cat([chosen, more]).unique()
+    if len(chosen) == size:
+        return chosen
+    # `unique` sorts: drop at random, or the largest would be drawn too seldom.
     return chosen[torch.randperm(len(chosen), generator=generator)[:size]]

@@ -91,7 +91,8 @@ def test_half_precision_takes_the_tensor_path():
 def test_mismatched_arguments_are_refused():
     with pytest.raises(ValueError, match=r"quantile_huber: quantiles \(2, 3, 5\) must be"):
         quantile_huber(torch.zeros(2, 3, 5), torch.zeros(4, 5))
-    with pytest.raises(ValueError, match="must share a dtype, got torch.float32 and torch.float64"):
+    message = r"must share a dtype, got torch\.float32 and torch\.float64"
+    with pytest.raises(ValueError, match=message):
         quantile_huber(torch.zeros(2, 3, 5), torch.zeros(3, 5).double())
 
 

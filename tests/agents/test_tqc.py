@@ -208,7 +208,8 @@ def test_unknown_executions_and_missing_devices_are_refused():
     loss = make_loss(TQCLoss)
     with pytest.raises(ValueError, match=r"execution must be one of \('eager', .*, got 'fast'."):
         TQCUpdate(loss, None, None, execution="fast")
-    with pytest.raises(ValueError, match="'cudagraph' needs parameters on a CUDA device, got cpu."):
+    message = r"'cudagraph' needs parameters on a CUDA device, got cpu\."
+    with pytest.raises(ValueError, match=message):
         TQCUpdate(loss, None, None, execution="cudagraph")
 
 

@@ -1,4 +1,4 @@
-"""The attentive sampler: what it keeps, how uniform its candidates are, and TorchRL's own checks."""
+"""The attentive sampler: what it keeps, how uniform it draws, and TorchRL's own checks."""
 
 import pickle
 from functools import partial
@@ -16,6 +16,7 @@ from torchrl.data import (
     LazyTensorStorage,
     ListStorage,
     RandomSampler,
+    ReplayBuffer,
     TensorDictReplayBuffer,
 )
 from torchrl.data.replay_buffers.scheduler import LinearScheduler
@@ -447,7 +448,12 @@ def test_a_query_of_another_width():
     buffer = make_buffer(sampler)
     buffer.extend(transitions(30))
     sampler.set_query(torch.zeros(5))
-    with pytest.raises(ValueError, match="the query is 5 wide, 'observation' is 4."):
+    with pytest.raises(ValueError, match=r"the query is 5 wide, 'observation' is 4."):
+        buffer.sample()
+
+
+def draw_often(buffer):
+    for _ in range(50):
         buffer.sample()
 
 
@@ -457,8 +463,7 @@ def test_nan_in_what_is_stored():
     data["observation"][3, 1] = float("nan")
     buffer.extend(data)
     with pytest.raises(ValueError, match="NaN in the similarity to 'observation' of a stored"):
-        for _ in range(50):
-            buffer.sample()
+        draw_often(buffer)
     data["observation"][-1] = float("nan")
     buffer.extend(data)
     with pytest.raises(ValueError, match="NaN in 'observation' of the newest entries"):
@@ -478,8 +483,15 @@ def test_more_candidates_than_entries():
     assert len(buffer.sample()) == 8
 
 
+def test_a_storage_of_bare_tensors():
+    buffer = ReplayBuffer(storage=LazyTensorStorage(100), sampler=AttentiveSampler(2), batch_size=8)
+    buffer.extend(torch.randn(50, WIDTH))
+    with pytest.raises(TypeError, match=r"the storage must hold tensordicts, got Tensor"):
+        buffer.sample()
+
+
 def test_an_empty_storage():
-    with pytest.raises(RuntimeError, match="Cannot sample from an empty storage."):
+    with pytest.raises(RuntimeError, match=r"Cannot sample from an empty storage."):
         make_buffer(AttentiveSampler()).sample()
 
 
@@ -489,7 +501,7 @@ def test_no_query_yet():
     storage = LazyTensorStorage(100)
     storage.load_state_dict(filled.storage.state_dict())
     sampler = AttentiveSampler(2)
-    with pytest.raises(RuntimeError, match="there is no query yet: .* Call set_query first."):
+    with pytest.raises(RuntimeError, match=r"there is no query yet: .* Call set_query first."):
         sampler.sample(storage, 8)
     sampler.set_query(torch.zeros(WIDTH))
     _, info = sampler.sample(storage, 8)

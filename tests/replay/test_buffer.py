@@ -4,7 +4,7 @@ import sys
 import pytest
 import torch
 from tensordict import TensorDict
-from torchrl.data import LazyMemmapStorage, LazyTensorStorage, RandomSampler
+from torchrl.data import LazyMemmapStorage, LazyTensorStorage, PrioritizedSampler, RandomSampler
 
 from modpush.replay import AttentiveSampler, CompactStorage, ReplayConfig, make_replay_buffer
 
@@ -33,7 +33,7 @@ def test_every_combination_samples(storage, cls, sampler, sampler_cls):
     buffer.extend(trajectory(60))
     sample = buffer.sample()
     assert sample["next", "observation"].shape == (8, 5)
-    assert ("similarity" in sample.keys()) == (sampler == "attentive")
+    assert ("similarity" in sample) == (sampler == "attentive")
 
 
 def test_the_sampler_takes_its_settings_from_the_config():
@@ -56,15 +56,29 @@ def test_n_step_rewards(storage):
     assert (sample["steps_to_next_obs"] == 3).all()
 
 
-def test_prioritized_samples_or_says_why_not():
-    config = ReplayConfig(**SMALL, sampler="prioritized")
+def extension_loads() -> bool:
     try:
-        buffer = make_replay_buffer(config)
-    except RuntimeError as error:
-        assert "sampler='prioritized' needs TorchRL's C++ extension" in str(error)
-        return
+        PrioritizedSampler(8, alpha=0.6, beta=0.4)
+    except RuntimeError:
+        return False
+    return True
+
+
+@pytest.mark.skipif(not extension_loads(), reason="TorchRL's C++ extension does not load")
+def test_prioritized_samples_carry_their_weights():
+    buffer = make_replay_buffer(ReplayConfig(**SMALL, sampler="prioritized"))
     buffer.extend(trajectory(60))
-    assert "priority_weight" in buffer.sample().keys()
+    assert "priority_weight" in buffer.sample()
+
+
+def test_prioritized_without_its_extension_says_what_to_do(monkeypatch):
+    def refuse(*args, **kwargs):
+        raise RuntimeError("SumSegmentTreeFp32 is not available")
+
+    monkeypatch.setattr("modpush.replay.buffer.PrioritizedSampler", refuse)
+    message = r"needs TorchRL's C\+\+ extension, .* \(SumSegmentTreeFp32 is not available\)"
+    with pytest.raises(RuntimeError, match=message):
+        make_replay_buffer(ReplayConfig(**SMALL, sampler="prioritized"))
 
 
 @pytest.mark.parametrize(
