@@ -71,7 +71,8 @@ class TQCLoss(_TorchRLTQCLoss):
         weights = self._maybe_get_priority_weight(tensordict)
         targets = self.compute_target(tensordict)
         quantiles = self._atoms(tensordict, "qvalue_network_params")  # [N, *B, n]
-        loss, td_error = quantile_huber(quantiles, targets)
+        dtype = torch.promote_types(quantiles.dtype, targets.dtype)  # rewards may be doubles
+        loss, td_error = quantile_huber(quantiles.to(dtype), targets.to(dtype))
         loss = self._reduce_loss(loss.sum(0), tensordict=tensordict, weights=weights)
         if loss.device.type == "cpu" and not torch.compiler.is_compiling():
             self._check_finite(loss, tensordict)
@@ -85,7 +86,13 @@ class TQCLoss(_TorchRLTQCLoss):
         action, log_prob = self._draw_action(tensordict)
         quantiles = self._atoms(tensordict, "qvalue_network_params", action, frozen=True)
         # Policy gradients use the whole mixture; only Bellman targets are cut.
-        loss = self._alpha * log_prob - quantiles.mean(dim=(0, -1))
+        value = quantiles.mean(dim=(0, -1))
+        if log_prob.shape != value.shape:
+            raise RuntimeError(
+                "TQCLoss: the actor's log-probability must have the batch's shape "
+                f"{tuple(value.shape)}, got {tuple(log_prob.shape)}."
+            )
+        loss = self._alpha * log_prob - value
         loss = self._reduce_loss(loss, tensordict=tensordict, weights=weights)
         return loss, {"log_prob": log_prob.detach()}
 
@@ -139,9 +146,10 @@ class TQCLoss(_TorchRLTQCLoss):
         owners = cache.get("actor_owners")
         if owners is None:
             owners = [
-                (module._parameters, name, (*path.split("."), name) if path else (name,))
+                (held, name, (*path.split("."), name) if path else (name,))
                 for path, module in actor.named_modules()
-                for name in module._parameters
+                for held in (module._parameters, module._buffers)
+                for name in held
             ]
             cache["actor_owners"] = owners
         if all(held[name] is params.get(key, None) for held, name, key in owners):

@@ -252,6 +252,14 @@ def test_a_critic_whose_last_dimension_is_not_the_atoms_is_refused():
         make_loss(TQCLoss, critic=lambda: make_critic(atoms=1))
 
 
+def test_a_log_probability_of_another_shape_is_refused():
+    actor = make_actor()
+    actor.module[1].distribution_kwargs["event_dims"] = 0
+    loss = make_loss(TQCLoss, actor=lambda: actor)
+    with pytest.raises(RuntimeError, match=r"must have the batch's shape \(3,\), got \(3, 2\)"):
+        loss.actor_loss(make_batch(3))
+
+
 class NoAtoms(nn.Module):
     def __init__(self) -> None:
         super().__init__()

@@ -149,6 +149,12 @@ def test_n_step_targets():
     compare(batch)
 
 
+def test_double_rewards_with_single_precision_networks():
+    batch = make_batch(8)
+    batch["next", "reward"] = batch["next", "reward"].double()
+    compare(batch)
+
+
 def test_masked_rows():
     batch = make_batch(8)
     batch["collector", "mask"] = torch.rand(8, 1) < 0.5
