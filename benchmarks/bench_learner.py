@@ -4,10 +4,12 @@
     python benchmarks/bench_learner.py --rounds 5 --no-replay
 
 An update is the whole step: sampling, losses, gradients, Adam, target networks. All learners take
-turns within each round, so that a busy machine hits them alike; times are medians and factors are
-medians of the factors within a round. "matmuls" are the bare matrix products of one update (actor
-forward twice and backward once, critics forward three times, backward once for their parameters
-and once for the action), as `torch.bmm` into memory that is there already.
+turns within each round, so that a busy machine hits them alike; times are medians (fastest round
+in brackets) and factors are medians of the factors within a round. On a machine that others use,
+`--clock cpu --threads 1` counts this process's own time only. "matmuls" are the bare matrix
+products of one update (actor forward twice and backward once, critics forward three times,
+backward once for their parameters and once for the action), as `torch.bmm` into memory that is
+there already.
 """
 
 import contextlib
@@ -20,6 +22,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import gymnasium as gym
 import numpy as np
@@ -55,6 +58,8 @@ class Args:
         ((256, 256), 256),
     )
     """Hidden sizes and batch size."""
+    clock: Literal["wall", "cpu"] = "wall"
+    """Elapsed time, or this process's CPU time over all its threads."""
     replay: bool = True
     """Measure sampling from a million transitions and memory, too (needs 1.5 GB)."""
     out: Path | None = None
@@ -199,19 +204,22 @@ def matmuls(hidden: tuple[int, ...], batch: int) -> Step:
     return step
 
 
-def race(steps: dict[str, Step], rounds: int, warmup: int = 3) -> dict[str, list[float]]:
+def race(
+    steps: dict[str, Step], args: Args, rounds: int | None = None, warmup: int = 3
+) -> dict[str, list[float]]:
     """Milliseconds of each step in each round, taken in turns."""
+    now = time.perf_counter if args.clock == "wall" else time.process_time
     for step in steps.values():
         for _ in range(warmup):
             step()
     times: dict[str, list[float]] = {name: [] for name in steps}
-    for _ in range(rounds):
+    for _ in range(args.rounds if rounds is None else rounds):
         for name, step in steps.items():
-            start = time.perf_counter()
+            start = now()
             step()
             if torch.cuda.is_available():
                 torch.cuda.synchronize()
-            times[name].append(1e3 * (time.perf_counter() - start))
+            times[name].append(1e3 * (now() - start))
     return times
 
 
@@ -238,7 +246,7 @@ def updates(args: Args) -> str:
                 "TorchRL": with_torchrls_networks(TorchRLTQCLoss, hidden, batch),
                 "sb3": sb3(hidden, batch),
             }
-            times = race(steps, args.rounds)
+            times = race(steps, args)
             factors = [
                 factor(times, "sb3", "ours"),
                 factor(times, "TorchRL", "ours"),
@@ -246,7 +254,7 @@ def updates(args: Args) -> str:
                 factor(times, "ours", "matmuls"),
             ]
             cells = [f"{list(hidden)}, {batch}", str(threads)]
-            cells += [f"{statistics.median(times[name]):.1f}" for name in names]
+            cells += [f"{statistics.median(times[n]):.1f} ({min(times[n]):.1f})" for n in names]
             lines.append("| " + " | ".join(cells + [f"{value:.2f}" for value in factors]) + " |")
             print(lines[-1], flush=True)
     return "\n".join(lines)
@@ -259,7 +267,7 @@ def gpu(args: Args) -> str:
     for hidden, batch in args.sizes:
         modes = ("eager", "compile", "cudagraph")
         steps = {m: ours(hidden, batch, "uniform", device="cuda", execution=m) for m in modes}
-        times = race(steps, 20 * args.rounds, warmup=20)
+        times = race(steps, args, 20 * args.rounds, warmup=20)
         cells = [f"{statistics.median(times[m]):.2f}" for m in modes]
         lines.append(f"| {list(hidden)}, {batch} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
@@ -281,7 +289,7 @@ def huber(args: Args) -> str:
         weight = (fractions - (delta.detach() < 0).float()).abs()
         (weight * value).mean((-1, -2)).sum().backward()
 
-    times = race({"closed form": closed_form, "autograd": autograd}, 4 * args.rounds)
+    times = race({"closed form": closed_form, "autograd": autograd}, args, 4 * args.rounds)
     rows = [f"| {name} | {statistics.median(t):.2f} |" for name, t in times.items()]
     return "\n".join(["| quantile-Huber, (2, 512, 25) x 46, 1 thread | ms |", "|---|---|", *rows])
 
@@ -303,11 +311,12 @@ def replay(args: Args) -> str:
     }
     for _ in range(20):
         buffers["uniform"].extend(transitions(capacity // 20))
-    times = race({name: b.sample for name, b in buffers.items()}, 20 * args.rounds, warmup=20)
+    times = race({n: b.sample for n, b in buffers.items()}, args, 20 * args.rounds, warmup=20)
     lines = ["| sample of 512 from 1e6, 1 thread | ms | times uniform |", "|---|---|---|"]
     for name in buffers:
         ratio = factor(times, name, "uniform")
-        lines.append(f"| {name} | {statistics.median(times[name]):.2f} | {ratio:.2f} |")
+        spread = f"{statistics.median(times[name]):.2f} ({min(times[name]):.2f})"
+        lines.append(f"| {name} | {spread} | {ratio:.2f} |")
     return "\n".join(lines)
 
 
@@ -347,7 +356,8 @@ def main(args: Args) -> None:
     tables = [updates(args), gpu(args), huber(args)]
     if args.replay:
         tables += [replay(args), memory()]
-    text = "\n\n".join(tables) + "\n"
+    header = f"{args.rounds} rounds, {args.clock} time; milliseconds: median (fastest round)."
+    text = "\n\n".join([header, *tables]) + "\n"
     print("\n" + text)
     if args.out is not None:
         args.out.write_text(text)
