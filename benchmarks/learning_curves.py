@@ -50,6 +50,8 @@ class Run:
     batch_size: int = 128
     learning_rate: float = 1e-3
     learning_starts: int = 1000
+    alpha_init: float = 1.0
+    """Entropy temperature at the start."""
     k: float = 4
     """Candidates a kept transition, of the attentive learners."""
     out: Path = RESULTS / "learner_curves.csv"
@@ -77,7 +79,7 @@ def main(command: Annotated[Run | Plot, tyro.conf.subcommand()]) -> None:
     for step, policy in (learn_sb3 if command.learner == "sb3" else learn_ours)(command):
         returns, success = evaluate(command.task, policy)
         seconds = time.perf_counter() - start
-        row = [command.task, command.learner, command.seed, step]
+        row = [command.task, command.learner, command.alpha_init, command.seed, step]
         row += [round(returns, 2), round(success, 3), round(seconds, 1)]
         print(*row, flush=True)
         append(command.out, row)
@@ -91,6 +93,7 @@ def learn_ours(run: Run) -> Iterator[tuple[int, Policy]]:
         actor_lr=run.learning_rate,
         critic_lr=run.learning_rate,
         alpha_lr=run.learning_rate,
+        alpha_init=run.alpha_init,
     )
     agent = make_tqc(config, GymEnv(ENVS[run.task]))
     annealed = run.learner == "attentive_annealed"
@@ -158,6 +161,7 @@ def learn_sb3(run: Run) -> Iterator[tuple[int, Policy]]:
         learning_rate=run.learning_rate,
         buffer_size=run.steps,
         learning_starts=run.learning_starts,
+        ent_coef=f"auto_{run.alpha_init}",
         batch_size=run.batch_size,
         tau=TQCConfig.tau,
         gamma=TQCConfig.gamma,
@@ -190,7 +194,7 @@ def evaluate(task: str, policy: Policy) -> tuple[float, float]:
     return float(returns.mean()), float(success.mean())
 
 
-HEADER = ["task", "learner", "seed", "step", "return", "success", "seconds"]
+HEADER = ["task", "learner", "alpha_init", "seed", "step", "return", "success", "seconds"]
 
 
 def append(path: Path, row: list) -> None:
@@ -211,6 +215,8 @@ def plot(command: Plot) -> None:
 
     with command.table.open() as file:
         rows = list(csv.DictReader(file))
+    for row in rows:
+        row["learner"] += f", initial temperature {row['alpha_init']}"
     tasks = sorted({row["task"] for row in rows})
     figure, axes = plt.subplots(1, len(tasks), figsize=(6 * len(tasks), 4), squeeze=False)
     for axis, task in zip(axes[0], tasks, strict=True):
