@@ -36,6 +36,6 @@ def test_the_example_is_as_short_as_promised():
 
 
 @pytest.mark.slow
-def test_attentive_replay_learns_pendulum(pipeline):
-    config = pipeline.Config(total_frames=7000)
-    assert pipeline.main(config) > -300
+def test_it_learns_pendulum_with_uniform_replay(pipeline):
+    """-122 to -165 at 6000 steps in `docs/results/learner.md`; -1000 and less at 2000."""
+    assert pipeline.main(pipeline.Config(sampler="uniform", total_frames=7000)) > -400
