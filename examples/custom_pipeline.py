@@ -113,8 +113,7 @@ def main(config: Config) -> float:
 
     loss.make_value_estimator(gamma=config.gamma)
     target_updater = SoftUpdate(loss, tau=0.005)
-    parameters = [p for p in loss.parameters() if p.requires_grad]
-    optimizer = torch.optim.Adam(parameters, lr=config.learning_rate, fused=True)
+    optimizer = torch.optim.Adam(loss.parameters(), lr=config.learning_rate, fused=True)
     buffer = TensorDictReplayBuffer(
         storage=LazyTensorStorage(config.total_frames),
         sampler=sampler,
