@@ -1,5 +1,22 @@
 """Policies, learners and controllers. Nothing here needs a simulator."""
 
+from modpush.agents.networks import make_actor, make_critic
+from modpush.agents.quantiles import quantile_huber, truncate_atoms
 from modpush.agents.scripted import ScriptedPusher, ScriptedPusherConfig
+from modpush.agents.tqc import TQCAgent, TQCConfig, make_tqc
+from modpush.agents.tqc_loss import TQCLoss
+from modpush.agents.update import TQCUpdate
 
-__all__ = ["ScriptedPusher", "ScriptedPusherConfig"]
+__all__ = [
+    "ScriptedPusher",
+    "ScriptedPusherConfig",
+    "TQCAgent",
+    "TQCConfig",
+    "TQCLoss",
+    "TQCUpdate",
+    "make_actor",
+    "make_critic",
+    "make_tqc",
+    "quantile_huber",
+    "truncate_atoms",
+]

@@ -1,0 +1,84 @@
+"""One optimisation step of TQC: losses, gradients, Adam, target networks."""
+
+from collections.abc import Callable
+from typing import Literal, get_args
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import CudaGraphModule
+from torchrl.objectives import LossModule
+from torchrl.objectives.utils import TargetNetUpdater
+
+__all__ = ["Execution", "TQCUpdate"]
+
+Execution = Literal["eager", "compile", "cudagraph"]
+
+
+class TQCUpdate:
+    """A whole optimisation step as one call, which can be compiled or recorded as a CUDA graph.
+
+    All losses are taken at the same parameters and their gradients are disjoint, so a single
+    backward pass serves actor, critics and temperature, as in TorchRL's own trainers.
+
+    Args:
+        loss: A loss whose outputs named `loss_*` are to be minimised.
+        optimizer: Over the loss's parameters; `capturable` for CUDA graphs.
+        target_updater: Steps after the optimizer.
+        execution: `"eager"`; `"compile"` with `torch.compile`; `"cudagraph"`, compiled and
+            recorded as one CUDA graph: batches must keep their shape, and a batch's tensors are
+            copied into the graph's own.
+
+    Raises:
+        ValueError: If the execution is unknown, or is `"cudagraph"` without a CUDA device.
+    """
+
+    def __init__(
+        self,
+        loss: LossModule,
+        optimizer: torch.optim.Optimizer,
+        target_updater: TargetNetUpdater,
+        *,
+        execution: Execution = "eager",
+    ) -> None:
+        if execution not in get_args(Execution):
+            raise ValueError(
+                f"TQCUpdate: execution must be one of {get_args(Execution)}, got {execution!r}."
+            )
+        device = next(loss.parameters()).device
+        if execution == "cudagraph" and device.type != "cuda":
+            raise ValueError(
+                f"TQCUpdate: execution 'cudagraph' needs parameters on a CUDA device, got {device}."
+            )
+        self.loss = loss
+        self.optimizer = optimizer
+        self.target_updater = target_updater
+        self._step: Callable[[TensorDictBase], TensorDict] = self.step
+        if execution != "eager":
+            self._step = torch.compile(self.step)
+        if execution == "cudagraph":
+            self._step = CudaGraphModule(self._step, in_keys=None, out_keys=None)
+
+    def __call__(self, batch: TensorDictBase) -> TensorDict:
+        """Take one step.
+
+        Args:
+            batch: Transitions, `[B]`. The loss writes its priorities into it (into a copy in a
+                CUDA graph: read them from the result).
+
+        Returns:
+            The losses and what else the loss reports, detached, and the priorities under the
+            loss's priority key, `[B]`.
+        """
+        return self._step(batch)
+
+    def step(self, batch: TensorDictBase) -> TensorDict:
+        """The same, always eager."""
+        output = self.loss(batch)
+        losses = [value for key, value in output.items() if key.startswith("loss_")]
+        torch.stack(losses).sum().backward()
+        self.optimizer.step()
+        self.optimizer.zero_grad()
+        self.target_updater.step()
+        result = output.detach()
+        priority = self.loss.tensor_keys.priority
+        return result.set(priority, batch.get(priority))

@@ -1,0 +1,352 @@
+"""Attentive experience replay: train on what resembles the present situation."""
+
+import json
+from collections import OrderedDict
+from pathlib import Path
+from typing import Any
+
+import torch
+from tensordict import TensorDict, is_tensor_collection
+from tensordict.utils import NestedKey
+from torch import Tensor
+from torchrl.data.replay_buffers.samplers import Sampler
+from torchrl.data.replay_buffers.storages import Storage, TensorStorage
+
+from modpush.replay.similarity import SIMILARITIES, Similarity
+
+__all__ = ["AttentiveSampler"]
+
+Index = Tensor | tuple[Tensor, ...]
+
+
+class AttentiveSampler(Sampler):
+    """Draws `k` times the batch uniformly and keeps what is most similar to the query.
+
+    The query is the present state: what `set_query` was given, else the newest written entries.
+    With `Q` queries the batch is split evenly between them (a remainder goes to queries drawn at
+    random), and each chooses from candidates of its own. Only the candidates' observations are
+    read, so that the cost does not grow with the storage.
+
+    Works on any storage of tensordicts (`LazyTensorStorage`, `LazyMemmapStorage`, `ListStorage`,
+    several dimensions, prefetching, several processes, `RayReplayBuffer`). Beside the index, a
+    sample's info holds `"similarity"` `[batch]` and `"age"` `[batch]`, how many writes ago the
+    entry was written (along the storage's first dimension).
+
+    Args:
+        k: Candidates per kept entry, >= 1; 1 is uniform sampling. TorchRL's replay schedulers may
+            set it, too.
+        key: The observation that is compared, flattened to `[*, D]`.
+        similarity: `"cosine"`, `"negative_l2"`, or a callable `(candidates [Q, C, D],
+            queries [Q, D]) -> [Q, C]`, larger is more alike.
+        num_queries: How many of the newest entries are the default query. By default one, or in
+            a storage of several dimensions the newest row, one entry per environment.
+        query_key: What is read of the newest entries, by default `key`. `("next", key)` is one
+            step newer, but after an episode's end it is not where the environment is now.
+        candidate_replacement: Whether a candidate may be drawn twice.
+        k_end: Where `k` is annealed to, linearly; by default it stays.
+        annealing_num_samples: Over how many calls of `sample`.
+
+    Raises:
+        ValueError: If an argument is out of range. In `sample`: if there are more candidates than
+            entries, or NaN in them or in the query, or a query of another width.
+
+    Source: paper Sec. IV-B; Sun et al. (2020), "Attentive Experience Replay".
+    """
+
+    def __init__(
+        self,
+        k: float = 4,
+        *,
+        key: NestedKey = "observation",
+        similarity: str | Similarity = "cosine",
+        num_queries: int | None = None,
+        query_key: NestedKey | None = None,
+        candidate_replacement: bool = True,
+        k_end: float | None = None,
+        annealing_num_samples: int = 0,
+    ) -> None:
+        super().__init__()
+        if isinstance(similarity, str):
+            if similarity not in SIMILARITIES:
+                raise ValueError(
+                    f"AttentiveSampler: similarity must be one of {sorted(SIMILARITIES)} or a "
+                    f"callable, got {similarity!r}."
+                )
+            similarity = SIMILARITIES[similarity]
+        if num_queries is not None and num_queries < 1:
+            raise ValueError(f"AttentiveSampler: num_queries must be >= 1, got {num_queries}.")
+        if k_end is not None and annealing_num_samples < 1:
+            raise ValueError(
+                "AttentiveSampler: annealing_num_samples must be >= 1 where k_end is given, got "
+                f"{annealing_num_samples}."
+            )
+        self.k = k
+        self.k_end = _checked_k("k_end", k_end) if k_end is not None else None
+        self.key = key
+        self.query_key = key if query_key is None else query_key
+        self.similarity = similarity
+        self.num_queries = num_queries
+        self.candidate_replacement = candidate_replacement
+        self.annealing_num_samples = annealing_num_samples
+        self._num_samples = 0
+        self._query: Tensor | None = None
+        self._newest: Tensor | None = None  # last written index, for storages that keep no cursor
+
+    @property
+    def k(self) -> float:
+        """Candidates per kept entry, before annealing."""
+        return self._k
+
+    @k.setter
+    def k(self, value: float) -> None:
+        self._k = _checked_k("k", value)
+
+    @property
+    def current_k(self) -> float:
+        """Candidates per kept entry in the next sample."""
+        if self.k_end is None:
+            return self.k
+        done = min(1.0, self._num_samples / self.annealing_num_samples)
+        return self.k + (self.k_end - self.k) * done
+
+    def set_query(self, query: Tensor | None) -> None:
+        """Say what the present states are, until the next call.
+
+        Args:
+            query: Observations `[Q, D]` or `[D]`, or None for the newest written ones.
+
+        Raises:
+            ValueError: If the query is empty, of more dimensions, or holds NaN.
+        """
+        if query is not None:
+            if query.ndim not in (1, 2) or not query.numel():
+                raise ValueError(
+                    f"AttentiveSampler: query must be [Q, D] or [D], got {tuple(query.shape)}."
+                )
+            _check_no_nan(query, "the query")
+            query = query.detach().clone().reshape(-1, query.shape[-1])
+        self._query = query
+
+    def num_candidates(self, batch_size: int) -> int:
+        """How many candidates the next sample of this size draws."""
+        return -int(-self.current_k * batch_size // 1)  # rounded up
+
+    def can_sample(self, storage: Storage, batch_size: int) -> bool:
+        """Whether the storage holds enough candidates."""
+        return len(storage) >= self.num_candidates(batch_size)
+
+    def sample(self, storage: Storage, batch_size: int) -> tuple[Index, dict[str, Any]]:
+        """Draw a batch.
+
+        Args:
+            storage: A storage of tensordicts.
+            batch_size: Entries to draw.
+
+        Returns:
+            The index (a tuple of indices for several dimensions) and the info.
+        """
+        if len(storage) == 0:
+            raise RuntimeError("Cannot sample from an empty storage.")
+        if not self.can_sample(storage, batch_size):
+            raise ValueError(
+                f"AttentiveSampler: k * batch_size must be <= the entries stored, got "
+                f"{self.current_k:g} * {batch_size} for {len(storage)} entries."
+            )
+        queries = self._queries(storage)
+        share, remainder = divmod(batch_size, len(queries))
+        parts = []
+        if remainder:
+            order = torch.randperm(len(queries), generator=storage._rng).to(queries.device)
+            parts.append(self._choose(storage, queries[order[:remainder]], share + 1))
+            queries = queries[order[remainder:]]
+        if share:
+            parts.append(self._choose(storage, queries, share))
+        index = torch.cat([index for index, _ in parts])  # [batch, ndim]
+        similarity = torch.cat([similarity for _, similarity in parts])
+        self._num_samples += 1
+        info = {"similarity": similarity, "age": self._age(storage, index[:, 0])}
+        return index[:, 0] if storage.ndim == 1 else index.unbind(-1), info
+
+    def _choose(self, storage: Storage, queries: Tensor, share: int) -> tuple[Tensor, Tensor]:
+        """The `share` best of each query's candidates: `[Q * share, ndim]`, `[Q * share]`."""
+        num_queries, width = queries.shape
+        num_candidates = self.num_candidates(share)
+        index = self._draw(storage, num_queries * num_candidates)  # [Q * C, ndim]
+        candidates = _read(storage, index, self.key)
+        if candidates.shape[-1] != width:
+            raise ValueError(
+                f"AttentiveSampler: the query is {width} wide, {self.key!r} is "
+                f"{candidates.shape[-1]}."
+            )
+        candidates = candidates.view(num_queries, num_candidates, width)
+        similarity = self.similarity(candidates, queries.to(candidates))
+        _check_no_nan(similarity, f"the similarity to {self.key!r} of a stored entry")
+        best = similarity.topk(share, dim=-1, sorted=False)
+        offset = torch.arange(num_queries, device=index.device).unsqueeze(-1) * num_candidates
+        return index[(best.indices + offset).flatten()], best.values.flatten()
+
+    def _draw(self, storage: Storage, size: int) -> Tensor:
+        """Uniform candidates, `[size, ndim]`."""
+        if self.candidate_replacement:
+            index = storage._rand_given_ndim(size)
+            return index.unsqueeze(-1) if storage.ndim == 1 else torch.stack(index, -1)
+        shape = _valid_shape(storage)
+        flat = _distinct(shape.numel(), size, storage._rng)
+        index = torch.stack(torch.unravel_index(flat, shape), -1)
+        return index.to(getattr(storage, "device", None) or "cpu")
+
+    def _queries(self, storage: Storage) -> Tensor:
+        """The present states, `[Q, D]`."""
+        if self._query is not None:
+            return self._query
+        newest = self._newest_row(storage)
+        if newest is None:
+            raise RuntimeError(
+                "AttentiveSampler: there is no query yet: nothing was written since the storage "
+                "was filled or restored. Call set_query first."
+            )
+        shape = _valid_shape(storage)
+        row = shape[1:].numel()
+        num_queries = min(self.num_queries or row, shape.numel())
+        flat = (newest * row + row - 1 - torch.arange(num_queries).flip(0)) % shape.numel()
+        index = torch.stack(torch.unravel_index(flat, shape), -1)
+        index = index.to(getattr(storage, "device", None) or "cpu")
+        queries = _read(storage, index, self.query_key)
+        _check_no_nan(queries, f"{self.query_key!r} of the newest entries, the query")
+        return queries
+
+    def _newest_row(self, storage: Storage) -> int | None:
+        """Index along the first dimension of what was written last."""
+        cursor = storage._last_cursor_index  # shared between processes
+        if cursor is None and self._newest is not None:
+            cursor = int(self._newest)
+        return None if cursor is None else int(cursor)
+
+    def _age(self, storage: Storage, row: Tensor) -> Tensor:
+        newest = self._newest_row(storage)
+        if newest is None:  # restored and not written since: ages are unknown
+            return torch.full_like(row, -1)
+        return (newest - row) % _valid_shape(storage)[0]
+
+    def add(self, index: int | Tensor) -> None:
+        """Told by the buffer where an entry was written."""
+        self._newest = torch.as_tensor(index).reshape(-1)[0]
+
+    def extend(self, index: Tensor) -> None:
+        """Told by the buffer where entries were written."""
+        index = torch.as_tensor(index)
+        if index.numel():
+            self._newest = index[-1].reshape(-1)[0]
+
+    def update_priority(self, *args: Any, **kwargs: Any) -> None:
+        """Nothing: similarity is the only priority."""
+
+    def _empty(self) -> None:
+        self._newest = None
+        self._query = None
+
+    def state_dict(self) -> dict[str, Any]:
+        """Annealing and query; decoupled from the sampler."""
+        return OrderedDict(
+            k=self.k,
+            num_samples=self._num_samples,
+            query=None if self._query is None else self._query.clone(),
+            newest=None if self._newest is None else int(self._newest),
+        )
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Continue where the other sampler was."""
+        self.k = state_dict["k"]
+        self._num_samples = int(state_dict["num_samples"])
+        newest = state_dict["newest"]
+        self._newest = None if newest is None else torch.tensor(newest)
+        self.set_query(state_dict["query"])
+
+    def dumps(self, path: str | Path) -> None:
+        """Write the state into a directory."""
+        path = Path(path)
+        path.mkdir(exist_ok=True)
+        state = self.state_dict()
+        query = state.pop("query")
+        state["has_query"] = query is not None
+        (path / "attentive_sampler.json").write_text(json.dumps(state))
+        if query is not None:
+            TensorDict({"query": query}).memmap(path / "query")
+
+    def loads(self, path: str | Path) -> None:
+        """Read the state from a directory."""
+        path = Path(path)
+        state = json.loads((path / "attentive_sampler.json").read_text())
+        has_query = state.pop("has_query")
+        query = TensorDict.load_memmap(path / "query")["query"].clone() if has_query else None
+        self.load_state_dict({**state, "query": query})
+
+    def __repr__(self) -> str:
+        return (
+            f"{type(self).__name__}(k={self.k}, key={self.key!r}, "
+            f"similarity={getattr(self.similarity, '__name__', self.similarity)})"
+        )
+
+
+def _checked_k(name: str, k: float) -> float:
+    if not k >= 1:
+        raise ValueError(f"AttentiveSampler: {name} must be >= 1, got {k}.")
+    return k
+
+
+def _check_no_nan(x: Tensor, what: str) -> None:
+    # A sum is NaN if anything is, and costs a fifth of `isnan().any()`.
+    if x.is_floating_point() and x.sum().isnan():
+        rows = x.isnan().reshape(x.shape[0], -1).any(-1).nonzero().flatten().tolist()
+        if rows:
+            raise ValueError(f"AttentiveSampler: NaN in {what}, rows {rows[:8]}.")
+
+
+def _valid_shape(storage: Storage) -> torch.Size:
+    """Shape of the part that has been written."""
+    return torch.Size([len(storage)]) if storage.ndim == 1 else storage.shape
+
+
+def _read(storage: Storage, index: Tensor, key: NestedKey) -> Tensor:
+    """One key of the entries at `index [P, ndim]`, flattened to `[P, D]`."""
+    coordinates = tuple(index.unbind(-1))
+    backing = getattr(storage, "_storage", None)
+    column = None
+    if isinstance(storage, TensorStorage) and backing is not None:
+        if not is_tensor_collection(backing):
+            raise TypeError(
+                "AttentiveSampler: the storage must hold tensordicts, got "
+                f"{type(backing).__name__}."
+            )
+        column = backing.get(key, None)  # spares gathering the other keys
+    if column is not None:
+        if len(coordinates) == 1:
+            values = column.index_select(0, coordinates[0])
+        else:
+            values = column[coordinates]
+    else:
+        entries = storage.get(coordinates[0] if len(coordinates) == 1 else coordinates)
+        if not is_tensor_collection(entries):
+            entries = torch.stack(list(entries))
+        values = entries.get(key, None)
+        if values is None:
+            keys = sorted(map(str, entries.keys(True, True)))
+            raise KeyError(f"AttentiveSampler: key {key!r} not found, the storage has {keys}.")
+    return values.reshape(len(index), -1)
+
+
+def _distinct(total: int, size: int, generator: torch.Generator | None) -> Tensor:
+    """A uniform subset of `size` out of `range(total)`, in time that depends on `size` only."""
+    if 2 * size > total:
+        return torch.randperm(total, generator=generator)[:size]
+    chosen = torch.empty(0, dtype=torch.long)
+    while len(chosen) < size:
+        # A few more than are missing and will collide; then seldom is there a second round.
+        missing = size - len(chosen)
+        draws = missing * total // (total - size) + missing // 8 + 8
+        more = torch.randint(total, (draws,), generator=generator)
+        chosen = torch.cat([chosen, more]).unique()
+    if len(chosen) == size:
+        return chosen
+    # `unique` sorts: drop at random, or the largest would be drawn too seldom.
+    return chosen[torch.randperm(len(chosen), generator=generator)[:size]]

@@ -1,0 +1,240 @@
+"""A storage that keeps each observation once.
+
+A transition's next observation is, but for episode ends, some later transition's observation. So
+each entry keeps the index of that entry instead of a second copy. What has no such entry (the end
+of an episode, the newest transition, a successor that is overwritten first) goes to a side table.
+"""
+
+from collections import OrderedDict
+from collections.abc import Sequence
+from copy import deepcopy
+from multiprocessing.context import get_spawning_popen
+from pathlib import Path
+from typing import Any
+
+import torch
+from tensordict import TensorDictBase
+from tensordict.utils import NestedKey, unravel_key
+from torch import Tensor
+from torchrl.data import LazyTensorStorage
+from torchrl.data.replay_buffers.checkpointers import TensorStorageCheckpointer
+
+__all__ = ["CompactStorage"]
+
+# How many entries may wait for their successor to be written. Older ones stay in the side table.
+_MAX_WAITING = 4096
+_NONE = -1
+
+
+class _Checkpointer(TensorStorageCheckpointer):
+    def dumps(self, storage: "CompactStorage", path: str | Path) -> None:
+        super().dumps(storage, path)
+        torch.save(storage._links_state(), Path(path) / "links.pt")
+
+    def loads(self, storage: "CompactStorage", path: str | Path) -> None:
+        super().loads(storage, path)
+        storage._load_links(torch.load(Path(path) / "links.pt", weights_only=True))
+
+
+class CompactStorage(LazyTensorStorage):
+    """A `LazyTensorStorage` of transitions that stores each observation once.
+
+    What is read from it is what was written, to the bit: entries are linked only where the
+    observation that is written equals a next observation written before, whatever the layout of
+    the batches (several environments, whole trajectories, n-step transitions).
+
+    Two 4-byte links take the place of the second observation. Writing costs a few microseconds a
+    row on top; reading costs one more gather. Entries must not be changed in place through
+    `buffer[...] = ...` under the keys below. It lives in one process. `TensorDictReplayBuffer`
+    stores an `"index"` of 8 bytes beside each transition unless it is given TorchRL's plain
+    `RoundRobinWriter`; samples carry their index either way.
+
+    Args:
+        max_size: Capacity in transitions.
+        keys: Observation keys; each is expected under `("next", key)`, too.
+        device: Where the data lives.
+    """
+
+    _default_checkpointer = _Checkpointer
+
+    def __init__(
+        self,
+        max_size: int,
+        *,
+        keys: Sequence[NestedKey] = ("observation",),
+        device: torch.device | str = "cpu",
+    ) -> None:
+        super().__init__(max_size, device=device)
+        self.keys = [unravel_key(key) for key in keys]
+        self._next_keys = [unravel_key(("next", key)) for key in self.keys]
+        self._reset_links()
+
+    def _reset_links(self) -> None:
+        # successor[i] >= 0 is the entry that holds i's next observation, -2 - r row r of the side
+        # table; predecessor is its inverse.
+        self._successor = torch.full((self.max_size,), _NONE, dtype=torch.int32)
+        self._predecessor = self._successor.clone()
+        self._side: list[Tensor] = []  # one [R, ...] a key
+        self._free_rows: list[int] = []
+        self._waiting: OrderedDict[bytes, int] = OrderedDict()  # next observation -> entry
+        self._awaited: dict[int, bytes] = {}  # its inverse
+
+    def set(
+        self, cursor: int | Sequence[int] | slice | Tensor, data: Any, *, set_cursor: bool = True
+    ) -> None:
+        """Write transitions, `[n]` (or one, `[]`) at `cursor`."""
+        if isinstance(data, list):
+            data = torch.stack(data)
+        single = data.ndim == 0
+        rows = data.unsqueeze(0) if single else data
+        slots = torch.arange(self.max_size)[cursor].reshape(-1) if single else _slots(cursor, self)
+        self._check_keys(rows)
+        # A write longer than the storage overwrites itself; only its end remains.
+        rows, slots = rows[-self.max_size :], slots[-self.max_size :]
+        if self.initialized:
+            self._unlink(slots)
+        super().set(cursor, data.exclude(*self._next_keys), set_cursor=set_cursor)
+        self._link(slots, rows)
+
+    def get(self, index: Any) -> TensorDictBase:
+        """Read transitions with their next observations."""
+        data = super().get(index).copy()
+        links = self._successor[: len(self)][_on_cpu(index)].long()
+        for column, (key, next_key) in enumerate(zip(self.keys, self._next_keys, strict=True)):
+            values = self._storage.get(key)[links.clamp_min(0).to(self._device_of(key))]
+            beside = links < _NONE
+            if beside.any():
+                rows = (-2 - links[beside]).to(values.device)
+                values[beside.to(values.device)] = self._side[column][rows]
+            data.set(next_key, values)
+        return data
+
+    def nbytes(self) -> int:
+        """Bytes allocated for data, links and the side table."""
+        stored = [*self._storage.values(True, True), *self._side]
+        links = (self._successor, self._predecessor)
+        return sum(tensor.numel() * tensor.element_size() for tensor in (*stored, *links))
+
+    def _check_keys(self, rows: TensorDictBase) -> None:
+        for key in (*self.keys, *self._next_keys):
+            if rows.get(key, None) is None:
+                keys = sorted(map(str, rows.keys(True, True)))
+                raise KeyError(f"CompactStorage: key {key!r} not found, the data has {keys}.")
+
+    def _unlink(self, slots: Tensor) -> None:
+        """Forget entries that are about to be overwritten, but no one's next observation."""
+        links = self._successor[slots].long()
+        self._free_rows += (-2 - links[links < _NONE]).tolist()
+        self._predecessor[links[links >= 0]] = _NONE
+        self._successor[slots] = _NONE
+        for slot in slots.tolist() if self._awaited else ():
+            key = self._awaited.pop(slot, None)
+            if key is not None:
+                del self._waiting[key]
+        survivors = self._predecessor[slots].long()
+        orphaned = survivors >= 0
+        if orphaned.any():
+            values = [self._storage.get(key)[slots[orphaned]] for key in self.keys]
+            self._set_beside(survivors[orphaned], values)
+            self._predecessor[slots] = _NONE
+
+    def _link(self, slots: Tensor, rows: TensorDictBase) -> None:
+        """Connect fresh entries with those that wait for them."""
+        heads = _row_bytes([rows.get(key) for key in self.keys])
+        tails = _row_bytes([rows.get(key) for key in self._next_keys])
+        pairs = []
+        for slot, head, tail in zip(slots.tolist(), heads, tails, strict=True):
+            waiting = self._waiting.pop(head, None)
+            if waiting is not None:
+                del self._awaited[waiting]
+                pairs.append((waiting, slot))
+            displaced = self._waiting.pop(tail, None)
+            if displaced is not None:  # two entries with one next observation: the older gives way
+                del self._awaited[displaced]
+            self._waiting[tail] = slot
+            self._awaited[slot] = tail
+        while len(self._waiting) > _MAX_WAITING:
+            _, slot = self._waiting.popitem(last=False)
+            del self._awaited[slot]
+        if pairs:
+            before, after = torch.tensor(pairs).unbind(-1)
+            links = self._successor[before].long()
+            self._free_rows += (-2 - links[links < _NONE]).tolist()
+            self._successor[before] = after.int()
+            self._predecessor[after] = before.int()
+        alone = self._successor[slots] == _NONE
+        if alone.any():
+            self._set_beside(slots[alone], [rows.get(key)[alone] for key in self._next_keys])
+
+    def _set_beside(self, slots: Tensor, values: list[Tensor]) -> None:
+        """Put next observations of the entries at `slots` into the side table."""
+        if not self._side:
+            self._side = [value.new_empty(0, *value.shape[1:]).to(self.device) for value in values]
+        missing = len(slots) - len(self._free_rows)
+        if missing > 0:
+            size = len(self._side[0])
+            grown = max(missing, size // 4, 64)
+            self._side = [torch.cat([t, t.new_empty(grown, *t.shape[1:])]) for t in self._side]
+            self._free_rows += range(size, size + grown)
+        rows = torch.tensor([self._free_rows.pop() for _ in range(len(slots))])
+        for table, value in zip(self._side, values, strict=True):
+            table[rows.to(table.device)] = value.to(table.device)
+        self._successor[slots] = (-2 - rows).int()
+
+    def _device_of(self, key: NestedKey) -> torch.device:
+        return self._storage.get(key).device
+
+    def _links_state(self) -> dict[str, Any]:
+        return {
+            "successor": self._successor.clone(),
+            "predecessor": self._predecessor.clone(),
+            "side": [table.clone() for table in self._side],
+            "free_rows": list(self._free_rows),
+        }
+
+    def _load_links(self, state: dict[str, Any]) -> None:
+        self._reset_links()  # entries that waited for a successor keep their row in the side table
+        self._successor.copy_(state["successor"])
+        self._predecessor.copy_(state["predecessor"])
+        self._side = [table.clone() for table in state["side"]]
+        self._free_rows = list(state["free_rows"])
+
+    def state_dict(self) -> dict[str, Any]:
+        """The data and the links, decoupled from the storage."""
+        return {**deepcopy(super().state_dict()), "links": self._links_state()}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Restore data and links."""
+        super().load_state_dict(state_dict)
+        self._load_links(state_dict["links"])
+
+    def _empty(self) -> None:
+        super()._empty()
+        self._reset_links()
+
+    def __getstate__(self) -> dict[str, Any]:
+        if get_spawning_popen() is not None:
+            raise RuntimeError(
+                "CompactStorage: cannot be shared between processes; use LazyTensorStorage or "
+                "LazyMemmapStorage there."
+            )
+        return super().__getstate__()
+
+
+def _on_cpu(index: Any) -> Any:
+    if isinstance(index, tuple) and len(index) == 1:
+        index = index[0]
+    return index.cpu() if isinstance(index, Tensor) else index
+
+
+def _slots(cursor: Any, storage: CompactStorage) -> Tensor:
+    if isinstance(cursor, slice):
+        return torch.arange(storage.max_size)[cursor]
+    return torch.as_tensor(cursor, dtype=torch.long).cpu().reshape(-1)
+
+
+def _row_bytes(values: Sequence[Tensor]) -> list[bytes]:
+    """Each row's bytes over all keys: rows are alike exactly if these are."""
+    flat = [value.detach().reshape(len(value), -1).cpu().contiguous() for value in values]
+    joined = torch.cat([value.view(torch.uint8) for value in flat], -1).numpy()
+    return [row.tobytes() for row in joined]

@@ -1,0 +1,533 @@
+"""The attentive sampler: what it keeps, how uniform it draws, and TorchRL's own checks."""
+
+import pickle
+from functools import partial
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+from tensordict import TensorDict
+from torch import multiprocessing as mp
+from torch import nn
+from torchrl.data import (
+    LazyMemmapStorage,
+    LazyTensorStorage,
+    ListStorage,
+    RandomSampler,
+    ReplayBuffer,
+    TensorDictReplayBuffer,
+)
+from torchrl.data.replay_buffers.scheduler import LinearScheduler
+
+from modpush.replay import AttentiveSampler, LatentSimilarity, cosine, negative_l2
+
+WIDTH = 4
+
+
+def transitions(*size: int, seed: int = 0, key="observation") -> TensorDict:
+    generator = torch.Generator().manual_seed(seed)
+    data = TensorDict({}, batch_size=size)
+    data[key] = torch.randn(*size, WIDTH, generator=generator)
+    data["next", "done"] = torch.zeros(*size, 1, dtype=torch.bool)
+    return data
+
+
+def make_buffer(sampler, storage=None, batch_size=8, **kwargs):
+    storage = LazyTensorStorage(100) if storage is None else storage
+    return TensorDictReplayBuffer(storage=storage, sampler=sampler, batch_size=batch_size, **kwargs)
+
+
+class Recording(AttentiveSampler):
+    """Keeps the candidates it drew, for brute force."""
+
+    def _draw(self, storage, size):
+        self.drawn = super()._draw(storage, size)
+        return self.drawn
+
+
+def brute_force(similarity: str, candidates, query):
+    if similarity == "cosine":
+        return nn.functional.cosine_similarity(candidates, query.expand_as(candidates), dim=-1)
+    return -(candidates - query).square().sum(-1).sqrt()
+
+
+@pytest.mark.parametrize("similarity", ["cosine", "negative_l2"])
+@pytest.mark.parametrize("k", [1, 2, 3.5])
+def test_keeps_the_most_similar_candidates(similarity, k):
+    sampler = Recording(k, similarity=similarity)
+    buffer = make_buffer(sampler)
+    data = transitions(60)
+    buffer.extend(data)
+    query = torch.randn(WIDTH)
+    sampler.set_query(query)
+    for _ in range(10):
+        sample = buffer.sample()
+        candidates = sampler.drawn.flatten()
+        assert len(candidates) == 8 * k
+        scores = brute_force(similarity, data["observation"][candidates], query)
+        best = scores.sort(descending=True).values[:8]
+        torch.testing.assert_close(sample["similarity"].sort(descending=True).values, best)
+        kept = brute_force(similarity, sample["observation"], query)
+        torch.testing.assert_close(sample["similarity"], kept)
+        # A stored row is kept at most as often as it was drawn.
+        drawn = candidates.bincount(minlength=60)
+        assert (sample["index"].bincount(minlength=60) <= drawn).all()
+
+
+@settings(deadline=None, max_examples=30)
+@given(queries=st.integers(1, 12), batch_size=st.integers(1, 20), k=st.integers(1, 4))
+def test_each_query_gets_its_share_of_its_own_candidates(queries, batch_size, k):
+    sampler = Recording(k)
+    buffer = make_buffer(sampler, batch_size=batch_size)
+    # Query q is the q-th unit vector, and so is every stored row: the similarity names the query.
+    rows = torch.eye(queries).repeat(100 // queries, 1)
+    buffer.extend(TensorDict({"observation": rows}, batch_size=[len(rows)]))
+    served = []
+    sampler.similarity = lambda c, q: served.append((q, c.shape[1])) or cosine(c, q)
+    sampler.set_query(torch.eye(queries))
+    assert len(buffer.sample()) == batch_size
+    counts = torch.zeros(queries)
+    for q, num_candidates in served:
+        assert num_candidates % k == 0
+        counts[q.argmax(-1)] += num_candidates // k
+    assert counts.sum() == batch_size
+    assert counts.max() - counts.min() <= 1
+
+
+def test_remainders_rotate_among_queries():
+    sampler, chosen = AttentiveSampler(1), torch.zeros(3)
+    buffer = make_buffer(sampler, batch_size=1)
+    buffer.extend(transitions(50))
+    sampler.similarity = partial(_count, chosen)
+    sampler.set_query(torch.eye(3, WIDTH))
+    for _ in range(300):
+        buffer.sample()
+    assert stats.chisquare(chosen.numpy()).pvalue > 1e-4
+
+
+def _count(chosen, candidates, queries):
+    chosen += queries[:, :3].sum(0)
+    return cosine(candidates, queries)
+
+
+def counts_of(buffer, rounds: int, size: int) -> torch.Tensor:
+    counts = torch.zeros(size)
+    for _ in range(rounds):
+        counts += torch.bincount(buffer.sample()["index"], minlength=size)
+    return counts
+
+
+def test_k_of_one_is_uniform():
+    torch.manual_seed(0)
+    buffer = make_buffer(AttentiveSampler(1), batch_size=50)
+    buffer.extend(transitions(100))
+    assert stats.chisquare(counts_of(buffer, 400, 100)).pvalue > 1e-3
+
+
+def test_k_of_four_is_far_from_uniform():
+    torch.manual_seed(0)
+    buffer = make_buffer(AttentiveSampler(4), batch_size=25)
+    buffer.extend(transitions(100))
+    assert stats.chisquare(counts_of(buffer, 400, 100)).pvalue < 1e-12
+
+
+def test_k_of_one_draws_what_the_uniform_sampler_draws():
+    samples = []
+    for sampler in (AttentiveSampler(1), RandomSampler()):
+        buffer = make_buffer(sampler)
+        buffer.extend(transitions(50))
+        buffer.set_rng(torch.Generator().manual_seed(3))
+        samples.append(buffer.sample()["index"].sort().values)
+    assert torch.equal(*samples)
+
+
+@pytest.mark.parametrize("replacement", [True, False])
+@pytest.mark.parametrize("written", [40, 100, 170])
+def test_candidates_are_uniform_over_the_valid_part(replacement, written):
+    """Also when full and wrapped around, and across the episode ends in between."""
+    torch.manual_seed(0)
+    sampler = Recording(2, candidate_replacement=replacement)
+    buffer = make_buffer(sampler, batch_size=10)
+    for part in transitions(written).split(7):
+        part["next", "done"][-1] = True
+        buffer.extend(part)
+    valid = min(written, 100)
+    counts = torch.zeros(100)
+    for _ in range(1500):
+        buffer.sample()
+        drawn = sampler.drawn.flatten()
+        assert replacement or len(drawn.unique()) == 20
+        counts += torch.bincount(drawn, minlength=100)
+    assert not counts[valid:].any()
+    # Draws without replacement vary less than a chi-square expects; the test is one-sided.
+    assert stats.chisquare(counts[:valid]).pvalue > 1e-3
+
+
+def test_distinct_candidates_may_be_all_there_are():
+    buffer = make_buffer(AttentiveSampler(2, candidate_replacement=False), batch_size=20)
+    buffer.extend(transitions(40))
+    assert len(buffer.sample()) == 20
+
+
+def test_default_query_is_the_newest_entry_also_after_wrap_around():
+    sampler = AttentiveSampler(4, similarity="negative_l2")
+    buffer = make_buffer(sampler, LazyTensorStorage(50))
+    for part in transitions(120).split(13):
+        buffer.extend(part)
+        if len(buffer) >= 32:
+            newest = part["observation"][-1:]
+            torch.testing.assert_close(sampler._queries(buffer.storage), newest)
+            assert buffer.sample()["age"].max() < 50
+    assert torch.equal(buffer[int(buffer._writer._cursor) - 1]["observation"], newest[0])
+
+
+def test_the_newest_of_several_environments_in_order():
+    sampler = AttentiveSampler(1, num_queries=3)
+    buffer = make_buffer(sampler, LazyTensorStorage(10))
+    data = transitions(22)
+    for part in data.split(2):
+        buffer.extend(part)
+    torch.testing.assert_close(sampler._queries(buffer.storage), data["observation"][-3:])
+
+
+def test_a_query_may_be_read_from_another_key():
+    sampler = AttentiveSampler(1, query_key=("next", "observation"))
+    buffer = make_buffer(sampler)
+    data = transitions(20)
+    data["next", "observation"] = torch.randn(20, WIDTH)
+    buffer.extend(data)
+    expected = data["next", "observation"][-1:]
+    torch.testing.assert_close(sampler._queries(buffer.storage), expected)
+
+
+def test_an_explicit_query_stays_until_it_is_taken_back():
+    sampler = AttentiveSampler(2)
+    buffer = make_buffer(sampler)
+    buffer.extend(transitions(30))
+    query = torch.randn(2, WIDTH)
+    sampler.set_query(query)
+    buffer.extend(transitions(30, seed=1))
+    torch.testing.assert_close(sampler._queries(buffer.storage), query)
+    sampler.set_query(None)
+    newest = transitions(30, seed=1)["observation"][-1:]
+    torch.testing.assert_close(sampler._queries(buffer.storage), newest)
+
+
+def test_age_counts_writes():
+    buffer = make_buffer(AttentiveSampler(1), LazyTensorStorage(30), batch_size=25)
+    for step in range(70):
+        row = transitions(1, seed=step)
+        row["step"] = torch.tensor([step])
+        buffer.extend(row)
+    sample = buffer.sample()
+    assert torch.equal(sample["age"], 69 - sample["step"])
+
+
+def test_k_is_annealed_linearly_and_then_stays():
+    sampler = AttentiveSampler(5, k_end=1, annealing_num_samples=4)
+    buffer = make_buffer(sampler)
+    buffer.extend(transitions(60))
+    seen = []
+    for _ in range(6):
+        seen.append(sampler.current_k)
+        buffer.sample()
+    assert seen == [5, 4, 3, 2, 1, 1]
+
+
+def test_torchrls_scheduler_can_set_k():
+    sampler = AttentiveSampler(4.0)
+    scheduler = LinearScheduler(sampler, "k", final_value=1.0, num_steps=3)
+    for _ in range(3):
+        scheduler.step()
+    assert sampler.k == 1
+
+
+STORAGES = {
+    "tensor": lambda path: LazyTensorStorage(40),
+    "memmap": lambda path: LazyMemmapStorage(40, scratch_dir=path / "memmap"),
+    "list": lambda path: ListStorage(40),
+}
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_every_storage(storage, tmp_path):
+    sampler = AttentiveSampler(2, similarity="negative_l2")
+    buffer = make_buffer(sampler, STORAGES[storage](tmp_path), batch_size=5, collate_fn=collate)
+    data = transitions(90)
+    for part in data.split(10):
+        buffer.extend(part)
+    for transition in transitions(3, seed=1):
+        buffer.add(transition)
+    sample, info = buffer.sample(return_info=True)
+    newest = transitions(3, seed=1)["observation"][-1]
+    expected = -(sample["observation"] - newest).norm(dim=-1)
+    torch.testing.assert_close(info["similarity"], expected)
+    assert (info["age"] >= 0).all()
+    assert (info["age"] < 40).all()
+
+
+def collate(data):
+    return torch.stack(data) if isinstance(data, list) else data
+
+
+@pytest.mark.parametrize("shape", [(3,), (3, 2)])
+@pytest.mark.parametrize("replacement", [True, False])
+def test_storages_of_several_dimensions(shape, replacement):
+    row = torch.Size(shape).numel()
+    sampler = Recording(2, candidate_replacement=replacement)
+    storage = LazyTensorStorage(row * 20, ndim=1 + len(shape))
+    buffer = make_buffer(sampler, storage, batch_size=6, dim_extend=0)
+    for step in range(33):
+        buffer.extend(transitions(1, *shape, seed=step))
+        if step >= 5:
+            newest = transitions(1, *shape, seed=step)["observation"].reshape(row, WIDTH)
+            torch.testing.assert_close(sampler._queries(storage), newest)
+            sample = buffer.sample()
+            stored = storage[tuple(sample["index"].unbind(-1))]
+            torch.testing.assert_close(sample["observation"], stored["observation"])
+            assert sampler.drawn[:, 0].max() <= min(step, 19)
+
+
+def test_prefetching():
+    buffer = make_buffer(AttentiveSampler(2), prefetch=3)
+    buffer.extend(transitions(60))
+    for _ in range(20):
+        buffer.extend(transitions(2))
+        assert buffer.sample()["similarity"].shape == (8,)
+
+
+def write_from_another_process(buffer):
+    buffer.extend(transitions(10, seed=9))
+
+
+def test_the_query_follows_what_another_process_writes():
+    sampler = AttentiveSampler(2)
+    buffer = make_buffer(sampler, shared=True)
+    buffer.extend(transitions(40))
+    context = mp.get_context("spawn")
+    process = context.Process(target=write_from_another_process, args=(buffer,))
+    process.start()
+    process.join()
+    assert process.exitcode == 0
+    newest = transitions(10, seed=9)["observation"][-1:]
+    torch.testing.assert_close(sampler._queries(buffer.storage), newest)
+    assert len(buffer.sample()) == 8
+
+
+def test_a_renamed_nested_key():
+    sampler = AttentiveSampler(3, key=("agent", "state"), similarity="negative_l2")
+    buffer = make_buffer(sampler)
+    buffer.extend(transitions(40, key=("agent", "state")))
+    sample = buffer.sample()
+    query = transitions(40, key=("agent", "state"))["agent", "state"][-1]
+    expected = -(sample["agent", "state"] - query).norm(dim=-1)
+    torch.testing.assert_close(sample["similarity"], expected)
+
+
+def test_observations_of_several_dimensions_are_flattened():
+    sampler = AttentiveSampler(2)
+    buffer = make_buffer(sampler)
+    buffer.extend(TensorDict({"observation": torch.randn(30, 2, 3)}, batch_size=[30]))
+    assert buffer.sample()["observation"].shape == (8, 2, 3)
+    assert sampler._queries(buffer.storage).shape == (1, 6)
+
+
+def test_similarity_in_a_learned_latent():
+    torch.manual_seed(0)
+    encoder = nn.Linear(WIDTH, 2)
+    sampler = AttentiveSampler(2, similarity=LatentSimilarity(encoder, negative_l2))
+    buffer = make_buffer(sampler)
+    buffer.extend(transitions(40))
+    query = torch.randn(WIDTH)
+    sampler.set_query(query)
+    sample = buffer.sample()
+    expected = -(encoder(sample["observation"]) - encoder(query)).norm(dim=-1)
+    torch.testing.assert_close(sample["similarity"], expected.detach())
+    assert not sample["similarity"].requires_grad
+
+
+def test_a_zero_vector_is_similar_to_nothing():
+    assert cosine(torch.zeros(1, 2, 3), torch.ones(1, 3)).tolist() == [[0, 0]]
+    assert cosine(torch.ones(1, 2, 3), torch.zeros(1, 3)).tolist() == [[0, 0]]
+
+
+def test_update_priority_is_a_quiet_no_op():
+    buffer = make_buffer(AttentiveSampler(2))
+    index = buffer.extend(transitions(20))
+    assert buffer.update_priority(index, torch.ones(20)) is None
+
+
+def test_state_dict_is_decoupled_and_continues():
+    sampler = AttentiveSampler(4, k_end=2, annealing_num_samples=10)
+    buffer = make_buffer(sampler)
+    buffer.extend(transitions(60))
+    sampler.set_query(torch.ones(WIDTH))
+    buffer.sample()
+    state = sampler.state_dict()
+    other = AttentiveSampler(4, k_end=2, annealing_num_samples=10)
+    other.load_state_dict(state)
+    assert other.current_k == sampler.current_k
+    sampler._query.zero_()
+    sampler._num_samples += 5
+    assert other._query.tolist() == [[1] * WIDTH]
+    assert other.current_k > sampler.current_k
+
+
+@pytest.mark.parametrize("query", [None, torch.ones(2, WIDTH)])
+def test_dumps_and_loads(tmp_path, query):
+    buffer = make_buffer(AttentiveSampler(3))
+    buffer.extend(transitions(60))
+    buffer.sampler.set_query(query)
+    buffer.sample()
+    buffer.dumps(tmp_path)
+    other = make_buffer(AttentiveSampler(2))
+    other.loads(tmp_path)
+    assert other.sampler.k == 3
+    torch.testing.assert_close(
+        other.sampler._queries(other.storage), buffer.sampler._queries(buffer.storage)
+    )
+    assert len(other.sample()) == 8
+
+
+def test_pickle():
+    sampler = AttentiveSampler(3, similarity="negative_l2", key=("a", "b"))
+    other = pickle.loads(pickle.dumps(sampler))
+    assert (other.k, other.key, other.similarity) == (3, ("a", "b"), negative_l2)
+
+
+def test_emptying_forgets_the_query():
+    sampler = AttentiveSampler(2)
+    buffer = make_buffer(sampler)
+    buffer.extend(transitions(40))
+    sampler.set_query(torch.ones(WIDTH))
+    buffer.empty()
+    buffer.extend(transitions(40, seed=2))
+    newest = transitions(40, seed=2)["observation"][-1:]
+    torch.testing.assert_close(sampler._queries(buffer.storage), newest)
+
+
+def test_repr_says_what_it_does():
+    assert repr(AttentiveSampler(3)) == (
+        "AttentiveSampler(k=3, key='observation', similarity=cosine)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "message"),
+    [
+        ({"k": 0.5}, "AttentiveSampler: k must be >= 1, got 0.5."),
+        ({"k": float("nan")}, "AttentiveSampler: k must be >= 1, got nan."),
+        ({"k_end": 0, "annealing_num_samples": 3}, "k_end must be >= 1, got 0."),
+        ({"k_end": 1}, "annealing_num_samples must be >= 1 where k_end is given, got 0."),
+        ({"num_queries": 0}, "num_queries must be >= 1, got 0."),
+        ({"similarity": "dot"}, r"must be one of \['cosine', 'negative_l2'\] or a callable, got"),
+    ],
+)
+def test_bad_arguments(kwargs, message):
+    with pytest.raises(ValueError, match=message):
+        AttentiveSampler(**kwargs)
+
+
+@pytest.mark.parametrize(
+    ("query", "message"),
+    [
+        (torch.zeros(2, 2, 2), r"query must be \[Q, D\] or \[D\], got \(2, 2, 2\)."),
+        (torch.zeros(0, 3), r"query must be \[Q, D\] or \[D\], got \(0, 3\)."),
+        (torch.tensor([[0.0], [float("nan")]]), r"NaN in the query, rows \[1\]."),
+    ],
+)
+def test_bad_queries(query, message):
+    with pytest.raises(ValueError, match=message):
+        AttentiveSampler().set_query(query)
+
+
+def test_a_query_of_another_width():
+    sampler = AttentiveSampler(2)
+    buffer = make_buffer(sampler)
+    buffer.extend(transitions(30))
+    sampler.set_query(torch.zeros(5))
+    with pytest.raises(ValueError, match=r"the query is 5 wide, 'observation' is 4."):
+        buffer.sample()
+
+
+def draw_often(buffer):
+    for _ in range(50):
+        buffer.sample()
+
+
+def test_nan_in_what_is_stored():
+    buffer = make_buffer(AttentiveSampler(2))
+    data = transitions(30)
+    data["observation"][3, 1] = float("nan")
+    buffer.extend(data)
+    with pytest.raises(ValueError, match="NaN in the similarity to 'observation' of a stored"):
+        draw_often(buffer)
+    data["observation"][-1] = float("nan")
+    buffer.extend(data)
+    with pytest.raises(ValueError, match="NaN in 'observation' of the newest entries"):
+        buffer.sample()
+
+
+def test_more_candidates_than_entries():
+    sampler = AttentiveSampler(4)
+    buffer = make_buffer(sampler)
+    buffer.extend(transitions(31))
+    assert not buffer.can_sample()
+    message = "k \\* batch_size must be <= the entries stored, got 4 \\* 8 for 31 entries."
+    with pytest.raises(ValueError, match=message):
+        buffer.sample()
+    buffer.extend(transitions(1))
+    assert buffer.can_sample()
+    assert len(buffer.sample()) == 8
+
+
+def test_a_storage_of_bare_tensors():
+    buffer = ReplayBuffer(storage=LazyTensorStorage(100), sampler=AttentiveSampler(2), batch_size=8)
+    buffer.extend(torch.randn(50, WIDTH))
+    with pytest.raises(TypeError, match=r"the storage must hold tensordicts, got Tensor"):
+        buffer.sample()
+
+
+def test_an_empty_storage():
+    with pytest.raises(RuntimeError, match=r"Cannot sample from an empty storage."):
+        make_buffer(AttentiveSampler()).sample()
+
+
+def test_no_query_yet():
+    filled = make_buffer(RandomSampler())
+    filled.extend(transitions(50))
+    storage = LazyTensorStorage(100)
+    storage.load_state_dict(filled.storage.state_dict())
+    sampler = AttentiveSampler(2)
+    with pytest.raises(RuntimeError, match=r"there is no query yet: .* Call set_query first."):
+        sampler.sample(storage, 8)
+    sampler.set_query(torch.zeros(WIDTH))
+    _, info = sampler.sample(storage, 8)
+    assert info["age"].tolist() == [-1] * 8
+
+
+def test_a_missing_key_lists_the_keys_there_are():
+    buffer = make_buffer(AttentiveSampler(2, key="state"))
+    buffer.extend(transitions(30))
+    with pytest.raises(KeyError, match=r"key .*state.* not found, the storage has .*observation"):
+        buffer.sample()
+
+
+@pytest.mark.ray
+def test_a_ray_buffer():
+    pytest.importorskip("ray")
+    from torchrl.data import RayReplayBuffer
+
+    buffer = RayReplayBuffer(
+        storage=partial(LazyTensorStorage, 100),
+        sampler=partial(AttentiveSampler, 2),
+        batch_size=8,
+        ray_init_config={"num_cpus": 1},
+    )
+    try:
+        buffer.extend(transitions(40))
+        assert len(buffer.sample()) == 8
+    finally:
+        buffer.close()
