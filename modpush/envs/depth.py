@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 __all__ = ["AnalyticEye", "DepthName", "Eye", "SapienEye", "make_eye"]
 
 DepthName = Literal["analytic", "sapien"]
+Placed = tuple[Solids, NDArray[np.float64], int]
+"""Solids, their poses and their label, as `raycast.draw` takes them."""
 
 
 class Eye(ABC):
@@ -54,6 +56,7 @@ class AnalyticEye(Eye):
         warmup()
         self._objects = {item.name: Solids.of(item.parts) for item in task.pushed_objects}
         self._background = [blank_image() for _ in range(task.num_envs)]
+        self._fixed: list[list[Placed]] = [[] for _ in range(task.num_envs)]
         shapes = {link.name: link.shapes for link in LINKS} | {"tool": task.agent.tool.shapes}
         self._link_names = tuple(shapes)
         self._robot = Solids.of(part for parts in shapes.values() for part in parts)
@@ -62,8 +65,8 @@ class AnalyticEye(Eye):
     def reset(self, index: int) -> None:
         """Draw the table and, where they are fixed, the obstacles."""
         self._background[index] = blank_image()
-        if not self.task.dynamic_obstacles:
-            solids, poses, label = self._obstacles(index)
+        self._fixed[index] = [] if self.task.dynamic_obstacles else [self._obstacles(index)]
+        for solids, poses, label in self._fixed[index]:
             draw(*self._background[index], solids, poses, label)
 
     def capture(
@@ -80,12 +83,9 @@ class AnalyticEye(Eye):
         self, index: int, pixels: NDArray[np.float64]
     ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
         """Depth and label at single pixels `[..., 2]` (u, v), without an image."""
-        groups = self._moving(index)
-        if not self.task.dynamic_obstacles:
-            groups.append(self._obstacles(index))
-        return cast_pixels(pixels, groups)
+        return cast_pixels(pixels, self._moving(index) + self._fixed[index])
 
-    def _moving(self, index: int) -> list[tuple[Solids, NDArray[np.float64], int]]:
+    def _moving(self, index: int) -> list[Placed]:
         """What has to be drawn anew in every image: solids, poses, label."""
         task = self.task
         name = task.scenarios[index].pushed_object
@@ -98,7 +98,7 @@ class AnalyticEye(Eye):
             groups.append((self._robot, poses, LABELS["robot"]))
         return groups
 
-    def _obstacles(self, index: int) -> tuple[Solids, NDArray[np.float64], int]:
+    def _obstacles(self, index: int) -> Placed:
         obstacles = self.task.scenarios[index].obstacles
         solids = Solids.of(obstacle_part(o) for o in obstacles)
         return solids, self.task.obstacles.transforms(index), LABELS["obstacle"]

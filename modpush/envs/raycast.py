@@ -158,23 +158,31 @@ def warmup() -> None:
     cast_pixels(np.zeros((1, 2)), [(solids, pose, LABELS["object"])])
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _draw(depth, segmentation, kind, size, planes, rotation, position, poses, label, pinhole):  # type: ignore[no-untyped-def]
     height, width = depth.shape
-    origin, ray, R, center = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3)
-    for k in range(len(kind)):
-        _place(poses[min(k, len(poses) - 1)], rotation[k], position[k], R, center)
-        u0, u1, v0, v1 = _bounds(kind[k], size[k], R, center, pinhole)
-        u0, v0 = max(int(math.floor(u0)), 0), max(int(math.floor(v0)), 0)
-        u1, v1 = min(int(math.ceil(u1)), width - 1), min(int(math.ceil(v1)), height - 1)
+    n = len(kind)
+    origin, ray = np.empty(3), np.empty(3)
+    turned, center, bounds = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 5))
+    corners, left, right = np.empty((n, 8, 2)), np.empty(height), np.empty(height)
+    for k in range(n):
+        _place(poses[min(k, len(poses) - 1)], rotation[k], position[k], turned[k], center[k])
+        bounds[k] = _bounds(kind[k], size[k], turned[k], center[k], pinhole, corners[k])
+    # Nearest first, so that what is hidden behind is not cast at.
+    for k in np.argsort(bounds[:, 4]):
+        u0, v0 = max(math.floor(bounds[k, 0]), 0), max(math.floor(bounds[k, 2]), 0)
+        u1, v1 = min(math.ceil(bounds[k, 1]), width - 1), min(math.ceil(bounds[k, 3]), height - 1)
         if u0 > u1 or v0 > v1:
             continue
-        _into_local(
-            R, pinhole[0] - center[0], pinhole[1] - center[1], pinhole[2] - center[2], origin
-        )
-        for v in range(v0, v1 + 1):
+        R, nearest = turned[k], bounds[k, 4]
+        dx, dy, dz = pinhole[0] - center[k, 0], pinhole[1] - center[k, 1], pinhole[2] - center[k, 2]
+        _into_local(R, dx, dy, dz, origin)
+        _row_spans(corners[k], nearest, u0, u1, int(v0), int(v1), left, right)
+        for v in range(int(v0), int(v1) + 1):
             dx = -(v - pinhole[5]) / pinhole[3]
-            for u in range(u0, u1 + 1):
+            for u in range(int(left[v]), int(right[v]) + 1):
+                if depth[v, u] <= nearest:
+                    continue
                 dy = -(u - pinhole[4]) / pinhole[3]
                 _into_local(R, dx, dy, -1.0, ray)
                 t = _hit(kind[k], size[k], planes[k], origin, ray)
@@ -183,17 +191,18 @@ def _draw(depth, segmentation, kind, size, planes, rotation, position, poses, la
                     segmentation[v, u] = label
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _cast(pixels, depth, labels, kind, size, planes, rotation, position, poses, label, pinhole):  # type: ignore[no-untyped-def]
     origin, ray, R, center = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3)
     low, high = np.array([np.inf, np.inf]), np.array([-np.inf, -np.inf])
+    corners = np.empty((8, 2))
     for i in range(len(pixels)):
         for axis in range(2):
             low[axis] = min(low[axis], pixels[i, axis])
             high[axis] = max(high[axis], pixels[i, axis])
     for k in range(len(kind)):
         _place(poses[min(k, len(poses) - 1)], rotation[k], position[k], R, center)
-        u0, u1, v0, v1 = _bounds(kind[k], size[k], R, center, pinhole)
+        u0, u1, v0, v1, _ = _bounds(kind[k], size[k], R, center, pinhole, corners)
         if u1 < low[0] or u0 > high[0] or v1 < low[1] or v0 > high[1]:
             continue
         _into_local(
@@ -212,7 +221,7 @@ def _cast(pixels, depth, labels, kind, size, planes, rotation, position, poses, 
                 labels[i] = label
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _place(pose, rotation, position, R, center):  # type: ignore[no-untyped-def]
     """Rotation and centre of a primitive in the base frame, from its body's pose."""
     w, x, y, z = pose[3], pose[4], pose[5], pose[6]
@@ -229,18 +238,21 @@ def _place(pose, rotation, position, R, center):  # type: ignore[no-untyped-def]
                 R[i, j] += B[i, m] * rotation[m, j]
 
 
-@numba.njit(cache=True, inline="always")
+@numba.njit(cache=True, error_model="numpy", inline="always")
 def _into_local(R, x, y, z, out):  # type: ignore[no-untyped-def]
     """R^T (x, y, z)."""
     for j in range(3):
         out[j] = R[0, j] * x + R[1, j] * y + R[2, j] * z
 
 
-@numba.njit(cache=True)
-def _bounds(kind, size, R, position, pinhole):  # type: ignore[no-untyped-def]
-    """Pixel rectangle (u0, u1, v0, v1) around the corners of the solid's own bounding box."""
+@numba.njit(cache=True, error_model="numpy")
+def _bounds(kind, size, R, position, pinhole, corners):  # type: ignore[no-untyped-def]
+    """Pixel rectangle (u0, u1, v0, v1) and least depth of the solid's own bounding box.
+
+    Writes the pixels of its corners, `[8, 2]`. A least depth of 0 means that no rectangle holds it.
+    """
     hx, hy, hz = _half_extents(kind, size)
-    u0, u1, v0, v1 = np.inf, -np.inf, np.inf, -np.inf
+    u0, u1, v0, v1, nearest = np.inf, -np.inf, np.inf, -np.inf, np.inf
     for corner in range(8):
         x = hx if corner & 1 else -hx
         y = hy if corner & 2 else -hy
@@ -250,14 +262,42 @@ def _bounds(kind, size, R, position, pinhole):  # type: ignore[no-untyped-def]
         wz = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z + position[2]
         ahead = pinhole[2] - wz
         if ahead <= 1e-6:  # beside or above the camera: no rectangle holds it
-            return -1e9, 1e9, -1e9, 1e9
+            return -1e9, 1e9, -1e9, 1e9, 0.0
+        nearest = min(nearest, ahead)
         scale = pinhole[3] / ahead
         u, v = pinhole[4] - (wy - pinhole[1]) * scale, pinhole[5] - (wx - pinhole[0]) * scale
+        corners[corner, 0], corners[corner, 1] = u, v
         u0, u1, v0, v1 = min(u0, u), max(u1, u), min(v0, v), max(v1, v)
-    return u0, u1, v0, v1
+    return u0, u1, v0, v1, nearest
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
+def _row_spans(corners, nearest, u0, u1, v0, v1, left, right):  # type: ignore[no-untyped-def]
+    """Per image row the columns within the corners' convex hull: `left[v]` to `right[v]`.
+
+    The hull's sides are among the 28 lines between two corners, and none of these leaves it.
+    """
+    for v in range(v0, v1 + 1):
+        left[v], right[v] = (u0, u1) if nearest == 0.0 else (np.inf, -np.inf)
+    if nearest == 0.0:
+        return
+    for i in range(8):
+        for j in range(i):
+            ua, va, ub, vb = corners[i, 0], corners[i, 1], corners[j, 0], corners[j, 1]
+            if va > vb:
+                ua, va, ub, vb = ub, vb, ua, va
+            slope = (ub - ua) / (vb - va) if vb > va else 0.0
+            for v in range(max(math.ceil(va), v0), min(math.floor(vb), v1) + 1):
+                u = ua + (v - va) * slope
+                left[v], right[v] = min(left[v], u), max(right[v], u)
+    for v in range(v0, v1 + 1):
+        if left[v] > right[v]:  # no corner on either side of this row's centres
+            left[v], right[v] = 0.0, -1.0
+        else:
+            left[v], right[v] = max(math.floor(left[v]), u0), min(math.ceil(right[v]), u1)
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _half_extents(kind, size):  # type: ignore[no-untyped-def]
     if kind == _CYLINDER:
         return size[0], size[0], size[1]
@@ -266,7 +306,7 @@ def _half_extents(kind, size):  # type: ignore[no-untyped-def]
     return size[0], size[1], size[2]
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _hit(kind, size, planes, origin, ray):  # type: ignore[no-untyped-def]
     """Ray parameter of the first entry into the solid, inf where it misses."""
     if kind == _BOX:
@@ -299,7 +339,7 @@ def _hit(kind, size, planes, origin, ray):  # type: ignore[no-untyped-def]
     return best
 
 
-@numba.njit(cache=True, inline="always")
+@numba.njit(cache=True, error_model="numpy", inline="always")
 def _slab(origin, ray, half, near, far):  # type: ignore[no-untyped-def]
     """Cut an interval of the ray to |coordinate| <= half."""
     if abs(ray) < 1e-12:
@@ -312,7 +352,7 @@ def _slab(origin, ray, half, near, far):  # type: ignore[no-untyped-def]
     return max(near, first), min(far, second)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _tube(origin, ray, radius):  # type: ignore[no-untyped-def]
     """Interval of the ray within an endless cylinder about z."""
     a = ray[0] * ray[0] + ray[1] * ray[1]
@@ -327,7 +367,7 @@ def _tube(origin, ray, radius):  # type: ignore[no-untyped-def]
     return max(0.0, (-b - root) / a), (-b + root) / a
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _ball(origin, ray, radius, height):  # type: ignore[no-untyped-def]
     """First entry into a ball on the z axis."""
     oz = origin[2] - height

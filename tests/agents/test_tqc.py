@@ -12,9 +12,9 @@ from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.envs import GymEnv, SerialEnv, TransformedEnv
 from torchrl.envs.transforms import RewardSum
 from torchrl.objectives import TQCLoss as TorchRLTQCLoss
-from tqc_builders import make_batch, make_loss
 
 from modpush.agents import TQCConfig, TQCLoss, TQCUpdate, make_actor, make_tqc
+from tests.agents.tqc_builders import make_batch, make_loss
 
 SMALL = TQCConfig(hidden_sizes=(16, 12), batch_size=8)
 

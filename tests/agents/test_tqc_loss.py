@@ -12,9 +12,17 @@ from torchrl.modules import ValueOperator
 from torchrl.objectives import HardUpdate, SoftUpdate
 from torchrl.objectives import TQCLoss as TorchRLTQCLoss
 from torchrl.objectives.utils import ValueEstimators
-from tqc_builders import ACT, ATOMS, OBS, make_actor, make_batch, make_critic, make_loss
 
 from modpush.agents import TQCLoss
+from tests.agents.tqc_builders import (
+    ACT,
+    ATOMS,
+    OBS,
+    make_actor,
+    make_batch,
+    make_critic,
+    make_loss,
+)
 
 
 def total(output):

@@ -5,10 +5,10 @@ import torch
 from torch import nn
 from torchrl.modules import MLP, ValueOperator
 from torchrl.objectives import TQCLoss as TorchRLTQCLoss
-from tqc_builders import ACT, ATOMS, CELLS, OBS, make_batch, make_critic, make_loss
 
 from modpush.agents import TQCLoss
 from modpush.agents.relu_mlp import ReluMLP
+from tests.agents.tqc_builders import ACT, ATOMS, CELLS, OBS, make_batch, make_critic, make_loss
 
 TOLERANCE = {torch.float32: 1e-6, torch.float64: 1e-10}
 
