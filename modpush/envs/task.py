@@ -126,7 +126,9 @@ class ClutterPushEnv(BaseEnv):
             spacing=3,
             # A small contact offset keeps the number of contact pairs small; the fastest body
             # moves 2.5 mm in a physics step.
-            scene_config=SceneConfig(contact_offset=0.005, solver_position_iterations=8),
+            # With 8 solver iterations instead of ManiSkill's 15, a squeezed object sank 3.9 mm into
+            # an obstacle once in a 10-minute soak.
+            scene_config=SceneConfig(contact_offset=0.005, solver_position_iterations=15),
         )
 
     @property
