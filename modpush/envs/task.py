@@ -306,6 +306,13 @@ class ClutterPushEnv(BaseEnv):
         )
 
     def _place_objects(self, env_idx: Tensor, scenarios: Sequence[Scenario]) -> None:
+        if not self.gpu_sim_enabled:
+            # Taken out and put in again, a body leaves PhysX's contact cache behind: the episode
+            # does not depend on the one before, to the last bit.
+            scene = self.scene.sub_scenes[0]
+            for actor in self._actors.values():
+                scene.remove_entity(actor._objs[0])
+                scene.add_entity(actor._objs[0])
         for name, actor in self._actors.items():
             item = get_object_of(self.pushed_objects, name)
             poses = np.array(
