@@ -1,7 +1,6 @@
 """Obstacles inside a running scene: swapped on a CPU, taken from a pool on CUDA."""
 
 import math
-from collections import defaultdict
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -23,7 +22,7 @@ __all__ = ["DYNAMIC_MASS", "ObstaclePool", "ObstacleSwapper", "obstacle_part"]
 DYNAMIC_MASS = 0.5
 """Of a movable obstacle [kg]."""
 _COLOR = (0.30, 0.33, 0.38)
-_SPARE_PER_SIZE = 4  # bodies kept for a later episode, per size
+_MAX_SPARE = 32  # bodies kept for a later episode; lengths are real numbers and seldom come again
 
 
 def obstacle_part(obstacle: Obstacle) -> Primitive:
@@ -45,7 +44,7 @@ class ObstacleSwapper:
         self._can_render = scene.can_render()
         self._material = material
         self._dynamic = dynamic
-        self._spare: dict[tuple[float, float, float], list[sapien.Entity]] = defaultdict(list)
+        self._spare: list[tuple[tuple[float, float, float], sapien.Entity]] = []
         self._placed: list[tuple[Obstacle, sapien.Entity]] = []
         self.actors: list[Actor] = []  # ManiSkill's structs are for bodies that stay
         self._rigid: list[physx.PhysxRigidBaseComponent] = []
@@ -56,8 +55,8 @@ class ObstacleSwapper:
         """Replace the obstacles that stand by those of a layout; returns what now stands."""
         for obstacle, entity in self._placed:
             self._scene.remove_entity(entity)
-            if len(self._spare[obstacle.size]) < _SPARE_PER_SIZE:
-                self._spare[obstacle.size].append(entity)
+            self._spare.append((obstacle.size, entity))
+        del self._spare[:-_MAX_SPARE]
         self._placed = [(o, self._take(o, i)) for i, o in enumerate(layouts[0])]
         for _, entity in self._placed:
             self._scene.add_entity(entity)
@@ -73,8 +72,9 @@ class ObstacleSwapper:
 
     def _take(self, obstacle: Obstacle, index: int) -> sapien.Entity:
         """An entity of this size at its place, not yet in the scene."""
-        if self._spare[obstacle.size]:
-            entity = self._spare[obstacle.size].pop()
+        sizes = [size for size, _ in self._spare]
+        if obstacle.size in sizes:
+            _, entity = self._spare.pop(sizes.index(obstacle.size))
         else:
             part = obstacle_part(obstacle)
             mass = DYNAMIC_MASS if self._dynamic else None
