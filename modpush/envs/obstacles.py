@@ -22,7 +22,6 @@ __all__ = ["DYNAMIC_MASS", "ObstaclePool", "ObstacleSwapper", "obstacle_part"]
 DYNAMIC_MASS = 0.5
 """Of a movable obstacle [kg]."""
 _COLOR = (0.30, 0.33, 0.38)
-_MAX_SPARE = 32  # bodies kept for a later episode; lengths are real numbers and seldom come again
 
 
 def obstacle_part(obstacle: Obstacle) -> Primitive:
@@ -33,8 +32,8 @@ def obstacle_part(obstacle: Obstacle) -> Primitive:
 class ObstacleSwapper:
     """One CPU scene whose obstacles come and go while it runs.
 
-    A body of the same size is used again; another one costs some 0.1 ms, where rebuilding the scene
-    costs 200 ms.
+    Every layout gets new bodies, in its own order: PhysX's packed state lists bodies by age, and
+    SAPIEN loses half a kilobyte with every body that is taken out and put in again.
     """
 
     def __init__(
@@ -44,7 +43,6 @@ class ObstacleSwapper:
         self._can_render = scene.can_render()
         self._material = material
         self._dynamic = dynamic
-        self._spare: list[tuple[tuple[float, float, float], sapien.Entity]] = []
         self._placed: list[tuple[Obstacle, sapien.Entity]] = []
         self.actors: list[Actor] = []  # ManiSkill's structs are for bodies that stay
         self._rigid: list[physx.PhysxRigidBaseComponent] = []
@@ -53,34 +51,24 @@ class ObstacleSwapper:
         self, indices: Sequence[int], layouts: Sequence[Sequence[Obstacle]]
     ) -> list[tuple[Obstacle, ...]]:
         """Replace the obstacles that stand by those of a layout; returns what now stands."""
-        for obstacle, entity in self._placed:
+        for _, entity in self._placed:
             self._scene.remove_entity(entity)
-            self._spare.append((obstacle.size, entity))
-        del self._spare[:-_MAX_SPARE]
-        self._placed = [(o, self._take(o, i)) for i, o in enumerate(layouts[0])]
+        self._placed = [(o, self._build(o, i)) for i, o in enumerate(layouts[0])]
         for _, entity in self._placed:
             self._scene.add_entity(entity)
         kind = (
             physx.PhysxRigidDynamicComponent if self._dynamic else physx.PhysxRigidStaticComponent
         )
         self._rigid = [entity.find_component_by_type(kind) for _, entity in self._placed]
-        if self._dynamic:
-            for body in self._rigid:
-                body.linear_velocity = np.zeros(3, dtype=np.float32)
-                body.angular_velocity = np.zeros(3, dtype=np.float32)
         return [tuple(layouts[0])]
 
-    def _take(self, obstacle: Obstacle, index: int) -> sapien.Entity:
-        """An entity of this size at its place, not yet in the scene."""
-        sizes = [size for size, _ in self._spare]
-        if obstacle.size in sizes:
-            _, entity = self._spare.pop(sizes.index(obstacle.size))
-        else:
-            part = obstacle_part(obstacle)
-            mass = DYNAMIC_MASS if self._dynamic else None
-            entity = bodies.rigid_body([part], self._material, mass=mass)
-            if self._can_render:
-                bodies.attach_visuals(entity, [part])
+    def _build(self, obstacle: Obstacle, index: int) -> sapien.Entity:
+        """An obstacle at its place, not yet in the scene."""
+        part = obstacle_part(obstacle)
+        mass = DYNAMIC_MASS if self._dynamic else None
+        entity = bodies.rigid_body([part], self._material, mass=mass)
+        if self._can_render:
+            bodies.attach_visuals(entity, [part])
         x, y, yaw = obstacle.pose
         entity.name = f"scene-0_obstacle_{index}"
         entity.pose = bodies.yaw_pose(x, y, obstacle.size[2] / 2, yaw)

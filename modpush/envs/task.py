@@ -185,7 +185,7 @@ class ClutterPushEnv(BaseEnv):
         )
         self._marker = self._load_goal_marker() if self.scene.can_render() else None
         self.contacts = ContactReader(self)
-        self._unit_inertia: dict[str, np.ndarray] = {}
+        self._mass_properties: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         self._raw_joints = [joint._objs[0] for joint in self.agent.robot.active_joints]
 
     def _load_table(self, material: physx.PhysxMaterial) -> None:
@@ -307,12 +307,15 @@ class ClutterPushEnv(BaseEnv):
 
     def _place_objects(self, env_idx: Tensor, scenarios: Sequence[Scenario]) -> None:
         if not self.gpu_sim_enabled:
-            # Taken out and put in again, a body leaves PhysX's contact cache behind: the episode
-            # does not depend on the one before, to the last bit.
+            # Only what is in play is in the scene, and it is taken out and put in again: a body
+            # leaves PhysX's contact cache behind, and the episode does not depend on the one before,
+            # to the last bit.
             scene = self.scene.sub_scenes[0]
             for actor in self._actors.values():
-                scene.remove_entity(actor._objs[0])
-                scene.add_entity(actor._objs[0])
+                if actor._objs[0].scene is not None:
+                    scene.remove_entity(actor._objs[0])
+            item = get_object_of(self.pushed_objects, scenarios[0].pushed_object)
+            scene.add_entity(self._actors[item.name]._objs[0])
         for name, actor in self._actors.items():
             item = get_object_of(self.pushed_objects, name)
             poses = np.array(
@@ -337,10 +340,13 @@ class ClutterPushEnv(BaseEnv):
         """Mass, centre of mass and friction of the episode. On CUDA they stay as built."""
         wanted = scenario.dynamics
         body = actor._bodies[0]
-        unit = self._unit_inertia.setdefault(item.name, np.array(body.inertia) / body.mass)
+        # As built, once: read and written again at every reset, they would drift by roundings.
+        unit, axes = self._mass_properties.setdefault(
+            item.name, (np.array(body.inertia) / body.mass, np.array(body.cmass_local_pose.q))
+        )
         body.mass = wanted.mass
         body.inertia = unit * wanted.mass
-        body.cmass_local_pose = sapien.Pose([*wanted.center_of_mass, 0.0], body.cmass_local_pose.q)
+        body.cmass_local_pose = sapien.Pose([*wanted.center_of_mass, 0.0], axes)
         self._object_material.static_friction = wanted.friction
         self._object_material.dynamic_friction = wanted.friction
 
