@@ -156,17 +156,15 @@ def taut_search(
             value = cost[node] + length_of(dx, dy) + heuristic[v]
             key, ends = _push_edge(key, ends, size, value, node, v)
             size += 1
-        while size > 0:
+        found = False
+        while size > 0 and not found:
             came_from, node = ends[0, 0], ends[0, 1]
-            value = key[0]
             _drop_first_edge(key, ends, size)
             size -= 1
-            if parent[node] < 0 and line_of_sight(
+            found = parent[node] < 0 and line_of_sight(
                 codes, nodes[came_from, 0], nodes[came_from, 1], nodes[node, 0], nodes[node, 1]
-            ):
-                break
-            node = -1
-        if node < 0:
+            )
+        if not found:
             return
         dx, dy = nodes[node, 0] - nodes[came_from, 0], nodes[node, 1] - nodes[came_from, 1]
         cost[node] = cost[came_from] + length_of(dx, dy)
