@@ -58,7 +58,7 @@ def _observe_one(
     out: NDArray,
 ) -> None:
     """Scene b from depth to inflated cells; what is known is taken over if it still holds."""
-    seen = segmentation[min(b, segmentation.shape[0] - 1)]
+    seen = segmentation[b if segmentation.shape[0] > 1 else 0]
     find_blocked(
         depth[b],
         seen,
