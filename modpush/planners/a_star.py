@@ -119,7 +119,9 @@ def _plan_one(
     last = (y[1] >> FRACTION_BITS) * width + (x[1] >> FRACTION_BITS)
     cost = np.empty(height * width)
     parent = np.empty(height * width, dtype=np.int32)
-    scene_weight = weight[b if weight.shape[0] > 1 else 0]
+    scene_weight = weight[0]
+    if weight.shape[0] > 1:
+        scene_weight = weight[b]
     cheapest = scene_weight.min()
     codes = maps.codes[b]
     if not search_cells(codes, scene_weight, cheapest, first, last, neighbours, cost, parent):

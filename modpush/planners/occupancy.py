@@ -58,10 +58,9 @@ def _observe_one(
     out: NDArray,
 ) -> None:
     """Scene b from depth to inflated cells; what is known is taken over if it still holds."""
-    seen = segmentation[b if segmentation.shape[0] > 1 else 0]
     find_blocked(
         depth[b],
-        seen,
+        segmentation[b],
         object_uv[b],
         radius[b],
         camera_z,
@@ -237,7 +236,7 @@ class OccupancyMap:
         height, width = self.frame.height, self.frame.width
         words = words_per_row(width)
         if segmentation is None:
-            segments = np.zeros((1, 0, 0), dtype=np.uint8)
+            segments = np.zeros((batch, 0, 0), dtype=np.uint8)
         else:
             segments = segmentation.detach().cpu().contiguous().numpy()
         if object_position is None:
