@@ -13,7 +13,14 @@ from torch import Tensor
 from torchrl.data import Binary, Composite, Unbounded
 from torchrl.envs.transforms import TensorDictPrimer
 
-from modpush.agents.corridor import corridor_path, corridor_zones, to_targets
+from modpush.agents.corridor import (
+    Clearances,
+    corridor_cost,
+    corridor_path,
+    obstacle_distance,
+    repulsion,
+    to_targets,
+)
 from modpush.agents.von_mises import (
     activations,
     posterior,
@@ -47,12 +54,16 @@ class CorridorConfig:
     """K_mu: share of the mean deviation that is steered against."""
     last_gain: float = 0.1
     """K_gamma: share of the last deviation that is steered against."""
+    success: float = math.pi / 6
+    """A push that deviated by more is none to learn from, though the one before was worse [rad]."""
     moved: float = 1e-4
     """A step in which the object moved by more counts [m]."""
     inner_zone: float = 1.2
     """Width of the inner zone in circumscribed radii of the object."""
     outer_zone: float = 2.4
     """Width of the outer zone in the same."""
+    touch_zone: float = 1.0
+    """Room that the object needs, in the same."""
     weights: tuple[float, float, float] = (1.0, 50.0, 200.0)
     """Cost of a free cell, of the outer zone, of the inner zone."""
     neighbours: int = 8
@@ -65,6 +76,14 @@ class CorridorConfig:
     """How many successful angles are remembered, and at most."""
     step: float = 1.0
     """Length of an action, 1 is the most the environment allows in an axis."""
+    lean: float = 1.0
+    """An object within the inner zone is pushed off the obstacle, by so much at contact; 0: not."""
+    avoid: float = 0.05
+    """The tool is pushed off obstacles that are nearer while it goes round the object; 0: not [m]."""
+    patience: int = 5
+    """After so many steps in which nothing moved the tool backs off; 0: never."""
+    escape: int = 8
+    """For so many steps."""
     faithful: bool = False
     """Keep the authors' mistakes: their posterior, angle wrapping, means and condition to invert."""
 
@@ -88,8 +107,13 @@ def faithful_config() -> CorridorConfig:
     radius = 0.025 * math.sqrt(2.0)
     return CorridorConfig(
         near=0.07 - radius,
+        success=math.inf,
+        lean=0.0,
+        avoid=0.0,
+        patience=0,
         inner_zone=0.03 * math.sqrt(2.0) / radius,
         outer_zone=0.06 * math.sqrt(2.0) / radius,
+        touch_zone=7 * 0.00354 / radius,
         neighbours=4,
         faithful=True,
     )
@@ -213,10 +237,10 @@ class PushingCorridorController(TensorDictModuleBase):
         ]
         self.out_keys = [action_key, ("next", state_key)]
         self._obstacles = OccupancyMap(self.frame)
-        self._zones: dict[int, tuple[NDArray[Any], float, NDArray[Any]]] = {}
+        self._known: dict[int, tuple[NDArray[Any], NDArray[Any]]] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**super().__getstate__(), "_zones": {}}
+        return {**super().__getstate__(), "_known": {}}
 
     def state_spec(self, batch: tuple[int, ...]) -> Composite:
         """Spec of the state for a batch of scenes, `Composite` of shape `batch`."""
@@ -231,6 +255,9 @@ class PushingCorridorController(TensorDictModuleBase):
             "gamma": (1,),
             "gamma_sum": (2,),
             "gamma_count": (1,),
+            "tool_position": (2,),
+            "still": (1,),
+            "escape": (1,),
         }
         leaves: dict[str, Any] = {
             key: Unbounded(shape=(*batch, *shape), dtype=torch.float32)
@@ -274,9 +301,9 @@ class PushingCorridorController(TensorDictModuleBase):
             radius = torch.full((scenes,), self.object_radius)
         radius = radius.detach().cpu().reshape(scenes).float()
         state = self._begin(tensordict, scenes, goal, position)
-        zones = self._find_zones(tensordict, radius)
-        self._plan(state, zones, position, goal)
-        action = self._act(state, zones, position, tool, radius)
+        distances = self._distances(tensordict, scenes)
+        self._plan(state, distances, position, goal, radius)
+        action = self._act(state, distances, position, tool, radius)
         tensordict.set(self.action_key, action.reshape(*lead, 3).to(device))
         tensordict.set(("next", self.state_key), state.reshape(lead).to(device))
         return tensordict
@@ -296,37 +323,47 @@ class PushingCorridorController(TensorDictModuleBase):
             started = started & ~is_init.cpu().reshape(scenes, 1)
         return torch.where(started.squeeze(-1), old.select(*fresh.keys()), fresh)
 
-    def _find_zones(self, tensordict: TensorDictBase, radius: Tensor) -> list[NDArray[Any]]:
-        """Each scene's zones, `[H, W]` uint8; worked out again only where obstacles changed."""
+    def _distances(self, tensordict: TensorDictBase, scenes: int) -> list[NDArray[Any]]:
+        """Each scene's distances to obstacles; worked out again only where those changed."""
         depth = tensordict.get(self.depth_key)
-        images = (len(radius), *depth.shape[-2:])
+        images = (scenes, *depth.shape[-2:])
         segments = tensordict.get(self.segmentation_key).reshape(images)
         blocked, bits = self._obstacles(depth.reshape(images), 0.0, segments)
-        zones = []
-        for b in range(len(radius)):
-            row, reach = bits[b].numpy(), float(radius[b])
-            known = self._zones.get(b)
-            if known is None or known[1] != reach or not np.array_equal(known[0], row):
-                cells = reach / self.frame.cell_size
-                inner, outer = self.config.inner_zone * cells, self.config.outer_zone * cells
-                known = (row, reach, corridor_zones(blocked[b].numpy(), inner, outer))
-                self._zones[b] = known
-            zones.append(known[2])
-        return zones
+        distances = []
+        for b in range(scenes):
+            row, known = bits[b].numpy(), self._known.get(b)
+            if known is None or not np.array_equal(known[0], row):
+                known = row, obstacle_distance(blocked[b].cpu().numpy())
+                self._known[b] = known
+            distances.append(known[1])
+        return distances
 
     def _plan(
-        self, state: TensorDict, zones: list[NDArray[Any]], position: Tensor, goal: Tensor
+        self,
+        state: TensorDict,
+        distances: list[NDArray[Any]],
+        position: Tensor,
+        goal: Tensor,
+        radius: Tensor,
     ) -> None:
         """Plan where an episode begins."""
         rows = (~state["started"]).squeeze(-1).nonzero().squeeze(-1)
         if not len(rows):
             return
+        distance = torch.from_numpy(np.stack([distances[b] for b in rows.tolist()]))
+        cells = radius[rows] / self.frame.cell_size
+        cost = corridor_cost(
+            distance,
+            self.config.inner_zone * cells,
+            self.config.outer_zone * cells,
+            self.config.weights,
+        )
         path = corridor_path(
-            torch.from_numpy(np.stack([zones[b] for b in rows.tolist()])),
+            distance,
+            cost,
             self.frame.to_pixel(position[rows]),
             self.frame.to_pixel(goal[rows]),
             self.config.path_points,
-            self.config.weights,
             self.config.neighbours,
         )
         state["path"][rows] = self.frame.to_metre(path)
@@ -337,7 +374,7 @@ class PushingCorridorController(TensorDictModuleBase):
     def _act(
         self,
         state: TensorDict,
-        zones: list[NDArray[Any]],
+        distances: list[NDArray[Any]],
         position: Tensor,
         tool: Tensor,
         radius: Tensor,
@@ -346,10 +383,31 @@ class PushingCorridorController(TensorDictModuleBase):
         wrap = wrap_angle_faithful if self.config.faithful else wrap_angle
         self._learn(state, position)
         first = ~state["started"].squeeze(-1)
-        behind = torch.full_like(radius, self.config.behind)
+        config = self.config
         target = to_targets(
-            zones, state["path"], position, tool, state["target"], first, behind, self.frame
+            distances,
+            state["path"],
+            position,
+            tool,
+            state["target"],
+            first,
+            config.behind,
+            [
+                Clearances(
+                    outer=config.outer_zone * cells,
+                    inner=config.inner_zone * cells,
+                    touch=config.touch_zone * cells,
+                )
+                for cells in (radius / self.frame.cell_size).tolist()
+            ],
+            not config.faithful,
+            self.frame,
         )
+        if config.lean > 0:
+            reach = float(radius.max()) * config.inner_zone
+            push_off = repulsion(distances, position, reach, self.frame)
+            way = target - position
+            target = position + way + config.lean * way.norm(dim=-1, keepdim=True) * push_off
         alpha = wrap(direction_of(position - tool) - direction_of(target - position))
         push, relocate, alpha_p = self._activate(state, alpha)
         distance = (position - tool).norm(dim=-1)
@@ -364,13 +422,42 @@ class PushingCorridorController(TensorDictModuleBase):
             state["gamma_count"].squeeze(-1) > 0,
             self.config,
         )
+        velocity = self._keep_off(state, distances, velocity, relocate, position, tool)
         heading = direction_of(velocity) - self._correction(state)
         state["object_position"] = position
+        state["tool_position"] = tool
         state["target"] = target
         state["alpha"] = alpha[:, None]
         state["started"] = torch.ones_like(state["started"])
         action = torch.stack([heading.cos(), heading.sin(), torch.zeros_like(heading)], -1)
         return action * self.config.step
+
+    def _keep_off(
+        self,
+        state: TensorDict,
+        distances: list[NDArray[Any]],
+        velocity: Tensor,
+        relocate: Tensor,
+        position: Tensor,
+        tool: Tensor,
+    ) -> Tensor:
+        """Keep the tool off obstacles, and back off from where nothing moves; updates the state."""
+        config = self.config
+        push_off = repulsion(distances, tool, config.avoid, self.frame)
+        velocity = unit(velocity) + 2.0 * relocate[:, None] * push_off
+        if not config.patience:
+            return velocity
+        rest = (tool - state["tool_position"]).norm(dim=-1) < 0.004
+        rest &= (position - state["object_position"]).norm(dim=-1) < 0.002
+        rest &= state["started"].squeeze(-1) & (state["escape"].squeeze(-1) == 0)
+        still = torch.where(rest, state["still"].squeeze(-1) + 1, 0.0)
+        begins = still >= config.patience
+        escape = (state["escape"].squeeze(-1) - 1).clamp_min(0)
+        escape = torch.where(begins, float(config.escape), escape)
+        state["still"] = torch.where(begins, 0.0, still)[:, None]
+        state["escape"] = escape[:, None]
+        backwards = unit(tool - position) + 2.0 * push_off
+        return torch.where((escape > 0)[:, None], backwards, velocity)
 
     def _activate(self, state: TensorDict, alpha: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         config = self.config
@@ -385,7 +472,7 @@ class PushingCorridorController(TensorDictModuleBase):
                 alphas, valid, config.prior_strength, config.prior_count, config.prior_direction
             )
         alpha_p = preferred_angle(alphas, valid, mu, kappa, circular=not config.faithful)
-        push, relocate = activations(alpha.double(), alpha_p, mu, kappa)
+        push, relocate = activations(alpha.double(), alpha_p, mu, kappa, config.faithful)
         return push.float(), relocate.float(), alpha_p.float()
 
     def _learn(self, state: TensorDict, position: Tensor) -> None:
@@ -396,7 +483,7 @@ class PushingCorridorController(TensorDictModuleBase):
         wrap = wrap_angle_faithful if self.config.faithful else wrap_angle
         gamma = wrap(direction_of(moved_by) - direction_of(wanted))
         before, count = state["gamma"].squeeze(-1), state["gamma_count"].squeeze(-1)
-        success = moved & (count > 0) & (gamma.abs() < before.abs())
+        success = moved & (count > 0) & (gamma.abs() < before.abs().clamp_max(self.config.success))
         rows = success.nonzero().squeeze(-1)
         slot = state["alpha_count"].squeeze(-1).long().clamp_max(self.config.window - 1)
         state["alphas"][rows, slot[rows]] = state["alpha"][rows, 0]

@@ -124,7 +124,7 @@ def preferred_angle(
 
 
 def activations(
-    alpha: Tensor, alpha_p: Tensor, mu: Tensor, kappa: Tensor
+    alpha: Tensor, alpha_p: Tensor, mu: Tensor, kappa: Tensor, faithful: bool = False
 ) -> tuple[Tensor, Tensor]:
     """How much to push and how much to go round the object.
 
@@ -133,6 +133,8 @@ def activations(
         alpha_p: `[B]` [rad], where it stood when pushing went well.
         mu: `[B]` [rad].
         kappa: `[B]`.
+        faithful: Measure the way to alpha_p from mu, as the authors do. With their mu of nearly 0
+            that makes no odds; with one that is learned it calls the best place to push a bad one.
 
     Returns:
         psi_push `[B]` in [0, 1], the density relative to its peak, and
@@ -140,6 +142,9 @@ def activations(
     """
     apart = wrap_angle(alpha_p - alpha)
     near = (apart.abs() < math.pi / 8) & (apart.abs() < wrap_angle(alpha).abs())
-    x = torch.where(near, apart, alpha)
-    push = (kappa * ((x - mu).cos() - 1)).exp()
+    if faithful:
+        deviation = torch.where(near, apart, alpha) - mu
+    else:
+        deviation = torch.where(near, apart, alpha - mu)
+    push = (kappa * (deviation.cos() - 1)).exp()
     return push, (1 - push.square()).clamp_min(0).sqrt()
