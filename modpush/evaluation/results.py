@@ -13,7 +13,9 @@ from modpush.evaluation.episodes import Episode, Trajectory
 from modpush.evaluation.metrics import EpisodeMetrics
 from modpush.evaluation.sets import EvaluationSet
 
-__all__ = ["COLUMNS", "ResultStore"]
+__all__ = ["COLUMNS", "ResultStore", "load_trajectory"]
+
+_TRAJECTORIES = "trajectories"
 
 COLUMNS = (
     "episode",
@@ -69,7 +71,7 @@ class ResultStore:
     @property
     def trajectories(self) -> Path:
         """One `.npz` an episode."""
-        return self.folder / "trajectories"
+        return self.folder / _TRAJECTORIES
 
     @property
     def _about(self) -> Path:
@@ -127,9 +129,10 @@ class ResultStore:
         done = set(self.rows()["episode"])
         return [n for n in range(len(self.evaluation_set)) if n not in done]
 
-    def trajectory(self, number: int) -> Trajectory:
-        """What an episode looked like."""
-        return Trajectory.load(self.trajectories / f"{number:05d}.npz")
+
+def load_trajectory(folder: Path, number: int) -> Trajectory:
+    """What an episode looked like, from a folder that a `ResultStore` filled."""
+    return Trajectory.load(Path(folder) / _TRAJECTORIES / f"{number:05d}.npz")
 
 
 def _digest(evaluation_set: EvaluationSet) -> str:

@@ -90,19 +90,19 @@ def evaluate(
     store = ResultStore(folder, evaluation_set, label, resume=resume)
     missing = [(n, evaluation_set.scenarios[n]) for n in store.missing()]
     run = _run_here if config.workers == 1 else _run_in_workers
-    solved = int(store.rows()["success"].sum())
+    done = store.rows()["success"].tolist()
     with tqdm(
         total=len(evaluation_set),
-        initial=len(evaluation_set) - len(missing),
+        initial=len(done),
         unit="episode",
         desc=evaluation_set.name,
         disable=not config.progress,
     ) as bar:
         for episode in run(make_env, policy, missing, config):
             store.write(episode)
-            solved += episode.metrics.success
+            done.append(episode.metrics.success)
+            bar.set_postfix(success=f"{sum(done) / len(done):.3f}", refresh=False)
             bar.update()
-            bar.set_postfix(success=f"{solved / bar.n:.3f}" if bar.n else "")
     return store.rows()
 
 

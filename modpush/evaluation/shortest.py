@@ -7,20 +7,23 @@ from numpy.typing import NDArray
 from modpush.envs.objects import get_object
 from modpush.envs.scenarios import Scenario
 from modpush.envs.scenes import obstacle_distance
-from modpush.planners import GridFrame, LazyThetaStar, Planner
+from modpush.planners import GridFrame, LazyThetaStar, Planner, inflate
 
 __all__ = ["blocked_cells", "shortest_path"]
 
 
 def blocked_cells(scenario: Scenario, frame: GridFrame | None = None) -> NDArray[np.bool_]:
-    """The cells that the object's centre cannot be in, from the layout itself instead of an image.
+    """The cells that the object's centre cannot be in, as `OccupancyGrid` finds them in an image.
+
+    From the layout, so that it is the same for every environment and method.
 
     Args:
         scenario: What the episode starts from.
         frame: The grid on the table.
 
     Returns:
-        `[H, W]` bool, True within the object's circumscribed radius of an obstacle.
+        `[H, W]` bool, True within the object's circumscribed radius of a cell that an obstacle
+        stands on.
     """
     frame = frame or GridFrame()
     v, u = torch.meshgrid(
@@ -29,8 +32,9 @@ def blocked_cells(scenario: Scenario, frame: GridFrame | None = None) -> NDArray
         indexing="ij",
     )
     centers = frame.to_metre(torch.stack([u, v], -1)).numpy()
-    radius = get_object(scenario.pushed_object).radius
-    return obstacle_distance(centers, scenario.obstacles) <= radius
+    standing = torch.from_numpy(obstacle_distance(centers, scenario.obstacles) <= 0.0)
+    radius = get_object(scenario.pushed_object).radius / frame.cell_size
+    return inflate(standing[None], radius)[0].numpy()
 
 
 def shortest_path(
