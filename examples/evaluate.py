@@ -15,7 +15,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import pandas as pd
 import torch
@@ -25,6 +25,7 @@ from torchrl.envs import Compose, EnvBase, InitTracker, TransformedEnv
 
 from modpush.agents import PushingCorridorController, ScriptedPusher, faithful_config
 from modpush.envs import PushEnv
+from modpush.evaluation.paper import beside_paper
 from modpush.evaluation.pictures import (
     contact_sheet,
     draw_episode,
@@ -32,9 +33,8 @@ from modpush.evaluation.pictures import (
     write_picture,
     write_video,
 )
-from modpush.evaluation.paper import beside_paper
 from modpush.evaluation.results import load_trajectory
-from modpush.evaluation.runner import EnvFactory, EvaluationConfig, evaluate
+from modpush.evaluation.runner import EvaluationConfig, evaluate
 from modpush.evaluation.sets import SET_NAMES, EvaluationSet, load_set
 from modpush.evaluation.tables import compare, format_table, summarize, to_display
 from modpush.planners import DistanceField, OccupancyGrid, PlannerSubgoals
@@ -52,12 +52,15 @@ def make_env(num_envs: int, objects: Sequence[str], *, planner: bool, **options:
     return TransformedEnv(env, Compose(*transforms))
 
 
+PolicyName = Literal["corridor", "corridor_faithful", "scripted"]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Method:
     """A policy, the environment that it needs, and where to find what it plans."""
 
     make_policy: Callable[[], TensorDictModuleBase]
-    make_env: EnvFactory
+    make_env: Callable[..., EnvBase]
     path_key: Any
     target_key: Any
 
@@ -71,7 +74,7 @@ def _corridor(make_policy: Callable[[], TensorDictModuleBase]) -> Method:
     )
 
 
-METHODS = {
+METHODS: dict[PolicyName, Method] = {
     "corridor": _corridor(PushingCorridorController),
     "corridor_faithful": _corridor(lambda: PushingCorridorController(faithful_config())),
     "scripted": Method(
@@ -87,8 +90,8 @@ METHODS = {
 class EvaluateConfig:
     """What to judge, and on what."""
 
-    policy: tuple[str, ...] = ("corridor",)
-    """corridor, corridor_faithful, scripted; several are compared with each other."""
+    policy: tuple[PolicyName, ...] = ("corridor",)
+    """Several are compared with each other."""
     sets: Annotated[tuple[str, ...], tyro.conf.arg(name="set")] = ("smoke",)
     """Evaluation sets, or `all` for those of the paper."""
     episodes: int | None = None
@@ -106,20 +109,13 @@ class EvaluateConfig:
     out: Path = Path("runs/evaluate")
     """Folder to write to."""
 
-    def __post_init__(self) -> None:
-        for policy in self.policy:
-            if policy not in METHODS:
-                raise ValueError(
-                    f"evaluate: no policy {policy!r}, expected some of {sorted(METHODS)}."
-                )
-
     @property
     def set_names(self) -> tuple[str, ...]:
         """The sets asked for, `all` spelled out."""
         return tuple(n for n in SET_NAMES if n != "smoke") if "all" in self.sets else self.sets
 
 
-def run(policy: str, evaluation_set: EvaluationSet, config: EvaluateConfig) -> pd.DataFrame:
+def run(policy: PolicyName, evaluation_set: EvaluationSet, config: EvaluateConfig) -> pd.DataFrame:
     """One policy on one set: results, tables, pictures."""
     method = METHODS[policy]
     module = method.make_policy()
@@ -143,9 +139,9 @@ def run(policy: str, evaluation_set: EvaluationSet, config: EvaluateConfig) -> p
     table = pd.concat(
         [summarize({name: frame}) for name, frame in [("all", rows), *by_scene.items()]]
     ).rename_axis("scene")
-    for how, ending in (("markdown", "md"), ("latex", "tex"), ("csv", "csv")):
-        shown = table if how == "csv" else to_display(table)
-        (folder / f"table.{ending}").write_text(format_table(shown, how))
+    (folder / "table.csv").write_text(format_table(table, "csv"))
+    (folder / "table.tex").write_text(format_table(to_display(table), "latex"))
+    (folder / "table.md").write_text(format_table(to_display(table)))
     print(f"\n{policy} on {evaluation_set.name}\n\n{format_table(to_display(table))}")
     draw(rows, evaluation_set, folder, policy, config)
     return rows
@@ -205,7 +201,8 @@ def main(config: EvaluateConfig) -> None:
     torch.set_num_threads(1)
     for name in config.set_names:
         episodes = load_set(name).first(config.episodes)
-        report(name, {policy: run(policy, episodes, config) for policy in config.policy}, config)
+        rows = {str(policy): run(policy, episodes, config) for policy in config.policy}
+        report(name, rows, config)
     print(f"Wrote tables, per-episode data, pictures and videos to {config.out}/.")
 
 

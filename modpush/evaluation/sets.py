@@ -88,9 +88,7 @@ class EvaluationSet:
         """
         if count is not None and count < 1:
             raise ValueError(f"EvaluationSet.first: count must be >= 1 or None, got {count}.")
-        return EvaluationSet(
-            name=self.name, scenarios=self.scenarios[:count], version=self.version
-        )
+        return EvaluationSet(name=self.name, scenarios=self.scenarios[:count], version=self.version)
 
     def save(self, path: Path) -> None:
         """Write the set as gzip-compressed JSON; the same set always gives the same bytes."""

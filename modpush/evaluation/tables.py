@@ -128,9 +128,7 @@ def to_display(summary: pd.DataFrame) -> pd.DataFrame:
     """
     columns: dict[str, Sequence[str]] = {"episodes": [str(int(n)) for n in summary["episodes"]]}
     for name in _OVER_ALL:
-        parts = zip(
-            *(summary[key] for key in (name, f"{name}_low", f"{name}_high")), strict=True
-        )
+        parts = zip(*(summary[key] for key in (name, f"{name}_low", f"{name}_high")), strict=True)
         columns[name] = [f"{mean:.3f} [{low:.3f}, {high:.3f}]" for mean, low, high in parts]
     columns["solved"] = [str(int(n)) for n in summary["solved"]]
     for name in _OVER_SOLVED:
@@ -167,12 +165,12 @@ def format_table(table: pd.DataFrame, how: TableFormat = "markdown") -> str:
     cells = [[_cell(value) for value in row] for row in flat.itertuples(index=False)]
     names = [str(name) for name in flat.columns]
     if how == "markdown":
-        lines = [names, ["---"] * len(names), *cells]
-        return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+        table_rows = [names, ["---"] * len(names), *cells]
+        return "".join(f"| {' | '.join(line)} |\n" for line in table_rows)
     head, *body = (" & ".join(map(_escape, line)) + r" \\" for line in [names, *cells])
-    spec = "l" * table.index.nlevels + "r" * len(table.columns)
-    lines = [rf"\begin{{tabular}}{{{spec}}}", r"\toprule", head, r"\midrule", *body]
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])  # type: ignore[list-item]
+    columns = "l" * table.index.nlevels + "r" * len(table.columns)
+    start = [rf"\begin{{tabular}}{{{columns}}}", r"\toprule", head, r"\midrule"]
+    return "\n".join([*start, *body, r"\bottomrule", r"\end{tabular}", ""])
 
 
 def _cell(value: object) -> str:

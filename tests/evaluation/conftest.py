@@ -14,7 +14,9 @@ from modpush.evaluation.sets import EvaluationSet, load_set
 
 def make_env(num_envs: int, objects: Sequence[str], depth: str | None = None) -> EnvBase:
     """Without an image, for policies that look at poses only: quick."""
-    return TransformedEnv(PushEnv(num_envs, pushed_object=tuple(objects), depth=depth), InitTracker())
+    return TransformedEnv(
+        PushEnv(num_envs, pushed_object=tuple(objects), depth=depth), InitTracker()
+    )
 
 
 @pytest.fixture(scope="session")
@@ -48,7 +50,7 @@ def make_episode(number: int, scenario: Scenario, *, success: bool = True) -> Ep
     )
     trajectory = Trajectory(
         object_pose=poses.astype(np.float32),
-        ee_pose=(poses + [-0.08, 0.0, 0.0]).astype(np.float32),
+        ee_pose=(poses - np.array([0.08, 0.0, 0.0])).astype(np.float32),
         contacts=flags,
         planned_path=np.stack([start[:2], goal]).astype(np.float32),
         target=np.tile(goal, (2, 1)).astype(np.float32),

@@ -22,9 +22,7 @@ def test_every_episode_runs_once_and_as_it_was_given(env: EnvBase, free: Evaluat
         np.testing.assert_allclose(trajectory.ee_pose[0, :2], scenario.tool_pose[:2], atol=2e-3)
         assert len(trajectory.contacts) == episode.metrics.steps
         assert len(trajectory.object_pose) == episode.metrics.steps + 1
-        distance = np.linalg.norm(
-            trajectory.object_pose[-1, :2] - np.array(scenario.goal_position)
-        )
+        distance = np.linalg.norm(trajectory.object_pose[-1, :2] - np.array(scenario.goal_position))
         assert episode.metrics.success == (distance <= 0.05)
         assert episode.metrics.final_distance == pytest.approx(distance, abs=1e-6)
     assert np.mean([e.metrics.success for e in episodes]) >= 0.8
@@ -85,9 +83,7 @@ def test_a_policy_state_is_carried_over_and_begins_anew(env: EnvBase, free: Eval
     assert first_three == [list(range(steps[k])) for k in range(3)]
 
 
-def test_rewards_contacts_paths_and_targets_are_recorded(
-    env: EnvBase, free: EvaluationSet
-) -> None:
+def test_rewards_contacts_paths_and_targets_are_recorded(env: EnvBase, free: EvaluationSet) -> None:
     path = torch.zeros(3, 4, 2)
 
     def policy(td: TensorDictBase) -> TensorDictBase:

@@ -36,9 +36,7 @@ def test_obstacles_have_a_rim_as_wide_as_the_object_is_round() -> None:
     picture = draw_top_view(SLOT, (9.0, 9.0, 0.0), (9.0, 9.0, 0.0), inflation=radius)
     bare = draw_top_view(SLOT, (9.0, 9.0, 0.0), (9.0, 9.0, 0.0))
     side = bar.pose[0] + bar.size[1] / 2  # the bar lies across, along y
-    inside, outside = (
-        (side + share * radius, bar.pose[1] - 0.05) for share in (0.85, 1.2)
-    )
+    inside, outside = ((side + share * radius, bar.pose[1] - 0.05) for share in (0.85, 1.2))
     assert colour_at(picture, bar.pose[:2]) == (96, 102, 112)
     assert colour_at(picture, inside) == (205, 206, 208)
     assert colour_at(picture, outside) == colour_at(bare, outside)

@@ -40,9 +40,7 @@ def break_down(num_envs: int, objects: object) -> None:
 def unbroken(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
     folder = tmp_path_factory.mktemp("unbroken")
     episodes = load_set("free/small_cube").first(14)
-    return evaluate(
-        make_env, ScriptedPusher(), episodes, folder, label="scripted", config=QUIET
-    )
+    return evaluate(make_env, ScriptedPusher(), episodes, folder, label="scripted", config=QUIET)
 
 
 def assert_same_results(first: pd.DataFrame, second: pd.DataFrame) -> None:
@@ -74,9 +72,7 @@ def test_a_killed_run_goes_on_where_it_stopped(tmp_path: Path, unbroken: pd.Data
     before = csv.stat().st_size
 
     episodes = load_set("free/small_cube").first(14)
-    rows = evaluate(
-        make_env, ScriptedPusher(), episodes, tmp_path, label="scripted", config=QUIET
-    )
+    rows = evaluate(make_env, ScriptedPusher(), episodes, tmp_path, label="scripted", config=QUIET)
     assert csv.read_text().startswith(kept)  # nothing was run again
     assert csv.stat().st_size > before
     assert_same_results(rows, unbroken)
