@@ -1,5 +1,6 @@
 """Policies: the corridor controller."""
 
-from .krivic import CorridorConfig, PushingCorridorController, faithful_config
+from .corridor_config import CorridorConfig, faithful_config
+from .krivic import PushingCorridorController
 
 __all__ = ["CorridorConfig", "PushingCorridorController", "faithful_config"]
