@@ -16,7 +16,6 @@ from torch import Tensor
 from modpush.planners import AStar, GridFrame, point_along
 
 
-
 @dataclass(frozen=True, kw_only=True)
 class Clearances:
     """How far the object's centre keeps from obstacles, in three degrees [cells].
@@ -96,7 +95,7 @@ def corridor_path(
 
 @njit(cache=True, nogil=True)
 def least_clearance(distance: NDArray, u0: float, v0: float, u1: float, v1: float) -> float:
-    """Least distance to obstacles on a segment [px], looked at every half cell; inf off the grid."""
+    """Least distance to obstacles on a segment [px], seen every half cell; inf off the grid."""
     steps = int(np.ceil(2.0 * max(abs(u1 - u0), abs(v1 - v0)))) + 1
     least = np.inf
     for k in range(steps + 1):
@@ -138,9 +137,7 @@ def away_from_obstacles(distance: NDArray, u: float, v: float) -> tuple[float, f
     return du / length, dv / length, here
 
 
-def repulsion(
-    distance: list[NDArray], position: Tensor, reach: float, frame: GridFrame
-) -> Tensor:
+def repulsion(distance: list[NDArray], position: Tensor, reach: float, frame: GridFrame) -> Tensor:
     """A push away from obstacles that grows from 0 at `reach` to 1 at contact.
 
     Args:
@@ -180,6 +177,8 @@ def look_ahead(
     behind: float,
     limits: tuple[float, float, float],
     relative: bool,
+    room: float,
+    step: int,
 ) -> tuple[float, float]:
     """The point on the path to push towards now.
 
@@ -198,44 +197,59 @@ def look_ahead(
         behind: How far behind the object the tool stands to push it [px].
         limits: Outer zone, inner zone, room that the object needs [cells].
         relative: An object that is nearer to an obstacle than a limit asks only not to get nearer
-            still. Else it sees no way at all until it is out.
+            still, and for room behind it. Else it sees no way at all until it is out.
+        room: What the tool needs to either side [cells].
+        step: How many points a little further on the path is.
 
     Returns:
         (u, v) [px].
     """
     last = path.shape[0] - 1
     outer, inner, touch = limits
+    near_obstacle = False
     if relative:
         here = least_clearance(distance, position[0], position[1], position[0], position[1]) - 1.0
+        near_obstacle = here < outer
         outer, inner, touch = min(outer, here), min(inner, here), min(touch, here)
     nearest, least = 0, np.inf
     for k in range(last + 1):
         away = (path[k, 0] - position[0]) ** 2 + (path[k, 1] - position[1]) ** 2
         if away < least:
             nearest, least = k, away
-    tight, supertight = -1, -1
+    free, tight, supertight = -1, -1, -1
     for k in range(last, nearest - 1, -2):
+        if (path[k, 0] - position[0]) ** 2 + (path[k, 1] - position[1]) ** 2 < 1.0 and k < last:
+            continue  # no direction to push in
         if first:
             bu, bv = _behind(position, path[k], behind)
             if least_clearance(distance, bu, bv, bu, bv) == 0:
                 continue
         clear = least_clearance(distance, position[0], position[1], path[k, 0], path[k, 1])
-        if clear > outer:
+        if clear <= touch:
+            continue
+        if clear > outer and not near_obstacle:
             return path[k, 0], path[k, 1]
+        # Near an obstacle a clear way does not mean that there is room behind the object too.
+        if near_obstacle:
+            bu, bv = _behind(position, path[k], behind)
+            if least_clearance(distance, bu, bv, bu, bv) <= room:
+                continue
+        if clear > outer and free < 0:
+            free = k
         if clear > inner and tight < 0:
             tight = k
-        if clear > touch and supertight < 0:
+        if supertight < 0:
             supertight = k
-    for k in (tight, supertight):
+    for k in (free, tight, supertight):
         if k >= 0:
             bu, bv = _behind(position, path[k], behind)
-            if least_clearance(distance, bu, bv, tool[0], tool[1]) > 0:
+            if least_clearance(distance, bu, bv, tool[0], tool[1]) > room:
                 return path[k, 0], path[k, 1]
-    ahead = min(nearest + 5, last)
+    ahead = min(nearest + step, last)
     cu, cv = path[nearest, 0], path[nearest, 1]
     if least_clearance(distance, cu, cv, cu, cv) > outer:
         bu, bv = _behind(position, path[nearest], behind)
-        if least_clearance(distance, bu, bv, tool[0], tool[1]) > 0:
+        if least_clearance(distance, bu, bv, tool[0], tool[1]) > room:
             return path[ahead, 0], path[ahead, 1]
     if tight >= 0:
         return path[tight, 0], path[tight, 1]
@@ -256,6 +270,8 @@ def to_targets(
     behind: float,
     clearances: list[Clearances],
     relative: bool,
+    room: float,
+    step: int,
     frame: GridFrame,
 ) -> Tensor:
     """`look_ahead` for a batch, in metres.
@@ -270,14 +286,14 @@ def to_targets(
         behind: How far behind the object the tool stands to push it [m].
         clearances: For each scene.
         relative: See `look_ahead`.
+        room: What the tool needs to either side [m].
+        step: See `look_ahead`.
         frame: The grid's frame.
 
     Returns:
         `[B, 2]` (x, y) [m].
     """
-    pixels = [
-        frame.to_pixel(value.double()).numpy() for value in (path, position, tool, previous)
-    ]
+    pixels = [frame.to_pixel(value.double()).numpy() for value in (path, position, tool, previous)]
     targets = [
         look_ahead(
             distance[b],
@@ -286,6 +302,8 @@ def to_targets(
             behind / frame.cell_size,
             (clearances[b].outer, clearances[b].inner, clearances[b].touch),
             relative,
+            room / frame.cell_size,
+            step,
         )
         for b in range(len(distance))
     ]

@@ -1,7 +1,6 @@
 """The pushing-corridor controller of Krivic and Piater, the paper's baseline."""
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,8 @@ from modpush.agents.corridor import (
     repulsion,
     to_targets,
 )
+from modpush.agents.corridor_config import CorridorConfig
+from modpush.agents.push_motion import direction_of, push_direction, unit
 from modpush.agents.von_mises import (
     activations,
     posterior,
@@ -30,144 +31,6 @@ from modpush.agents.von_mises import (
     wrap_angle_faithful,
 )
 from modpush.planners import GridFrame, OccupancyMap
-
-
-@dataclass(frozen=True, kw_only=True)
-class CorridorConfig:
-    """Numbers of `PushingCorridorController`; `faithful_config` gives the authors' own."""
-
-    prior_strength: float = 5.84
-    """R0 of the prior on (mu, kappa)."""
-    prior_count: float = 7.0
-    """c of the prior; with R0 its mode is kappa = 3.37."""
-    prior_direction: float = 0.0
-    """phi of the prior [rad]."""
-    inversion: float = 0.6
-    """psi_relocate from which on the tool goes round the object instead of pushing it."""
-    approach_gain: float = 1.0
-    """Speed towards the object while going round it from afar."""
-    retreat_gain: float = 0.1
-    """Speed away from it, times psi_relocate, while going round it nearby."""
-    near: float = 0.035
-    """Nearby begins so far from the object's circumscribed circle [m]."""
-    mean_gain: float = 0.05
-    """K_mu: share of the mean deviation that is steered against."""
-    last_gain: float = 0.1
-    """K_gamma: share of the last deviation that is steered against."""
-    success: float = math.pi / 6
-    """A push that deviated by more is none to learn from, though the one before was worse [rad]."""
-    moved: float = 1e-4
-    """A step in which the object moved by more counts [m]."""
-    inner_zone: float = 1.2
-    """Width of the inner zone in circumscribed radii of the object."""
-    outer_zone: float = 2.4
-    """Width of the outer zone in the same."""
-    touch_zone: float = 1.0
-    """Room that the object needs, in the same."""
-    weights: tuple[float, float, float] = (1.0, 50.0, 200.0)
-    """Cost of a free cell, of the outer zone, of the inner zone."""
-    neighbours: int = 8
-    """Of a cell, for A*."""
-    path_points: int = 256
-    """Points that the path is held by."""
-    behind: float = 0.0816
-    """How far behind the object the place to push it from is looked for [m]."""
-    window: int = 200
-    """How many successful angles are remembered, and at most."""
-    step: float = 1.0
-    """Length of an action, 1 is the most the environment allows in an axis."""
-    lean: float = 1.0
-    """An object within the inner zone is pushed off the obstacle, by so much at contact; 0: not."""
-    avoid: float = 0.05
-    """The tool is pushed off obstacles that are nearer while it goes round the object; 0: not [m]."""
-    patience: int = 5
-    """After so many steps in which nothing moved the tool backs off; 0: never."""
-    escape: int = 8
-    """For so many steps."""
-    faithful: bool = False
-    """Keep the authors' mistakes: their posterior, angle wrapping, means and condition to invert."""
-
-    def __post_init__(self) -> None:
-        if not self.prior_count > self.prior_strength >= 0:
-            raise ValueError(
-                "CorridorConfig: prior_count must exceed prior_strength >= 0, got "
-                f"{self.prior_count} and {self.prior_strength}."
-            )
-        if not 0 < self.step <= 1:
-            raise ValueError(f"CorridorConfig: step must lie in (0, 1], got {self.step}.")
-        if self.path_points < 2 or self.window < 1:
-            raise ValueError(
-                "CorridorConfig: path_points must be >= 2 and window >= 1, got "
-                f"{self.path_points} and {self.window}."
-            )
-
-
-def faithful_config() -> CorridorConfig:
-    """The authors' numbers: zones of 4.24 and 8.49 cm for an object of radius 3.54 cm."""
-    radius = 0.025 * math.sqrt(2.0)
-    return CorridorConfig(
-        near=0.07 - radius,
-        success=math.inf,
-        lean=0.0,
-        avoid=0.0,
-        patience=0,
-        inner_zone=0.03 * math.sqrt(2.0) / radius,
-        outer_zone=0.06 * math.sqrt(2.0) / radius,
-        touch_zone=7 * 0.00354 / radius,
-        neighbours=4,
-        faithful=True,
-    )
-
-
-def direction_of(vector: Tensor) -> Tensor:
-    """Heading of `[..., 2]` vectors, `[...]` [rad]."""
-    return torch.atan2(vector[..., 1], vector[..., 0])
-
-
-def unit(vector: Tensor) -> Tensor:
-    """`[..., 2]` vectors at length 1; those of no length stay."""
-    return vector / vector.norm(dim=-1, keepdim=True).clamp_min(1e-9)
-
-
-def push_direction(
-    object_position: Tensor,
-    tool_position: Tensor,
-    alpha: Tensor,
-    alpha_p: Tensor,
-    push: Tensor,
-    relocate: Tensor,
-    near: Tensor,
-    touched: Tensor,
-    config: CorridorConfig,
-) -> Tensor:
-    """Where the tool should go, before steering against deviations.
-
-    Args:
-        object_position: `[B, 2]` [m].
-        tool_position: `[B, 2]` [m].
-        alpha: `[B]` [rad], see `activations`.
-        alpha_p: `[B]` [rad].
-        push: `[B]`, psi_push.
-        relocate: `[B]`, psi_relocate.
-        near: `[B]` bool, the tool is close to the object.
-        touched: `[B]` bool, the object has moved before.
-        config: Thresholds and gains.
-
-    Returns:
-        `[B, 2]`, a velocity of order 1.
-    """
-    forward = unit(object_position - tool_position)
-    aside = torch.stack([forward[..., 1], -forward[..., 0]], -1)  # turned by -90 degrees
-    side = torch.where(torch.sin(alpha_p - alpha) < 0, -1.0, 1.0)
-    aside = aside * side[..., None]
-    far_gain = torch.full_like(push, config.approach_gain)
-    # Who has touched the object and drifted off comes back while circling, but no faster than the
-    # activations say; the first approach goes straight.
-    far_gain = torch.where(touched, push, far_gain)
-    invert = relocate > config.inversion if config.faithful else relocate >= config.inversion
-    gain = torch.where(near, -config.retreat_gain * relocate, far_gain)
-    gain = torch.where(invert, gain, push)
-    return gain[..., None] * forward + relocate[..., None] * aside
 
 
 class PushingCorridorController(TensorDictModuleBase):
@@ -181,7 +44,7 @@ class PushingCorridorController(TensorDictModuleBase):
     What outlasts a step lives in the tensordict under `state_key`; all of it zero means a new
     episode. Scenes begin anew where `is_init_key` says so, where the state is missing or zero, or
     where the goal is another than before. Use `make_tensordict_primer` to have the state in an
-    env's specs, or just run it: rollouts carry it over.
+    env's specs; without, rollouts carry it over too.
 
     Args:
         config: Numbers; `faithful_config()` for the authors' own.
@@ -194,7 +57,7 @@ class PushingCorridorController(TensorDictModuleBase):
         goal_position_key: Read, `[B, 2]` [m].
         object_radius_key: Read if there, `[B, 1]` [m].
         is_init_key: Read if there, `[B, 1]` bool, an episode's first step.
-        state_key: Read, and written under `"next"`.
+        state_key: Read and written, also under `"next"`.
         action_key: Written, `[B, 3]` float32 in [-1, 1]: (dx, dy, dyaw).
 
     Source: Krivic and Piater, "Pushing corridors for delivering unknown objects with a mobile
@@ -235,7 +98,7 @@ class PushingCorridorController(TensorDictModuleBase):
             ee_pose_key,
             goal_position_key,
         ]
-        self.out_keys = [action_key, ("next", state_key)]
+        self.out_keys = [action_key, state_key, ("next", state_key)]
         self._obstacles = OccupancyMap(self.frame)
         self._known: dict[int, tuple[NDArray[Any], NDArray[Any]]] = {}
 
@@ -305,7 +168,11 @@ class PushingCorridorController(TensorDictModuleBase):
         self._plan(state, distances, position, goal, radius)
         action = self._act(state, distances, position, tool, radius)
         tensordict.set(self.action_key, action.reshape(*lead, 3).to(device))
-        tensordict.set(("next", self.state_key), state.reshape(lead).to(device))
+        state = state.reshape(lead).to(device)
+        # Under "next" for envs that have it in their specs; beside the action for all others, whose
+        # rollouts carry unknown keys over to the next step.
+        tensordict.set(self.state_key, state)
+        tensordict.set(("next", self.state_key), state.clone())
         return tensordict
 
     def _begin(
@@ -401,6 +268,8 @@ class PushingCorridorController(TensorDictModuleBase):
                 for cells in (radius / self.frame.cell_size).tolist()
             ],
             not config.faithful,
+            config.tool_room,
+            config.path_step,
             self.frame,
         )
         if config.lean > 0:

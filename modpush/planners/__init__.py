@@ -11,7 +11,8 @@ from .grid import (
     GridFrame,
 )
 from .lazy_theta_star import LazyThetaStar
-from .occupancy import OccupancyGrid, OccupancyMap, circumscribed_radius, inflate
+from .occupancy import OccupancyGrid
+from .occupancy_map import OccupancyMap, circumscribed_radius, inflate
 from .straight_line import StraightLine
 from .subgoals import PlannerSubgoals, fraction_subgoal, lookahead_subgoal
 from .theta_star import ThetaStar

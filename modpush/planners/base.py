@@ -16,9 +16,9 @@ class Paths:
     """One planned path for each of B scenes, in the pixel frame.
 
     The pixel frame has (u, v) = (column, row) and cell centres at integers. A path runs from the
-    start to the goal exactly as they were asked for. If an end lay outside the grid or in a blocked
-    cell, the path's first or last leg joins it to the nearest free cell's centre; that leg alone may
-    cross blocked cells, and `start_moved` or `goal_moved` says so.
+    start to the goal exactly as they were asked for. If an end lay outside the grid or in a
+    blocked cell, the path's first or last leg joins it to the nearest free cell's centre; that leg
+    alone may cross blocked cells, and `start_moved` or `goal_moved` says so.
 
     Attributes:
         waypoints: `[B, P, 2]` float32 [px], start first; past a path's end the goal is repeated.

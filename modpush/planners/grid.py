@@ -12,7 +12,7 @@ SEGMENT_TABLE, SEGMENT_OBJECT, SEGMENT_OBSTACLE, SEGMENT_ROBOT = 0, 1, 2, 3
 
 @dataclass(frozen=True, kw_only=True)
 class GridFrame:
-    """A pinhole camera over the table looking straight down, and the grid that it lays on the table.
+    """A pinhole camera looking straight down on the table, and the grid that it lays over it.
 
     Pixel (u, v) is (column, row) with centres at integers. The robot's left (+y) is left in the
     image, away from the robot (+x) is up. The grid's cells are the pixels as they fall on the table

@@ -26,7 +26,9 @@ def _sift_up(order: NDArray, key: NDArray, slot: NDArray, at: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def heap_set(order: NDArray, key: NDArray, slot: NDArray, size: int, node: int, value: float) -> int:
+def heap_set(
+    order: NDArray, key: NDArray, slot: NDArray, size: int, node: int, value: float
+) -> int:
     """Insert a node, or lower its key; returns the new number of nodes in the heap."""
     key[node] = value
     at = slot[node]

@@ -35,7 +35,7 @@ def _solve_over_corners(
     scale: float,
     paths: PathArrays,
 ) -> None:
-    corners = maps.count[b]
+    corners = maps.corner_counts[b]
     nodes = maps.corners[b, : corners + 2]
     for k in range(2):
         nodes[corners + k, 0], nodes[corners + k, 1] = x[k], y[k]
@@ -139,7 +139,9 @@ class LazyThetaStar(GridPlanner):
     def __init__(self, cell_size: float = 1.0, nodes: Nodes = "corners") -> None:
         super().__init__(cell_size)
         if nodes not in get_args(Nodes):
-            raise ValueError(f"LazyThetaStar: nodes must be one of {get_args(Nodes)}, got {nodes!r}.")
+            raise ValueError(
+                f"LazyThetaStar: nodes must be one of {get_args(Nodes)}, got {nodes!r}."
+            )
         self.nodes = nodes
 
     def _run(

@@ -12,8 +12,8 @@ from torch import Tensor
 from modpush.planners.base import Paths, Planner
 from modpush.planners.visibility import ONE, convex_corners, place, vertex_codes
 
-# Searches over corners take time quadratic in their number. A map of ten inflated bars has 440; past
-# this number the map is noise, and planners turn to searches over the grid.
+# Searches over corners take time quadratic in their number. A map of ten inflated bars has 440;
+# past this number the map is noise, and planners turn to searches over the grid.
 MAX_CORNERS = 2048
 _UNKNOWN = -1
 
@@ -26,20 +26,20 @@ class Maps(NamedTuple):
         codes: `[B, H + 1, W + 1]` uint8, see `visibility.vertex_codes`.
         corners: `[B, MAX_CORNERS + 2, 4]` int64, see `visibility.convex_corners`; two rows more for
             a query's ends.
-        count: `[B]` int64, number of corners, `_UNKNOWN` until asked for.
+        corner_counts: `[B]` int64, number of corners, `_UNKNOWN` until asked for.
     """
 
     cells: NDArray
     codes: NDArray
     corners: NDArray
-    count: NDArray
+    corner_counts: NDArray
 
 
 class PathArrays(NamedTuple):
-    """Where kernels write paths; fields as in `Paths`, `count` also where it did not fit."""
+    """Where kernels write paths: fields of `Paths`; `sizes` is its `count`, also where too big."""
 
     waypoints: NDArray
-    count: NDArray
+    sizes: NDArray
     length: NDArray
     found: NDArray
     start_moved: NDArray
@@ -52,7 +52,7 @@ def empty_maps(batch: int, height: int, width: int) -> Maps:
         cells=np.full((batch, height, width), 255, dtype=np.uint8),
         codes=np.zeros((batch, height + 1, width + 1), dtype=np.uint8),
         corners=np.zeros((batch, MAX_CORNERS + 2, 4), dtype=np.int64),
-        count=np.full(batch, _UNKNOWN, dtype=np.int64),
+        corner_counts=np.full(batch, _UNKNOWN, dtype=np.int64),
     )
 
 
@@ -60,7 +60,7 @@ def empty_paths(batch: int, capacity: int) -> PathArrays:
     """Room for a batch of paths of up to `capacity` waypoints."""
     return PathArrays(
         waypoints=np.empty((batch, capacity, 2), dtype=np.float32),
-        count=np.zeros(batch, dtype=np.int64),
+        sizes=np.zeros(batch, dtype=np.int64),
         length=np.empty(batch, dtype=np.float32),
         found=np.zeros(batch, dtype=np.bool_),
         start_moved=np.zeros(batch, dtype=np.bool_),
@@ -70,12 +70,15 @@ def empty_paths(batch: int, capacity: int) -> PathArrays:
 
 def to_paths(arrays: PathArrays) -> Paths:
     """Wrap what a kernel wrote; the waypoints are cut to the longest path's."""
-    longest = max(2, int(arrays.count.max(initial=0)))
-    fields: dict[str, Tensor] = {
-        name: torch.from_numpy(value) for name, value in arrays._asdict().items()
-    }
-    fields["waypoints"] = fields["waypoints"][:, :longest]
-    return Paths(**fields)
+    longest = max(2, int(arrays.sizes.max(initial=0)))
+    return Paths(
+        waypoints=torch.from_numpy(arrays.waypoints)[:, :longest],
+        count=torch.from_numpy(arrays.sizes),
+        length=torch.from_numpy(arrays.length),
+        found=torch.from_numpy(arrays.found),
+        start_moved=torch.from_numpy(arrays.start_moved),
+        goal_moved=torch.from_numpy(arrays.goal_moved),
+    )
 
 
 def as_cells(occupancy: Tensor) -> NDArray[Any]:
@@ -94,16 +97,16 @@ def refresh_map(maps: Maps, b: int, cells: NDArray) -> bool:
         return False
     old[:] = new
     vertex_codes(maps.cells[b], maps.codes[b])
-    maps.count[b] = _UNKNOWN
+    maps.corner_counts[b] = _UNKNOWN
     return True
 
 
 @njit(cache=True, nogil=True)
 def corner_count(maps: Maps, b: int) -> int:
     """Number of scene b's convex corners, listed if they are not yet."""
-    if maps.count[b] < 0:
-        maps.count[b] = convex_corners(maps.codes[b], maps.corners[b, :MAX_CORNERS])
-    return maps.count[b]
+    if maps.corner_counts[b] < 0:
+        maps.corner_counts[b] = convex_corners(maps.codes[b], maps.corners[b, :MAX_CORNERS])
+    return maps.corner_counts[b]
 
 
 @njit(cache=True, nogil=True)
@@ -127,7 +130,7 @@ def place_ends(
     x[0], y[0], paths.start_moved[b] = place(maps.codes[b], start[0], start[1])
     x[1], y[1], paths.goal_moved[b] = place(maps.codes[b], goal[0], goal[1])
     paths.found[b] = False
-    paths.count[b] = 0
+    paths.sizes[b] = 0
     paths.length[b] = np.inf
     paths.waypoints[b, :, 0] = start[0]
     paths.waypoints[b, :, 1] = start[1]
@@ -136,11 +139,11 @@ def place_ends(
 
 @njit(cache=True, nogil=True)
 def _add_waypoint(paths: PathArrays, b: int, u: float, v: float) -> None:
-    at = paths.count[b]
+    at = paths.sizes[b]
     if at < paths.waypoints.shape[1]:
         paths.waypoints[b, at, 0] = u
         paths.waypoints[b, at, 1] = v
-    paths.count[b] = at + 1
+    paths.sizes[b] = at + 1
 
 
 @njit(cache=True, nogil=True)
@@ -160,7 +163,7 @@ def write_path(
     """
     count = x.shape[0]
     paths.found[b] = True
-    paths.count[b] = 0
+    paths.sizes[b] = 0
     _add_waypoint(paths, b, start[0], start[1])
     u, v = float(start[0]), float(start[1])
     length = 0.0
@@ -175,7 +178,7 @@ def write_path(
         if k == count - 1 and not paths.goal_moved[b]:
             break
     paths.length[b] = length * scale
-    for k in range(paths.count[b], paths.waypoints.shape[1]):
+    for k in range(paths.sizes[b], paths.waypoints.shape[1]):
         paths.waypoints[b, k, 0] = goal[0]
         paths.waypoints[b, k, 1] = goal[1]
 
@@ -205,7 +208,7 @@ class GridPlanner(Planner):
         while True:
             paths = empty_paths(len(cells), self._capacity)
             self._run(self._maps, cells, start.numpy(), goal.numpy(), paths)
-            needed = int(paths.count.max(initial=0))
+            needed = int(paths.sizes.max(initial=0))
             if needed <= self._capacity:
                 return to_paths(paths)
             self._capacity = 2 * needed

@@ -196,9 +196,7 @@ class PlannerSubgoals(Transform):
         # TorchRL puts back the old values of scenes that are not being reset.
         return self._write(tensordict_reset, None, advance=False)
 
-    def _step(
-        self, tensordict: TensorDictBase, next_tensordict: TensorDictBase
-    ) -> TensorDictBase:
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         return self._write(next_tensordict, tensordict, advance=True)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:

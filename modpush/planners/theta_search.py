@@ -121,9 +121,7 @@ def _relax(
         tree.heuristic[node] = _distance(query, node, goal)
     tree.cost[node] = length
     tree.parent[node] = far
-    return heap_set(
-        tree.order, tree.key, tree.slot, size, node, length + tree.heuristic[node]
-    )
+    return heap_set(tree.order, tree.key, tree.slot, size, node, length + tree.heuristic[node])
 
 
 @njit(cache=True, nogil=True)

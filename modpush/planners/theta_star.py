@@ -110,5 +110,14 @@ class ThetaStar(GridPlanner):
         self, maps: Maps, cells: NDArray, start: NDArray, goal: NDArray, paths: PathArrays
     ) -> None:
         run_batch(
-            _plan_one, _plan_many, len(cells), maps, cells, start, goal, False, self.cell_size, paths
+            _plan_one,
+            _plan_many,
+            len(cells),
+            maps,
+            cells,
+            start,
+            goal,
+            False,
+            self.cell_size,
+            paths,
         )

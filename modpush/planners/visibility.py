@@ -100,7 +100,7 @@ def _visible_along_row(codes: NDArray, y: int, x0: int, x1: int) -> bool:
     first, last = x0 >> FRACTION_BITS, (x1 - 1) >> FRACTION_BITS
     row = codes[y >> FRACTION_BITS]
     if y & (ONE - 1):  # through the inside of one row of cells
-        for x in range(first, last + 1):
+        for x in range(first, last + 1):  # noqa: SIM110 (numba has no `all`)
             if row[x] & SE:
                 return False
         return True
@@ -118,7 +118,7 @@ def _visible_along_column(codes: NDArray, x: int, y0: int, y1: int) -> bool:
     first, last = y0 >> FRACTION_BITS, (y1 - 1) >> FRACTION_BITS
     column = x >> FRACTION_BITS
     if x & (ONE - 1):
-        for y in range(first, last + 1):
+        for y in range(first, last + 1):  # noqa: SIM110 (numba has no `all`)
             if codes[y, column] & SE:
                 return False
         return True
@@ -218,7 +218,7 @@ def nearest_free_cell(codes: NDArray, x: int, y: int) -> tuple[int, int]:
     height, width = codes.shape[0] - 1, codes.shape[1] - 1
     ci, cj = x >> FRACTION_BITS, y >> FRACTION_BITS
     half = ONE >> 1
-    best, best_i, best_j = np.int64(1) << 62, -1, -1
+    best, best_i, best_j = 1 << 62, -1, -1
     for ring in range(max(height, width)):
         # A cell of this ring is at least ring - 1/2 away: nearer ones cannot follow.
         reach = (ring << FRACTION_BITS) - half

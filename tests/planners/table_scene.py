@@ -51,9 +51,7 @@ class TableEnv(EnvBase):
         super().__init__(batch_size=torch.Size(batch))
         self.frame = GridFrame(height=side, width=side)
         self.count = num_envs or 1
-        self.bars = [
-            (BAR[0] + 0.02 * b, BAR[1] + 0.02 * b, *BAR[2:]) for b in range(self.count)
-        ]
+        self.bars = [(BAR[0] + 0.02 * b, BAR[1] + 0.02 * b, *BAR[2:]) for b in range(self.count)]
         self.observation_spec = Composite(
             depth=Unbounded(shape=(*batch, 1, side, side), dtype=torch.float32),
             segmentation=Bounded(0, 255, shape=(*batch, 1, side, side), dtype=torch.uint8),
@@ -87,8 +85,10 @@ class TableEnv(EnvBase):
         }
         for key in ("depth", "segmentation"):
             observed[key] = observed[key].reshape(self.count, 1, side, side)
-        return {key: value.reshape(*self.batch_size, *value.shape[1:])
-                for key, value in observed.items()}
+        return {
+            key: value.reshape(*self.batch_size, *value.shape[1:])
+            for key, value in observed.items()
+        }
 
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: object) -> TensorDictBase:
         mask = torch.ones(self.count, dtype=torch.bool)

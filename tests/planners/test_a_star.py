@@ -79,11 +79,15 @@ def test_small_maps_with_weights(seed, neighbours):
 
     best = optimum(blocked, start, goal, neighbours, weight)
     paths = planner.plan_weighted(
-        torch.from_numpy(blocked)[None], torch.from_numpy(weight)[None], *tensors(blocked, start, goal)[1:]
+        torch.from_numpy(blocked)[None],
+        torch.from_numpy(weight)[None],
+        *tensors(blocked, start, goal)[1:],
     )
     assert paths.found.item() == np.isfinite(best)
     if paths.found:
-        assert cost_along(paths.waypoints[0, : paths.count[0]].numpy(), weight) == pytest.approx(best)
+        assert cost_along(paths.waypoints[0, : paths.count[0]].numpy(), weight) == pytest.approx(
+            best
+        )
 
 
 def cost_along(points, weight):
@@ -125,5 +129,5 @@ def test_bad_weights_are_refused():
     ends = torch.zeros(1, 2), torch.ones(1, 2)
     with pytest.raises(ValueError, match=r"weight must have the occupancy's shape \[1, 4, 4\]"):
         AStar().plan_weighted(blocked, torch.ones(1, 4, 5), *ends)
-    with pytest.raises(ValueError, match="weight must be > 0, its least is 0.0"):
+    with pytest.raises(ValueError, match=r"weight must be > 0, its least is 0\.0"):
         AStar().plan_weighted(blocked, torch.zeros(1, 4, 4), *ends)

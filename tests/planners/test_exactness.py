@@ -1,5 +1,7 @@
 """Lazy Theta* and the distance field against an optimum that they had no part in."""
 
+import itertools
+
 import numpy as np
 import pytest
 import scipy.ndimage as ndi
@@ -34,7 +36,7 @@ def check_against_optimum(maps):
             points = paths.waypoints[0, : paths.count[0]].double().numpy()
             assert (points[0] == start).all()
             assert (points[-1] == goal).all()
-            for a, b in zip(points[:-1], points[1:], strict=True):
+            for a, b in itertools.pairwise(points):
                 assert visible(blocked, a, b), (name, a, b)
             legs = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
             assert legs == pytest.approx(paths.length.item(), rel=1e-5)

@@ -119,7 +119,12 @@ def test_inflation_takes_a_radius_for_each_scene():
     ("blocked", "radius", "error", "message"),
     [
         (torch.zeros(1, 4, 4), 1.0, TypeError, "blocked must be bool, got torch.float32"),
-        (torch.zeros(4, 4, dtype=torch.bool), 1.0, ValueError, r"must be \[B, H, W\], got \[4, 4\]"),
+        (
+            torch.zeros(4, 4, dtype=torch.bool),
+            1.0,
+            ValueError,
+            r"must be \[B, H, W\], got \[4, 4\]",
+        ),
         (torch.zeros(1, 4, 4, dtype=torch.bool), -1.0, ValueError, "finite and >= 0, got"),
         (torch.zeros(1, 4, 4, dtype=torch.bool), math.inf, ValueError, "finite and >= 0, got"),
         (

@@ -101,7 +101,9 @@ def test_cell_size_must_be_positive_and_scales_lengths(make):
         make(cell_size=0)
     paths = make(cell_size=0.5).plan(wall_map(), xy(0, 0), xy(3, 4))
     assert paths.length.item() >= 2.5
-    assert paths.length.item() == pytest.approx(make().plan(wall_map(), xy(0, 0), xy(3, 4)).length / 2)
+    assert paths.length.item() == pytest.approx(
+        make().plan(wall_map(), xy(0, 0), xy(3, 4)).length / 2
+    )
 
 
 @every_planner

@@ -139,7 +139,10 @@ def test_automatic_resets_begin_new_histories():
     assert ended.any(1).all()
     for scene in range(2):
         for t in range(39):
-            history, then = rollout["subgoal_history"][scene, t], rollout["subgoal_history"][scene, t + 1]
+            history, then = (
+                rollout["subgoal_history"][scene, t],
+                rollout["subgoal_history"][scene, t + 1],
+            )
             if ended[scene, t]:
                 assert (then == rollout["subgoal"][scene, t + 1]).all()
             else:
