@@ -18,7 +18,9 @@ MAY_KNOW = {
     "agents": {"agents", "planners"},
     "replay": {"replay"},
     "envs": {"envs"},
+    "evaluation": {"envs", "evaluation", "planners"},
 }
+PLAIN_DATA = {"drawing", "objects", "scenarios", "scenes"}
 SIMULATOR = {"sapien", "mani_skill"}
 KNOW_THE_SIMULATOR = {
     "robot",
@@ -52,6 +54,17 @@ def test_a_room_imports_only_the_rooms_it_may(room: str) -> None:
     assert known <= MAY_KNOW[room]
 
 
+def test_evaluation_knows_the_plain_data_of_envs_only() -> None:
+    known = {
+        name.removeprefix("modpush.envs").removeprefix(".")
+        for path in (ROOT / "evaluation").rglob("*.py")
+        for name in imports_of(path)
+        if name.startswith("modpush.envs")
+    }
+    assert known <= PLAIN_DATA
+    assert not known & KNOW_THE_SIMULATOR
+
+
 def test_only_some_files_of_envs_know_the_simulator() -> None:
     knowing = {
         path.stem
@@ -61,7 +74,7 @@ def test_only_some_files_of_envs_know_the_simulator() -> None:
     assert knowing <= KNOW_THE_SIMULATOR
 
 
-@pytest.mark.parametrize("room", ["planners", "encoders", "agents", "replay", "envs"])
+@pytest.mark.parametrize("room", ROOMS)
 def test_importing_a_room_loads_no_simulator(room: str) -> None:
     code = (
         f"import sys, modpush.{room} as room; [getattr(room, n) for n in getattr(room, '__all__', [])"

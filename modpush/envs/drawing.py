@@ -18,6 +18,7 @@ _SHIFT = 4  # fractional bits of cv2's coordinates
 _COLORS = {
     "table": (244, 241, 235),
     "workspace": (222, 216, 206),
+    "inflated": (205, 206, 208),
     "obstacle": (96, 102, 112),
     "goal": (60, 160, 75),
     "start": (214, 60, 50),
@@ -63,6 +64,8 @@ def draw_top_view(
     object_path: NDArray[np.float64] | None = None,
     ee_path: NDArray[np.float64] | None = None,
     planned_path: NDArray[np.float64] | None = None,
+    subgoal: Sequence[float] | None = None,
+    inflation: float = 0.0,
     obstacle_poses: NDArray[np.float64] | None = None,
     caption: str = "",
     tool: ToolName = "2f85",
@@ -78,6 +81,8 @@ def draw_top_view(
         object_path: Where the object has been, `[n, 2]` [m].
         ee_path: Where the tool has been, `[n, 2]` [m].
         planned_path: A planned way, `[n, 2]` [m], magenta.
+        subgoal: x, y of the present sub-goal [m], a magenta disc.
+        inflation: Obstacles get a light rim of this width, where the object's centre cannot be [m].
         obstacle_poses: Where the obstacles are now, `[n, 3]`; where they started by default.
         caption: Written at the top.
         tool: What the arm holds.
@@ -92,9 +97,17 @@ def draw_top_view(
     workspace = np.array([[0.20, -0.35], [0.75, -0.35], [0.75, 0.35], [0.20, 0.35]])
     _outline(image, view, workspace, "workspace", 2)
     poses = obstacle_poses if obstacle_poses is not None else [o.pose for o in scenario.obstacles]
-    for obstacle, pose in zip(scenario.obstacles, poses, strict=True):
-        length, width, _ = obstacle.size
-        _fill(image, view, _placed(_rectangle(length / 2, width / 2), pose), "obstacle")
+    outlines = [
+        _placed(_rectangle(obstacle.size[0] / 2, obstacle.size[1] / 2), pose)
+        for obstacle, pose in zip(scenario.obstacles, poses, strict=True)
+    ]
+    if inflation > 0:
+        # A thick line has round joints, so that this is the exact sum of rectangle and disc.
+        thickness = round(2 * inflation * view.pixels_per_metre)
+        for outline in outlines:
+            _outline(image, view, outline, "inflated", thickness)
+    for outline in outlines:
+        _fill(image, view, outline, "obstacle")
     _disc(image, view, scenario.goal_position, goal_radius, "goal", thickness=2)
     _disc(image, view, scenario.goal_position, 0.006, "goal")
     footprints = get_object(scenario.pushed_object).footprints()
@@ -104,6 +117,8 @@ def draw_top_view(
         if path is not None and len(path) > 1:
             points = [view.to_pixels(np.asarray(path)[:, :2])]
             cv2.polylines(image, points, False, _COLORS[color], 2, cv2.LINE_AA, _SHIFT)
+    if subgoal is not None:
+        _disc(image, view, subgoal, 0.008, "planned")
     for part in footprints:
         _fill(image, view, _placed(part, object_pose), "object")
     _fill(image, view, _placed(_rectangle(*TOOLS[tool].tip_half_extents), ee_pose), "tool")

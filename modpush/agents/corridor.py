@@ -1,0 +1,310 @@
+"""The pushing corridor: zones around obstacles, the path that keeps clear of them, the look-ahead.
+
+Source: Krivic and Piater (2019) in the form of the code that the paper compares with: increased
+costs around obstacles, and the relaxed look-ahead with its fallbacks.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import torch
+from numba import njit
+from numpy.typing import NDArray
+from torch import Tensor
+
+from modpush.planners import AStar, GridFrame, point_along
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clearances:
+    """How far the object's centre keeps from obstacles, in three degrees [cells].
+
+    Attributes:
+        outer: Within it the tool behind the object may touch one.
+        inner: Within it the object may touch one.
+        touch: Within it the object does touch one.
+    """
+
+    outer: float
+    inner: float
+    touch: float
+
+
+def obstacle_distance(blocked: NDArray) -> NDArray:
+    """Exact distance of each cell's centre to the nearest blocked one's.
+
+    Args:
+        blocked: `[H, W]` bool.
+
+    Returns:
+        `[H, W]` float32 [cells], inf where nothing is blocked.
+    """
+    if not blocked.any():
+        return np.full(blocked.shape, np.inf, dtype=np.float32)
+    free = np.ascontiguousarray(~blocked, dtype=np.uint8)
+    return cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+
+
+def corridor_cost(
+    distance: Tensor, inner: Tensor, outer: Tensor, weights: tuple[float, float, float]
+) -> Tensor:
+    """What a cell costs that lies so far from obstacles.
+
+    Args:
+        distance: `[B, H, W]` [cells].
+        inner: `[B]` [cells].
+        outer: `[B]` [cells].
+        weights: Cost of a free cell, of one within `outer`, of one within `inner`.
+
+    Returns:
+        `[B, H, W]` float32.
+    """
+    inner, outer = inner[:, None, None], outer[:, None, None]
+    cost = torch.full_like(distance, weights[0])
+    cost[distance <= outer] = weights[1]
+    cost[distance <= inner] = weights[2]
+    return cost
+
+
+def corridor_path(
+    distance: Tensor, cost: Tensor, start: Tensor, goal: Tensor, points: int, neighbours: int = 8
+) -> Tensor:
+    """The way of least cost from the object to the goal, as points equally far apart.
+
+    Args:
+        distance: `[B, H, W]` [cells], 0 on obstacles.
+        cost: `[B, H, W]` float32.
+        start: `[B, 2]` (u, v) [px].
+        goal: `[B, 2]` (u, v) [px].
+        points: How many.
+        neighbours: 4 or 8.
+
+    Returns:
+        `[B, points, 2]` (u, v) [px]; the straight line where there is no way.
+    """
+    planner = AStar(neighbours=8 if neighbours == 8 else 4)
+    paths = planner.plan_weighted(distance == 0, cost, start, goal)
+    straight = torch.stack([start, goal], 1)
+    straight = torch.cat([straight, goal[:, None].expand(-1, paths.waypoints.shape[1] - 2, 2)], 1)
+    line = torch.where(paths.found[:, None, None], paths.waypoints, straight)
+    length = (line[:, 1:] - line[:, :-1]).norm(dim=-1).sum(-1)
+    parts = [point_along(line, length * k / (points - 1)) for k in range(points)]
+    return torch.stack(parts, 1)
+
+
+@njit(cache=True, nogil=True)
+def least_clearance(distance: NDArray, u0: float, v0: float, u1: float, v1: float) -> float:
+    """Least distance to obstacles on a segment [px], seen every half cell; inf off the grid."""
+    steps = int(np.ceil(2.0 * max(abs(u1 - u0), abs(v1 - v0)))) + 1
+    least = np.inf
+    for k in range(steps + 1):
+        i = int(np.rint(u0 + (u1 - u0) * k / steps))
+        j = int(np.rint(v0 + (v1 - v0) * k / steps))
+        if 0 <= i < distance.shape[1] and 0 <= j < distance.shape[0]:
+            least = min(least, distance[j, i])
+    return least
+
+
+@njit(cache=True, nogil=True)
+def _clearance_at(distance: NDArray, u: int, v: int) -> float:
+    i = min(max(u, 0), distance.shape[1] - 1)
+    j = min(max(v, 0), distance.shape[0] - 1)
+    return distance[j, i]
+
+
+@njit(cache=True, nogil=True)
+def away_from_obstacles(distance: NDArray, u: float, v: float) -> tuple[float, float, float]:
+    """Where to go to get away from the nearest obstacle.
+
+    Args:
+        distance: `[H, W]` float32, to obstacles [cells].
+        u: Column [px].
+        v: Row [px].
+
+    Returns:
+        A unit vector (u, v), zero where there is no obstacle, and the distance [cells].
+    """
+    i, j = int(np.rint(u)), int(np.rint(v))
+    here = _clearance_at(distance, i, j)
+    if not np.isfinite(here):
+        return 0.0, 0.0, np.inf
+    du = _clearance_at(distance, i + 2, j) - _clearance_at(distance, i - 2, j)
+    dv = _clearance_at(distance, i, j + 2) - _clearance_at(distance, i, j - 2)
+    length = np.sqrt(du * du + dv * dv)
+    if length < 1e-6:
+        return 0.0, 0.0, here
+    return du / length, dv / length, here
+
+
+def repulsion(distance: list[NDArray], position: Tensor, reach: float, frame: GridFrame) -> Tensor:
+    """A push away from obstacles that grows from 0 at `reach` to 1 at contact.
+
+    Args:
+        distance: For each scene `[H, W]` float32 [cells].
+        position: `[B, 2]` (x, y) [m].
+        reach: [m]; 0 for none at all.
+        frame: The grid's frame.
+
+    Returns:
+        `[B, 2]`.
+    """
+    pixel = frame.to_pixel(position.double()).tolist()
+    pushes = []
+    for b, (u, v) in enumerate(pixel):
+        du, dv, cells = away_from_obstacles(distance[b], u, v)
+        share = max(0.0, 1.0 - cells * frame.cell_size / reach) if reach > 0 else 0.0
+        pushes.append([-dv * share, -du * share])  # up in the image is +x, left is +y
+    return torch.tensor(pushes, dtype=position.dtype).reshape(-1, 2)
+
+
+@njit(cache=True, nogil=True)
+def _behind(position: NDArray, point: NDArray, distance: float) -> tuple[float, float]:
+    """The place to push the object from towards a point."""
+    du, dv = position[0] - point[0], position[1] - point[1]
+    length = max(np.sqrt(du * du + dv * dv), 1e-9)
+    return position[0] + du / length * distance, position[1] + dv / length * distance
+
+
+@njit(cache=True, nogil=True)
+def look_ahead(
+    distance: NDArray,
+    path: NDArray,
+    position: NDArray,
+    tool: NDArray,
+    previous: NDArray,
+    first: bool,
+    behind: float,
+    limits: tuple[float, float, float],
+    relative: bool,
+    room: float,
+    step: int,
+) -> tuple[float, float]:
+    """The point on the path to push towards now.
+
+    The furthest one to which the object's way is clear of the outer zone. Failing that, in this
+    order: the furthest clear of the inner zone, if the tool can see the place behind the object;
+    the furthest that leaves the object room, if so; a point a little further on the path, if the
+    path is clear there; the furthest clear of the inner zone; the previous target.
+
+    Args:
+        distance: `[H, W]` float32, to obstacles [cells].
+        path: `[N, 2]` (u, v) [px], goal last.
+        position: `[2]` the object's.
+        tool: `[2]` the tool's.
+        previous: `[2]` the target before.
+        first: There is none before.
+        behind: How far behind the object the tool stands to push it [px].
+        limits: Outer zone, inner zone, room that the object needs [cells].
+        relative: An object that is nearer to an obstacle than a limit asks only not to get nearer
+            still, and for room behind it. Else it sees no way at all until it is out.
+        room: What the tool needs to either side [cells].
+        step: How many points a little further on the path is.
+
+    Returns:
+        (u, v) [px].
+    """
+    last = path.shape[0] - 1
+    outer, inner, touch = limits
+    near_obstacle = False
+    if relative:
+        here = least_clearance(distance, position[0], position[1], position[0], position[1]) - 1.0
+        near_obstacle = here < outer
+        outer, inner, touch = min(outer, here), min(inner, here), min(touch, here)
+    nearest, least = 0, np.inf
+    for k in range(last + 1):
+        away = (path[k, 0] - position[0]) ** 2 + (path[k, 1] - position[1]) ** 2
+        if away < least:
+            nearest, least = k, away
+    free, tight, supertight = -1, -1, -1
+    for k in range(last, nearest - 1, -2):
+        if (path[k, 0] - position[0]) ** 2 + (path[k, 1] - position[1]) ** 2 < 1.0 and k < last:
+            continue  # no direction to push in
+        if first:
+            bu, bv = _behind(position, path[k], behind)
+            if least_clearance(distance, bu, bv, bu, bv) == 0:
+                continue
+        clear = least_clearance(distance, position[0], position[1], path[k, 0], path[k, 1])
+        if clear <= touch:
+            continue
+        if clear > outer and not near_obstacle:
+            return path[k, 0], path[k, 1]
+        # Near an obstacle a clear way does not mean that there is room behind the object too.
+        if near_obstacle:
+            bu, bv = _behind(position, path[k], behind)
+            if least_clearance(distance, bu, bv, bu, bv) <= room:
+                continue
+        if clear > outer and free < 0:
+            free = k
+        if clear > inner and tight < 0:
+            tight = k
+        if supertight < 0:
+            supertight = k
+    for k in (free, tight, supertight):
+        if k >= 0:
+            bu, bv = _behind(position, path[k], behind)
+            if least_clearance(distance, bu, bv, tool[0], tool[1]) > room:
+                return path[k, 0], path[k, 1]
+    ahead = min(nearest + step, last)
+    cu, cv = path[nearest, 0], path[nearest, 1]
+    if least_clearance(distance, cu, cv, cu, cv) > outer:
+        bu, bv = _behind(position, path[nearest], behind)
+        if least_clearance(distance, bu, bv, tool[0], tool[1]) > room:
+            return path[ahead, 0], path[ahead, 1]
+    if tight >= 0:
+        return path[tight, 0], path[tight, 1]
+    if relative and supertight >= 0:
+        return path[supertight, 0], path[supertight, 1]
+    if first or relative:
+        return path[ahead, 0], path[ahead, 1]
+    return previous[0], previous[1]
+
+
+def to_targets(
+    distance: list[NDArray],
+    path: Tensor,
+    position: Tensor,
+    tool: Tensor,
+    previous: Tensor,
+    first: Tensor,
+    behind: float,
+    clearances: list[Clearances],
+    relative: bool,
+    room: float,
+    step: int,
+    frame: GridFrame,
+) -> Tensor:
+    """`look_ahead` for a batch, in metres.
+
+    Args:
+        distance: For each scene `[H, W]` float32 [cells].
+        path: `[B, N, 2]` (x, y) [m].
+        position: `[B, 2]` the object's [m].
+        tool: `[B, 2]` the tool's [m].
+        previous: `[B, 2]` the targets before [m].
+        first: `[B]` bool, there is none before.
+        behind: How far behind the object the tool stands to push it [m].
+        clearances: For each scene.
+        relative: See `look_ahead`.
+        room: What the tool needs to either side [m].
+        step: See `look_ahead`.
+        frame: The grid's frame.
+
+    Returns:
+        `[B, 2]` (x, y) [m].
+    """
+    pixels = [frame.to_pixel(value.double()).numpy() for value in (path, position, tool, previous)]
+    targets = [
+        look_ahead(
+            distance[b],
+            *(value[b] for value in pixels),
+            bool(first[b]),
+            behind / frame.cell_size,
+            (clearances[b].outer, clearances[b].inner, clearances[b].touch),
+            relative,
+            room / frame.cell_size,
+            step,
+        )
+        for b in range(len(distance))
+    ]
+    return frame.to_metre(torch.tensor(targets, dtype=torch.float64)).to(position.dtype)

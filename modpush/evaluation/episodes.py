@@ -1,0 +1,216 @@
+"""Runs given episodes through a batched environment, and yields each as it ends."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from tensordict import NestedKey, TensorDictBase
+from torchrl.envs import EnvBase, set_exploration_type
+from torchrl.envs.utils import ExplorationType, step_mdp
+
+from modpush.envs.scenarios import Scenario
+from modpush.evaluation.metrics import EpisodeMetrics, episode_metrics
+from modpush.evaluation.shortest import shortest_path
+
+__all__ = ["Episode", "Policy", "Trajectory", "run_episodes"]
+
+Policy = Callable[[TensorDictBase], TensorDictBase]
+"""Any TensorDictModule: reads what the environment emits, writes `action`."""
+
+# Read after every step; the flags in the order of `episode_metrics`' arguments.
+_POSES = ("object_pose", "ee_pose")
+_FLAGS = ("object_contact", "obstacle_contact", "tool_obstacle_contact")
+_ENDS = ("success", "out_of_bounds", "done")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trajectory:
+    """What an episode of T control steps looked like. Base frame, metres and radians."""
+
+    object_pose: NDArray[np.float32]
+    """At reset and after each step, `[T + 1, 3]`."""
+    ee_pose: NDArray[np.float32]
+    """Of the tool's tip, likewise, `[T + 1, 3]`."""
+    contacts: NDArray[np.bool_]
+    """Object touched by the arm, object on obstacle, arm on obstacle, `[T, 3]`."""
+    planned_path: NDArray[np.float32]
+    """First planned path, `[n, 2]`; the common planner's where the policy has none of its own."""
+    target: NDArray[np.float32]
+    """Sub-goal that the policy acted upon, `[T, 2]`; `[0, 2]` where it has none."""
+
+    def save(self, path: Path) -> None:
+        """Write as a compressed `.npz`."""
+        np.savez_compressed(path, **vars(self))
+
+    @classmethod
+    def load(cls, path: Path) -> "Trajectory":
+        """Read what `save` wrote."""
+        with np.load(path) as data:
+            return cls(**{name: data[name] for name in cls.__dataclass_fields__})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Episode:
+    """An episode that has ended."""
+
+    number: int
+    """In its set."""
+    scenario: Scenario
+    metrics: EpisodeMetrics
+    trajectory: Trajectory
+
+
+class _Log:
+    """What is known of an episode that still runs."""
+
+    def __init__(self, number: int, scenario: Scenario, td: TensorDictBase, row: int) -> None:
+        self.number, self.scenario = number, scenario
+        self.poses = {key: [td[key][row].tolist()] for key in _POSES}
+        self.flags: list[list[bool]] = []
+        self.rewards: list[float] = []
+        self.targets: list[list[float]] = []
+        self.path: NDArray[np.float32] | None = None
+
+    def finish(self, success: bool, out_of_bounds: bool) -> Episode:
+        corners, shortest = shortest_path(self.scenario)
+        poses = {key: np.array(value) for key, value in self.poses.items()}
+        flags = np.array(self.flags)
+        metrics = episode_metrics(
+            object_position=poses["object_pose"][:, :2],
+            goal_position=np.array(self.scenario.goal_position),
+            reward=np.array(self.rewards),
+            **{key: flags[:, i] for i, key in enumerate(_FLAGS)},
+            success=success,
+            out_of_bounds=out_of_bounds,
+            shortest_length=shortest,
+        )
+        trajectory = Trajectory(
+            **{key: value.astype(np.float32) for key, value in poses.items()},
+            contacts=flags,
+            planned_path=self.path if self.path is not None else corners.astype(np.float32),
+            target=np.array(self.targets, dtype=np.float32).reshape(-1, 2),
+        )
+        return Episode(
+            number=self.number, scenario=self.scenario, metrics=metrics, trajectory=trajectory
+        )
+
+
+@torch.no_grad()
+def run_episodes(
+    env: EnvBase,
+    policy: Policy,
+    episodes: Iterable[tuple[int, Scenario]],
+    *,
+    path_key: NestedKey | None = None,
+    target_key: NestedKey | None = None,
+    exploration: ExplorationType = ExplorationType.DETERMINISTIC,
+    on_step: Callable[[int, int], Any] | None = None,
+) -> Iterator[Episode]:
+    """Run each episode once; a scene that is free takes the next one at once.
+
+    Args:
+        env: A `PushEnv`, or one with any transforms on top, whose `reset` takes `scenarios`.
+        policy: Acts on what `env` emits. What it writes under `next` is carried over to the next
+            step; it learns of an episode's beginning by `InitTracker` or `TensorDictPrimer` in
+            `env`.
+        episodes: Number and start of each.
+        path_key: Where the planned path, `[B, n, 2]` [m], stands in what `env.step` returns, for
+            pictures. Under `"next"` is what belongs to the step's end, and a policy's state.
+        target_key: The same of the sub-goal that is acted upon, `[B, 2]` [m].
+        exploration: How a stochastic policy acts.
+        on_step: Called with scene and episode number after each of its steps.
+
+    Yields:
+        Each episode as it ends, so not in their order.
+
+    Raises:
+        KeyError: If `path_key` or `target_key` is not written.
+    """
+    queue = iter(episodes)
+    first = list(islice(queue, env.batch_size[0]))
+    if not first:
+        return
+    spare = [first[-1]] * (env.batch_size[0] - len(first))  # a first reset is of all scenes
+    td = env.reset(scenarios=[scenario for _, scenario in first + spare])
+    logs: list[_Log | None] = [_Log(n, s, td, i) for i, (n, s) in enumerate(first)]
+    logs += [None] * len(spare)
+    while any(logs):
+        with set_exploration_type(exploration):
+            td = policy(td)
+        idle = [i for i, log in enumerate(logs) if log is None]
+        if idle:
+            td["action"][idle] = 0.0  # nobody looks at what they do any more
+        td = env.step(td)
+        ended = _record(td, logs, path_key, target_key, on_step)
+        td = step_mdp(td)
+        for row, episode in ended:
+            logs[row] = None
+            yield episode
+        refill = list(zip((row for row, _ in ended), islice(queue, len(ended)), strict=False))
+        if refill:
+            td = _restart(env, td, logs, refill)
+
+
+def _restart(
+    env: EnvBase,
+    td: TensorDictBase,
+    logs: list[_Log | None],
+    refill: list[tuple[int, tuple[int, Scenario]]],
+) -> TensorDictBase:
+    refill = sorted(refill, key=lambda item: item[0])
+    mask = torch.zeros(len(logs), 1, dtype=torch.bool, device=td.device)
+    mask[[row for row, _ in refill]] = True
+    td["_reset"] = mask
+    td = env.reset(td, scenarios=[scenario for _, (_, scenario) in refill])
+    td.pop("_reset", None)
+    for row, (number, scenario) in refill:
+        logs[row] = _Log(number, scenario, td, row)
+    return td
+
+
+def _record(
+    td: TensorDictBase,
+    logs: list[_Log | None],
+    path_key: NestedKey | None,
+    target_key: NestedKey | None,
+    on_step: Callable[[int, int], Any] | None,
+) -> list[tuple[int, Episode]]:
+    """Note a step of all running episodes; returns scene and episode of those that ended."""
+    after = td["next"]
+    poses = {key: after[key].tolist() for key in _POSES}
+    flags = torch.cat([after[key] for key in _FLAGS], -1).tolist()
+    ends = torch.cat([after[key] for key in _ENDS], -1).tolist()
+    rewards = after["reward"].reshape(len(logs)).tolist()
+    targets = _written(td, target_key).tolist() if target_key is not None else None
+    ended = []
+    for i, log in enumerate(logs):
+        if log is None:
+            continue
+        if path_key is not None and log.path is None:
+            log.path = _written(td, path_key)[i].cpu().numpy().astype(np.float32)
+        for key in _POSES:
+            log.poses[key].append(poses[key][i])
+        log.flags.append(flags[i])
+        log.rewards.append(rewards[i])
+        if targets is not None:
+            log.targets.append(targets[i])
+        if on_step is not None:
+            on_step(i, log.number)
+        success, outside, done = ends[i]
+        if done:
+            ended.append((i, log.finish(success, outside)))
+    return ended
+
+
+def _written(td: TensorDictBase, key: NestedKey) -> torch.Tensor:
+    value = td.get(key, None)
+    if value is None:
+        raise KeyError(
+            f"run_episodes: no entry {key!r}, there is {sorted(map(str, td.keys(True, True)))}."
+        )
+    return value

@@ -1,0 +1,166 @@
+"""What is measured of an episode: pure functions of what was recorded of it (spec 10)."""
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "EpisodeMetrics",
+    "collision_rate",
+    "contact_rate",
+    "episode_metrics",
+    "pushed_length",
+    "success_weighted_by_path_length",
+]
+
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeMetrics:
+    """One episode in numbers."""
+
+    success: bool
+    """The object's centre came within 5 cm of the goal."""
+    steps: int
+    """Control steps."""
+    episode_return: float
+    """Sum of the environment's rewards."""
+    contact_rate: float
+    """Share of the control steps in contact, from the first contact on; 0 if there was none."""
+    collision_rate: float
+    """Share of all control steps in which object or arm touched an obstacle."""
+    collision_rate_object: float
+    """The same of the object alone."""
+    collision_rate_arm: float
+    """The same of tool and arm."""
+    path_length: float
+    """Of the object, plus its last distance to the goal [m]."""
+    final_distance: float
+    """From the object to the goal [m]."""
+    shortest_length: float
+    """Of the common planner's path at reset [m]."""
+    spl: float
+    """Success weighted by path length."""
+    out_of_bounds: bool
+    """The object left the workspace."""
+
+    def to_dict(self) -> dict[str, float | int | bool]:
+        """By name."""
+        return asdict(self)
+
+
+def contact_rate(contact: Flags) -> float:
+    """Share of the steps in contact, from the first contact on.
+
+    Args:
+        contact: For each control step, `[T]` bool.
+
+    Returns:
+        In [0, 1]; 0 if there was no contact.
+    """
+    touched = np.flatnonzero(contact)
+    return float(np.mean(contact[touched[0] :])) if len(touched) else 0.0
+
+
+def collision_rate(*collisions: Flags) -> float:
+    """Share of the steps in which any of several collisions occurred.
+
+    Args:
+        collisions: Each `[T]` bool.
+
+    Returns:
+        In [0, 1]; 0 for an episode without steps.
+    """
+    together = np.logical_or.reduce(collisions)
+    return float(together.mean()) if together.size else 0.0
+
+
+def pushed_length(position: NDArray[np.float64], goal: NDArray[np.float64]) -> tuple[float, float]:
+    """How far the object went, plus what was missing at the end.
+
+    Args:
+        position: Of the object, at reset and after each step, `[T + 1, 2]` [m].
+        goal: `[2]` [m].
+
+    Returns:
+        Length of its path plus the final distance [m], and the final distance alone [m].
+    """
+    final = float(np.linalg.norm(position[-1] - goal))
+    return float(np.linalg.norm(np.diff(position, axis=0), axis=-1).sum()) + final, final
+
+
+def success_weighted_by_path_length(success: bool, shortest: float, taken: float) -> float:
+    """S l / max(p, l).
+
+    Args:
+        success: S.
+        shortest: l, length of the shortest path [m].
+        taken: p, length of the path taken [m].
+
+    Returns:
+        In [0, 1].
+
+    Raises:
+        ValueError: If a length is negative, or `shortest` is 0.
+    Source: Anderson et al. 2018, "On Evaluation of Embodied Navigation Agents"; paper Sec. V.
+    """
+    if shortest <= 0 or taken < 0:
+        raise ValueError(
+            "success_weighted_by_path_length: expected shortest > 0 and taken >= 0, "
+            f"got {shortest} and {taken}."
+        )
+    return float(success) * shortest / max(taken, shortest)
+
+
+def episode_metrics(
+    *,
+    object_position: NDArray[np.float64],
+    goal_position: NDArray[np.float64],
+    reward: NDArray[np.float64],
+    object_contact: Flags,
+    obstacle_contact: Flags,
+    tool_obstacle_contact: Flags,
+    success: bool,
+    out_of_bounds: bool,
+    shortest_length: float,
+) -> EpisodeMetrics:
+    """All metrics of an episode of T control steps.
+
+    Args:
+        object_position: At reset and after each step, `[T + 1, 2]` [m].
+        goal_position: `[2]` [m].
+        reward: `[T]`.
+        object_contact: Tool or arm touched the object, `[T]` bool.
+        obstacle_contact: The object touched an obstacle, `[T]` bool.
+        tool_obstacle_contact: Tool or arm touched an obstacle, `[T]` bool.
+        success: Whether the goal was reached.
+        out_of_bounds: Whether the object left the workspace.
+        shortest_length: See `shortest_path` [m].
+
+    Raises:
+        ValueError: If the lengths do not fit each other.
+    """
+    steps = len(reward)
+    rows = [len(x) for x in (object_contact, obstacle_contact, tool_obstacle_contact)]
+    if rows != [steps] * 3 or len(object_position) != steps + 1:
+        raise ValueError(
+            f"episode_metrics: with {steps} rewards expected {steps} contacts and {steps + 1} "
+            f"positions, got {rows} and {len(object_position)}."
+        )
+    taken, final = pushed_length(object_position, goal_position)
+    return EpisodeMetrics(
+        success=bool(success),
+        steps=steps,
+        episode_return=float(np.sum(reward)),
+        contact_rate=contact_rate(object_contact),
+        collision_rate=collision_rate(obstacle_contact, tool_obstacle_contact),
+        collision_rate_object=collision_rate(obstacle_contact),
+        collision_rate_arm=collision_rate(tool_obstacle_contact),
+        path_length=taken,
+        final_distance=final,
+        shortest_length=shortest_length,
+        spl=success_weighted_by_path_length(success, shortest_length, taken),
+        out_of_bounds=bool(out_of_bounds),
+    )

@@ -1,0 +1,100 @@
+"""Episodes as pictures like the paper's Fig. 6, contact sheets, videos. Drawn from stored results."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from modpush.envs.drawing import draw_top_view
+from modpush.envs.objects import get_object
+from modpush.envs.scenarios import Scenario
+from modpush.evaluation.episodes import Trajectory
+
+__all__ = ["contact_sheet", "draw_episode", "draw_frames", "write_picture", "write_video"]
+
+Picture = NDArray[np.uint8]
+
+
+def draw_episode(
+    scenario: Scenario, trajectory: Trajectory, *, step: int | None = None, caption: str = ""
+) -> Picture:
+    """An episode up to a step: start red, goal green, first planned path magenta, arm black.
+
+    Args:
+        scenario: What it started from.
+        trajectory: How it went.
+        step: Control steps since reset; None for the last.
+        caption: Written at the top.
+
+    Returns:
+        `[H, W, 3]` uint8 RGB.
+    Source: Fig. 6.
+    """
+    last = len(trajectory.object_pose) - 1
+    step = last if step is None else min(step, last)
+    objects, tools = trajectory.object_pose[: step + 1], trajectory.ee_pose[: step + 1]
+    targets = trajectory.target
+    return draw_top_view(
+        scenario,
+        objects[-1].tolist(),
+        tools[-1].tolist(),
+        object_path=objects.astype(np.float64),
+        ee_path=tools.astype(np.float64),
+        planned_path=trajectory.planned_path.astype(np.float64),
+        subgoal=targets[min(step, len(targets) - 1)].tolist() if len(targets) else None,
+        inflation=get_object(scenario.pushed_object).radius,
+        caption=caption,
+    )
+
+
+def draw_frames(
+    scenario: Scenario, trajectory: Trajectory, *, every: int = 1, caption: str = ""
+) -> Iterable[Picture]:
+    """Every so many steps a picture, and the last one."""
+    last = len(trajectory.object_pose) - 1
+    for step in [*range(0, last, every), last]:
+        yield draw_episode(scenario, trajectory, step=step, caption=caption)
+
+
+def contact_sheet(pictures: Sequence[Picture], *, columns: int = 4, width: int = 360) -> Picture:
+    """Pictures in rows.
+
+    Args:
+        pictures: All of one shape.
+        columns: In a row.
+        width: Of each picture on the sheet [px].
+
+    Returns:
+        `[H, W, 3]` uint8.
+
+    Raises:
+        ValueError: If there are none, or their shapes differ.
+    """
+    shapes = {picture.shape for picture in pictures}
+    if len(shapes) != 1:
+        raise ValueError(f"contact_sheet: expected pictures of one shape, got {sorted(shapes)}.")
+    height = round(pictures[0].shape[0] * width / pictures[0].shape[1])
+    small = [cv2.resize(p, (width, height), interpolation=cv2.INTER_AREA) for p in pictures]
+    columns = min(columns, len(small))
+    small += [np.full_like(small[0], 255)] * (-len(small) % columns)
+    rows = [np.hstack(small[i : i + columns]) for i in range(0, len(small), columns)]
+    return np.vstack(rows)
+
+
+def write_picture(path: Path, picture: Picture) -> None:
+    """Write a PNG."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not cv2.imwrite(str(path), picture[..., ::-1]):
+        raise OSError(f"write_picture: could not write {path}.")
+
+
+def write_video(path: Path, frames: Iterable[Picture], fps: int = 15) -> None:
+    """Write an MP4; frames need even sides, as `draw_episode`'s have."""
+    import imageio  # an extra, and only this function needs it
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with imageio.get_writer(path, fps=fps, macro_block_size=2) as writer:
+        for frame in frames:
+            writer.append_data(frame)

@@ -1,0 +1,213 @@
+"""The evaluation sets: fixed episodes in versioned files, and their generator.
+
+    python -m modpush.evaluation.sets            # writes the files anew, bit for bit the same
+    python -m modpush.evaluation.sets --check    # compares them instead
+
+Source: paper Sec. V (numbers of episodes, scenes, objects, distances), spec 2.
+"""
+
+import argparse
+import gzip
+import json
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from modpush.envs.objects import OBJECTS
+from modpush.envs.scenarios import Scenario, ScenarioConfig, sample_scenario
+from modpush.envs.scenes import HARD_SCENES, OBSTACLE_SCENES, SCENES
+
+__all__ = ["SET_NAMES", "SET_VERSION", "EvaluationSet", "generate_set", "load_set"]
+
+SET_VERSION = 1
+"""Of the files; another number means other episodes, or another form."""
+_FORMAT = "modpush-evaluation-set"
+_DECIMALS = 6  # micrometres and microradians: exact enough, and the same on every machine
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Recipe:
+    """What a set is drawn from. Episode i takes the i-th family and object in turn."""
+
+    seed: int
+    count: int
+    scenes: tuple[str, ...]
+    objects: tuple[str, ...] = ("small_cube",)
+    distance: tuple[float, float] = (0.2, 0.6)
+    """[m]"""
+    difficulty: tuple[float, float] = (0.0, 1.0)
+
+
+_RECIPES = {
+    "smoke": _Recipe(seed=1, count=20, scenes=tuple(SCENES), objects=tuple(OBJECTS)),
+    "free/small_cube": _Recipe(seed=2, count=500, scenes=("free",)),
+    **{
+        f"obstacles/{name}": _Recipe(
+            seed=3 + k, count=1000, scenes=OBSTACLE_SCENES, objects=(name,)
+        )
+        for k, name in enumerate(("small_cube", "large_cube", "small_cylinder", "fragment"))
+    },
+    "hard/small_cube": _Recipe(seed=7, count=50, scenes=HARD_SCENES),
+}
+
+SET_NAMES = tuple(_RECIPES)
+"""All sets in the package."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluationSet:
+    """Numbered episodes that every method is judged by."""
+
+    name: str
+    scenarios: tuple[Scenario, ...]
+    """Episode i starts from `scenarios[i]`. Any first part of a set holds its families and objects
+    in equal shares."""
+    version: int = SET_VERSION
+
+    def __len__(self) -> int:
+        return len(self.scenarios)
+
+    def __iter__(self) -> Iterator[Scenario]:
+        return iter(self.scenarios)
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """Names of the objects that are pushed, each once, in order of appearance."""
+        return tuple(dict.fromkeys(s.pushed_object for s in self.scenarios))
+
+    def first(self, count: int | None) -> "EvaluationSet":
+        """The first so many episodes; all of them for None.
+
+        Raises:
+            ValueError: If `count` is not positive.
+        """
+        if count is not None and count < 1:
+            raise ValueError(f"EvaluationSet.first: count must be >= 1 or None, got {count}.")
+        return EvaluationSet(name=self.name, scenarios=self.scenarios[:count], version=self.version)
+
+    def save(self, path: Path) -> None:
+        """Write the set as gzip-compressed JSON; the same set always gives the same bytes."""
+        text = json.dumps(
+            {
+                "format": _FORMAT,
+                "version": self.version,
+                "name": self.name,
+                "count": len(self),
+                "episodes": [s.to_dict() for s in self.scenarios],
+            },
+            separators=(",", ":"),
+        )
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(gzip.compress(text.encode(), mtime=0))
+
+
+def load_set(name: str | Path) -> EvaluationSet:
+    """Read an evaluation set: one of the package by its name, or a file of your own by its path.
+
+    Args:
+        name: One of `SET_NAMES`, or the path of a file that `EvaluationSet.save` wrote.
+
+    Raises:
+        ValueError: If there is no such set, with the list of those there are; or if the file is
+            truncated, no evaluation set, or of another version.
+    """
+    if isinstance(name, str) and name in _RECIPES:
+        source: Any = files("modpush.evaluation").joinpath("data", f"{name}.json.gz")
+    else:
+        source = Path(name)
+    if not source.is_file():
+        raise ValueError(
+            f"load_set: no set {str(name)!r}, expected one of {list(SET_NAMES)} or a file's path."
+        )
+    return _parse(source.read_bytes(), str(name))
+
+
+def _parse(data: bytes, name: str) -> EvaluationSet:
+    try:
+        content = json.loads(gzip.decompress(data))
+    except (EOFError, OSError, zlib.error, ValueError) as error:
+        raise ValueError(
+            f"load_set: {name!r} is truncated or not gzip-compressed JSON "
+            f"({type(error).__name__}: {error})."
+        ) from error
+    found = content.get("format") if isinstance(content, dict) else type(content).__name__
+    if found != _FORMAT:
+        raise ValueError(f"load_set: {name!r} must have the format {_FORMAT!r}, got {found!r}.")
+    if content.get("version") != SET_VERSION:
+        raise ValueError(
+            f"load_set: {name!r} has version {content.get('version')}, this code reads version "
+            f"{SET_VERSION}; generate it anew or use the release that wrote it."
+        )
+    if content.get("count") != len(content.get("episodes", ())):
+        raise ValueError(
+            f"load_set: {name!r} says it has {content.get('count')} episodes, got "
+            f"{len(content.get('episodes', ()))}."
+        )
+    scenarios = tuple(Scenario.from_dict(episode) for episode in content["episodes"])
+    return EvaluationSet(name=content["name"], scenarios=scenarios)
+
+
+def generate_set(name: str, episodes: Sequence[int] | None = None) -> EvaluationSet:
+    """Draw a set, or some of its episodes. Each episode has its own generator, from set and number.
+
+    Args:
+        name: One of `SET_NAMES`.
+        episodes: Their numbers; None for all.
+
+    Raises:
+        ValueError: If there is no such set, with the list of those there are.
+    """
+    if name not in _RECIPES:
+        raise ValueError(f"generate_set: no set {name!r}, expected one of {list(SET_NAMES)}.")
+    recipe = _RECIPES[name]
+    numbers = range(recipe.count) if episodes is None else episodes
+    return EvaluationSet(name=name, scenarios=tuple(_draw(recipe, i) for i in numbers))
+
+
+def _draw(recipe: _Recipe, number: int) -> Scenario:
+    config = ScenarioConfig(
+        scene=recipe.scenes[number % len(recipe.scenes)],
+        pushed_object=recipe.objects[number % len(recipe.objects)],
+        difficulty=recipe.difficulty,
+        distance=recipe.distance,
+    )
+    drawn = sample_scenario(np.random.default_rng([recipe.seed, number]), config)
+    return Scenario.from_dict(_rounded(drawn.to_dict()))
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, float):
+        return round(value, _DECIMALS)
+    if isinstance(value, dict):
+        return {key: _rounded(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(item) for item in value]
+    return value
+
+
+def main() -> None:
+    """Write the package's files, or compare them with what the generator draws."""
+    parser = argparse.ArgumentParser(description="Generate the evaluation sets.")
+    parser.add_argument("--check", action="store_true", help="compare instead of writing")
+    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "data")
+    args = parser.parse_args()
+    for name in SET_NAMES:
+        drawn = generate_set(name)
+        path = args.out / f"{name}.json.gz"
+        if args.check:
+            same = load_set(path) == drawn
+            print(f"{name}: {'the same' if same else 'DIFFERS'}")
+            if not same:
+                raise SystemExit(1)
+        else:
+            drawn.save(path)
+            print(f"{name}: {len(drawn)} episodes, {path.stat().st_size / 1000:.0f} kB")
+
+
+if __name__ == "__main__":
+    main()

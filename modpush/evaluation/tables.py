@@ -1,0 +1,185 @@
+"""From per-episode rows to the tables of the paper (spec 10)."""
+
+from collections.abc import Mapping, Sequence
+from typing import Literal, get_args
+
+import numpy as np
+import pandas as pd
+
+from modpush.evaluation.stats import bootstrap_interval, paired_t_test
+
+__all__ = ["METRICS", "compare", "format_table", "summarize", "to_display"]
+
+METRICS = ("success", "spl", "contact_rate", "collision_rate", "path_length")
+"""Columns of the paper's tables. Success and SPL are over all episodes, the rest over solved ones."""
+_OVER_ALL = ("success", "spl")
+_OVER_SOLVED = (
+    "contact_rate",
+    "collision_rate",
+    "collision_rate_object",
+    "collision_rate_arm",
+    "path_length",
+    "steps",
+)
+TableFormat = Literal["markdown", "latex", "csv"]
+
+
+def summarize(rows: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    """One line for each method, over the same episodes.
+
+    Args:
+        rows: By method, what `evaluate` returned.
+
+    Returns:
+        By method: `episodes`; `success` and `spl` with `_low` and `_high` of their 95 % bootstrap
+        intervals, over all episodes; `solved`, the number of episodes that all methods solved, and
+        over these alone the other metrics with their standard deviation, `_std` (NaN where there
+        is none).
+
+    Raises:
+        ValueError: If the methods ran different episodes.
+    """
+    _check_same_episodes(rows)
+    solved = _solved_by_all(rows)
+    lines = []
+    for method, frame in rows.items():
+        line: dict[str, object] = {"method": method, "episodes": len(frame)}
+        for name in _OVER_ALL:
+            values = frame[name].to_numpy(dtype=float)
+            low, high = bootstrap_interval(values)
+            line |= {name: values.mean(), f"{name}_low": low, f"{name}_high": high}
+        line["solved"] = int(solved.sum())
+        for name in _OVER_SOLVED:
+            values = frame.loc[solved, name].to_numpy(dtype=float)
+            line[name] = values.mean() if len(values) else np.nan
+            line[f"{name}_std"] = values.std(ddof=1) if len(values) > 1 else np.nan
+        lines.append(line)
+    return pd.DataFrame(lines).set_index("method")
+
+
+def compare(first: pd.DataFrame, second: pd.DataFrame, level: float = 0.05) -> pd.DataFrame:
+    """Paired t-tests between two methods over the same episodes.
+
+    Args:
+        first: What `evaluate` returned of one method.
+        second: Of the other.
+        level: Of significance.
+
+    Returns:
+        By metric: `count` of pairs, `first` and `second` mean, `difference`, `t`, `p`,
+        `effect_size` (Cohen's d of the differences), `significant`.
+
+    Raises:
+        ValueError: If the methods ran different episodes.
+    """
+    rows = {"first": first, "second": second}
+    _check_same_episodes(rows)
+    solved = _solved_by_all(rows)
+    lines = []
+    for name in METRICS:
+        mask = np.ones_like(solved) if name in _OVER_ALL else solved
+        a, b = (frame.loc[mask, name].to_numpy(dtype=float) for frame in (first, second))
+        test = paired_t_test(a, b)
+        lines.append(
+            {
+                "metric": name,
+                "count": test.count,
+                "first": a.mean() if len(a) else np.nan,
+                "second": b.mean() if len(b) else np.nan,
+                "difference": test.difference,
+                "t": test.t,
+                "p": test.p,
+                "effect_size": test.effect_size,
+                "significant": test.significant(level),
+            }
+        )
+    return pd.DataFrame(lines).set_index("metric")
+
+
+def _solved_by_all(rows: Mapping[str, pd.DataFrame]) -> np.ndarray:
+    return np.logical_and.reduce([frame["success"].to_numpy(bool) for frame in rows.values()])
+
+
+def _check_same_episodes(rows: Mapping[str, pd.DataFrame]) -> None:
+    if not rows:
+        raise ValueError("tables: expected at least one method, got none.")
+    (first, reference), *others = rows.items()
+    if not len(reference):
+        raise ValueError(f"tables: method {first!r} has no episodes.")
+    for method, frame in others:
+        same = len(frame) == len(reference) and all(
+            np.array_equal(frame[key], reference[key]) for key in ("episode", "scene")
+        )
+        if not same:
+            raise ValueError(
+                f"tables: methods must have run the same episodes in the same order, {first!r} "
+                f"has {len(reference)} and {method!r} {len(frame)}."
+            )
+
+
+def to_display(summary: pd.DataFrame) -> pd.DataFrame:
+    """A summary as text: means with their intervals or standard deviations.
+
+    Args:
+        summary: From `summarize`, or several concatenated.
+
+    Returns:
+        The same lines, one column for each metric.
+    """
+    columns: dict[str, Sequence[str]] = {"episodes": [str(int(n)) for n in summary["episodes"]]}
+    for name in _OVER_ALL:
+        parts = zip(*(summary[key] for key in (name, f"{name}_low", f"{name}_high")), strict=True)
+        columns[name] = [f"{mean:.3f} [{low:.3f}, {high:.3f}]" for mean, low, high in parts]
+    columns["solved"] = [str(int(n)) for n in summary["solved"]]
+    for name in _OVER_SOLVED:
+        digits = 1 if name == "steps" else 3
+        pairs = zip(summary[name], summary[f"{name}_std"], strict=True)
+        columns[name] = [
+            "–" if np.isnan(mean) else f"{mean:.{digits}f} ± {_std(std, digits)}"
+            for mean, std in pairs
+        ]
+    return pd.DataFrame(columns, index=summary.index)
+
+
+def _std(value: float, digits: int) -> str:
+    return "–" if np.isnan(value) else f"{value:.{digits}f}"
+
+
+def format_table(table: pd.DataFrame, how: TableFormat = "markdown") -> str:
+    """Write a table, its index as first columns.
+
+    Args:
+        table: Any; numbers are written with three decimals, except in CSV, which keeps all.
+        how: `"markdown"`, `"latex"` or `"csv"`.
+
+    Raises:
+        ValueError: If there is no such format, with the list of those there are.
+    """
+    if how not in get_args(TableFormat):
+        raise ValueError(
+            f"format_table: no format {how!r}, expected one of {list(get_args(TableFormat))}."
+        )
+    if how == "csv":
+        return table.to_csv()
+    flat = table.reset_index()
+    cells = [[_cell(value) for value in row] for row in flat.itertuples(index=False)]
+    names = [str(name) for name in flat.columns]
+    if how == "markdown":
+        table_rows = [names, ["---"] * len(names), *cells]
+        return "".join(f"| {' | '.join(line)} |\n" for line in table_rows)
+    head, *body = (" & ".join(map(_escape, line)) + r" \\" for line in [names, *cells])
+    columns = "l" * table.index.nlevels + "r" * len(table.columns)
+    start = [rf"\begin{{tabular}}{{{columns}}}", r"\toprule", head, r"\midrule"]
+    return "\n".join([*start, *body, r"\bottomrule", r"\end{tabular}", ""])
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, float | np.floating):
+        return "–" if np.isnan(value) else f"{value:.3f}"
+    return str(value)
+
+
+def _escape(text: str) -> str:
+    for character in "_%&#":
+        text = text.replace(character, f"\\{character}")
+    return text.replace("±", r"$\pm$").replace("–", "--")

@@ -1,0 +1,37 @@
+"""Running a numba kernel over a batch of scenes, on several threads where that is safe."""
+
+import os
+from collections.abc import Callable
+from typing import Any
+
+import numba
+
+_threads_forbidden = False
+
+
+def _forbid_threads() -> None:
+    global _threads_forbidden
+    _threads_forbidden = True
+
+
+# A forked child inherits the state of the threading library but none of its threads; OpenMP aborts
+# the process at the first parallel loop. Spawned workers are not concerned.
+os.register_at_fork(after_in_child=_forbid_threads)
+
+
+def run_batch(
+    one: Callable[..., None], many: Callable[..., None], batch: int, *arguments: Any
+) -> None:
+    """Call `one(b, *arguments)` for each scene, or `many(batch, *arguments)` once.
+
+    Args:
+        one: Serial kernel for scene b.
+        many: The same for all scenes, parallel.
+        batch: Number of scenes.
+        arguments: What both take after their first argument.
+    """
+    if batch == 1 or _threads_forbidden or numba.get_num_threads() == 1:
+        for b in range(batch):
+            one(b, *arguments)
+    else:
+        many(batch, *arguments)

@@ -1,0 +1,135 @@
+import numpy as np
+import pytest
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModule
+from torchrl.envs import EnvBase
+
+from modpush.agents import ScriptedPusher
+from modpush.evaluation.episodes import Trajectory, run_episodes
+from modpush.evaluation.sets import EvaluationSet
+from tests.evaluation.conftest import make_env, make_episode
+
+
+def test_every_episode_runs_once_and_as_it_was_given(env: EnvBase, free: EvaluationSet) -> None:
+    numbered = list(enumerate(free.scenarios))[10:17]  # more than scenes, not a multiple of them
+    episodes = list(run_episodes(env, ScriptedPusher(), numbered))
+    assert sorted(e.number for e in episodes) == list(range(10, 17))
+    for episode in episodes:
+        scenario, trajectory = free.scenarios[episode.number], episode.trajectory
+        assert episode.scenario == scenario
+        np.testing.assert_allclose(trajectory.object_pose[0], scenario.object_pose, atol=2e-3)
+        np.testing.assert_allclose(trajectory.ee_pose[0, :2], scenario.tool_pose[:2], atol=2e-3)
+        assert len(trajectory.contacts) == episode.metrics.steps
+        assert len(trajectory.object_pose) == episode.metrics.steps + 1
+        distance = np.linalg.norm(trajectory.object_pose[-1, :2] - np.array(scenario.goal_position))
+        assert episode.metrics.success == (distance <= 0.05)
+        assert episode.metrics.final_distance == pytest.approx(distance, abs=1e-6)
+    assert np.mean([e.metrics.success for e in episodes]) >= 0.8
+
+
+def test_results_do_not_depend_on_the_number_of_scenes(env: EnvBase, free: EvaluationSet) -> None:
+    numbered = list(enumerate(free.scenarios))[:6]
+    one = make_env(1, ("small_cube",))
+    results = [
+        {e.number: e for e in run_episodes(some, ScriptedPusher(), numbered)} for some in (env, one)
+    ]
+    one.close()
+    for number in range(6):
+        first, second = (r[number] for r in results)
+        assert first.metrics.success == second.metrics.success
+        assert first.metrics.steps == second.metrics.steps
+        np.testing.assert_allclose(
+            first.trajectory.object_pose, second.trajectory.object_pose, atol=1e-4
+        )
+
+
+def test_fewer_episodes_than_scenes(env: EnvBase, free: EvaluationSet) -> None:
+    episodes = list(run_episodes(env, ScriptedPusher(), [(3, free.scenarios[3])]))
+    assert [e.number for e in episodes] == [3]
+    assert not list(run_episodes(env, ScriptedPusher(), []))
+
+
+def test_idle_scenes_do_not_mind_what_the_policy_does(env: EnvBase, free: EvaluationSet) -> None:
+    def policy(td: TensorDictBase) -> TensorDictBase:
+        td = ScriptedPusher()(td)
+        td["action"][1:] = torch.nan  # only the first scene has an episode
+        return td
+
+    (episode,) = run_episodes(env, policy, [(0, free.scenarios[0])])
+    assert episode.metrics.steps > 0
+
+
+def test_a_policy_state_is_carried_over_and_begins_anew(env: EnvBase, free: EvaluationSet) -> None:
+    """Counts its own steps; starts again where `is_init` says so."""
+    seen: list[list[int]] = []
+
+    def policy(td: TensorDictBase) -> TensorDictBase:
+        count = td.get("count", torch.zeros(3, 1, dtype=torch.int64))
+        count = torch.where(td["is_init"], 0, count)
+        seen.append(count.flatten().tolist())
+        td = ScriptedPusher()(td)
+        td["next", "count"] = count + 1
+        return td
+
+    steps = {
+        e.number: e.metrics.steps
+        for e in run_episodes(env, policy, list(enumerate(free.scenarios))[:5])
+    }
+    # All zeros are beginnings: five episodes, each counted up to its own length.
+    assert sum(count == 0 for row in seen for count in row) == 5
+    assert max(max(row) for row in seen) >= max(steps.values()) - 1
+    first_three = [[row[k] for row in seen[: steps[k]]] for k in range(3)]
+    assert first_three == [list(range(steps[k])) for k in range(3)]
+
+
+def test_rewards_contacts_paths_and_targets_are_recorded(env: EnvBase, free: EvaluationSet) -> None:
+    path = torch.zeros(3, 4, 2)
+
+    def policy(td: TensorDictBase) -> TensorDictBase:
+        td = ScriptedPusher()(td)
+        td["way"], td["next", "state", "target"] = path.clone(), td["goal_position"]
+        path.add_(1.0)
+        return td
+
+    calls = []
+    (episode,) = run_episodes(
+        env,
+        policy,
+        [(7, free.scenarios[7])],
+        path_key="way",
+        target_key=("next", "state", "target"),
+        on_step=lambda scene, number: calls.append((scene, number)),
+    )
+    trajectory = episode.trajectory
+    assert (trajectory.planned_path == 0).all()  # the first one
+    expected = np.tile(free.scenarios[7].goal_position, (episode.metrics.steps, 1))
+    np.testing.assert_allclose(trajectory.target, expected, atol=1e-6)
+    assert calls == [(0, 7)] * episode.metrics.steps
+    assert episode.metrics.episode_return == float(episode.metrics.success)
+    assert trajectory.contacts[:, 0].any()
+
+
+def test_a_missing_key_is_named(env: EnvBase, free: EvaluationSet) -> None:
+    with pytest.raises(KeyError, match=r"no entry .*way.*, there is .*object_pose"):
+        list(run_episodes(env, ScriptedPusher(), [(0, free.scenarios[0])], path_key="way"))
+
+
+def test_any_tensordict_module_is_a_policy(env: EnvBase, free: EvaluationSet) -> None:
+    still = TensorDictModule(
+        lambda pose: torch.zeros_like(pose), in_keys=["ee_pose"], out_keys=["action"]
+    )
+    (episode,) = run_episodes(env, still, [(0, free.scenarios[0])])
+    assert not episode.metrics.success
+    assert episode.metrics.steps == 200
+    assert episode.metrics.contact_rate == 0.0
+    assert episode.metrics.spl == 0.0
+    assert len(episode.trajectory.planned_path) == 2  # the common planner's
+
+
+def test_a_trajectory_survives_the_disk(tmp_path, free: EvaluationSet) -> None:
+    trajectory = make_episode(0, free.scenarios[0]).trajectory
+    trajectory.save(tmp_path / "a.npz")
+    loaded = Trajectory.load(tmp_path / "a.npz")
+    for name, value in vars(trajectory).items():
+        np.testing.assert_array_equal(getattr(loaded, name), value)

@@ -1,0 +1,93 @@
+import numpy as np
+import pytest
+
+from modpush.evaluation.metrics import (
+    collision_rate,
+    contact_rate,
+    episode_metrics,
+    pushed_length,
+    success_weighted_by_path_length,
+)
+
+
+def flags(text: str) -> np.ndarray:
+    return np.array([c == "1" for c in text])
+
+
+@pytest.mark.parametrize(
+    ("contact", "rate"),
+    [
+        ("0011011", 0.8),  # from the third step on: 4 of 5
+        ("1000", 0.25),
+        ("0001", 1.0),
+        ("0000", 0.0),
+        ("", 0.0),
+    ],
+)
+def test_contact_counts_from_the_first_contact_on(contact: str, rate: float) -> None:
+    assert contact_rate(flags(contact)) == pytest.approx(rate)
+
+
+def test_collision_counts_over_all_steps_separately_and_together() -> None:
+    of_object, of_arm = flags("0110000000"), flags("0011000000")
+    assert collision_rate(of_object) == pytest.approx(0.2)
+    assert collision_rate(of_arm) == pytest.approx(0.2)
+    assert collision_rate(of_object, of_arm) == pytest.approx(0.3)  # one step has both
+    assert collision_rate(flags("")) == 0.0
+
+
+def test_pushed_length_adds_what_is_missing_to_the_goal() -> None:
+    # 3-4-5 triangle, then straight on by 2: 5 + 2, and the goal 1 farther.
+    position = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 6.0]])
+    assert pushed_length(position, np.array([3.0, 7.0])) == (8.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("success", "taken", "spl"), [(True, 0.5, 0.8), (True, 0.3, 1.0), (False, 0.4, 0.0)]
+)
+def test_spl(success: bool, taken: float, spl: float) -> None:
+    assert success_weighted_by_path_length(success, 0.4, taken) == pytest.approx(spl)
+
+
+@pytest.mark.parametrize(("shortest", "taken"), [(0.0, 1.0), (-1.0, 1.0), (1.0, -0.1)])
+def test_spl_refuses_impossible_lengths(shortest: float, taken: float) -> None:
+    with pytest.raises(ValueError, match="expected shortest > 0 and taken >= 0"):
+        success_weighted_by_path_length(True, shortest, taken)
+
+
+def test_an_episode_by_hand() -> None:
+    metrics = episode_metrics(
+        object_position=np.array([[0.0, 0.0], [0.0, 0.0], [0.3, 0.0], [0.3, 0.4], [0.3, 0.4]]),
+        goal_position=np.array([0.3, 0.45]),
+        reward=np.array([-1.0, -0.5, -0.25, 5.0]),
+        object_contact=flags("0101"),
+        obstacle_contact=flags("0001"),
+        tool_obstacle_contact=flags("1000"),
+        success=True,
+        out_of_bounds=False,
+        shortest_length=0.6,
+    )
+    assert metrics.steps == 4
+    assert metrics.episode_return == pytest.approx(3.25)
+    assert metrics.contact_rate == pytest.approx(2 / 3)
+    assert metrics.collision_rate == pytest.approx(0.5)
+    assert metrics.collision_rate_object == pytest.approx(0.25)
+    assert metrics.collision_rate_arm == pytest.approx(0.25)
+    assert metrics.path_length == pytest.approx(0.75)  # 0.3 + 0.4 + 0.05
+    assert metrics.final_distance == pytest.approx(0.05)
+    assert metrics.spl == pytest.approx(0.8)
+
+
+def test_lengths_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"with 2 rewards expected 2 contacts and 3 positions"):
+        episode_metrics(
+            object_position=np.zeros((2, 2)),
+            goal_position=np.zeros(2),
+            reward=np.zeros(2),
+            object_contact=flags("00"),
+            obstacle_contact=flags("00"),
+            tool_obstacle_contact=flags("0"),
+            success=False,
+            out_of_bounds=False,
+            shortest_length=1.0,
+        )

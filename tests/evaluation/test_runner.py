@@ -1,0 +1,145 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from modpush.agents import ScriptedPusher
+from modpush.evaluation.results import COLUMNS, ResultStore
+from modpush.evaluation.runner import EvaluationConfig, evaluate
+from modpush.evaluation.sets import EvaluationSet, load_set
+from tests.evaluation.conftest import make_env, make_episode
+
+QUIET = EvaluationConfig(num_envs=3, progress=False)
+RUN = """
+import sys, warnings
+from pathlib import Path
+warnings.simplefilter("ignore")
+from modpush.agents import ScriptedPusher
+from modpush.evaluation import EvaluationConfig, evaluate, load_set
+from tests.evaluation.conftest import make_env
+evaluate(make_env, ScriptedPusher(), load_set("free/small_cube").first(14), Path(sys.argv[1]),
+         label="scripted", config=EvaluationConfig(num_envs=3, progress=False))
+"""
+
+
+def fail(num_envs: int, objects: object) -> None:
+    raise AssertionError("nothing is left to run, so no environment is needed")
+
+
+def break_down(num_envs: int, objects: object) -> None:
+    raise RuntimeError("no such machine")
+
+
+@pytest.fixture(scope="module")
+def unbroken(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
+    folder = tmp_path_factory.mktemp("unbroken")
+    episodes = load_set("free/small_cube").first(14)
+    return evaluate(make_env, ScriptedPusher(), episodes, folder, label="scripted", config=QUIET)
+
+
+def assert_same_results(first: pd.DataFrame, second: pd.DataFrame) -> None:
+    pd.testing.assert_frame_equal(first, second, rtol=1e-3, atol=1e-3)
+
+
+def test_rows_are_complete_and_in_order(unbroken: pd.DataFrame) -> None:
+    assert tuple(unbroken.columns) == COLUMNS
+    assert unbroken["episode"].tolist() == list(range(14))
+    assert unbroken["success"].dtype == bool
+    assert not unbroken.isna().any().any()
+    assert unbroken["success"].mean() >= 0.8
+
+
+def test_a_killed_run_goes_on_where_it_stopped(tmp_path: Path, unbroken: pd.DataFrame) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", RUN, str(tmp_path)], cwd=Path(__file__).parents[2]
+    )
+    csv, deadline = tmp_path / "episodes.csv", time.monotonic() + 120
+    while not csv.exists() or csv.read_text().count("\n") < 4:
+        assert process.poll() is None, "the run ended before it could be killed"
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    kept = csv.read_text()
+    assert 3 <= kept.count("\n") - 1 < 14
+    csv.write_text(kept + "13,free,small_cu")  # and a row that was cut off
+    before = csv.stat().st_size
+
+    episodes = load_set("free/small_cube").first(14)
+    rows = evaluate(make_env, ScriptedPusher(), episodes, tmp_path, label="scripted", config=QUIET)
+    assert csv.read_text().startswith(kept)  # nothing was run again
+    assert csv.stat().st_size > before
+    assert_same_results(rows, unbroken)
+
+
+def test_a_finished_run_is_not_run_again(tmp_path: Path, free: EvaluationSet) -> None:
+    episodes = free.first(2)
+    store = ResultStore(tmp_path, episodes, "made")
+    for number in (1, 0):
+        store.write(make_episode(number, episodes.scenarios[number], success=number == 1))
+    rows = evaluate(fail, ScriptedPusher(), episodes, tmp_path, label="made", config=QUIET)
+    assert rows["success"].tolist() == [False, True]
+
+
+def test_more_episodes_can_be_asked_for_later(tmp_path: Path, free: EvaluationSet) -> None:
+    store = ResultStore(tmp_path, free.first(2), "made")
+    for number in range(2):
+        store.write(make_episode(number, free.scenarios[number]))
+    assert ResultStore(tmp_path, free.first(5), "made").missing() == [2, 3, 4]
+    assert len(ResultStore(tmp_path, free.first(1), "made").rows()) == 1
+
+
+def test_another_run_is_not_mixed_in(tmp_path: Path, free: EvaluationSet) -> None:
+    store = ResultStore(tmp_path, free, "made")
+    store.write(make_episode(0, free.scenarios[0]))
+    with pytest.raises(ValueError, match=r"holds another run.*'policy': \('made', 'other'\)"):
+        ResultStore(tmp_path, free, "other")
+    with pytest.raises(ValueError, match=r"holds another run.*'set': \('free/small_cube', 'smoke'"):
+        ResultStore(tmp_path, load_set("smoke"), "made")
+    assert ResultStore(tmp_path, free, "other", resume=False).missing() == list(range(500))
+    assert not list((tmp_path / "trajectories").iterdir())
+
+
+def test_another_csv_is_refused(tmp_path: Path, free: EvaluationSet) -> None:
+    (tmp_path / "episodes.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(ValueError, match=r"must have the columns \['episode', .*got \['a', 'b'\]"):
+        ResultStore(tmp_path, free, "made")
+
+
+def test_two_workers_give_the_same_rows(tmp_path: Path, unbroken: pd.DataFrame) -> None:
+    rows = evaluate(
+        make_env,
+        ScriptedPusher(),
+        load_set("free/small_cube").first(6),
+        tmp_path,
+        label="scripted",
+        config=EvaluationConfig(num_envs=2, workers=2, progress=False),
+    )
+    assert_same_results(rows, unbroken.head(6))
+
+
+def test_a_worker_that_fails_is_reported(tmp_path: Path, free: EvaluationSet) -> None:
+    config = EvaluationConfig(workers=2, progress=False)
+    with pytest.raises(RuntimeError, match="a worker ended early, exit codes"):
+        evaluate(break_down, ScriptedPusher(), free.first(1), tmp_path, label="x", config=config)
+
+
+@pytest.mark.parametrize("name", ["num_envs", "workers"])
+def test_numbers_are_checked(name: str) -> None:
+    with pytest.raises(ValueError, match=f"{name} must be >= 1, got 0"):
+        EvaluationConfig(**{name: 0})
+
+
+def test_a_row_keeps_every_digit(tmp_path: Path, free: EvaluationSet) -> None:
+    episode = make_episode(0, free.scenarios[0])
+    store = ResultStore(tmp_path, free, "made")
+    store.write(episode)
+    row = store.rows().iloc[0]
+    for key, value in episode.metrics.to_dict().items():
+        np.testing.assert_array_equal(row[key], value)

@@ -1,0 +1,117 @@
+import gzip
+import json
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from modpush.envs.objects import get_object
+from modpush.envs.scenes import obstacle_distance
+from modpush.evaluation import sets
+from modpush.evaluation.sets import SET_NAMES, EvaluationSet, generate_set, load_set
+
+COUNTS = {
+    "smoke": 20,
+    "free/small_cube": 500,
+    "obstacles/small_cube": 1000,
+    "obstacles/large_cube": 1000,
+    "obstacles/small_cylinder": 1000,
+    "obstacles/fragment": 1000,
+    "hard/small_cube": 50,
+}
+
+
+def test_there_are_the_sets_of_the_specification() -> None:
+    assert COUNTS.keys() == set(SET_NAMES)
+
+
+@pytest.mark.parametrize("name", SET_NAMES)
+def test_a_set_has_its_episodes_in_equal_shares(name: str) -> None:
+    loaded = load_set(name)
+    assert len(loaded) == COUNTS[name]
+    assert len(set(Counter(s.scene for s in loaded).values())) == 1
+    if name != "smoke":
+        assert loaded.objects == (name.split("/")[1],)
+    scenes = len({s.scene for s in loaded})
+    assert set(Counter(s.scene for s in loaded.first(2 * scenes)).values()) == {2}
+
+
+@pytest.mark.parametrize("name", SET_NAMES)
+def test_the_generator_reproduces_a_part_exactly(name: str) -> None:
+    loaded = load_set(name)
+    numbers = range(0, len(loaded), max(1, len(loaded) // 25))
+    again = generate_set(name, numbers)
+    assert again.scenarios == tuple(loaded.scenarios[n] for n in numbers)
+
+
+def test_saving_gives_the_same_bytes_again(tmp_path: Path) -> None:
+    loaded = load_set("hard/small_cube")
+    for k in range(2):
+        loaded.save(tmp_path / f"{k}.json.gz")
+    assert (tmp_path / "0.json.gz").read_bytes() == (tmp_path / "1.json.gz").read_bytes()
+    assert load_set(tmp_path / "0.json.gz") == loaded
+
+
+@pytest.mark.parametrize("name", [n for n in SET_NAMES if n != "smoke"])
+def test_episodes_are_as_far_and_as_clear_as_specified(name: str) -> None:
+    difficulties = []
+    for s in load_set(name):
+        ends = np.array([s.object_pose[:2], s.goal_position])
+        assert 0.2 - 1e-5 <= np.linalg.norm(ends[1] - ends[0]) <= 0.6 + 1e-5
+        radius = get_object(s.pushed_object).radius
+        assert (obstacle_distance(ends, s.obstacles) >= radius + 0.06 - 1e-5).all()
+        difficulties.append(s.difficulty)
+    if len(difficulties) >= 500:  # uniform in [0, 1]: mean 1/2, sd 1/sqrt(12)
+        assert np.mean(difficulties) == pytest.approx(0.5, abs=0.04)
+        assert np.std(difficulties) == pytest.approx(12**-0.5, abs=0.03)
+
+
+def test_the_files_are_small() -> None:
+    folder = Path(sets.__file__).parent / "data"
+    assert sum(path.stat().st_size for path in folder.rglob("*.gz")) < 3e6
+
+
+def test_an_unknown_set_is_answered_with_the_list() -> None:
+    with pytest.raises(ValueError, match=r"no set 'free/cube', expected one of \['smoke', 'free"):
+        load_set("free/cube")
+    with pytest.raises(ValueError, match=r"no set 'x', expected one of \['smoke'"):
+        generate_set("x")
+
+
+def test_a_truncated_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "set.json.gz"
+    load_set("smoke").save(path)
+    path.write_bytes(path.read_bytes()[:-200])
+    with pytest.raises(ValueError, match=r"truncated or not gzip-compressed JSON \(EOFError"):
+        load_set(path)
+    path.write_bytes(b"{}")
+    with pytest.raises(ValueError, match=r"truncated or not gzip-compressed JSON \(BadGzipFile"):
+        load_set(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"version": 99}, "has version 99, this code reads version 1"),
+        ({"format": "song"}, "must have the format 'modpush-evaluation-set', got 'song'"),
+        ({"count": 21}, "says it has 21 episodes, got 20"),
+        ({"episodes": [{"scene": "free"}] * 20}, "Scenario: fields missing"),
+    ],
+)
+def test_another_file_is_refused(tmp_path: Path, change: dict, message: str) -> None:
+    path = tmp_path / "set.json.gz"
+    load_set("smoke").save(path)
+    content = json.loads(gzip.decompress(path.read_bytes())) | change
+    path.write_bytes(gzip.compress(json.dumps(content).encode()))
+    with pytest.raises(ValueError, match=message):
+        load_set(path)
+
+
+def test_first_takes_the_first_episodes() -> None:
+    smoke = load_set("smoke")
+    assert smoke.first(3).scenarios == smoke.scenarios[:3]
+    assert smoke.first(None) == smoke == smoke.first(100)
+    assert isinstance(smoke.first(1), EvaluationSet)
+    with pytest.raises(ValueError, match="count must be >= 1 or None, got 0"):
+        smoke.first(0)

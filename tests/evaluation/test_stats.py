@@ -1,0 +1,72 @@
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from modpush.evaluation.stats import bootstrap_interval, paired_t_test
+
+
+def test_bootstrap_agrees_with_the_normal_interval_on_many_values() -> None:
+    # 900 successes of 1000: 0.9 +- 1.96 sqrt(0.9 * 0.1 / 1000) = 0.9 +- 0.0186
+    values = np.repeat([1.0, 0.0], [900, 100])
+    low, high = bootstrap_interval(values)
+    assert low == pytest.approx(0.8814, abs=0.002)
+    assert high == pytest.approx(0.9186, abs=0.002)
+
+
+def test_bootstrap_covers_the_true_mean_as_often_as_it_says() -> None:
+    rng = np.random.default_rng(0)
+    inside = 0
+    for _ in range(200):
+        low, high = bootstrap_interval(rng.exponential(1.0, 100), 0.9, resamples=500)
+        inside += low <= 1.0 <= high
+    assert 165 <= inside <= 195  # 180 expected, a little fewer on skewed data; sd 4.2
+
+
+def test_bootstrap_repeats_itself_and_narrows_with_more_values() -> None:
+    values = np.random.default_rng(1).normal(size=400)
+    low, high = bootstrap_interval(values)
+    assert (low, high) == bootstrap_interval(values)
+    few = bootstrap_interval(values[:100])
+    assert high - low < few[1] - few[0]
+
+
+def test_bootstrap_without_spread_or_values() -> None:
+    assert bootstrap_interval([1.0] * 20) == (1.0, 1.0)
+    assert all(math.isnan(end) for end in bootstrap_interval([]))
+    with pytest.raises(ValueError, match=r"confidence must be in \(0, 1\), got 95"):
+        bootstrap_interval([0.0, 1.0], 95)
+
+
+def test_paired_t_test_by_hand() -> None:
+    # differences 1, 2, 3: mean 2, sd 1, t = 2 / (1 / sqrt 3) = 3.4641, d = 2
+    test = paired_t_test([2.0, 4.0, 6.0], [1.0, 2.0, 3.0])
+    assert test.difference == pytest.approx(2.0)
+    assert test.t == pytest.approx(3.4641, abs=1e-4)
+    assert test.effect_size == pytest.approx(2.0)
+    assert test.p == pytest.approx(2 * stats.t.sf(3.4641016, 2), rel=1e-6)
+    assert not test.significant()  # p = 0.074
+    assert test.significant(0.1)
+
+
+def test_paired_t_test_sees_what_an_unpaired_one_misses() -> None:
+    rng = np.random.default_rng(0)
+    hard = rng.normal(0.0, 10.0, 50)  # how hard the episode is, for both alike
+    first, second = hard + rng.normal(0.2, 0.3, 50), hard
+    assert paired_t_test(first, second).significant()
+    assert stats.ttest_ind(first, second).pvalue > 0.5
+
+
+def test_paired_t_test_without_spread() -> None:
+    same = paired_t_test([1.0, 0.0, 1.0], [1.0, 0.0, 1.0])
+    assert (same.t, same.p, same.effect_size) == (0.0, 1.0, 0.0)
+    shifted = paired_t_test([1.5, 2.5], [1.0, 2.0])
+    assert (shifted.t, shifted.p) == (math.inf, 0.0)
+    assert math.isnan(paired_t_test([1.0], [2.0]).p)
+    assert not paired_t_test([], []).significant()
+
+
+def test_paired_t_test_refuses_other_shapes() -> None:
+    with pytest.raises(ValueError, match=r"expected two arrays of one shape \[N\], got \(2,\)"):
+        paired_t_test([1.0, 2.0], [1.0])

@@ -1,0 +1,104 @@
+import io
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from modpush.evaluation.paper import PAPER, beside_paper
+from modpush.evaluation.sets import SET_NAMES
+from modpush.evaluation.tables import compare, format_table, summarize, to_display
+
+
+def rows(success: list[int], **columns: list[float]) -> pd.DataFrame:
+    n = len(success)
+    names = ("collision_rate", "collision_rate_object", "collision_rate_arm", "steps")
+    data = {name: [0.0] * n for name in names} | columns
+    return pd.DataFrame(
+        {
+            "episode": range(n),
+            "scene": "slot",
+            "success": np.array(success, dtype=bool),
+            "spl": np.array(success) * 0.5,
+            **data,
+        }
+    )
+
+
+A = rows([1, 1, 1, 0], contact_rate=[0.8, 0.6, 0.1, 0.0], path_length=[0.4, 0.6, 9.0, 9.0])
+B = rows([1, 1, 0, 1], contact_rate=[0.4, 0.4, 0.0, 0.2], path_length=[0.4, 0.5, 9.0, 9.0])
+
+
+def test_success_is_over_all_and_the_rest_over_what_both_solved() -> None:
+    table = summarize({"a": A, "b": B})
+    assert table.loc["a", "success"] == pytest.approx(0.75)
+    assert table.loc["a", "spl"] == pytest.approx(0.375)
+    assert table["solved"].tolist() == [2, 2]  # the first two episodes
+    assert table.loc["a", "contact_rate"] == pytest.approx(0.7)
+    assert table.loc["a", "contact_rate_std"] == pytest.approx(np.sqrt(0.02))  # (0.1^2 + 0.1^2) / 1
+    assert table.loc["b", "path_length"] == pytest.approx(0.45)
+    assert table.loc["a", "success_low"] < 0.75 < table.loc["a", "success_high"]
+
+
+def test_alone_a_method_is_measured_over_what_it_solved() -> None:
+    assert summarize({"a": A}).loc["a", "contact_rate"] == pytest.approx(0.5)
+    nothing = summarize({"a": rows([0, 0], contact_rate=[1.0, 1.0], path_length=[1.0, 1.0])})
+    assert nothing.loc["a", "solved"] == 0
+    assert np.isnan(nothing.loc["a", "contact_rate"])
+    assert "–" in to_display(nothing)["contact_rate"].item()
+
+
+def test_compare_pairs_the_episodes() -> None:
+    table = compare(A, B)
+    assert table.loc["success", "count"] == 4
+    assert table.loc["contact_rate", "count"] == 2
+    # differences 0.4 and 0.2: mean 0.3, sd 0.1414, d = 2.1213, t = 3
+    assert table.loc["contact_rate", "difference"] == pytest.approx(0.3)
+    assert table.loc["contact_rate", "effect_size"] == pytest.approx(2.1213, abs=1e-4)
+    assert table.loc["contact_rate", "t"] == pytest.approx(3.0)
+    assert not table.loc["contact_rate", "significant"]
+    assert table.loc["collision_rate", "p"] == 1.0
+
+
+def test_other_episodes_are_not_compared() -> None:
+    with pytest.raises(ValueError, match="'first' has 4 and 'second' 3"):
+        compare(A, B.head(3))
+    with pytest.raises(ValueError, match="must have run the same episodes"):
+        summarize({"a": A, "b": B.assign(episode=[0, 1, 2, 4])})
+    with pytest.raises(ValueError, match="at least one method, got none"):
+        summarize({})
+    with pytest.raises(ValueError, match="method 'a' has no episodes"):
+        summarize({"a": A.head(0)})
+
+
+def test_tables_in_three_formats() -> None:
+    table = summarize({"a_1": A})
+    markdown = format_table(to_display(table))
+    head, rule, line = markdown.splitlines()
+    assert head.count("|") == rule.count("|") == line.count("|")
+    assert line.startswith("| a_1 | 4 | 0.750 [0.250, 1.000] | 0.375 [0.125, 0.500] | 3 | 0.500 ± ")
+    latex = format_table(to_display(table), "latex")
+    assert r"a\_1 & 4 & 0.750 [0.250, 1.000]" in latex
+    assert r"$\pm$" in latex
+    assert latex.count(r"\\") == 2
+    again = pd.read_csv(io.StringIO(format_table(table, "csv")), index_col=0)
+    pd.testing.assert_frame_equal(again, table)
+    with pytest.raises(ValueError, match=r"no format 'word', expected one of \['markdown'"):
+        format_table(table, "word")  # type: ignore[arg-type]
+
+
+def test_the_papers_figures_stand_beside_ours() -> None:
+    table = beside_paper(summarize({"corridor": A}), "obstacles/small_cube")
+    assert list(table.columns) == ["corridor", "paper_controller", "paper_agent"]
+    assert table.loc["success"].tolist() == [0.75, 0.955, 0.980]
+    assert table.loc["contact_rate", "paper_controller"] == 0.850
+    free = beside_paper(summarize({"corridor": A}), "free/small_cube")
+    assert np.isnan(free.loc["collision_rate", "paper_agent"])
+    assert beside_paper(summarize({"corridor": A}), "smoke")["paper_agent"].isna().all()
+
+
+def test_every_set_of_the_paper_has_its_figures() -> None:
+    assert set(PAPER) == set(SET_NAMES) - {"smoke"}
+    for figures in PAPER.values():
+        for agent, controller in (figures.success, figures.spl, figures.contact_rate):
+            assert 0.5 <= agent <= 1
+            assert 0.5 <= controller <= 1

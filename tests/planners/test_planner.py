@@ -1,0 +1,347 @@
+"""What all planners promise: bad input, ends that are not free, memory, batches, copies."""
+
+import copy
+import multiprocessing
+import pickle
+
+import numpy as np
+import pytest
+import torch
+
+import modpush.planners
+from modpush.planners import (
+    AStar,
+    DistanceField,
+    LazyThetaStar,
+    Paths,
+    Planner,
+    StraightLine,
+    ThetaStar,
+    point_along,
+)
+from tests.planners.planner_reference import random_map, random_query
+
+MAKERS = {
+    "lazy": LazyThetaStar,
+    "lazy_grid": lambda **kwargs: LazyThetaStar(nodes="grid", **kwargs),
+    "theta": ThetaStar,
+    "a_star": AStar,
+    "field": DistanceField,
+    "line": StraightLine,
+}
+every_planner = pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS.keys())
+
+
+def wall_map(side=20):
+    """A wall with a gap at its right end."""
+    blocked = torch.zeros(1, side, side, dtype=torch.bool)
+    blocked[0, 8:12, : side - 4] = True
+    return blocked
+
+
+def xy(u, v):
+    return torch.tensor([[float(u), float(v)]])
+
+
+def test_every_public_name_resolves():
+    for name in modpush.planners.__all__:
+        assert getattr(modpush.planners, name) is not None
+
+
+@every_planner
+@pytest.mark.parametrize(
+    ("occupancy", "start", "goal", "error", "message"),
+    [
+        (torch.zeros(1, 4, 4), xy(0, 0), xy(1, 1), TypeError, "must be bool, got torch.float32"),
+        (
+            torch.zeros(4, 4, dtype=torch.bool),
+            xy(0, 0),
+            xy(1, 1),
+            ValueError,
+            r"must be \[B, H, W\] with H and W from 1 to 4096, got \[4, 4\]",
+        ),
+        (
+            torch.zeros(1, 0, 4, dtype=torch.bool),
+            xy(0, 0),
+            xy(1, 1),
+            ValueError,
+            r"got \[1, 0, 4\]",
+        ),
+        (
+            torch.zeros(1, 4, 4, dtype=torch.bool),
+            torch.zeros(2, 2),
+            xy(1, 1),
+            ValueError,
+            r"start must be \[B, 2\] = \[1, 2\], got \[2, 2\]",
+        ),
+        (
+            torch.zeros(1, 4, 4, dtype=torch.bool),
+            xy(0, 0),
+            torch.zeros(1, 2, dtype=torch.int64),
+            TypeError,
+            "goal must be floating point, got torch.int64",
+        ),
+        (
+            torch.zeros(1, 4, 4, dtype=torch.bool),
+            xy(0, float("nan")),
+            xy(1, 1),
+            ValueError,
+            r"start is not finite in scene\(s\) \[0\]",
+        ),
+    ],
+)
+def test_bad_input_is_named(make, occupancy, start, goal, error, message):
+    with pytest.raises(error, match=message):
+        make().plan(occupancy, start, goal)
+
+
+@every_planner
+def test_cell_size_must_be_positive_and_scales_lengths(make):
+    with pytest.raises(ValueError, match="cell_size must be > 0, got 0"):
+        make(cell_size=0)
+    paths = make(cell_size=0.5).plan(wall_map(), xy(0, 0), xy(3, 4))
+    assert paths.length.item() >= 2.5
+    assert paths.length.item() == pytest.approx(
+        make().plan(wall_map(), xy(0, 0), xy(3, 4)).length / 2
+    )
+
+
+@every_planner
+def test_a_start_inside_an_obstacle_leaves_it_by_the_nearest_free_cell(make):
+    # (2, 9) is the wall's second row; the nearest free centre is (2, 7).
+    paths = make().plan(wall_map(), xy(2, 9), xy(2, 1))
+    assert paths.found.item()
+    assert paths.start_moved.item()
+    assert not paths.goal_moved.item()
+    assert paths.waypoints[0, 0].tolist() == [2, 9]
+    assert paths.waypoints[0, 1].tolist() == [2, 7]
+    assert paths.length.item() == pytest.approx(8.0)
+
+
+@every_planner
+def test_a_goal_inside_an_obstacle_is_reached_over_the_nearest_free_cell(make):
+    paths = make().plan(wall_map(), xy(2, 1), xy(2, 9))
+    assert paths.found.item()
+    assert paths.goal_moved.item()
+    assert paths.waypoints[0, paths.count[0] - 1].tolist() == [2, 9]
+    assert paths.length.item() == pytest.approx(8.0)
+
+
+@every_planner
+@pytest.mark.parametrize("far", [-3.0, -1e6, 23.0, 1e6, 3e38])
+def test_ends_outside_the_grid_are_joined_to_it(make, far):
+    paths = make().plan(wall_map(), xy(far, 3), xy(5, 3))
+    assert paths.found.item()
+    assert paths.start_moved.item()
+    assert paths.waypoints[0, 0].tolist() == [pytest.approx(far), 3]
+    assert paths.waypoints[0, 1].tolist() == [0 if far < 0 else 19, 3]
+
+
+@every_planner
+def test_no_path_is_an_answer(make):
+    blocked = torch.zeros(2, 9, 9, dtype=torch.bool)
+    blocked[0, 4] = True
+    paths = make().plan(blocked, xy(4, 1).repeat(2, 1), xy(4, 7).repeat(2, 1))
+    assert paths.found.tolist() == [False, True]
+    assert paths.length.tolist() == [float("inf"), 6.0]
+    assert paths.count.tolist() == [0, 2]
+    assert (paths.waypoints[0] == xy(4, 1)).all()
+
+
+@every_planner
+def test_a_map_without_a_free_cell_has_no_path(make):
+    blocked = torch.ones(1, 5, 6, dtype=torch.bool)
+    paths = make().plan(blocked, xy(1, 1), xy(4, 4))
+    assert not paths.found.item()
+    assert paths.length.item() == float("inf")
+
+
+@every_planner
+def test_start_equal_to_goal(make):
+    paths = make().plan(wall_map(), xy(3.25, 4.5), xy(3.25, 4.5))
+    assert paths.found.item()
+    assert paths.length.item() == 0.0
+    assert paths.count.item() == 2
+
+
+@every_planner
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (3, 5), (64, 64), (65, 130)])
+def test_all_grid_sizes(make, shape):
+    blocked = torch.zeros(1, *shape, dtype=torch.bool)
+    goal = xy(shape[1] - 1, shape[0] - 1)
+    paths = make().plan(blocked, xy(0, 0), goal)
+    assert paths.found.item()
+    assert paths.length.item() >= goal.norm().item() - 1e-4
+
+
+@every_planner
+def test_points_on_the_lines_between_cells_and_on_the_rim(make):
+    blocked = wall_map()
+    for start in (xy(3.5, 3.5), xy(-0.5, -0.5), xy(19.5, 19.5), xy(3.5, 7.5), xy(15.5, 7.5)):
+        paths = make().plan(blocked, start, xy(18, 3))
+        assert not paths.start_moved.item()
+        if not isinstance(make(), StraightLine):
+            assert paths.found.item()
+
+
+@every_planner
+def test_a_batch_gives_what_its_scenes_give_alone(make):
+    rng = np.random.default_rng(5)
+    maps = [random_map(rng, side=96, boxes=5, radius=4) for _ in range(6)]
+    queries = [random_query(rng, blocked) for blocked in maps]
+    occupancy = torch.from_numpy(np.stack(maps))
+    start = torch.from_numpy(np.stack([a for a, _ in queries]))
+    goal = torch.from_numpy(np.stack([b for _, b in queries]))
+    together = make().plan(occupancy, start, goal)
+    one = make()
+    for b in range(len(maps)):
+        alone = one.plan(occupancy[b : b + 1], start[b : b + 1], goal[b : b + 1])
+        count = int(together.count[b])
+        assert alone.found.item() == together.found[b].item()
+        assert alone.length.item() == together.length[b].item()
+        assert alone.count.item() == count
+        assert torch.equal(alone.waypoints[0, :count], together.waypoints[b, :count])
+        padding = together.waypoints[b, count:]
+        assert (padding == (goal[b] if count else start[b])).all()
+
+
+@every_planner
+def test_memory_of_earlier_calls_never_shows(make):
+    # Scenes change place, map and goal from call to call; a planner without memory agrees.
+    rng = np.random.default_rng(6)
+    maps = [random_map(rng, side=64, boxes=4, radius=3) for _ in range(4)]
+    old = make()
+    for _ in range(25):
+        rows = rng.integers(len(maps), size=3)
+        occupancy = torch.from_numpy(np.stack([maps[k] for k in rows]))
+        start, goal = torch.from_numpy(rng.uniform(-2, 66, (2, 3, 2)).astype(np.float32))
+        if rng.random() < 0.5:
+            goal = torch.full((3, 2), 60.0)
+        assert torch.equal(
+            old.plan(occupancy, start, goal).length, make().plan(occupancy, start, goal).length
+        )
+
+
+@every_planner
+def test_inputs_are_left_alone(make):
+    occupancy, start, goal = wall_map(), xy(2, 9), xy(2, 1)
+    kept = [value.clone() for value in (occupancy, start, goal)]
+    make().plan(occupancy, start, goal)
+    for value, before in zip((occupancy, start, goal), kept, strict=True):
+        assert torch.equal(value, before)
+
+
+@every_planner
+def test_results_are_not_written_to_again(make):
+    planner = make()
+    first = planner.plan(wall_map(), xy(0, 0), xy(5, 3))
+    kept = first.waypoints.clone(), first.length.clone()
+    planner.plan(wall_map(), xy(9, 2), xy(1, 6))
+    assert torch.equal(first.waypoints, kept[0])
+    assert torch.equal(first.length, kept[1])
+
+
+@every_planner
+def test_copies_and_pickles_plan_alike(make):
+    planner = make(cell_size=0.1)
+    planner.plan(wall_map(), xy(2, 2), xy(2, 17))
+    expected = planner.plan(wall_map(), xy(2, 2), xy(2, 17)).length
+    for other in (copy.deepcopy(planner), pickle.loads(pickle.dumps(planner))):
+        assert torch.equal(other.plan(wall_map(), xy(2, 2), xy(2, 17)).length, expected)
+    assert len(pickle.dumps(planner)) < 2000
+
+
+def _length_in_child(queue):
+    maps = wall_map().repeat(4, 1, 1)
+    ends = xy(2, 2).repeat(4, 1), xy(2, 17).repeat(4, 1)
+    queue.put(LazyThetaStar().plan(maps, *ends).length.tolist())
+
+
+def test_a_forked_child_of_a_process_that_used_threads_can_plan():
+    # OpenMP aborts a forked child at its first parallel loop; the kernels go serial there.
+    maps = wall_map().repeat(4, 1, 1)
+    ends = xy(2, 2).repeat(4, 1), xy(2, 17).repeat(4, 1)
+    expected = LazyThetaStar().plan(maps, *ends).length.tolist()
+    context = multiprocessing.get_context("fork")
+    queue = context.Queue()
+    child = context.Process(target=_length_in_child, args=(queue,))
+    child.start()
+    assert queue.get(timeout=60) == expected
+    child.join(timeout=60)
+    assert child.exitcode == 0
+
+
+def test_a_field_is_built_once_and_again_when_map_or_goal_change():
+    field, blocked = DistanceField(), wall_map()
+    for v in range(7):
+        field.plan(blocked, xy(2, v), xy(2, 17))
+    assert field.builds == 1
+    field.plan(blocked, xy(2, 2), xy(3, 17))
+    assert field.builds == 2
+    blocked[0, 15, 5] = True
+    field.plan(blocked, xy(2, 2), xy(3, 17))
+    assert field.builds == 3
+    field.plan(blocked, xy(2, 6), xy(9, 6))  # a straight line needs no field
+    assert field.builds == 3
+
+
+def test_a_noisy_map_is_searched_over_the_grid():
+    # More than 2048 corners: as good as the grid search, not exact.
+    rng = np.random.default_rng(1)
+    blocked = torch.from_numpy(rng.random((1, 128, 128)) < 0.25)
+    blocked[0, 0, 0] = blocked[0, -1, -1] = False
+    ends = xy(0, 0), xy(127, 127)
+    expected = LazyThetaStar(nodes="grid").plan(blocked, *ends)
+    assert expected.found.item()
+    for planner in (LazyThetaStar(), DistanceField()):
+        assert torch.equal(planner.plan(blocked, *ends).length, expected.length)
+
+
+def test_unknown_nodes_are_refused():
+    with pytest.raises(ValueError, match=r"nodes must be one of \('corners', 'grid'\), got 'hex'"):
+        LazyThetaStar(nodes="hex")
+
+
+def test_a_path_of_many_waypoints_is_kept_whole():
+    # A comb: the way winds through 40 teeth, two waypoints each.
+    blocked = torch.zeros(1, 21, 161, dtype=torch.bool)
+    for k in range(40):
+        rows = slice(0, 20) if k % 2 else slice(1, 21)
+        blocked[0, rows, 4 * k + 2] = True
+    paths = LazyThetaStar().plan(blocked, xy(0, 10), xy(160, 10))
+    assert paths.found.item()
+    assert paths.count.item() > 70
+    assert paths.waypoints.shape[1] == paths.count.item()
+
+
+class Detour(Planner):
+    """A planner of one's own: over a fixed point."""
+
+    def _plan(self, occupancy, start, goal):
+        middle = torch.tensor([0.0, 0.0])
+        paths = [
+            None if occupancy[b].all() else torch.stack([start[b], middle, goal[b]])
+            for b in range(len(start))
+        ]
+        return Paths.from_waypoints(paths, start, self.cell_size)
+
+
+def test_a_planner_of_one_s_own():
+    occupancy = torch.zeros(2, 5, 5, dtype=torch.bool)
+    occupancy[1] = True
+    paths = Detour(cell_size=2.0).plan(occupancy, xy(3, 0).repeat(2, 1), xy(0, 4).repeat(2, 1))
+    assert paths.length.tolist() == [14.0, float("inf")]
+    assert paths.found.tolist() == [True, False]
+
+
+def test_point_along_a_bent_line_by_hand():
+    line = torch.tensor([[0.0, 0.0], [3.0, 0.0], [3.0, 4.0], [3.0, 4.0]]).repeat(5, 1, 1)
+    distance = torch.tensor([-1.0, 1.5, 3.0, 5.0, 99.0])
+    expected = torch.tensor([[0.0, 0.0], [1.5, 0.0], [3.0, 0.0], [3.0, 2.0], [3.0, 4.0]])
+    torch.testing.assert_close(point_along(line, distance), expected)
+    still = torch.ones(1, 3, 2)
+    assert point_along(still, torch.tensor([0.5])).tolist() == [[1.0, 1.0]]
+
+
+def test_warmup_compiles_all_kernels():
+    modpush.planners.warmup(32, 48)

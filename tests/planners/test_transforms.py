@@ -1,0 +1,373 @@
+"""OccupancyGrid and PlannerSubgoals as TorchRL transforms: on envs, in workers, on stored data."""
+
+import math
+from functools import partial
+
+import pytest
+import torch
+from tensordict import TensorDict
+from torchrl.data import LazyTensorStorage, ReplayBuffer
+from torchrl.envs import Compose, ParallelEnv, SerialEnv, TransformedEnv, check_env_specs
+from torchrl.envs.transforms import RenameTransform
+
+from modpush.planners import (
+    DistanceField,
+    GridFrame,
+    LazyThetaStar,
+    OccupancyGrid,
+    Paths,
+    Planner,
+    PlannerSubgoals,
+    fraction_subgoal,
+    lookahead_subgoal,
+)
+from tests.planners.table_scene import TableEnv
+
+SMALL = GridFrame(height=64, width=64)
+WRITTEN = ["path_length", "subgoal", "subgoal_past", "path_found", "subgoal_history"]
+
+
+def make_env(num_envs=None, planner=None, **kwargs):
+    return TransformedEnv(
+        TableEnv(num_envs),
+        Compose(
+            OccupancyGrid(frame=SMALL),
+            PlannerSubgoals(planner or DistanceField(), frame=SMALL, **kwargs),
+        ),
+    )
+
+
+def steer(tensordict, direction):
+    action = torch.zeros(*tensordict.batch_size, 2)
+    action[...] = torch.tensor(direction)
+    return tensordict.set("action", action)
+
+
+def check_row_by_row(env, rollout):
+    """Each step's outputs are what the planner says of that step's inputs alone."""
+    flat = rollout.reshape(-1)
+    planner = LazyThetaStar(cell_size=SMALL.cell_size)
+    paths = planner.plan(
+        flat["occupancy"][:, 0],
+        SMALL.to_pixel(flat["object_pose"][:, :2]),
+        SMALL.to_pixel(flat["goal_position"]),
+    )
+    torch.testing.assert_close(flat["path_length"][:, 0], paths.length)
+    subgoal = SMALL.to_metre(fraction_subgoal(paths, 0.2))
+    torch.testing.assert_close(flat["subgoal"], subgoal, atol=1e-5, rtol=1e-5)
+
+
+@pytest.mark.parametrize("num_envs", [None, 1, 3])
+@pytest.mark.parametrize("mode", ["fraction", "lookahead"])
+def test_specs_hold(num_envs, mode):
+    check_env_specs(make_env(num_envs, mode=mode, max_waypoints=12))
+
+
+def test_specs_hold_in_serial_workers():
+    check_env_specs(SerialEnv(2, lambda: make_env(2)))
+
+
+def test_specs_hold_in_parallel_workers():
+    env = ParallelEnv(2, partial(make_env, 2))
+    try:
+        check_env_specs(env)
+    finally:
+        env.close()
+
+
+def test_the_same_in_one_process_in_serial_and_in_parallel_workers():
+    def actions(tensordict):
+        return steer(tensordict, [0.3, 1.0])
+
+    alone = make_env().rollout(14, actions, break_when_any_done=False)
+    for batched in (SerialEnv, ParallelEnv):
+        env = batched(2, make_env)
+        try:
+            rollout = env.rollout(14, actions, break_when_any_done=False)
+        finally:
+            env.close()
+        for key in WRITTEN:
+            for worker in range(2):
+                assert torch.equal(rollout[worker]["next", key], alone["next", key]), key
+
+
+def test_lags_by_hand():
+    env = make_env(lags=(0, 1, 5))
+    tensordict = env.reset()
+    first = tensordict["subgoal"].clone()
+    assert (tensordict["subgoal_past"] == first).all()
+    seen = [first]
+    for k in range(9):
+        tensordict = env.step(steer(tensordict, [0.1, 0.7]))["next"]
+        seen.append(tensordict["subgoal"].clone())
+        expected = [seen[k + 1], seen[k], seen[max(k + 1 - 5, 0)]]
+        assert torch.equal(tensordict["subgoal_past"], torch.stack(expected))
+    assert len({tuple(subgoal.tolist()) for subgoal in seen}) == len(seen)
+
+
+def test_every_step_is_planned_from_what_that_step_saw():
+    env = make_env(2)
+    rollout = env.rollout(12, lambda td: steer(td, [0.4, 0.4]), break_when_any_done=False)
+    check_row_by_row(env, rollout)
+    assert rollout["path_found"].all()
+    assert rollout["path_length"].min() > 0.3
+
+
+def test_a_scene_s_reset_leaves_the_others_alone():
+    env = make_env(3)
+    tensordict = env.reset()
+    for _ in range(4):
+        tensordict = env.step(steer(tensordict, [0.2, 0.8]))["next"]
+    before = tensordict.clone()
+    mask = torch.tensor([[False], [True], [False]])
+    after = env.reset(tensordict.clone().set("_reset", mask))
+    for key in [*WRITTEN, "occupancy", "blocked_bits"]:
+        assert torch.equal(after[key][[0, 2]], before[key][[0, 2]]), key
+    fresh = after["subgoal_history"][1]
+    assert (fresh == after["subgoal"][1]).all()
+    assert not torch.equal(after["subgoal"][1], before["subgoal"][1])
+    stepped = env.step(steer(after, [0.0, 0.0]))["next"]
+    assert torch.equal(stepped["subgoal_history"][1, 1:], fresh[:-1])
+    assert torch.equal(stepped["subgoal_history"][0, 1:], before["subgoal_history"][0, :-1])
+
+
+def test_automatic_resets_begin_new_histories():
+    # Pushed sideways, an episode ends after 14 steps or fewer; histories must not cross over.
+    env = make_env(2)
+    rollout = env.rollout(40, lambda td: steer(td, [0.0, 0.8]), break_when_any_done=False)
+    ended = rollout["next", "done"][..., 0]
+    assert ended.any(1).all()
+    for scene in range(2):
+        for t in range(39):
+            history, then = (
+                rollout["subgoal_history"][scene, t],
+                rollout["subgoal_history"][scene, t + 1],
+            )
+            if ended[scene, t]:
+                assert (then == rollout["subgoal"][scene, t + 1]).all()
+            else:
+                assert torch.equal(then[1:], history[:-1])
+
+
+def test_a_cloned_state_goes_on_as_the_original():
+    env = make_env(2)
+    tensordict = env.reset()
+    for _ in range(3):
+        tensordict = env.step(steer(tensordict, [0.2, 0.8]))["next"]
+    copy, pose = tensordict.clone(), env.base_env.pose.clone()
+    one = env.step(steer(tensordict, [0.0, 1.0]))["next"]
+    for _ in range(3):
+        env.step(steer(tensordict, [1.0, 0.0]))  # something else meanwhile
+    env.base_env.pose = pose
+    again = env.step(steer(copy, [0.0, 1.0]))["next"]
+    for key in WRITTEN:
+        assert torch.equal(one[key], again[key]), key
+
+
+def test_stored_data_come_out_as_they_went_in():
+    env = make_env(2)
+    rollout = env.rollout(10, lambda td: steer(td, [0.1, 0.5]), break_when_any_done=False)
+    stored = rollout.reshape(-1).exclude("next")
+    buffer = ReplayBuffer(
+        storage=LazyTensorStorage(64),
+        batch_size=16,
+        transform=Compose(
+            OccupancyGrid(frame=SMALL), PlannerSubgoals(LazyThetaStar(), frame=SMALL)
+        ),
+    )
+    buffer.extend(stored.clone().set("row", torch.arange(len(stored))))
+    sample = buffer.sample()
+    for key in [*WRITTEN, "occupancy", "blocked_bits"]:
+        torch.testing.assert_close(sample[key], stored[key][sample["row"]])
+
+
+def test_bare_data_are_planned_as_first_steps():
+    env = TableEnv(2)
+    bare = env.reset().exclude("done", "terminated", "truncated")
+    transform = Compose(OccupancyGrid(frame=SMALL), PlannerSubgoals(LazyThetaStar(), frame=SMALL))
+    out = transform(bare.clone())
+    assert (out["subgoal_past"] == out["subgoal"].unsqueeze(-2)).all()
+    expected = make_env(2).reset()
+    for key in WRITTEN:
+        torch.testing.assert_close(out[key], expected[key])
+
+
+def test_before_a_model_they_are_modules():
+    module = torch.nn.Sequential(
+        OccupancyGrid(frame=SMALL), PlannerSubgoals(LazyThetaStar(), frame=SMALL)
+    )
+    out = module(TableEnv(1).reset())
+    assert out["subgoal"].shape == (1, 2)
+
+
+class Fickle(Planner):
+    """Finds a path only while the start is in the image's lower half."""
+
+    def _plan(self, occupancy, start, goal):
+        lines = [
+            torch.stack([a, b]) if a[1] > 40 else None for a, b in zip(start, goal, strict=True)
+        ]
+        return Paths.from_waypoints(lines, start, self.cell_size)
+
+
+def test_without_a_path_the_last_one_is_kept_and_flagged():
+    env = make_env(1, planner=Fickle(), max_waypoints=4)
+    tensordict = env.reset()
+    assert tensordict["path_found"].all()
+    kept = None
+    for _ in range(12):
+        tensordict = env.step(steer(tensordict, [1.0, 0.0]))["next"]
+        if tensordict["path_found"].item():
+            kept = tensordict["path_length"].clone(), tensordict["subgoal"].clone()
+    assert kept is not None
+    assert not tensordict["path_found"].item()
+    assert torch.equal(tensordict["path_length"], kept[0])
+    assert torch.equal(tensordict["subgoal"], kept[1])
+    assert tensordict["path"].isfinite().all()
+
+
+class NoPath(Planner):
+    def _plan(self, occupancy, start, goal):
+        return Paths.from_waypoints([None] * len(start), start, self.cell_size)
+
+
+def test_a_reset_without_a_path_points_straight_at_the_goal():
+    tensordict = make_env(2, planner=NoPath()).reset()
+    assert not tensordict["path_found"].any()
+    assert torch.equal(tensordict["subgoal"], tensordict["goal_position"])
+    away = tensordict["goal_position"] - tensordict["object_pose"][:, :2]
+    torch.testing.assert_close(tensordict["path_length"], away.norm(dim=-1, keepdim=True))
+
+
+def test_the_object_may_leave_the_image_or_run_into_obstacles():
+    env = make_env(1)
+    tensordict = env.reset()
+    for x, y in ((0.5, 0.0), (5.0, 9.0), (-4.0, 0.0), (0.6, 0.46), (0.701, 0.0)):
+        env.base_env.pose[:] = torch.tensor([x, y, 0.0])
+        tensordict = env.step(steer(tensordict, [0.0, 0.0]))["next"]
+        assert tensordict["path_found"].item()
+        assert tensordict["path_length"].isfinite().all()
+        assert tensordict["subgoal"].isfinite().all()
+
+
+def straight_and_bent():
+    return Paths.from_waypoints(
+        [torch.tensor([[0.0, 0.0], [30.0, 0.0], [30.0, 20.0]])], torch.zeros(1, 2)
+    )
+
+
+def test_sub_goals_by_hand():
+    # 50 px in all: 20 % is 10 px along the first leg, 80 % is 10 px up the second one.
+    assert fraction_subgoal(straight_and_bent(), 0.2).tolist() == [[10.0, 0.0]]
+    assert fraction_subgoal(straight_and_bent(), 0.8).tolist() == [[30.0, 10.0]]
+    assert lookahead_subgoal(straight_and_bent(), 12.0).tolist() == [[12.0, 0.0]]
+    assert lookahead_subgoal(straight_and_bent(), 40.0).tolist() == [[30.0, 0.0]]
+
+
+def test_the_leg_out_of_an_obstacle_is_not_the_first_segment():
+    moved = Paths(**{**vars(straight_and_bent()), "start_moved": torch.tensor([True])})
+    assert lookahead_subgoal(moved, 40.0).tolist() == [[30.0, 10.0]]
+
+
+def test_a_path_is_padded_or_thinned_to_its_room():
+    env = make_env(1, max_waypoints=2)
+    tensordict = env.reset()
+    ends = tensordict["path"][0]
+    torch.testing.assert_close(ends[0], tensordict["object_pose"][0, :2], atol=1e-5, rtol=0)
+    torch.testing.assert_close(ends[1], tensordict["goal_position"][0], atol=1e-5, rtol=0)
+    many = make_env(1, max_waypoints=30).reset()["path"][0]
+    torch.testing.assert_close(many[0], ends[0])
+    assert (many[-5:] == many[-1]).all()
+    legs = (many[1:] - many[:-1]).norm(dim=-1).sum()
+    torch.testing.assert_close(legs, tensordict["path_length"][0, 0], atol=1e-5, rtol=0)
+
+
+def test_keys_can_be_renamed_and_nested():
+    env = TransformedEnv(
+        TableEnv(2),
+        Compose(
+            RenameTransform(
+                ["depth", "segmentation", "object_pose", "goal_position"],
+                [("eye", "depth"), ("eye", "seg"), ("state", "pose"), ("task", "goal")],
+            ),
+            OccupancyGrid(
+                frame=SMALL,
+                depth_key=("eye", "depth"),
+                segmentation_key=("eye", "seg"),
+                occupancy_key=("map", "occupancy"),
+                blocked_key=("map", "bits"),
+            ),
+            PlannerSubgoals(
+                DistanceField(),
+                frame=SMALL,
+                max_waypoints=5,
+                occupancy_key=("map", "occupancy"),
+                object_pose_key=("state", "pose"),
+                goal_position_key=("task", "goal"),
+                path_length_key=("way", "length"),
+                subgoal_key=("way", "subgoal"),
+                subgoal_past_key=("way", "past"),
+                path_found_key=("way", "found"),
+                history_key=("way", "history"),
+                path_key=("way", "path"),
+            ),
+        ),
+    )
+    out, expected = env.reset(), make_env(2).reset()  # each env's first episode
+    torch.testing.assert_close(out["way", "subgoal"], expected["subgoal"])
+    check_env_specs(env)
+
+
+def test_the_object_s_radius_can_come_from_the_tensordict():
+    data = TableEnv(2).reset().set("radius", torch.tensor([[0.02], [0.06]]))
+    out = OccupancyGrid(object_radius_key="radius", frame=SMALL)(data)
+    alone = OccupancyGrid(0.06, frame=SMALL)(data.clone())
+    assert torch.equal(out["occupancy"][1], alone["occupancy"][1])
+    assert out["occupancy"][0].sum() < alone["occupancy"][0].sum()
+
+
+def test_occupancy_without_a_segmentation_key():
+    data = TableEnv(2).reset()
+    expected = OccupancyGrid(frame=SMALL)(data.clone())["occupancy"]
+    data.pop("segmentation")
+    out = OccupancyGrid(frame=SMALL, segmentation_key=None)(data)["occupancy"]
+    # The object stands clear of the bar: both ways of knowing it agree.
+    assert torch.equal(out, expected)
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "message"),
+    [
+        ({"mode": "half"}, r"mode must be one of \('fraction', 'lookahead'\), got 'half'"),
+        ({"fraction": 0.0}, r"fraction must lie in \(0, 1\], got 0.0"),
+        ({"lookahead": 0.0}, "lookahead must be > 0 m, got 0.0"),
+        ({"lags": ()}, r"lags must be >= 0 and at least one, got \(\)"),
+        ({"lags": (-1,)}, r"lags must be >= 0 and at least one, got \(-1,\)"),
+        ({"max_waypoints": 1}, "max_waypoints must be 0 or >= 2, got 1"),
+    ],
+)
+def test_bad_options_are_refused(kwargs, message):
+    with pytest.raises(ValueError, match=message):
+        PlannerSubgoals(LazyThetaStar(), **kwargs)
+
+
+def test_missing_keys_and_wrong_sizes_are_named():
+    with pytest.raises(KeyError, match="'depth' is missing; there is \\['goal_position'\\]"):
+        OccupancyGrid()(TensorDict(goal_position=torch.zeros(1, 2), batch_size=[1]))
+    with pytest.raises(KeyError, match="'occupancy' is missing; there is \\['goal_position'\\]"):
+        PlannerSubgoals(LazyThetaStar())(
+            TensorDict(goal_position=torch.zeros(1, 2), batch_size=[1])
+        )
+    data = TableEnv(1).reset()
+    OccupancyGrid(frame=SMALL)(data)
+    with pytest.raises(ValueError, match=r"= \[..., 1, 256, 256\], got \[1, 1, 64, 64\]"):
+        PlannerSubgoals(LazyThetaStar())(data)
+    with pytest.raises(ValueError, match="OccupancyGrid: radius must be finite and >= 0"):
+        OccupancyGrid(math.nan)
+
+
+def test_nothing_is_rebuilt_while_obstacles_stand_still():
+    env, field = make_env(2, planner=(planner := DistanceField())), planner
+    env.rollout(12, lambda td: steer(td, [0.2, 0.6]), break_when_any_done=False)
+    assert env.transform[0].map.inflations == 2
+    assert field.builds <= 2
