@@ -250,13 +250,14 @@ def bench_chain(bars: list, frame: GridFrame, scenes: int = 8) -> None:
         ("LazyThetaStar", LazyThetaStar()),
     ):
         grid, subgoals, times = OccupancyGrid(), PlannerSubgoals(planner), []
+        before = frames[0]
         for k in range(300):
             now = frames[k % 10].clone()
             begin = time.perf_counter()
             if k == 0:
                 now = subgoals._reset(now.empty(), grid._reset(now.empty(), now))
             else:
-                now = subgoals._step(before, grid._step(before, now))  # noqa: F821
+                now = subgoals._step(before, grid._step(before, now))
             times.append(time.perf_counter() - begin)
             before = now
         row(f"occupancy and {name}", times[10:])

@@ -6,13 +6,13 @@ import pickle
 
 import pytest
 import torch
-from point_pusher import PointPusher
 from tensordict import TensorDict
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase, InitTracker, TransformedEnv, check_env_specs
 
 from modpush.agents import CorridorConfig, PushingCorridorController, faithful_config
 from modpush.agents.push_motion import push_direction
+from tests.agents.point_pusher import PointPusher
 
 GAP = [(0.44, 0.50, -0.40, -0.06), (0.44, 0.50, 0.06, 0.40)]
 
