@@ -63,10 +63,19 @@ def test_every_method_names_keys_that_are_written(example, tmp_path: Path) -> No
 
 def test_demo(example, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     demo = example("demo")
-    demo.main(
-        demo.DemoConfig(scenes=("free", "slot"), episodes=1, out=tmp_path, rendered=False)
-    )
+    demo.main(demo.DemoConfig(scenes=("free", "slot"), episodes=1, out=tmp_path, rendered=False))
     assert "| slot |" in capsys.readouterr().out
     assert cv2.imread(str(tmp_path / "slot.png")) is not None
     capture = cv2.VideoCapture(str(tmp_path / "demo.mp4"))
     assert capture.get(cv2.CAP_PROP_FRAME_COUNT) > 20
+
+
+def test_the_page_on_evaluation_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = (EXAMPLES.parent / "docs" / "evaluation.md").read_text()
+    code = page.split("```python\n")[1].split("```")[0]
+    monkeypatch.chdir(tmp_path)
+    exec(compile(code, "docs/evaluation.md", "exec"), {"__name__": "page"})
+    assert "| mine | 10 |" in capsys.readouterr().out
+    assert (tmp_path / "runs" / "mine" / "episodes.csv").exists()
