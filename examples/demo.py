@@ -57,6 +57,7 @@ class DemoConfig:
 
 def run(config: DemoConfig, rendered: bool) -> tuple[list[Episode], dict[int, list[np.ndarray]]]:
     """All families' episodes, in order, and rendered frames of each family's first."""
+    print("The first run on a machine compiles for about a minute before the arm moves.")
     method = METHODS[config.policy]
     scenarios = [
         sample_scenario(

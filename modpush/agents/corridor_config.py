@@ -60,6 +60,8 @@ class CorridorConfig:
     """After so many steps in which nothing moved the tool backs off; 0: never."""
     escape: int = 8
     """For so many steps."""
+    max_turn: float = 0.05
+    """What an action of 1 turns the tool by, whose wide side follows the way; 0: never turn [rad]."""
     faithful: bool = False
     """Keep the authors' mistakes: posterior, angle wrapping, means, condition to invert."""
 
@@ -89,6 +91,7 @@ def faithful_config() -> CorridorConfig:
         lean=0.0,
         avoid=0.0,
         patience=0,
+        max_turn=0.0,
         inner_zone=0.03 * math.sqrt(2.0) / radius,
         outer_zone=0.06 * math.sqrt(2.0) / radius,
         touch_zone=7 * 0.00354 / radius,

@@ -21,7 +21,7 @@ from modpush.agents.corridor import (
     to_targets,
 )
 from modpush.agents.corridor_config import CorridorConfig
-from modpush.agents.push_motion import direction_of, push_direction, unit
+from modpush.agents.push_motion import direction_of, face_way, push_direction, unit
 from modpush.agents.von_mises import (
     activations,
     posterior,
@@ -167,6 +167,10 @@ class PushingCorridorController(TensorDictModuleBase):
         distances = self._distances(tensordict, scenes)
         self._plan(state, distances, position, goal, radius)
         action = self._act(state, distances, position, tool, radius)
+        if self.config.max_turn > 0:
+            way = direction_of(state["target"] - position)
+            yaw = read[self.ee_pose_key][:, 2].float()
+            action[:, 2] = face_way(way, yaw, self.config.max_turn)
         tensordict.set(self.action_key, action.reshape(*lead, 3).to(device))
         state = state.reshape(lead).to(device)
         # Under "next" for envs that have it in their specs; beside the action for all others, whose

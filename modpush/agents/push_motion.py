@@ -1,5 +1,7 @@
 """How the corridor controller moves the tool: push, go round, or back off."""
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -55,3 +57,22 @@ def push_direction(
     gain = torch.where(near, -config.retreat_gain * relocate, far_gain)
     gain = torch.where(invert, gain, push)
     return gain[..., None] * forward + relocate[..., None] * aside
+
+
+def face_way(way: Tensor, yaw: Tensor, max_turn: float) -> Tensor:
+    """The rotation that turns the tool's wide side to the way of the push, the shorter way round.
+
+    A flat face on the object steadies the push; a corner, or the narrow side, lets it slip. The
+    tool looks the same turned by half a turn.
+
+    Args:
+        way: Direction of the push, `[B]` [rad].
+        yaw: The tool's, `[B]` [rad]; at yaw 0 its wide side lies along x.
+        max_turn: What a rotation of 1 turns it by [rad].
+
+    Returns:
+        `[B]` in [-1, 1].
+    """
+    twice = 2.0 * (way + math.pi / 2 - yaw)
+    turn = torch.atan2(twice.sin(), twice.cos()) / 2.0
+    return (turn / max_turn).clamp(-1.0, 1.0)

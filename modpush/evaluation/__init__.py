@@ -22,6 +22,7 @@ _HOME = {
     "run_episodes": "episodes",
     "shortest_path": "shortest",
     "summarize": "tables",
+    "to_display": "tables",
 }
 
 __all__ = [*sorted(_HOME)]

@@ -11,7 +11,7 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase, InitTracker, TransformedEnv, check_env_specs
 
 from modpush.agents import CorridorConfig, PushingCorridorController, faithful_config
-from modpush.agents.push_motion import push_direction
+from modpush.agents.push_motion import face_way, push_direction
 from tests.agents.point_pusher import PointPusher
 
 GAP = [(0.44, 0.50, -0.40, -0.06), (0.44, 0.50, 0.06, 0.40)]
@@ -267,3 +267,12 @@ def test_missing_keys_are_named():
 def test_bad_numbers_are_refused(kwargs, message):
     with pytest.raises(ValueError, match=message):
         CorridorConfig(**kwargs)
+
+
+def test_the_wide_side_faces_the_way_the_shorter_way_round():
+    # The wide side lies along x at yaw 0, so that it faces a way along y; any half turn is the same.
+    way = torch.tensor([math.pi / 2, math.pi / 2, 0.0, 0.0])
+    yaw = torch.tensor([0.0, math.pi, math.pi / 2 - 0.02, -math.pi / 2 + 0.02])
+    turn = face_way(way, yaw, 0.05)
+    assert turn.tolist() == pytest.approx([0.0, 0.0, 0.4, -0.4], abs=1e-5)
+    assert face_way(torch.zeros(1), torch.ones(1), 0.05).item() == pytest.approx(1.0)  # clipped
