@@ -17,11 +17,12 @@ from modpush.agents.corridor import (
     corridor_cost,
     corridor_path,
     obstacle_distance,
-    repulsion,
+    outside,
     to_targets,
 )
 from modpush.agents.corridor_config import CorridorConfig
 from modpush.agents.push_motion import direction_of, face_way, push_direction, unit
+from modpush.agents.tool_way import clearances_at, make_room, repulsion, way_behind
 from modpush.agents.von_mises import (
     activations,
     posterior,
@@ -30,7 +31,7 @@ from modpush.agents.von_mises import (
     wrap_angle,
     wrap_angle_faithful,
 )
-from modpush.planners import GridFrame, OccupancyMap
+from modpush.planners import GridFrame, LazyThetaStar, OccupancyMap
 
 
 class PushingCorridorController(TensorDictModuleBase):
@@ -100,6 +101,7 @@ class PushingCorridorController(TensorDictModuleBase):
         ]
         self.out_keys = [action_key, state_key, ("next", state_key)]
         self._obstacles = OccupancyMap(self.frame)
+        self._navigator = LazyThetaStar()
         self._known: dict[int, tuple[NDArray[Any], NDArray[Any]]] = {}
 
     def __getstate__(self) -> dict[str, Any]:
@@ -229,6 +231,9 @@ class PushingCorridorController(TensorDictModuleBase):
             self.config.outer_zone * cells,
             self.config.weights,
         )
+        if self.config.workspace is not None:
+            beyond = outside(self.frame, *self.config.workspace)
+            cost = torch.where(beyond, self.config.weights[2], cost)
         path = corridor_path(
             distance,
             cost,
@@ -276,11 +281,10 @@ class PushingCorridorController(TensorDictModuleBase):
             config.path_step,
             self.frame,
         )
-        if config.lean > 0:
-            reach = float(radius.max()) * config.inner_zone
-            push_off = repulsion(distances, position, reach, self.frame)
-            way = target - position
-            target = position + way + config.lean * way.norm(dim=-1, keepdim=True) * push_off
+        if config.contact > 0:
+            target = make_room(
+                distances, position, target, radius, config.contact, config.tool_room, self.frame
+            )
         alpha = wrap(direction_of(position - tool) - direction_of(target - position))
         push, relocate, alpha_p = self._activate(state, alpha)
         distance = (position - tool).norm(dim=-1)
@@ -295,6 +299,7 @@ class PushingCorridorController(TensorDictModuleBase):
             state["gamma_count"].squeeze(-1) > 0,
             self.config,
         )
+        velocity = self._navigate(velocity, relocate, distances, position, target, tool, radius)
         velocity = self._keep_off(state, distances, velocity, relocate, position, tool)
         heading = direction_of(velocity) - self._correction(state)
         state["object_position"] = position
@@ -304,6 +309,36 @@ class PushingCorridorController(TensorDictModuleBase):
         state["started"] = torch.ones_like(state["started"])
         action = torch.stack([heading.cos(), heading.sin(), torch.zeros_like(heading)], -1)
         return action * self.config.step
+
+    def _navigate(
+        self,
+        velocity: Tensor,
+        relocate: Tensor,
+        distances: list[NDArray[Any]],
+        position: Tensor,
+        target: Tensor,
+        tool: Tensor,
+        radius: Tensor,
+    ) -> Tensor:
+        """The planned way behind the object, in place of the circle, where the tool must go."""
+        clear = clearances_at(distances, position, self.frame)
+        tight = (clear < self.config.navigate) & (relocate >= self.config.inversion)
+        rows = tight.nonzero().squeeze(-1)
+        if not len(rows):
+            return velocity
+        ahead = way_behind(
+            self._navigator,
+            [distances[b] for b in rows.tolist()],
+            position[rows],
+            target[rows],
+            tool[rows],
+            radius[rows] + self.config.near,
+            self.config.tool_room,
+            self.frame,
+        )
+        velocity = velocity.clone()
+        velocity[rows] = ahead - tool[rows]
+        return velocity
 
     def _keep_off(
         self,

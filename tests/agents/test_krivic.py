@@ -132,7 +132,7 @@ def test_a_new_episode_begins_anew_and_leaves_the_others_alone(how):
         new["goal_position"][1] += 0.01
     out = controller(new.clone())["next", "corridor"]
     fresh = controller(new.exclude("corridor"))["next", "corridor"]
-    for key in out.keys():
+    for key in set(fresh.keys()):
         torch.testing.assert_close(out[key][1], fresh[key][1], msg=str(key))
     torch.testing.assert_close(out["path"][1, 0], world.object[1], atol=1e-4, rtol=0)
     for b in (0, 2):
@@ -144,9 +144,9 @@ def test_inputs_and_the_old_state_are_left_alone():
     _, second = two_steps(controller)
     before, state = second.clone(), second["corridor"]
     controller(second)
-    for key in before.exclude("corridor").keys():
+    for key in set(before.keys()) - {"corridor"}:
         assert torch.equal(before[key], second[key]), key
-    for key in state.keys():
+    for key in set(state.keys()):
         assert torch.equal(before["corridor", key], state[key]), key
 
 
