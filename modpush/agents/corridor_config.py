@@ -3,6 +3,8 @@
 import math
 from dataclasses import dataclass
 
+Corner = tuple[float, float]
+
 
 @dataclass(frozen=True, kw_only=True)
 class CorridorConfig:
