@@ -21,10 +21,10 @@ from tensordict import TensorDict
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "planners"))
 
-from planner_reference import family_maps, shortest_length, solvable_maps  # noqa: E402
-from table_scene import BAR, render, square  # noqa: E402
+from planner_reference import family_maps, shortest_length, solvable_maps
+from table_scene import BAR, render, square
 
-from modpush.planners import (  # noqa: E402
+from modpush.planners import (
     SEGMENT_OBJECT,
     SEGMENT_OBSTACLE,
     AStar,
@@ -129,8 +129,8 @@ def bench_queries(queries: list[Query], title: str, slow_queries: int) -> None:
             planners[peer.__name__] = peer
     times: dict[str, list[float]] = {name: [] for name in planners}
     ratios: dict[str, list[float]] = {name: [] for name in planners}
-    for k, query in enumerate(queries):
-        optimum = shortest_length(*query)
+    optima = [shortest_length(*query) for query in queries]
+    for k, (query, optimum) in enumerate(zip(queries, optima, strict=True)):
         for name, run in planners.items():
             if name in ("scikit_image", "python_pathfinding") and k >= slow_queries:
                 continue
@@ -250,13 +250,12 @@ def bench_chain(bars: list, frame: GridFrame, scenes: int = 8) -> None:
         ("LazyThetaStar", LazyThetaStar()),
     ):
         grid, subgoals, times = OccupancyGrid(), PlannerSubgoals(planner), []
+        first = frames[0].clone()
+        before = subgoals._reset(first.empty(), grid._reset(first.empty(), first))
         for k in range(300):
             now = frames[k % 10].clone()
             begin = time.perf_counter()
-            if k == 0:
-                now = subgoals._reset(now.empty(), grid._reset(now.empty(), now))
-            else:
-                now = subgoals._step(before, grid._step(before, now))  # noqa: F821
+            now = subgoals._step(before, grid._step(before, now))
             times.append(time.perf_counter() - begin)
             before = now
         row(f"occupancy and {name}", times[10:])

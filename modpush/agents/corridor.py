@@ -67,6 +67,19 @@ def corridor_cost(
     return cost
 
 
+def outside(frame: GridFrame, low: tuple[float, float], high: tuple[float, float]) -> Tensor:
+    """Which cells lie outside of a rectangle on the table, `[H, W]` bool.
+
+    Args:
+        frame: The grid's frame.
+        low: Lower corner (x, y) [m].
+        high: Upper corner (x, y) [m].
+    """
+    grid = torch.meshgrid(torch.arange(frame.width), torch.arange(frame.height), indexing="xy")
+    position = frame.to_metre(torch.stack(grid, -1).float())
+    return ((position < torch.tensor(low)) | (position > torch.tensor(high))).any(-1)
+
+
 def corridor_path(
     distance: Tensor, cost: Tensor, start: Tensor, goal: Tensor, points: int, neighbours: int = 8
 ) -> Tensor:
@@ -104,58 +117,6 @@ def least_clearance(distance: NDArray, u0: float, v0: float, u1: float, v1: floa
         if 0 <= i < distance.shape[1] and 0 <= j < distance.shape[0]:
             least = min(least, distance[j, i])
     return least
-
-
-@njit(cache=True, nogil=True)
-def _clearance_at(distance: NDArray, u: int, v: int) -> float:
-    i = min(max(u, 0), distance.shape[1] - 1)
-    j = min(max(v, 0), distance.shape[0] - 1)
-    return distance[j, i]
-
-
-@njit(cache=True, nogil=True)
-def away_from_obstacles(distance: NDArray, u: float, v: float) -> tuple[float, float, float]:
-    """Where to go to get away from the nearest obstacle.
-
-    Args:
-        distance: `[H, W]` float32, to obstacles [cells].
-        u: Column [px].
-        v: Row [px].
-
-    Returns:
-        A unit vector (u, v), zero where there is no obstacle, and the distance [cells].
-    """
-    i, j = int(np.rint(u)), int(np.rint(v))
-    here = _clearance_at(distance, i, j)
-    if not np.isfinite(here):
-        return 0.0, 0.0, np.inf
-    du = _clearance_at(distance, i + 2, j) - _clearance_at(distance, i - 2, j)
-    dv = _clearance_at(distance, i, j + 2) - _clearance_at(distance, i, j - 2)
-    length = np.sqrt(du * du + dv * dv)
-    if length < 1e-6:
-        return 0.0, 0.0, here
-    return du / length, dv / length, here
-
-
-def repulsion(distance: list[NDArray], position: Tensor, reach: float, frame: GridFrame) -> Tensor:
-    """A push away from obstacles that grows from 0 at `reach` to 1 at contact.
-
-    Args:
-        distance: For each scene `[H, W]` float32 [cells].
-        position: `[B, 2]` (x, y) [m].
-        reach: [m]; 0 for none at all.
-        frame: The grid's frame.
-
-    Returns:
-        `[B, 2]`.
-    """
-    pixel = frame.to_pixel(position.double()).tolist()
-    pushes = []
-    for b, (u, v) in enumerate(pixel):
-        du, dv, cells = away_from_obstacles(distance[b], u, v)
-        share = max(0.0, 1.0 - cells * frame.cell_size / reach) if reach > 0 else 0.0
-        pushes.append([-dv * share, -du * share])  # up in the image is +x, left is +y
-    return torch.tensor(pushes, dtype=position.dtype).reshape(-1, 2)
 
 
 @njit(cache=True, nogil=True)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
-from torchrl.data import Binary, Composite, Unbounded
+from torchrl.data import Composite
 from torchrl.envs.transforms import TensorDictPrimer
 
 from modpush.agents.corridor import (
@@ -17,11 +17,13 @@ from modpush.agents.corridor import (
     corridor_cost,
     corridor_path,
     obstacle_distance,
-    repulsion,
+    outside,
     to_targets,
 )
 from modpush.agents.corridor_config import CorridorConfig
+from modpush.agents.corridor_state import state_spec
 from modpush.agents.push_motion import direction_of, face_way, push_direction, unit
+from modpush.agents.tool_way import clearances_at, make_room, repulsion, way_behind
 from modpush.agents.von_mises import (
     activations,
     posterior,
@@ -30,7 +32,7 @@ from modpush.agents.von_mises import (
     wrap_angle,
     wrap_angle_faithful,
 )
-from modpush.planners import GridFrame, OccupancyMap
+from modpush.planners import GridFrame, LazyThetaStar, OccupancyMap
 
 
 class PushingCorridorController(TensorDictModuleBase):
@@ -100,6 +102,7 @@ class PushingCorridorController(TensorDictModuleBase):
         ]
         self.out_keys = [action_key, state_key, ("next", state_key)]
         self._obstacles = OccupancyMap(self.frame)
+        self._navigator = LazyThetaStar()
         self._known: dict[int, tuple[NDArray[Any], NDArray[Any]]] = {}
 
     def __getstate__(self) -> dict[str, Any]:
@@ -107,27 +110,7 @@ class PushingCorridorController(TensorDictModuleBase):
 
     def state_spec(self, batch: tuple[int, ...]) -> Composite:
         """Spec of the state for a batch of scenes, `Composite` of shape `batch`."""
-        shapes = {
-            "path": (self.config.path_points, 2),
-            "goal": (2,),
-            "target": (2,),
-            "object_position": (2,),
-            "alpha": (1,),
-            "alphas": (self.config.window,),
-            "alpha_count": (1,),
-            "gamma": (1,),
-            "gamma_sum": (2,),
-            "gamma_count": (1,),
-            "tool_position": (2,),
-            "still": (1,),
-            "escape": (1,),
-        }
-        leaves: dict[str, Any] = {
-            key: Unbounded(shape=(*batch, *shape), dtype=torch.float32)
-            for key, shape in shapes.items()
-        }
-        leaves["started"] = Binary(shape=(*batch, 1), dtype=torch.bool)
-        return Composite(leaves, shape=batch)
+        return state_spec(self.config, batch)
 
     def make_tensordict_primer(self) -> TensorDictPrimer:
         """A transform that gives an env the state's spec, zero at every reset."""
@@ -229,6 +212,9 @@ class PushingCorridorController(TensorDictModuleBase):
             self.config.outer_zone * cells,
             self.config.weights,
         )
+        if self.config.workspace is not None:
+            beyond = outside(self.frame, *self.config.workspace)
+            cost = torch.where(beyond, self.config.weights[2], cost)
         path = corridor_path(
             distance,
             cost,
@@ -276,11 +262,10 @@ class PushingCorridorController(TensorDictModuleBase):
             config.path_step,
             self.frame,
         )
-        if config.lean > 0:
-            reach = float(radius.max()) * config.inner_zone
-            push_off = repulsion(distances, position, reach, self.frame)
-            way = target - position
-            target = position + way + config.lean * way.norm(dim=-1, keepdim=True) * push_off
+        if config.contact > 0:
+            target = make_room(
+                distances, position, target, radius, config.contact, config.tool_room, self.frame
+            )
         alpha = wrap(direction_of(position - tool) - direction_of(target - position))
         push, relocate, alpha_p = self._activate(state, alpha)
         distance = (position - tool).norm(dim=-1)
@@ -295,6 +280,7 @@ class PushingCorridorController(TensorDictModuleBase):
             state["gamma_count"].squeeze(-1) > 0,
             self.config,
         )
+        velocity = self._navigate(velocity, relocate, distances, position, target, tool, radius)
         velocity = self._keep_off(state, distances, velocity, relocate, position, tool)
         heading = direction_of(velocity) - self._correction(state)
         state["object_position"] = position
@@ -304,6 +290,36 @@ class PushingCorridorController(TensorDictModuleBase):
         state["started"] = torch.ones_like(state["started"])
         action = torch.stack([heading.cos(), heading.sin(), torch.zeros_like(heading)], -1)
         return action * self.config.step
+
+    def _navigate(
+        self,
+        velocity: Tensor,
+        relocate: Tensor,
+        distances: list[NDArray[Any]],
+        position: Tensor,
+        target: Tensor,
+        tool: Tensor,
+        radius: Tensor,
+    ) -> Tensor:
+        """The planned way behind the object, in place of the circle, where the tool must go."""
+        clear = clearances_at(distances, position, self.frame)
+        tight = (clear < self.config.navigate) & (relocate >= self.config.inversion)
+        rows = tight.nonzero().squeeze(-1)
+        if not len(rows):
+            return velocity
+        ahead = way_behind(
+            self._navigator,
+            [distances[b] for b in rows.tolist()],
+            position[rows],
+            target[rows],
+            tool[rows],
+            radius[rows] + self.config.near,
+            self.config.tool_room,
+            self.frame,
+        )
+        velocity = velocity.clone()
+        velocity[rows] = ahead - tool[rows]
+        return velocity
 
     def _keep_off(
         self,

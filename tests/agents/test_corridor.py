@@ -6,15 +6,21 @@ import scipy.ndimage as ndi
 import torch
 
 from modpush.agents.corridor import (
-    away_from_obstacles,
     corridor_cost,
     corridor_path,
     least_clearance,
     look_ahead,
     obstacle_distance,
-    repulsion,
+    outside,
 )
-from modpush.planners import GridFrame
+from modpush.agents.tool_way import (
+    away_from_obstacles,
+    clearances_at,
+    repulsion,
+    turn_to_room,
+    way_behind,
+)
+from modpush.planners import GridFrame, LazyThetaStar
 
 
 def wall(height=40, width=60, rows=slice(18, 22), columns=slice(0, 40)):
@@ -39,9 +45,7 @@ def test_costs_by_hand():
 
 def plan(blocked, start, goal, inner=2.0, outer=5.0, points=64):
     distance = torch.from_numpy(obstacle_distance(blocked))[None]
-    cost = corridor_cost(
-        distance, torch.tensor([inner]), torch.tensor([outer]), (1.0, 50.0, 200.0)
-    )
+    cost = corridor_cost(distance, torch.tensor([inner]), torch.tensor([outer]), (1.0, 50.0, 200.0))
     ends = torch.tensor([start], dtype=torch.float32), torch.tensor([goal], dtype=torch.float32)
     return corridor_path(distance, cost, *ends, points)[0].numpy()
 
@@ -93,12 +97,31 @@ def test_repulsion_turns_pixels_into_metres():
 LIMITS = (5.0, 2.0, 1.0)
 
 
-def ahead(blocked, path, position, tool=(0.0, 0.0), previous=(9.0, 9.0), first=False,
-          relative=False, limits=LIMITS, behind=4.0, room=0.0, step=5):
+def ahead(
+    blocked,
+    path,
+    position,
+    tool=(0.0, 0.0),
+    previous=(9.0, 9.0),
+    first=False,
+    relative=False,
+    limits=LIMITS,
+    behind=4.0,
+    room=0.0,
+    step=5,
+):
     return look_ahead(
-        obstacle_distance(blocked), np.asarray(path, float), np.asarray(position, float),
-        np.asarray(tool, float), np.asarray(previous, float), first, behind, limits, relative,
-        room, step,
+        obstacle_distance(blocked),
+        np.asarray(path, float),
+        np.asarray(position, float),
+        np.asarray(tool, float),
+        np.asarray(previous, float),
+        first,
+        behind,
+        limits,
+        relative,
+        room,
+        step,
     )
 
 
@@ -163,3 +186,62 @@ def test_at_first_points_are_skipped_whose_place_behind_is_blocked():
     limits = (1.0, 0.5, 0.2)
     assert ahead(wall(), path, (10, 14), first=False, limits=limits) == (10, 2)
     assert ahead(wall(), path, (10, 14), first=True, limits=limits) == (10, 9)
+
+
+def test_a_target_without_room_behind_is_turned_just_so_far_that_there_is():
+    # 6 cells above the wall, to be pushed straight up: the tool would stand 5 further down, 1 off
+    # the wall, and needs 3. At 45 degrees it stands 5 cos 45 = 3.5 down, 2.5 off; at 60 degrees
+    # 2.5 down, 3.5 off.
+    distance = obstacle_distance(wall())
+    position, target = np.array([20.0, 12.0]), np.array([20.0, 2.0])
+    u, v = turn_to_room(distance, position, target, 5.0, 3.0, 4.0, 2.0)
+    assert np.hypot(u - 20, v - 12) == pytest.approx(10)
+    assert abs(np.degrees(np.arctan2(u - 20, 12 - v))) == pytest.approx(60)
+    # Away from walls nothing is turned; nor where no turn makes room.
+    assert turn_to_room(distance, position, target, 3.0, 3.0, 4.0, 2.0) == pytest.approx((20, 2))
+    assert turn_to_room(distance, position, target, 5.0, 30.0, 4.0, 2.0) == pytest.approx((20, 2))
+
+
+def test_a_turned_target_does_not_lead_into_an_obstacle():
+    distance = obstacle_distance(wall())
+    # To be pushed down into the wall: turned until 4 cells ahead keep 2 cells off it.
+    position, target = np.array([20.0, 14.0]), np.array([20.0, 24.0])
+    _, v = turn_to_room(distance, position, target, 5.0, 1.0, 4.0, 2.0)
+    ahead = 14 + 0.4 * (v - 14)
+    assert distance[round(ahead), 20] >= 2
+    assert ahead > 14
+
+
+def test_the_tool_s_way_behind_leads_round_the_object():
+    frame = GridFrame(height=40, width=60)
+    size, none = frame.cell_size, np.full((40, 60), np.inf, np.float32)
+    position = frame.to_metre(torch.tensor([[30.0, 20.0]]))
+    target = frame.to_metre(torch.tensor([[50.0, 20.0]]))
+    tool = frame.to_metre(torch.tensor([[45.0, 20.0]]))  # on the wrong side
+    keep_off = torch.tensor([8 * size])
+    trail = []
+    for _ in range(40):
+        ahead = way_behind(LazyThetaStar(), [none], position, target, tool, keep_off, 0.0, frame)
+        step = ahead - tool
+        tool = tool + step * (1.5 * size / step.norm().clamp_min(1.5 * size))
+        trail.append(frame.to_pixel(tool)[0])
+    away = (torch.stack(trail) - torch.tensor([30.0, 20.0])).norm(dim=-1)
+    assert away.min() > 6.5
+    assert trail[-1][0] < 30 - 6
+    assert abs(trail[-1][1] - 20) < 3
+
+
+def test_clearances_in_metres():
+    frame = GridFrame(height=40, width=60)
+    spots = frame.to_metre(torch.tensor([[10.0, 14.0], [10.0, -30.0]]))
+    clear = clearances_at([obstacle_distance(wall())] * 2, spots, frame)
+    assert clear.tolist() == pytest.approx([4 * frame.cell_size, 18 * frame.cell_size], rel=1e-3)
+
+
+def test_cells_outside_of_a_rectangle():
+    frame = GridFrame()
+    beyond = outside(frame, (0.20, -0.35), (0.75, 0.35))
+    inside = frame.to_pixel(torch.tensor([[0.21, -0.34], [0.74, 0.34], [0.5, 0.0]])).round().int()
+    off = frame.to_pixel(torch.tensor([[0.19, 0.0], [0.76, 0.0], [0.5, 0.36], [0.5, -0.36]]))
+    assert not any(beyond[v, u] for u, v in inside)
+    assert all(beyond[v, u] for u, v in off.round().int())

@@ -71,14 +71,14 @@ def random_world(count, seed, boxes=()):
     return PointPusher(start, goal, tool, boxes)
 
 
-@pytest.mark.parametrize("config", [CorridorConfig(), faithful_config()], ids=["ours", "faithful"])
-def test_pushes_a_disc_to_its_goal_in_free_space(config):
-    success, _ = run(random_world(10, 0), PushingCorridorController(config))
-    assert success.float().mean() >= 0.9
+@pytest.mark.parametrize(("config", "scenes"), [(CorridorConfig(), 6), (faithful_config(), 2)])
+def test_pushes_a_disc_to_its_goal_in_free_space(config, scenes):
+    success, _ = run(random_world(scenes, 0), PushingCorridorController(config))
+    assert success.all()
 
 
 def test_pushes_a_disc_through_a_gap():
-    world = random_world(8, 1, GAP)
+    world = random_world(4, 1, GAP)
     success, tensordict = run(world, PushingCorridorController())
     assert success.float().mean() >= 0.75
     path = tensordict["next", "corridor", "path"]
@@ -132,7 +132,7 @@ def test_a_new_episode_begins_anew_and_leaves_the_others_alone(how):
         new["goal_position"][1] += 0.01
     out = controller(new.clone())["next", "corridor"]
     fresh = controller(new.exclude("corridor"))["next", "corridor"]
-    for key in out.keys():
+    for key in set(fresh.keys()):
         torch.testing.assert_close(out[key][1], fresh[key][1], msg=str(key))
     torch.testing.assert_close(out["path"][1, 0], world.object[1], atol=1e-4, rtol=0)
     for b in (0, 2):
@@ -144,9 +144,9 @@ def test_inputs_and_the_old_state_are_left_alone():
     _, second = two_steps(controller)
     before, state = second.clone(), second["corridor"]
     controller(second)
-    for key in before.exclude("corridor").keys():
+    for key in set(before.keys()) - {"corridor"}:
         assert torch.equal(before[key], second[key]), key
-    for key in state.keys():
+    for key in set(state.keys()):
         assert torch.equal(before["corridor", key], state[key]), key
 
 

@@ -152,5 +152,7 @@ def test_near_the_preferred_angle_the_way_to_it_counts():
 
 def test_the_density_that_activations_compare_integrates_to_one():
     kappa = 3.37
-    total, _ = quad(lambda a: math.exp(kappa * math.cos(a)) / (2 * math.pi * i0(kappa)), -math.pi, math.pi)
+    total, _ = quad(
+        lambda a: math.exp(kappa * math.cos(a)) / (2 * math.pi * i0(kappa)), -math.pi, math.pi
+    )
     assert total == pytest.approx(1.0)
