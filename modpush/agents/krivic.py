@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
-from torchrl.data import Binary, Composite, Unbounded
+from torchrl.data import Composite
 from torchrl.envs.transforms import TensorDictPrimer
 
 from modpush.agents.corridor import (
@@ -21,6 +21,7 @@ from modpush.agents.corridor import (
     to_targets,
 )
 from modpush.agents.corridor_config import CorridorConfig
+from modpush.agents.corridor_state import state_spec
 from modpush.agents.push_motion import direction_of, face_way, push_direction, unit
 from modpush.agents.tool_way import clearances_at, make_room, repulsion, way_behind
 from modpush.agents.von_mises import (
@@ -109,27 +110,7 @@ class PushingCorridorController(TensorDictModuleBase):
 
     def state_spec(self, batch: tuple[int, ...]) -> Composite:
         """Spec of the state for a batch of scenes, `Composite` of shape `batch`."""
-        shapes = {
-            "path": (self.config.path_points, 2),
-            "goal": (2,),
-            "target": (2,),
-            "object_position": (2,),
-            "alpha": (1,),
-            "alphas": (self.config.window,),
-            "alpha_count": (1,),
-            "gamma": (1,),
-            "gamma_sum": (2,),
-            "gamma_count": (1,),
-            "tool_position": (2,),
-            "still": (1,),
-            "escape": (1,),
-        }
-        leaves: dict[str, Any] = {
-            key: Unbounded(shape=(*batch, *shape), dtype=torch.float32)
-            for key, shape in shapes.items()
-        }
-        leaves["started"] = Binary(shape=(*batch, 1), dtype=torch.bool)
-        return Composite(leaves, shape=batch)
+        return state_spec(self.config, batch)
 
     def make_tensordict_primer(self) -> TensorDictPrimer:
         """A transform that gives an env the state's spec, zero at every reset."""

@@ -71,14 +71,14 @@ def random_world(count, seed, boxes=()):
     return PointPusher(start, goal, tool, boxes)
 
 
-@pytest.mark.parametrize("config", [CorridorConfig(), faithful_config()], ids=["ours", "faithful"])
-def test_pushes_a_disc_to_its_goal_in_free_space(config):
-    success, _ = run(random_world(10, 0), PushingCorridorController(config))
-    assert success.float().mean() >= 0.9
+@pytest.mark.parametrize(("config", "scenes"), [(CorridorConfig(), 6), (faithful_config(), 2)])
+def test_pushes_a_disc_to_its_goal_in_free_space(config, scenes):
+    success, _ = run(random_world(scenes, 0), PushingCorridorController(config))
+    assert success.all()
 
 
 def test_pushes_a_disc_through_a_gap():
-    world = random_world(8, 1, GAP)
+    world = random_world(4, 1, GAP)
     success, tensordict = run(world, PushingCorridorController())
     assert success.float().mean() >= 0.75
     path = tensordict["next", "corridor", "path"]

@@ -77,5 +77,5 @@ def test_the_page_on_evaluation_runs(
     code = page.split("```python\n")[1].split("```")[0]
     monkeypatch.chdir(tmp_path)
     exec(compile(code, "docs/evaluation.md", "exec"), {"__name__": "page"})
-    assert "| mine | 10 |" in capsys.readouterr().out
+    assert "| mine | 4 |" in capsys.readouterr().out
     assert (tmp_path / "runs" / "mine" / "episodes.csv").exists()

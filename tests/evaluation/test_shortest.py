@@ -65,12 +65,12 @@ def test_every_episode_of_the_hard_sets_has_a_way() -> None:
 
 def test_it_is_what_the_planner_says_at_reset() -> None:
     smoke = load_set("smoke")
+    chosen = [smoke.scenarios[n] for n in (3, 8, 9, 18)]  # slot, hard scenes; three objects
     env = TransformedEnv(
-        PushEnv(20, pushed_object=smoke.objects),
+        PushEnv(len(chosen), pushed_object=smoke.objects),
         OccupancyGrid(object_radius_key="object_radius"),
     )
     env.append_transform(PlannerSubgoals(LazyThetaStar()))
-    said = env.reset(scenarios=list(smoke))["path_length"].flatten().tolist()
+    said = env.reset(scenarios=chosen)["path_length"].flatten().tolist()
     env.close()
-    ours = [shortest_path(s)[1] for s in smoke]
-    np.testing.assert_allclose(said, ours, rtol=0.02)
+    np.testing.assert_allclose(said, [shortest_path(s)[1] for s in chosen], rtol=0.02)
