@@ -27,7 +27,7 @@ def motion(push, relocate, near, touched, tool=(0.3, 0.0), alpha=0.3, alpha_p=0.
         torch.tensor([relocate]),
         torch.tensor([near]),
         torch.tensor([touched]),
-        config or CorridorConfig(),
+        config or CorridorConfig(inversion=0.6),
     )[0].tolist()
 
 
