@@ -34,6 +34,7 @@ check: setup
 	$(BIN)/mypy
 
 bench: setup
+	$(BIN)/pip install --quiet -c constraints.txt -e '.[bench]'
 	for file in benchmarks/bench_*.py; do $(BIN)/python $$file || exit 1; done
 
 renderer:
