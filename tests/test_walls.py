@@ -14,7 +14,7 @@ ROOT = Path(modpush.__file__).parent
 ROOMS = ("planners", "encoders", "agents", "replay", "evaluation", "envs")
 MAY_KNOW = {
     "planners": {"planners"},
-    "encoders": {"encoders"},
+    "encoders": {"encoders", "planners"},
     "agents": {"agents", "planners"},
     "replay": {"replay"},
     "envs": {"envs"},

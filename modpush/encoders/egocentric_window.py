@@ -1,0 +1,143 @@
+"""`EgocentricWindow`: the local window around the object, as a TorchRL transform."""
+
+from typing import Literal, get_args
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from torch import Tensor
+from torchrl.data import Bounded, TensorSpec
+from torchrl.envs import Transform
+
+from modpush.encoders.window import (
+    MAX_HEIGHT,
+    WINDOW_SIZE,
+    Outside,
+    check_options,
+    egocentric_window,
+)
+from modpush.planners.grid import GridFrame
+
+__all__ = ["EgocentricWindow", "WindowFrame"]
+
+WindowFrame = Literal["object", "path", "base"]
+
+
+class EgocentricWindow(Transform):
+    """Writes the height map around the object, with object and robot removed.
+
+    Up in the window (towards row 0) is +x of the frame, left (towards column 0) is +y, the object's
+    centre is in the middle. See `egocentric_window` for what a value means.
+
+    Args:
+        frame: Axes of the window: the object's own (`"object"`, the paper's), x from the object to
+            the present sub-goal (`"path"`; where the two coincide, the base frame's), or the robot
+            base's (`"base"`).
+        size: Side of the window [px]; a pixel is 3.56 mm on the table.
+        outside: Whether what lies beyond the image is `"free"` or `"blocked"`.
+        max_height: Height over the table that is shown as 1 [m].
+        upright: Draw heights where they stand, rather than where the camera sees them.
+        camera: The camera.
+        depth_key: Read, `[..., 1, H, W]` float32 [m].
+        segmentation_key: Read, `[..., 1, H, W]` uint8: 0 table, 1 pushed object, 2 obstacle, 3
+            robot. None removes nothing.
+        object_pose_key: Read, `[..., 3]` (x, y, yaw) in the base frame [m, rad].
+        subgoal_key: Read with `frame="path"`, `[..., 2]` in the base frame [m].
+        window_key: Written, `[..., 1, size, size]` float32 in [0, 1], 0 is free.
+
+    Raises:
+        ValueError: For options that are unknown or out of range.
+    Source: Sec. IV-A of the paper.
+    """
+
+    def __init__(
+        self,
+        frame: WindowFrame = "object",
+        size: int = WINDOW_SIZE,
+        outside: Outside = "free",
+        max_height: float = MAX_HEIGHT,
+        *,
+        upright: bool = True,
+        camera: GridFrame | None = None,
+        depth_key: NestedKey = "depth",
+        segmentation_key: NestedKey | None = "segmentation",
+        object_pose_key: NestedKey = "object_pose",
+        subgoal_key: NestedKey = "subgoal",
+        window_key: NestedKey = "window",
+    ) -> None:
+        if frame not in get_args(WindowFrame):
+            raise ValueError(
+                f"EgocentricWindow: frame must be one of {get_args(WindowFrame)}, got {frame!r}."
+            )
+        self.camera = camera or GridFrame()
+        check_options("EgocentricWindow", size, max_height, outside, self.camera.camera_z)
+        self.frame, self.size, self.outside = frame, size, outside
+        self.max_height, self.upright = max_height, upright
+        self.depth_key, self.segmentation_key = depth_key, segmentation_key
+        self.object_pose_key, self.subgoal_key = object_pose_key, subgoal_key
+        self.window_key = window_key
+        in_keys = [depth_key, object_pose_key]
+        if segmentation_key is not None:
+            in_keys.append(segmentation_key)
+        if frame == "path":
+            in_keys.append(subgoal_key)
+        super().__init__(in_keys=in_keys, out_keys=[window_key])
+
+    def _pose(self, tensordict: TensorDictBase) -> Tensor:
+        """`[B, 3]` of the window's frame."""
+        pose = tensordict.get(self.object_pose_key).reshape(-1, 3)
+        if self.frame == "object":
+            return pose
+        if self.frame == "base":
+            return torch.cat([pose[:, :2], torch.zeros_like(pose[:, 2:])], -1)
+        way = tensordict.get(self.subgoal_key).reshape(-1, 2) - pose[:, :2]
+        return torch.cat([pose[:, :2], torch.atan2(way[:, 1:], way[:, :1])], -1)
+
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        for key in self.in_keys:
+            if next_tensordict.get(key, None) is None:
+                raise KeyError(
+                    f"EgocentricWindow: {key!r} is missing; there is "
+                    f"{sorted(map(str, next_tensordict.keys(True, True)))}."
+                )
+        depth = next_tensordict.get(self.depth_key)
+        expected = (1, self.camera.height, self.camera.width)
+        if depth.shape[-3:] != expected:
+            raise ValueError(
+                f"EgocentricWindow: {self.depth_key!r} must be [..., 1, H, W] = "
+                f"[..., {', '.join(map(str, expected))}], got {list(depth.shape)}."
+            )
+        labels = None
+        if self.segmentation_key is not None:
+            labels = next_tensordict.get(self.segmentation_key).reshape(-1, *expected[1:])
+        window = egocentric_window(
+            depth.reshape(-1, *expected[1:]),
+            labels,
+            self._pose(next_tensordict),
+            size=self.size,
+            max_height=self.max_height,
+            outside=self.outside,
+            upright=self.upright,
+            camera=self.camera,
+        )
+        next_tensordict.set(self.window_key, window.reshape(*depth.shape[:-3], *window.shape[1:]))
+        return next_tensordict
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        return self._call(tensordict_reset)
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Write the windows of stored data."""
+        return self._call(tensordict)
+
+    def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
+        """Add the window."""
+        observation_spec[self.window_key] = Bounded(
+            low=0.0,
+            high=1.0,
+            shape=(*observation_spec.shape, 1, self.size, self.size),
+            dtype=torch.float32,
+            device=observation_spec.device,
+        )
+        return observation_spec

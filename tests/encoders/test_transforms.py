@@ -1,0 +1,233 @@
+"""EgocentricWindow and Encode as TorchRL transforms: on envs, in workers, on stored data."""
+
+from functools import partial
+
+import pytest
+import torch
+from tensordict import TensorDict
+from torchrl.data import LazyTensorStorage, ReplayBuffer
+from torchrl.envs import Compose, ParallelEnv, SerialEnv, TransformedEnv, check_env_specs
+from torchrl.envs.transforms import RenameTransform
+
+from modpush.encoders import (
+    ConvEncoder,
+    DepthVAE,
+    EgocentricWindow,
+    Encode,
+    RayScan,
+    egocentric_window,
+)
+from modpush.envs import PushEnv
+from modpush.planners import GridFrame, OccupancyGrid, PlannerSubgoals, StraightLine
+from tests.planners.table_scene import TableEnv
+
+SMALL = GridFrame(height=64, width=64)
+
+
+def small_transform(**options):
+    return Compose(EgocentricWindow("base", size=16, camera=SMALL, **options), Encode(SmallScan()))
+
+
+class SmallScan(RayScan):
+    def __init__(self):
+        super().__init__(8, window_size=16, pixel_size=SMALL.cell_size)
+
+
+def make_env(num_envs=None):
+    return TransformedEnv(TableEnv(num_envs), small_transform())
+
+
+def steer(tensordict):
+    return tensordict.set("action", torch.tensor([0.3, 1.0]).expand(*tensordict.batch_size, 2))
+
+
+@pytest.fixture(scope="module")
+def push_env():
+    env = PushEnv(3, scene="random_clutter", clearance=0.0, seed=0)
+    yield env
+    env.close()
+
+
+@pytest.mark.parametrize("num_envs", [None, 1, 3])
+def test_specs_hold(num_envs):
+    check_env_specs(make_env(num_envs))
+
+
+@pytest.mark.parametrize("encoder", [DepthVAE, RayScan, ConvEncoder])
+def test_specs_hold_on_a_push_env(push_env, encoder):
+    env = TransformedEnv(push_env, Compose(EgocentricWindow(), Encode(encoder())))
+    check_env_specs(env)
+    assert env.reset()["latent"].shape == (3, 32)
+
+
+@pytest.mark.parametrize("batched", [SerialEnv, ParallelEnv])
+def test_the_same_in_workers(batched):
+    alone = make_env().rollout(6, steer, break_when_any_done=False)
+    env = batched(2, make_env)
+    try:
+        rollout = env.rollout(6, steer, break_when_any_done=False)
+        for key in ("window", "latent"):
+            for worker in range(2):
+                assert torch.equal(rollout[worker][key], alone[key])
+    finally:
+        env.close()
+
+
+@pytest.mark.parametrize("frame", ["object", "path", "base"])
+def test_every_step_shows_that_step(push_env, frame):
+    plan = Compose(
+        OccupancyGrid(object_radius_key="object_radius"), PlannerSubgoals(StraightLine())
+    )
+    env = TransformedEnv(push_env, Compose(plan, EgocentricWindow(frame)))
+    rollout = env.rollout(4, break_when_any_done=False)
+    for data in (rollout, rollout["next"]):
+        flat = data.reshape(-1)
+        pose = flat["object_pose"].clone()
+        if frame == "path":
+            way = flat["subgoal"] - pose[:, :2]
+            pose[:, 2] = torch.atan2(way[:, 1], way[:, 0])
+        elif frame == "base":
+            pose[:, 2] = 0.0
+        expected = egocentric_window(flat["depth"][:, 0], flat["segmentation"][:, 0], pose)
+        assert torch.equal(flat["window"], expected)
+        assert (expected > 0).any()
+
+
+def test_in_the_path_frame_the_sub_goal_is_up():
+    depth = torch.full((1, 1, 64, 64), 1.1)
+    bar = SMALL.to_pixel(torch.tensor([0.60, 0.10])).round().long()
+    depth[0, 0, bar[1], bar[0]] = 1.05
+    data = TensorDict(
+        depth=depth,
+        object_pose=torch.tensor([[0.60, 0.0, 2.0]]),
+        subgoal=torch.tensor([[0.60, 0.2]]),
+        batch_size=[1],
+    )
+    transform = EgocentricWindow("path", 16, segmentation_key=None, camera=SMALL, upright=False)
+    row, column = transform(data)["window"][0, 0].nonzero().double().mean(0)
+    assert row < 3
+    assert column == pytest.approx(7.5, abs=1)
+
+
+def test_partial_resets_leave_the_other_scenes_alone(push_env):
+    env = TransformedEnv(push_env, Compose(EgocentricWindow(), Encode(RayScan())))
+    before = env.rollout(2, break_when_any_done=False)[:, -1]["next"]
+    mask = torch.tensor([[False], [True], [False]])
+    after = env.reset(TensorDict({"_reset": mask}, batch_size=[3]).update(before))
+    for key in ("window", "latent"):
+        for scene in (0, 2):
+            assert torch.equal(after[key][scene], before[key][scene])
+    expected = egocentric_window(
+        after["depth"][1], after["segmentation"][1], after["object_pose"][1:2]
+    )
+    assert torch.equal(after["window"][1:2], expected)
+
+
+def test_stored_data_come_out_as_they_went_in():
+    rollout = make_env(2).rollout(5, steer, break_when_any_done=False).reshape(-1).exclude("next")
+    buffer = ReplayBuffer(storage=LazyTensorStorage(10), batch_size=8, transform=small_transform())
+    bare = rollout.exclude("window", "latent").set("row", torch.arange(10))
+    buffer.extend(bare)
+    sample = buffer.sample()
+    for key in ("window", "latent"):
+        assert torch.equal(sample[key], rollout[key][sample["row"]])
+
+
+def test_keys_can_be_renamed_and_nested():
+    env = TransformedEnv(
+        TableEnv(2),
+        Compose(
+            RenameTransform(
+                ["depth", "segmentation", "object_pose"],
+                [("eye", "depth"), ("eye", "seg"), ("state", "pose")],
+            ),
+            EgocentricWindow(
+                "base",
+                size=16,
+                camera=SMALL,
+                depth_key=("eye", "depth"),
+                segmentation_key=("eye", "seg"),
+                object_pose_key=("state", "pose"),
+                window_key=("eye", "window"),
+            ),
+            Encode(SmallScan(), window_key=("eye", "window"), latent_key=("agent", "latent")),
+        ),
+    )
+    assert torch.equal(env.reset()["agent", "latent"], make_env(2).reset()["latent"])
+    check_env_specs(env)
+
+
+def test_encoding_is_in_eval_mode_and_leaves_the_mode_as_it_was():
+    vae = DepthVAE().train()
+    data = TensorDict(window=torch.rand(4, 1, 64, 64), batch_size=[4])
+    together = Encode(vae)(data.clone())["latent"]
+    alone = Encode(vae)(data[:1].clone())["latent"]
+    torch.testing.assert_close(together[:1], alone)  # no statistics of the batch
+    assert vae.training
+    assert all(module.training for module in vae.modules())
+
+
+def test_gradients_flow_only_if_asked():
+    data = TensorDict(window=torch.rand(2, 1, 64, 64), batch_size=[2])
+    conv = ConvEncoder(8)
+    assert not Encode(conv)(data.clone())["latent"].requires_grad
+    latent = Encode(conv, grad=True)(data.clone())["latent"]
+    latent.square().sum().backward()
+    assert all(p.grad is not None and p.grad.isfinite().all() for p in conv.parameters())
+
+
+def test_more_than_one_batch_dimension():
+    window = torch.rand(2, 3, 1, 64, 64)
+    data = Encode(RayScan(5))(TensorDict(window=window, batch_size=[2, 3]))
+    assert torch.equal(data["latent"].flatten(0, 1), RayScan(5)(window.flatten(0, 1)))
+
+
+def test_an_encoder_of_ones_own_needs_no_base_class():
+    class Mean(torch.nn.Module):
+        latent_dim = 1
+        window_size = 8
+
+        def forward(self, window):
+            return window.mean((1, 2, 3))[:, None]
+
+    out = Encode(Mean())(TensorDict(window=torch.ones(2, 1, 8, 8), batch_size=[2]))
+    assert out["latent"].tolist() == [[1.0], [1.0]]
+
+
+@pytest.mark.parametrize(
+    ("window", "error", "message"),
+    [
+        (torch.zeros(1, 1, 32, 32), ValueError, r"\[..., 1, 64, 64\], got \[1, 1, 32, 32\]"),
+        (torch.zeros(1, 1, 64, 64).byte(), TypeError, "must be float32, got torch.uint8"),
+        (torch.full((1, 1, 64, 64), 255.0), ValueError, "in \\[0, 1\\].*from 255 to 255"),
+        (torch.full((1, 1, 64, 64), -0.1), ValueError, "from -0.1 to -0.1"),
+        (torch.full((1, 1, 64, 64), torch.nan), ValueError, "must be finite"),
+    ],
+)
+def test_what_is_no_window_is_refused(window, error, message):
+    with pytest.raises(error, match=message):
+        Encode(RayScan())(TensorDict(window=window, batch_size=[1]))
+
+
+def test_wrong_options_and_missing_keys_are_named():
+    with pytest.raises(ValueError, match=r"frame must be one of \('object', 'path', 'base'\)"):
+        EgocentricWindow("tool")
+    with pytest.raises(ValueError, match="EgocentricWindow: max_height must lie between"):
+        EgocentricWindow(max_height=0.0)
+    with pytest.raises(
+        TypeError, match="Encode: encoder must be a module with an int `latent_dim`"
+    ):
+        Encode(torch.nn.Linear(3, 3))
+    with pytest.raises(KeyError, match="'window' is missing; there is \\['x'\\]"):
+        Encode(RayScan())(TensorDict(x=torch.zeros(1), batch_size=[1]))
+    data = partial(TensorDict, batch_size=[1])
+    with pytest.raises(KeyError, match="'depth' is missing; there is \\['x'\\]"):
+        EgocentricWindow()(data(x=torch.zeros(1)))
+    with pytest.raises(ValueError, match=r"\[..., 1, 256, 256\], got \[1, 1, 8, 8\]"):
+        EgocentricWindow()(
+            data(
+                depth=torch.zeros(1, 1, 8, 8),
+                segmentation=torch.zeros(1, 1, 8, 8).byte(),
+                object_pose=torch.zeros(1, 3),
+            )
+        )
