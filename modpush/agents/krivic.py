@@ -146,7 +146,7 @@ class PushingCorridorController(TensorDictModuleBase):
         if radius is None:
             radius = torch.full((scenes,), self.object_radius)
         radius = radius.detach().cpu().reshape(scenes).float()
-        state = self._begin(tensordict, scenes, goal, position)
+        state = self._begin(tensordict, scenes, goal)
         distances = self._distances(tensordict, scenes)
         self._plan(state, distances, position, goal, radius)
         action = self._act(state, distances, position, tool, radius)
@@ -162,19 +162,19 @@ class PushingCorridorController(TensorDictModuleBase):
         tensordict.set(("next", self.state_key), state.clone())
         return tensordict
 
-    def _begin(
-        self, tensordict: TensorDictBase, scenes: int, goal: Tensor, position: Tensor
-    ) -> TensorDict:
+    def _begin(self, tensordict: TensorDictBase, scenes: int, goal: Tensor) -> TensorDict:
         """The state, zero in all scenes that begin anew, `[scenes]`."""
-        fresh = self.state_spec((scenes,)).zero()
         old = tensordict.get(self.state_key, None)
         if old is None:
-            return fresh
+            return self.state_spec((scenes,)).zero()
         old = old.detach().cpu().reshape(scenes)
         started = old["started"] & (old["goal"] == goal).all(-1, keepdim=True)
         is_init = tensordict.get(self.is_init_key, None)
         if is_init is not None:
             started = started & ~is_init.cpu().reshape(scenes, 1)
+        if started.all():
+            return old.clone()
+        fresh = self.state_spec((scenes,)).zero()
         return torch.where(started.squeeze(-1), old.select(*fresh.keys()), fresh)
 
     def _distances(self, tensordict: TensorDictBase, scenes: int) -> list[NDArray[Any]]:

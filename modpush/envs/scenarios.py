@@ -286,7 +286,8 @@ def _sample_dynamics(
 
 class _Connectivity:
     """Which free places an object can be slid between without ending the episode: on a grid over
-    what the camera sees, and hardly out of the workspace."""
+    what the camera sees, and hardly out of the workspace.
+    """
 
     _LOW = np.array([0.145, -0.455])
     _SHAPE = (91, 91)
