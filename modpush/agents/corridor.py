@@ -199,6 +199,41 @@ def _furthest_clear(
 
 
 @njit(cache=True, nogil=True)
+def _fallback(
+    distance: NDArray,
+    path: NDArray,
+    position: NDArray,
+    tool: NDArray,
+    nearest: int,
+    seen: tuple[int, int, int],
+    behind: float,
+    outer: float,
+    always: bool,
+    room: float,
+    step: int,
+) -> int:
+    """The path's point to push towards where none is seen past the outer zone; -1 for none.
+
+    `seen` is from `_furthest_clear`; with `always` there is one.
+    """
+    _, tight, supertight = seen
+    for k in seen:
+        if k >= 0 and _tool_sees_behind(distance, position, path[k], behind, tool, room):
+            return k
+    ahead = min(nearest + step, path.shape[0] - 1)
+    u, v = path[nearest, 0], path[nearest, 1]
+    if least_clearance(distance, u, v, u, v) > outer and _tool_sees_behind(
+        distance, position, path[nearest], behind, tool, room
+    ):
+        return ahead
+    if tight >= 0:
+        return tight
+    if always:
+        return supertight if supertight >= 0 else ahead
+    return -1
+
+
+@njit(cache=True, nogil=True)
 def look_ahead(
     distance: NDArray,
     path: NDArray,
@@ -243,35 +278,20 @@ def look_ahead(
         near_obstacle = here < outer
         outer, inner, touch = min(outer, here), min(inner, here), min(touch, here)
     nearest = _nearest_point(path, position)
-    free, tight, supertight = _furthest_clear(
-        distance,
-        path,
-        position,
-        nearest,
-        first,
-        behind,
-        (outer, inner, touch),
-        near_obstacle,
-        room,
+    zones = (outer, inner, touch)
+    seen = _furthest_clear(
+        distance, path, position, nearest, first, behind, zones, near_obstacle, room
     )
-    if free >= 0 and not near_obstacle:
-        return path[free, 0], path[free, 1]
-    for k in (free, tight, supertight):
-        if k >= 0 and _tool_sees_behind(distance, position, path[k], behind, tool, room):
-            return path[k, 0], path[k, 1]
-    ahead = min(nearest + step, path.shape[0] - 1)
-    here_u, here_v = path[nearest, 0], path[nearest, 1]
-    if least_clearance(distance, here_u, here_v, here_u, here_v) > outer and _tool_sees_behind(
-        distance, position, path[nearest], behind, tool, room
-    ):
-        return path[ahead, 0], path[ahead, 1]
-    if tight >= 0:
-        return path[tight, 0], path[tight, 1]
-    if relative and supertight >= 0:
-        return path[supertight, 0], path[supertight, 1]
-    if first or relative:
-        return path[ahead, 0], path[ahead, 1]
-    return previous[0], previous[1]
+    k = seen[0]
+    if k < 0 or near_obstacle:
+        k = _fallback(
+            distance, path, position, tool, nearest, seen, behind, outer, relative, room, step
+        )
+    if k < 0 and first:
+        k = min(nearest + step, path.shape[0] - 1)
+    if k < 0:
+        return previous[0], previous[1]
+    return path[k, 0], path[k, 1]
 
 
 def to_targets(
