@@ -21,10 +21,7 @@ import numpy as np
 import torch
 from tensordict import TensorDict
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "planners"))
-
-from planner_reference import family_maps, shortest_length, solvable_maps
-from table_scene import BAR, render, square
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from modpush.planners import (
     SEGMENT_OBJECT,
@@ -42,6 +39,8 @@ from modpush.planners import (
     point_along,
     warmup,
 )
+from tests.planners.planner_reference import family_maps, shortest_length, solvable_maps
+from tests.planners.table_scene import BAR, render, square
 
 clock: Callable[[], float] = time.perf_counter
 Query = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -157,11 +156,11 @@ def bench_batch(queries: list[Query], threads: int) -> None:
     for _ in range(5):
         for batch in batches:
             for count, planner in planners.items():
-                numba.set_num_threads(count)
+                torch.set_num_threads(count)
                 begin = time.perf_counter()
                 planner.plan(*batch)
                 times[count].append(time.perf_counter() - begin)
-    numba.set_num_threads(1)
+    torch.set_num_threads(1)
     for count, values in times.items():
         row("LazyThetaStar.plan, 8 scenes", values, str(count))
 
@@ -276,7 +275,6 @@ def main() -> None:
         clock = time.thread_time
     torch.set_num_threads(1)
     warmup()
-    numba.set_num_threads(1)
     queries = list(solvable_maps(0, arguments.queries))
     for run in (ours(AStar()), pyastar2d):  # load what loads at first use
         if run is not pyastar2d or available(pyastar2d, "pyastar2d"):

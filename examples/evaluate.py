@@ -17,7 +17,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numba
 import pandas as pd
 import torch
 import tyro
@@ -201,7 +200,6 @@ def main(config: EvaluateConfig) -> None:
     """Run every policy on every set."""
     # Kernels on 8 scenes are too short to share out: waiting for each other costs more.
     torch.set_num_threads(1)
-    numba.set_num_threads(1)
     for name in config.set_names:
         episodes = load_set(name).first(config.episodes)
         rows = {str(policy): run(policy, episodes, config) for policy in config.policy}

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numba
 import pandas as pd
 import torch
 from tensordict import NestedKey
@@ -133,7 +132,6 @@ def _run_here(
 
 def _work(results: Any, *job: Any) -> None:
     torch.set_num_threads(1)  # cores are shared out among the processes
-    numba.set_num_threads(1)
     for episode in _run_here(*job):
         results.put(episode)
 
