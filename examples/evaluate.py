@@ -198,6 +198,7 @@ def report(name: str, rows: dict[str, pd.DataFrame], config: EvaluateConfig) -> 
 
 def main(config: EvaluateConfig) -> None:
     """Run every policy on every set."""
+    # Kernels on 8 scenes are too short to share out: waiting for each other costs more.
     torch.set_num_threads(1)
     for name in config.set_names:
         episodes = load_set(name).first(config.episodes)

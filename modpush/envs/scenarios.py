@@ -102,6 +102,9 @@ class ScenarioConfig:
     """The same for goals [m]."""
     clearance: float = 0.06
     """Least distance of start and goal from obstacles, surface to surface [m]."""
+    path_margin: float = 0.04
+    """How far out of the workspace the object's way to the goal may lead; at 5 cm an episode ends
+    [m]."""
     tool_distance: tuple[float, float] = (0.08, 0.14)
     """Range of the distance from the object's centre to the tool's tip at the start [m]."""
     randomize_dynamics: bool = False
@@ -122,6 +125,7 @@ class ScenarioConfig:
         ranges: dict[str, tuple[tuple[float, float], float, float]] = {
             "difficulty": (self.difficulty_range, 0.0, 1.0),
             "distance": (self.distance, 0.0, 2.0),
+            "path_margin": ((self.path_margin, self.path_margin), 0.0, 1.0),
             "tool_distance": (self.tool_distance, 0.0, 1.0),
             "mass": (self.mass, 1e-3, 1e3),
             "friction": (self.friction, 0.0, 10.0),
@@ -190,7 +194,7 @@ def sample_scenario(
             raise ValueError(
                 f"scene: {name!r} placed {len(obstacles)} obstacles, at most {MAX_OBSTACLES} fit."
             )
-        free_cells = _Connectivity(obstacles, item.radius)
+        free_cells = _Connectivity(obstacles, item.radius, config)
         for _ in range(_BATCHES):
             found = _try_batch(
                 rng, config, obstacles, item, free_cells, tool_half_extents, tool_radii, failed
@@ -281,17 +285,22 @@ def _sample_dynamics(
 
 
 class _Connectivity:
-    """Which free places an object can be slid between, on a grid over what the camera sees."""
+    """Which free places an object can be slid between without ending the episode: on a grid over
+    what the camera sees, and hardly out of the workspace.
+    """
 
     _LOW = np.array([0.145, -0.455])
     _SHAPE = (91, 91)
 
-    def __init__(self, obstacles: list[Obstacle], radius: float) -> None:
+    def __init__(self, obstacles: list[Obstacle], radius: float, config: ScenarioConfig) -> None:
         x, y = np.indices(self._SHAPE)
         centers = self._LOW + (np.stack([x, y], -1) + 0.5) * _CELL
         self._labels: np.ndarray | None = None
         if obstacles:
             passable = obstacle_distance(centers, obstacles) > radius
+            margin = config.path_margin
+            passable &= (centers >= np.subtract(config.low, margin)).all(-1)
+            passable &= (centers <= np.add(config.high, margin)).all(-1)
             _, self._labels = cv2.connectedComponents(passable.astype(np.uint8), connectivity=4)
 
     def joined(self, start: np.ndarray, goal: np.ndarray) -> np.ndarray:

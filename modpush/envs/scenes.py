@@ -104,6 +104,17 @@ def zigzag(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
     return [_bar(0.60, 0.45 + side * offset, side * 0.15, _ACROSS) for side in (-1, 1)]
 
 
+def _short_bar(x: float, y: float, difficulty: float) -> Obstacle:
+    """Of a diagonal wall in the hard scenes, across, 6 to 8 cm long.
+
+    Where the diagonals cross, neighbours leave 9.8 cm from corner to corner, 8.1 at difficulty 1;
+    elsewhere they leave no way. The authors' bars are 10 cm long and leave 6.4 cm there, a way on
+    their map, which they inflate by half the cube's side, and none on one inflated by the radius of
+    its circumscribed circle, 3.5 cm.
+    """
+    return _bar(0.06 + 0.02 * difficulty, x, y, _ACROSS)
+
+
 def diagonal_walls(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
     """Unseen and hard: thirteen short bars in two crossing diagonals (the authors' case 11)."""
     theirs = [
@@ -121,7 +132,7 @@ def diagonal_walls(rng: np.random.Generator, difficulty: float) -> list[Obstacle
         (-0.25, -0.775),
         (-0.35, -0.875),
     ]
-    return [_bar(0.10, -y, x, _ACROSS) for x, y in theirs]
+    return [_short_bar(-y, x, difficulty) for x, y in theirs]
 
 
 def maze(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
@@ -135,7 +146,7 @@ def maze(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
         (-0.25, -0.775),
         (-0.35, -0.875),
     ]
-    short = [_bar(0.10, -y, x, _ACROSS) for x, y in theirs]
+    short = [_short_bar(-y, x, difficulty) for x, y in theirs]
     long = [_bar(0.40, -y, x, _ACROSS + math.pi / 4) for x, y in ((-0.15, -0.375), (0.15, -0.775))]
     return short + long
 

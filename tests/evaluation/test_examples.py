@@ -70,12 +70,22 @@ def test_demo(example, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert capture.get(cv2.CAP_PROP_FRAME_COUNT) > 20
 
 
+@pytest.mark.parametrize(
+    ("block", "printed", "folders"),
+    [(0, "| mine | 4 |", ("mine",)), (1, "| success | 3 |", ("mine", "corridor"))],
+)
 def test_the_page_on_evaluation_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    block: int,
+    printed: str,
+    folders: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     page = (EXAMPLES.parent / "docs" / "evaluation.md").read_text()
-    code = page.split("```python\n")[1].split("```")[0]
+    code = page.split("```python\n")[1 + block].split("```")[0]
     monkeypatch.chdir(tmp_path)
     exec(compile(code, "docs/evaluation.md", "exec"), {"__name__": "page"})
-    assert "| mine | 4 |" in capsys.readouterr().out
-    assert (tmp_path / "runs" / "mine" / "episodes.csv").exists()
+    assert printed in capsys.readouterr().out
+    for folder in folders:
+        assert (tmp_path / "runs" / folder / "episodes.csv").exists()
