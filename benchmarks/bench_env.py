@@ -3,7 +3,8 @@
     python benchmarks/bench_env.py            # about 3 minutes; --quick for one
 
 Every figure is a median over interleaved repetitions, one thread. The floor replays the very joint
-targets of the environment's run through bare SAPIEN calls, in the same scenes, from the same state.
+targets of the environment's run through bare SAPIEN calls, in the same scenes, from the same state;
+going back to that state is in nobody's time.
 """
 
 import concurrent.futures
@@ -20,6 +21,7 @@ import tyro
 from torchrl.envs import ParallelEnv
 
 from modpush.envs import OBSTACLE_SCENES, PushEnv, find_render_device
+from modpush.envs.cpu_scene import CpuScene
 from modpush.envs.depth import AnalyticEye
 from modpush.envs.raycast import blank_image
 from modpush.envs.task import ClutterPushEnv
@@ -58,25 +60,27 @@ def bench_step(sim_freq: int, repetitions: int, steps: int = 40) -> list[Row]:
     blind = PushEnv(NUM_ENVS, scene=OBSTACLE_SCENES, seed=0, sim_freq=sim_freq, depth=None)
     todo = actions(steps)
     recorded: list[list[tuple]] = []
-    advance = ClutterPushEnv.advance
+    advance = CpuScene.advance
 
-    def recording(task: ClutterPushEnv, position: list, velocity: list) -> None:
-        recorded[-1].append((task, position, velocity))
-        advance(task, position, velocity)
+    def recording(scene: CpuScene, position: list, velocity: list) -> None:
+        recorded[-1].append((scene, position, velocity))
+        advance(scene, position, velocity)
 
-    def run(which: PushEnv) -> None:
+    def run(which: PushEnv) -> float:
         td = which.set_state(states[which])
+        start = time.perf_counter()
         for action in todo:
             recorded.append([])
             td["action"] = action
             td = which.step(td)["next"]
+        return time.perf_counter() - start
 
-    def floor() -> None:
+    def floor() -> float:
         env.set_state(states[env])
         start = time.perf_counter()
         for step in recorded[:steps]:
-            for task, position, velocity in step:
-                px, joints = task.scene.px, task._raw_joints
+            for scene, position, velocity in step:
+                px, joints = scene._task.scene.px, scene.joints
                 last = None
                 for angles, rates in zip(position, velocity, strict=True):
                     for joint, angle in zip(joints, angles, strict=True):
@@ -86,21 +90,21 @@ def bench_step(sim_freq: int, repetitions: int, steps: int = 40) -> list[Row]:
                             joint.set_drive_velocity_target(rate)
                         last = rates
                     px.step()
-        floor_times.append(time.perf_counter() - start)
+        return time.perf_counter() - start
 
     states = {}
     for which in (env, blind):
         which.reset()
         states[which] = which.get_state()
-    ClutterPushEnv.advance = recording
+    CpuScene.advance = recording
     run(env)
-    ClutterPushEnv.advance = advance
-    floor_times: list[float] = []
-    with_depth, without = [], []
+    CpuScene.advance = advance
+    run(blind)
+    floor_times, with_depth, without = [], [], []
     for _ in range(repetitions):
-        floor()
-        with_depth.append(timed(lambda: run(env)))
-        without.append(timed(lambda: run(blind)))
+        floor_times.append(floor())
+        with_depth.append(run(env))
+        without.append(run(blind))
     per = 1e3 / (steps * NUM_ENVS)
     base = np.median(floor_times) * per
     name = f"{sim_freq} Hz x {sim_freq // 15}"

@@ -16,7 +16,7 @@ from torchrl.envs import EnvBase
 from modpush.envs.batch import SceneState, make_batch
 from modpush.envs.camera import CAMERA
 from modpush.envs.contacts import CONTACT_KEYS
-from modpush.envs.depth import DepthName
+from modpush.envs.depth import DepthName, ImageMemory
 from modpush.envs.scenarios import Scenario, ScenarioConfig, sample_scenario
 from modpush.envs.scenes import MAX_OBSTACLES
 from modpush.envs.ur5_2f85 import TOOLS, ToolName
@@ -142,6 +142,7 @@ class PushEnv(EnvBase):
         self._max_episode_steps, self._oob = max_episode_steps, oob
         self._step_count = np.zeros(num_envs, dtype=np.int64)
         self._goal, self._radius = np.zeros((num_envs, 2)), np.zeros((num_envs, 1))
+        self._images = ImageMemory(num_envs)
         self._started = False
         self._rngs = [np.random.default_rng() for _ in range(num_envs)]
         self._make_specs()
@@ -293,12 +294,10 @@ class PushEnv(EnvBase):
         return TensorDict(source, batch_size=self.batch_size, device=self.device)
 
     def _capture(self) -> tuple[Tensor, Tensor]:
-        shape = (*self.batch_size, 1, CAMERA.height, CAMERA.width)
-        depth, segmentation = torch.empty(shape), torch.empty(shape, dtype=torch.uint8)
-        depth_rows, label_rows = depth.numpy(), segmentation.numpy()
+        depth, segmentation = self._images.take()
         for i in range(self.batch_size[0]):
-            self._batch.capture(i, depth_rows[i, 0], label_rows[i, 0])
-        return depth, segmentation
+            self._batch.capture(i, depth[i, 0], segmentation[i, 0])
+        return torch.from_numpy(depth), torch.from_numpy(segmentation)
 
     def _displacements(self) -> NDArray[np.float64]:
         moved = np.zeros((self.batch_size[0], MAX_OBSTACLES))
