@@ -10,6 +10,7 @@ from .egocentric_window import EgocentricWindow
 from .encode import Encode
 from .ray_scan import RayScan
 from .window import cast_window, egocentric_window, window_pixels
+from .window_data import WindowData
 
 __all__ = [
     "ConvEncoder",
@@ -18,6 +19,7 @@ __all__ = [
     "Encode",
     "Encoder",
     "RayScan",
+    "WindowData",
     "cast_window",
     "check_window",
     "egocentric_window",
