@@ -103,12 +103,12 @@ def episodes(
         moved = (last["object_pose"] - first["object_pose"]).abs().amax(-1) > 0.002
         for i, scenario in enumerate(env.scenarios):
             for data in (first, last)[: 1 + int(moved[i])]:
-                images = [data["depth"][i], data["segmentation"][i]]
-                window = egocentric_window(*images, data["object_pose"][i : i + 1])
+                depth, labels = data["depth"][i], data["segmentation"][i]
+                window = egocentric_window(depth, labels, data["object_pose"][i : i + 1])
                 if (window > 0).any():
                     yield window, scenario.scene
             if config.other_poses:
-                yield other_poses(*images, config.other_poses, generator), scenario.scene
+                yield other_poses(depth, labels, config.other_poses, generator), scenario.scene
 
 
 @functools.cache
