@@ -1,15 +1,20 @@
 """`DepthVAE`: the paper's variational autoencoder of the local window."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import softplus
 
 from modpush.encoders.base import Encoder, check_window
+from modpush.encoders.tensor_file import read_tensors, write_tensors
 
-__all__ = ["DepthVAE"]
+__all__ = ["DepthVAE", "shipped_weights"]
 
+_KIND, _VERSION = "modpush.DepthVAE", 1
 _MIN_STD = 1e-4
 _FINAL_SIDE = 4  # of the encoder's last and the decoder's first map [px]
 
@@ -40,8 +45,8 @@ class DepthVAE(Encoder):
     def __init__(
         self,
         latent_dim: int = 32,
-        encoder_widths: Sequence[int] = (16, 32, 64, 128),
-        decoder_widths: Sequence[int] = (128, 64, 32, 16),
+        encoder_widths: Sequence[int] = (16, 32, 64, 96),
+        decoder_widths: Sequence[int] = (96, 64, 32, 16),
         sample: bool = False,
     ) -> None:
         super().__init__()
@@ -103,6 +108,74 @@ class DepthVAE(Encoder):
         """What the latent's mean keeps of the window, `[B, 1, 64, 64]` in [0, 1]."""
         return self.decode(self.encode(window)[0]).sigmoid()
 
+    def save(self, path: Path | str, card: Mapping[str, Any] | None = None) -> None:
+        """Write weights and architecture to a safetensors file.
+
+        Args:
+            path: The file.
+            card: Anything to be kept with them that JSON can hold: data, command, figures.
+        """
+        config = {**self._architecture(), "card": dict(card or {})}
+        write_tensors(path, self.state_dict(), _KIND, _VERSION, config)
+
+    def _architecture(self) -> dict[str, Any]:
+        return {
+            "latent_dim": self.latent_dim,
+            "encoder_widths": list(self.encoder_widths),
+            "decoder_widths": list(self.decoder_widths),
+        }
+
+    @classmethod
+    def from_pretrained(cls, name_or_path: Path | str = "depth_vae") -> "DepthVAE":
+        """A trained one, in eval mode.
+
+        Args:
+            name_or_path: Name of shipped weights (`modpush/weights/<name>.safetensors`, a card
+                beside it), or the path of a file that `save` wrote.
+
+        Raises:
+            FileNotFoundError: If there is no such file; the message lists the shipped names.
+            ValueError: If the file is cut short, of another kind, or its weights do not fit the
+                architecture it names.
+        """
+        path = shipped_weights().get(str(name_or_path), Path(name_or_path))
+        if not path.is_file():
+            raise FileNotFoundError(
+                f"DepthVAE: no file {path} and no shipped weights of that name, which are "
+                f"{sorted(shipped_weights())}."
+            )
+        tensors, config = read_tensors(path, _KIND, _VERSION)
+        try:
+            vae = cls(**{key: value for key, value in config.items() if key != "card"})
+            vae.load_weights(tensors)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"DepthVAE: {path} does not fit: {error}") from error
+        return vae.eval()
+
+    def load_weights(self, tensors: Mapping[str, Tensor]) -> None:
+        """Take over all weights, or none of them.
+
+        Raises:
+            ValueError: If one is missing, unknown, or of another shape.
+        """
+        own = self.state_dict()
+        missing, unknown = sorted(set(own) - set(tensors)), sorted(set(tensors) - set(own))
+        if missing or unknown:
+            raise ValueError(f"DepthVAE: weights missing {missing}, unknown {unknown}.")
+        for name, value in own.items():
+            if tensors[name].shape != value.shape:
+                raise ValueError(
+                    f"DepthVAE: weights of another architecture: {name} must be "
+                    f"{list(value.shape)}, got {list(tensors[name].shape)}."
+                )
+        self.load_state_dict(dict(tensors))
+
+
+def shipped_weights() -> dict[str, Path]:
+    """Weights that come with the package, by name."""
+    folder = Path(str(files("modpush"))) / "weights"
+    return {path.stem: path for path in folder.glob("*.safetensors")}
+
 
 def _down(inputs: int, outputs: int, kernel: int, stride: int) -> list[nn.Module]:
     padding = kernel // 2
@@ -114,15 +187,3 @@ def _up(inputs: int, outputs: int, stride: int) -> list[nn.Module]:
     kernel = 3 if stride == 1 else 4
     convolution = nn.ConvTranspose2d(inputs, outputs, kernel, stride, padding=1, bias=False)
     return [convolution, nn.BatchNorm2d(outputs), nn.ReLU()]
-
-
-def kl_divergence(mean: Tensor, std: Tensor) -> Tensor:
-    """From N(mean, std) to N(0, 1), for each number by itself, shaped like both [nat]."""
-    return 0.5 * (mean.square() + std.square() - 1.0) - std.log()
-
-
-def entropy_of_bernoulli(window: Tensor) -> Tensor:
-    """What no decoder can go below: the windows' own entropy, summed over pixels, `[B]` [nat]."""
-    clipped = window.clamp(1e-7, 1 - 1e-7)
-    entropy = -(clipped * clipped.log() + (1 - clipped) * (1 - clipped).log())
-    return torch.where((window > 0) & (window < 1), entropy, 0.0).flatten(1).sum(1)

@@ -42,7 +42,7 @@ def _see(
                 continue
             row, column = np.uint32(v), np.uint32(u)
             label, seen = segmentation[b, row, column], depth[b, row, column]
-            if label in (SEGMENT_OBJECT, SEGMENT_ROBOT):
+            if label == SEGMENT_OBJECT or label == SEGMENT_ROBOT:  # noqa: SIM109  (`in` costs half the time again)
                 out[b, i, j] = _REMOVED
             elif 0.0 < seen < camera_z - 1e-6:  # less is rounding
                 out[b, i, j] = camera_z - seen
@@ -87,7 +87,7 @@ def _set_upright(
                     break
                 row, column = np.uint32(v), np.uint32(u)
                 label, seen = segmentation[b, row, column], camera_z - depth[b, row, column]
-                if label in (SEGMENT_OBJECT, SEGMENT_ROBOT) or not seen < camera_z:
+                if label == SEGMENT_OBJECT or label == SEGMENT_ROBOT or not seen < camera_z:  # noqa: SIM109  (`in` costs half the time again)
                     seen = 0.0
                 if (seen >= z and z == top) or (
                     abs(seen - z) <= _HEIGHT_TOLERANCE and seen > _HEIGHT_TOLERANCE
