@@ -46,7 +46,7 @@ class CurriculumConfig:
     """Go on by success, at given numbers of steps, or begin with the last stage of the last phase."""
     threshold: float = 0.7
     """Success to go on at, over `window` episodes."""
-    window: int = 50
+    window: int = 40
     """Episodes of the present stage that are judged."""
     step_thresholds: tuple[int, ...] = ()
     """For `"steps"`: environment steps after which the second, third, ... stage begins, counted
