@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numba
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -286,8 +285,9 @@ class WorkerProcess:
 
 def _serve(pipe: Any, config: TrainConfig) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the caller's to handle
-    torch.set_num_threads(1)  # the other core is the learner's
-    numba.set_num_threads(1)
+    # The other core is the learner's. Our kernels follow torch's number; numba's own setting would
+    # put torch's back to all cores.
+    torch.set_num_threads(1)
     worker: SceneWorker | None = None
     while True:
         try:
