@@ -173,7 +173,7 @@ def test_a_loss_that_is_not_finite_stops_the_run_and_keeps_the_batch(tmp_path):
     trainer = Trainer(SMOKE, check_run_folder(tmp_path / "run", SMOKE, resume=False))
     with torch.no_grad():
         next(p for n, p in trainer.agent.loss.named_parameters() if "qvalue" in n).fill_(torch.nan)
-    with pytest.raises(NonFiniteLossError, match="loss_qvalue is nan at update 1, step 7"):
+    with pytest.raises(NonFiniteLossError, match=r"loss_\w+ is nan at update 1, step 80"):
         trainer.run()
     batch = torch.load(tmp_path / "run" / "non_finite_batch.pt")
     assert batch["observation"].shape == (16, trainer.observation_dim)
