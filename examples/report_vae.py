@@ -27,6 +27,7 @@ from modpush.encoders import (
     DepthVAE,
     RayScan,
     WindowData,
+    augment_windows,
     encode_all,
     linear_probe,
     mlp_probe,
@@ -51,8 +52,10 @@ class Config:
     """Windows of families that were not trained on."""
     output: Path = Path("runs/vae_report")
     """Folder to write to."""
-    probe_windows: int = 20_000
+    probe_windows: int = 40_000
     """Windows of the training families that probes are fitted on."""
+    probe_epochs: int = 20
+    """Of the small networks, over these."""
     seed: int = 0
     """Of probes, samples and the choice of windows shown."""
 
@@ -72,23 +75,26 @@ def rivals(windows: Tensor, dim: int, seed: int) -> dict[str, Encode]:
 
 def probes(vae: DepthVAE, train: WindowData, unseen: WindowData, config: Config) -> dict[str, Any]:
     """R² of the clearance along 16 rays, for each encoder, probe, and way of splitting."""
-    rows = torch.randperm(len(train), generator=torch.Generator().manual_seed(config.seed))
-    known = train.floats(rows[: config.probe_windows])
-    new = unseen.floats(torch.randperm(len(unseen), generator=torch.Generator().manual_seed(1)))
+    torch.manual_seed(config.seed)
+    rows = torch.randperm(len(train))[: config.probe_windows]
+    known = train.floats(rows)
+    known = augment_windows(known, known.roll(1, 0))  # as the autoencoder saw them in training
+    new = unseen.floats(torch.randperm(len(unseen)))
     half = len(new) // 2
     scan = RayScan(16)
     encoders: dict[str, Encode] = {"vae": vae, **rivals(known, vae.latent_dim, config.seed)}
     out: dict[str, Any] = {}
     for name, encoder in encoders.items():
-        pairs = [
+        known_pair, half_pair, test_pair = (
             (encode_all(encoder, w.__getitem__, len(w)), encode_all(scan, w.__getitem__, len(w)))
             for w in (known, new[:half], new[half:])
-        ]
+        )
+        epochs = config.probe_epochs
         out[name] = {
-            "mlp, fitted on unseen families": mlp_probe(pairs[1], pairs[2]),
-            "linear, fitted on unseen families": linear_probe(pairs[1], pairs[2]),
-            "mlp, fitted on training families": mlp_probe(pairs[0], pairs[2]),
-            "linear, fitted on training families": linear_probe(pairs[0], pairs[2]),
+            "mlp, fitted on training families": mlp_probe(known_pair, test_pair, epochs=epochs),
+            "linear, fitted on training families": linear_probe(known_pair, test_pair),
+            "mlp, fitted on unseen families": mlp_probe(half_pair, test_pair, epochs=epochs),
+            "linear, fitted on unseen families": linear_probe(half_pair, test_pair),
         }
     return out
 
