@@ -161,7 +161,10 @@ def recipe(config: Config) -> dict[str, Any]:
 
 def log(path: Path, row: dict[str, float]) -> None:
     """Append a row, dropping rows that a resumed run has come before again."""
-    rows = list(csv.DictReader(path.open())) if path.exists() else []
+    rows: list[dict[str, str]] = []
+    if path.exists():
+        with path.open(newline="") as file:
+            rows = list(csv.DictReader(file))
     kept = [old for old in rows if int(old["images"]) < row["images"]]
     with path.open("w", newline="") as file:
         writer = csv.DictWriter(file, list(row))

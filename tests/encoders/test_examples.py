@@ -1,0 +1,149 @@
+"""The examples that collect windows and train on them run, stop, and go on where they were stopped."""
+
+import csv
+import dataclasses
+import importlib.util
+import json
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+from modpush.encoders import DepthVAE
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+
+def example(name):
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look their annotations up there
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def collect():
+    module = example("collect_windows")
+    yield module
+    module.make_env.cache_clear()
+
+
+@pytest.fixture(scope="module")
+def train():
+    return example("train_vae")
+
+
+@pytest.fixture(scope="module")
+def config(collect, tmp_path_factory):
+    return collect.Config(
+        output=tmp_path_factory.mktemp("windows") / "train.safetensors",
+        count=70,
+        part=30,
+        held_out=0.15,
+        num_envs=2,
+        workers=1,
+        steps=2,
+    )
+
+
+@pytest.fixture(scope="module")
+def data(collect, config):
+    return collect.main(config)
+
+
+def test_collected_windows_are_as_the_config_says(data, config):
+    assert len(data) == 70
+    blank = data.windows.flatten(1).amax(1) == 0
+    assert blank.sum() == 7
+    assert torch.equal(data.family == len(config.families), blank)
+    assert data.held_out.nonzero().flatten().tolist() == list(range(60, 70))
+    assert data.config["families"] == [*config.families, "blank"]
+    assert not list(config.output.parent.glob("*.parts"))
+    # The object's own place is free.
+    assert (data.windows[:, 30:34, 30:34] == 0).all()
+
+
+def test_a_stopped_collection_goes_on_and_ends_the_same(collect, data, config, tmp_path):
+    again = dataclasses.replace(config, output=tmp_path / "again.safetensors")
+    parts = tmp_path / "again.parts"
+    parts.mkdir()
+    (parts / "config.json").write_text(json.dumps(again.recipe()))
+    collect.collect_part(again, 1, parts)  # stopped after this one
+    (parts / "00000.safetensors.7.tmp").write_bytes(b"half a file")
+    resumed = collect.main(again)
+    assert torch.equal(resumed.windows, data.windows)
+    (tmp_path / "again.parts").mkdir()
+    (tmp_path / "again.parts" / "config.json").write_text("{}")
+    with pytest.raises(ValueError, match="was begun with another config"):
+        collect.main(again)
+
+
+def test_training_stopped_and_resumed_ends_the_same(train, data, config, tmp_path, capsys):
+    short = train.Config(
+        data=config.output,
+        output=tmp_path / "whole",
+        images=80,
+        batch_size=16,
+        eval_every=16,
+        eval_windows=4,
+        threads=1,
+        encoder_widths=(2, 2, 2, 2),
+        decoder_widths=(2, 2, 2, 2),
+    )
+    whole = train.main(short)
+    stopped = dataclasses.replace(short, output=tmp_path / "stopped")
+    train.main(dataclasses.replace(stopped, stop_at=32))
+    resumed = train.main(stopped)
+    for key, value in whole.state_dict().items():
+        assert torch.equal(value, resumed.state_dict()[key]), key
+    logs = [
+        list(csv.DictReader((tmp_path / name / "log.csv").open())) for name in ("whole", "stopped")
+    ]
+    assert [row["images"] for row in logs[0]] == ["16", "32", "48", "64", "80"]
+    for a, b in zip(*logs, strict=True):
+        assert {**a, "seconds": ""} == {**b, "seconds": ""}
+    back = DepthVAE.from_pretrained(tmp_path / "whole" / "depth_vae.safetensors")
+    window = data.floats(slice(0, 2))
+    torch.testing.assert_close(back(window), whole.eval()(window))
+    with pytest.raises(ValueError, match=r"was made with other \['lr'\]"):
+        train.main(dataclasses.replace(short, lr=1e-2))
+
+
+def test_training_needs_windows(train, data, config, tmp_path):
+    few = train.Config(data=config.output, output=tmp_path, batch_size=128)
+    with pytest.raises(ValueError, match="has 60 windows to train on and 10 held"):
+        train.main(few)
+    cut = tmp_path / "cut.safetensors"
+    cut.write_bytes(config.output.read_bytes()[:-9])
+    with pytest.raises(ValueError, match="is cut short"):
+        train.main(dataclasses.replace(few, data=cut))
+    assert not (tmp_path / "log.csv").exists()
+
+
+def test_presets_are_the_paper_s(train):
+    paper = train.PRESETS["paper"][1]
+    assert (paper.images, paper.batch_size, paper.kl_weight) == (7_000_000, 256, 0.5)
+    assert (paper.lr, paper.schedule, paper.augment) == (1e-4, "constant", False)
+
+
+def test_the_report_is_written(data, config, tmp_path, capsys):
+    report = example("report_vae")
+    seen = dataclasses.replace(data, config={**data.config, "families": ["a", "blank"]})
+    seen.save(tmp_path / "unseen.safetensors")
+    DepthVAE(4, (2, 2, 2, 2), (2, 2, 2, 2)).save(tmp_path / "vae.safetensors")
+    metrics = report.main(
+        report.Config(
+            weights=str(tmp_path / "vae.safetensors"),
+            train=config.output,
+            unseen=tmp_path / "unseen.safetensors",
+            output=tmp_path / "report",
+            probe_windows=40,
+            probe_epochs=1,
+        )
+    )
+    names = {path.name for path in (tmp_path / "report").iterdir()}
+    pictures = {"reconstructions.png", "prior_samples.png", "traversals.png", "kl_per_latent.png"}
+    assert names == {"metrics.json", *pictures}
+    assert set(metrics["clearance along 16 rays, R²"]) == {"vae", "pca", "random projection"}

@@ -1,0 +1,104 @@
+"""Stored windows, and windows that might as well have been seen."""
+
+import pytest
+import torch
+
+from modpush.encoders import WindowData, augment_windows, linear_probe, mlp_probe, r_squared
+
+
+def some_data(count=6):
+    return WindowData.from_floats(
+        torch.rand(count, 1, 64, 64),
+        torch.arange(count, dtype=torch.uint8),
+        torch.arange(count) >= count - 2,
+        {"families": ["slot", "blank"], "seed": 3},
+    )
+
+
+def test_what_is_saved_comes_back(tmp_path):
+    data = some_data()
+    data.save(tmp_path / "windows.safetensors")
+    back = WindowData.load(tmp_path / "windows.safetensors")
+    assert torch.equal(back.windows, data.windows)
+    assert torch.equal(back.held_out, data.held_out)
+    assert back.config == data.config
+
+
+def test_values_come_back_to_half_a_level():
+    windows = torch.rand(2, 1, 64, 64)
+    data = WindowData.from_floats(windows, torch.zeros(2), torch.zeros(2).bool(), {})
+    torch.testing.assert_close(data.floats(), windows, atol=0.5001 / 255, rtol=0)
+    assert data.floats(torch.tensor([1])).shape == (1, 1, 64, 64)
+
+
+def test_parts_are_joined_and_chosen_from():
+    data = WindowData.join([some_data(3), some_data(4)])
+    assert len(data) == 7
+    chosen = data.where(data.held_out)
+    assert chosen.family.tolist() == [1, 2, 2, 3]
+
+
+def test_a_file_cut_short_or_of_another_kind_is_refused(tmp_path):
+    path = tmp_path / "windows.safetensors"
+    some_data().save(path)
+    whole = path.read_bytes()
+    for end in (len(whole) - 1, len(whole) // 2, 20, 0):
+        path.write_bytes(whole[:end])
+        with pytest.raises(ValueError, match="is cut short or damaged"):
+            WindowData.load(path)
+    path.write_bytes(whole.replace(b"modpush.WindowData", b"modpush.WindowBeta"))
+    with pytest.raises(ValueError, match=r"expected 'modpush.WindowData'"):
+        WindowData.load(path)
+    with pytest.raises(FileNotFoundError, match="no file"):
+        WindowData.load(tmp_path / "none.safetensors")
+
+
+def test_windows_of_another_size_or_dtype_are_refused():
+    rest = {"family": torch.zeros(2), "held_out": torch.zeros(2)}
+    with pytest.raises(ValueError, match=r"\[N, 64, 64\] uint8, got \[2, 32, 32\] torch.uint8"):
+        WindowData(windows=torch.zeros(2, 32, 32).byte(), **rest)
+    with pytest.raises(ValueError, match=r"got \[2, 64, 64\] torch.float32"):
+        WindowData(windows=torch.zeros(2, 64, 64), **rest)
+    with pytest.raises(ValueError, match=r"family must be \[3\], got \[2\]"):
+        WindowData(windows=torch.zeros(3, 64, 64).byte(), **rest)
+
+
+def test_augmentation_turns_mirrors_and_keeps_every_height():
+    torch.manual_seed(0)
+    window = torch.zeros(1, 1, 64, 64)
+    window[0, 0, 3, 10] = 0.75
+    out = augment_windows(window.expand(64, -1, -1, -1), torch.zeros(64, 1, 64, 64))
+    assert torch.equal(out.flatten(1).sum(1), torch.full((64,), 0.75))
+    places = {tuple(place) for place in (out[:, 0] > 0).nonzero()[:, 1:].tolist()}
+    a, b = (3, 60), (10, 53)  # 63 - 3 and 63 - 10
+    assert places == {(x, y) for x in a for y in b} | {(y, x) for x in a for y in b}
+
+
+def test_another_window_is_laid_over_but_blank_ones_stay_blank():
+    torch.manual_seed(0)
+    windows = torch.zeros(200, 1, 64, 64)
+    windows[100:, 0, 31, 31] = 0.5
+    others = torch.full((200, 1, 64, 64), 0.6)
+    out = augment_windows(windows, others, overlay=0.5)
+    assert (out[:100] == 0).all()
+    share = (out[100:].flatten(1).amax(1) == 0.6).float().mean()
+    assert share == pytest.approx(0.5, abs=0.15)
+    with pytest.raises(ValueError, match=r"overlay must lie in \[0, 1\], got 2"):
+        augment_windows(windows, others, overlay=2)
+    with pytest.raises(ValueError, match="others must be shaped like windows"):
+        augment_windows(windows, others[:3])
+
+
+def test_probes_find_what_is_there():
+    torch.manual_seed(0)
+    x = torch.randn(3000, 4)
+    linear, bent = x @ torch.randn(4, 2), x[:, :2].abs()
+
+    def parts(y):
+        return (x[:2000], y[:2000]), (x[2000:], y[2000:])
+
+    assert linear_probe(*parts(linear)) == pytest.approx(1.0, abs=1e-6)
+    assert linear_probe(*parts(bent)) < 0.2
+    assert mlp_probe(*parts(bent), width=64, epochs=20) > 0.85
+    assert linear_probe(*parts(torch.randn(3000, 2))) < 0.05
+    assert r_squared(torch.zeros(3, 1), torch.tensor([[-1.0], [0.0], [1.0]])) == 0.0
