@@ -23,6 +23,7 @@ from tensordict import TensorDict
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from modpush.agents import PushingCorridorController
 from modpush.planners import (
     SEGMENT_OBJECT,
     SEGMENT_OBSTACLE,
@@ -261,6 +262,19 @@ def bench_chain(bars: list, frame: GridFrame, scenes: int = 8) -> None:
             times.append(clock() - begin)
             before = now
         row(f"occupancy and {name}", times[10:])
+    controller, times = PushingCorridorController(), []
+    state = controller(with_tool(frames[0]))["next", "corridor"]
+    for k in range(300):
+        now = with_tool(frames[k % 10]).set("corridor", state)
+        begin = clock()
+        state = controller(now)["next", "corridor"]
+        times.append(clock() - begin)
+    row("PushingCorridorController, to the action", times[10:])
+
+
+def with_tool(frame: TensorDict) -> TensorDict:
+    """The tool stands 8 cm behind the object, and a little aside."""
+    return frame.clone().set("ee_pose", frame["object_pose"] - torch.tensor([0.08, 0.02, 0.0]))
 
 
 def main() -> None:
