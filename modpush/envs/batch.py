@@ -100,7 +100,7 @@ class CpuBatch(Batch):
     """As many one-scene tasks as there are scenes, stepped one after the other in this process.
 
     SAPIEN holds Python's lock while it steps, so threads would only wait for each other; what
-    scales over cores is processes (`torchrl.envs.ParallelEnv` around a `PushEnv`).
+    scales over cores is processes that step through whole batches (`MultiSyncCollector`).
     """
 
     def __init__(

@@ -37,9 +37,8 @@ class PushEnv(EnvBase):
     """Push an object through clutter to a goal; batch size `[num_envs]`.
 
     It tells the truth of the world and nothing else: the paper's observation and reward are
-    transforms on top. On a CPU the scenes are stepped one after the other in this process (SAPIEN
-    holds Python's lock while it steps, so use `ParallelEnv` for more cores); on CUDA they are one
-    batched simulation.
+    transforms on top. On a CPU the scenes are stepped one after the other in this process; for more
+    cores use `MultiSyncCollector`, one `PushEnv` a worker. On CUDA they are one batched simulation.
 
     All lengths in metres, all angles in radians, all poses `[x, y, yaw]` in the robot's base frame:
     x forward, y left, z up, the table's top at z = 0.
@@ -236,9 +235,9 @@ class PushEnv(EnvBase):
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = tensordict["action"]
-        bad = ~(action.isfinite() & (action.abs() <= 1.0 + 1e-4)).all(-1)
-        if bad.any():
-            index = int(torch.argmax(bad.int()))
+        good = (np.abs(action.detach().cpu().numpy()) <= 1.0 + 1e-4).all(-1)  # NaN is not
+        if not good.all():
+            index = int(np.argmin(good))
             raise ValueError(
                 f"PushEnv.step: action of scene {index} must be finite and in [-1, 1], "
                 f"got {action[index].tolist()}."
