@@ -26,7 +26,13 @@ from modpush.encoders import DepthVAE, EgocentricWindow, Encode, RayScan
 from modpush.envs.curriculum import Curriculum, CurriculumScenes
 from modpush.envs.frames import ActionFrame, Frame
 from modpush.envs.objects import get_object
-from modpush.envs.observation import PAPER_ENTRIES, PATH_ENTRIES, Entry, PushObservation
+from modpush.envs.observation import (
+    ENTRIES,
+    PAPER_ENTRIES,
+    PATH_ENTRIES,
+    Entry,
+    PushObservation,
+)
 from modpush.envs.push_env import PushEnv
 from modpush.envs.rewards import PushReward, RewardConfig, RewardTerm
 from modpush.envs.scenes import OBSTACLE_SCENES
@@ -168,7 +174,8 @@ def make_push_env(
         config: What is stacked; the paper's by default.
         encoder: Encodes the window, instead of what the config names.
         planner: Plans, instead of what the config names.
-        entries: Of the observation, see `PushObservation`.
+        entries: Of the observation, see `PushObservation`; by default the frame's, the latent
+            first, with an empty table's latent taken off.
         reward_terms: Terms of yours; give each a weight in `config.reward`.
         curriculum: Says which episodes are drawn.
         judged: Scenes that the curriculum judges by, see `CurriculumScenes`.
@@ -217,6 +224,8 @@ def make_push_env(
     if entries is None:
         entries = PATH_ENTRIES if config.frame == "path" else PAPER_ENTRIES
         entries = [name for name in entries if name != "latent" or encoder is not None]
+        if encoder is not None:
+            entries = [("latent", _latent_entry(encoder)), *entries[1:]]
     transforms += [
         PushObservation(
             config.frame,
@@ -231,6 +240,16 @@ def make_push_env(
         images = _IMAGES if encoder is not None else _IMAGES[:-1]
         transforms.append(ExcludeTransform(*images))
     return TransformedEnv(base, Compose(*transforms))
+
+
+@torch.no_grad()
+def _latent_entry(encoder: nn.Module) -> Entry:
+    """The latent as it differs from an empty table's: in free space, all zeros."""
+    training = encoder.training
+    size = int(getattr(encoder, "window_size", 64))
+    blank = encoder.eval()(torch.zeros(1, 1, size, size))[0]
+    encoder.train(training)
+    return replace(ENTRIES["latent"], shift=tuple(blank.tolist()))
 
 
 def _make_encoder(name: str) -> nn.Module | None:

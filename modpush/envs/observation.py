@@ -82,7 +82,7 @@ def _latent(seen: Seen) -> Tensor:
 _HOME = (-0.25, -1.35, 2.0, -2.2, -1.57, 0.0)
 
 ENTRIES: dict[str, Entry] = {
-    "latent": Entry(_latent),
+    "latent": Entry(_latent, 0.5),
     "ee_pose": Entry(_ee_pose, 10.0),
     "ee_position": Entry(lambda seen: seen.ee_position, 10.0),
     "ee_axis": Entry(_ee_axis),
@@ -172,6 +172,8 @@ class PushObservation(Transform):
             )
         self.keys: dict[str, NestedKey] = {name: (keys or {}).get(name, name) for name in names}
         self.observation_key = observation_key
+        self.columns: dict[str, slice] = {}
+        """Where each entry stands in the observation; known once one was made."""
         super().__init__(in_keys=list(self.keys.values()), out_keys=[observation_key])
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
@@ -185,6 +187,10 @@ class PushObservation(Transform):
             if not self.raw:
                 value = (value - value.new_tensor(entry.shift)) * entry.scale
             parts.append(value)
+        if not self.columns:
+            ends = torch.tensor([part.shape[-1] for part in parts]).cumsum(0).tolist()
+            spans = zip([0, *ends], ends, strict=False)
+            self.columns.update(zip(self.entries, (slice(a, b) for a, b in spans), strict=True))
         return next_tensordict.set(self.observation_key, torch.cat(parts, -1))
 
     forward = _call

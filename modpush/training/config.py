@@ -26,6 +26,9 @@ class TrainConfig:
     """What is learned from; its batch size is the learner's."""
     curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
     """Which episodes are drawn."""
+    blind_start: bool = False
+    """Begin with weights of zero for the latent, in actor and critics: what is learned in free space
+    then holds among obstacles, until the latent has something to say."""
     total_steps: int = 7_000_000
     """When to stop."""
     chunk: int = 8
@@ -82,9 +85,6 @@ class TrainConfig:
                 f"TrainConfig: tqc.learning_starts must be >= {needed:g}, what one sample draws "
                 f"from, got {self.tqc.learning_starts}."
             )
-        if self.env.frame == "base" and self.env.encoder != "none":
-            # Allowed, but the latent then turns with the object's place only: nothing to refuse.
-            return
 
     def differences(self, stored: "TrainConfig") -> list[str]:
         """Fields that differ from a stored run's and may not, as `"name: stored -> now"`."""
@@ -109,6 +109,7 @@ def _cpu() -> TrainConfig:
         env=PushEnvConfig.preset("cpu"),
         tqc=TQCConfig.preset("cpu", updates_per_step=1 / 12),
         replay=ReplayConfig(batch_size=256),
+        blind_start=True,
         total_steps=1_000_000,
     )
 
@@ -147,6 +148,7 @@ TRAIN_PRESETS: dict[str, tuple[str, TrainConfig]] = {
             env=PushEnvConfig.preset("cpu"),
             tqc=TQCConfig.preset("gpu"),
             replay=ReplayConfig(device="cuda"),
+            blind_start=True,
             total_steps=2_000_000,
         ),
     ),

@@ -13,9 +13,11 @@ import pandas as pd
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.checkpoint import Checkpoint, GlobalRNGState
+from torchrl.envs import EnvBase
 from tqdm import tqdm
 
-from modpush.agents import make_tqc
+from modpush.agents import TQCLoss, make_tqc
+from modpush.envs.observation import PushObservation
 from modpush.paper import make_push_env, save_agent
 from modpush.replay import AttentiveSampler, make_replay_buffer
 from modpush.training.config import TrainConfig
@@ -50,6 +52,8 @@ class Trainer:
         env = make_push_env(replace(config.env, num_envs=1))
         self.observation_dim = env.observation_spec["observation"].shape[-1]
         self.agent = make_tqc(config.tqc, env)
+        if config.blind_start:
+            _ignore(self.agent.loss, _columns_of_latent(env))
         env.close()
         queries = config.replay.num_queries
         if config.replay.sampler == "attentive":
@@ -305,3 +309,21 @@ class Trainer:
         self.checkpoints_made, self.owed = metadata["checkpoints_made"], metadata["owed"]
         self.seconds, self.best = metadata["seconds"], tuple(metadata["best"])
         self._curriculum = metadata["curriculum"]
+
+
+def _columns_of_latent(env: EnvBase) -> slice:
+    for transform in env.transform:
+        if isinstance(transform, PushObservation):
+            return transform.columns.get("latent", slice(0, 0))
+    return slice(0, 0)
+
+
+@torch.no_grad()
+def _ignore(loss: TQCLoss, columns: slice) -> None:
+    """Set the first layers' weights of some columns of the observation to zero."""
+    for networks in (
+        *(loss.actor_network_params, loss.qvalue_network_params),
+        loss.target_qvalue_network_params,
+    ):
+        first = next(value for _, value in networks.items(True, True) if value.ndim > 1)
+        first.data[..., columns] = 0.0
