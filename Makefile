@@ -8,7 +8,7 @@ ifneq ($(ICD),)
 export VK_ICD_FILENAMES ?= $(abspath $(ICD))
 endif
 
-.PHONY: setup demo test test-slow check bench renderer clean
+.PHONY: setup demo train test test-slow check bench renderer clean
 
 setup: $(STAMP)
 
@@ -18,6 +18,9 @@ $(STAMP): pyproject.toml constraints.txt
 	$(BIN)/pip install --quiet -c constraints.txt torch==$$(sed -n 's/^torch==//p' constraints.txt)
 	$(BIN)/pip install --quiet -c constraints.txt -e '.[dev]'
 	touch $@
+
+train: setup
+	$(BIN)/python examples/train.py cpu --out runs/train
 
 demo: setup
 	$(BIN)/python examples/demo.py

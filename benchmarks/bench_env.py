@@ -3,7 +3,8 @@
     python benchmarks/bench_env.py            # about 3 minutes; --quick for one
 
 Every figure is a median over interleaved repetitions, one thread. The floor replays the very joint
-targets of the environment's run through bare SAPIEN calls, in the same scenes, from the same state.
+targets of the environment's run through bare SAPIEN calls, in the same scenes, from the same state;
+going back to that state is in nobody's time.
 """
 
 import concurrent.futures
@@ -17,9 +18,11 @@ import numpy as np
 import psutil
 import torch
 import tyro
-from torchrl.envs import ParallelEnv
+from torchrl.collectors import Collector, MultiSyncCollector
+from torchrl.envs import ExcludeTransform, ParallelEnv, TransformedEnv
 
 from modpush.envs import OBSTACLE_SCENES, PushEnv, find_render_device
+from modpush.envs.cpu_scene import CpuScene
 from modpush.envs.depth import AnalyticEye
 from modpush.envs.raycast import blank_image
 from modpush.envs.task import ClutterPushEnv
@@ -58,25 +61,27 @@ def bench_step(sim_freq: int, repetitions: int, steps: int = 40) -> list[Row]:
     blind = PushEnv(NUM_ENVS, scene=OBSTACLE_SCENES, seed=0, sim_freq=sim_freq, depth=None)
     todo = actions(steps)
     recorded: list[list[tuple]] = []
-    advance = ClutterPushEnv.advance
+    advance = CpuScene.advance
 
-    def recording(task: ClutterPushEnv, position: list, velocity: list) -> None:
-        recorded[-1].append((task, position, velocity))
-        advance(task, position, velocity)
+    def recording(scene: CpuScene, position: list, velocity: list) -> None:
+        recorded[-1].append((scene, position, velocity))
+        advance(scene, position, velocity)
 
-    def run(which: PushEnv) -> None:
+    def run(which: PushEnv) -> float:
         td = which.set_state(states[which])
+        start = time.perf_counter()
         for action in todo:
             recorded.append([])
             td["action"] = action
             td = which.step(td)["next"]
+        return time.perf_counter() - start
 
-    def floor() -> None:
+    def floor() -> float:
         env.set_state(states[env])
         start = time.perf_counter()
         for step in recorded[:steps]:
-            for task, position, velocity in step:
-                px, joints = task.scene.px, task._raw_joints
+            for scene, position, velocity in step:
+                px, joints = scene._task.scene.px, scene.joints
                 last = None
                 for angles, rates in zip(position, velocity, strict=True):
                     for joint, angle in zip(joints, angles, strict=True):
@@ -86,21 +91,21 @@ def bench_step(sim_freq: int, repetitions: int, steps: int = 40) -> list[Row]:
                             joint.set_drive_velocity_target(rate)
                         last = rates
                     px.step()
-        floor_times.append(time.perf_counter() - start)
+        return time.perf_counter() - start
 
     states = {}
     for which in (env, blind):
         which.reset()
         states[which] = which.get_state()
-    ClutterPushEnv.advance = recording
+    CpuScene.advance = recording
     run(env)
-    ClutterPushEnv.advance = advance
-    floor_times: list[float] = []
-    with_depth, without = [], []
+    CpuScene.advance = advance
+    run(blind)
+    floor_times, with_depth, without = [], [], []
     for _ in range(repetitions):
-        floor()
-        with_depth.append(timed(lambda: run(env)))
-        without.append(timed(lambda: run(blind)))
+        floor_times.append(floor())
+        with_depth.append(run(env))
+        without.append(run(blind))
     per = 1e3 / (steps * NUM_ENVS)
     base = np.median(floor_times) * per
     name = f"{sim_freq} Hz x {sim_freq // 15}"
@@ -214,8 +219,15 @@ def bench_memory() -> list[Row]:
     return [("memory of one more scene", f"{each:.1f} MiB", "")]
 
 
+def without_images(num_envs: int) -> TransformedEnv:
+    """An environment that keeps its images to itself, as one that encodes them does."""
+    torch.set_num_threads(1)
+    env = PushEnv(num_envs, scene=OBSTACLE_SCENES, seed=0)
+    return TransformedEnv(env, ExcludeTransform("depth", "segmentation"))
+
+
 def bench_scaling(repetitions: int, steps: int = 30) -> list[Row]:
-    """Eight scenes on two cores: one process, two threads, two processes."""
+    """Eight scenes on two cores, step by step: one process, two threads, two processes."""
     half = functools.partial(PushEnv, NUM_ENVS // 2, scene=OBSTACLE_SCENES, seed=0)
     whole, pair = PushEnv(NUM_ENVS, scene=OBSTACLE_SCENES, seed=0), [half(), half()]
     processes = ParallelEnv(2, half)
@@ -226,21 +238,49 @@ def bench_scaling(repetitions: int, steps: int = 30) -> list[Row]:
             td["action"] = action.reshape(-1)[: 3 * env.batch_size.numel()].view(*env.batch_size, 3)
             td = env.step(td)["next"]
 
-    times: dict[str, list[float]] = {"one process": [], "two threads": [], "two processes": []}
+    times: dict[str, list[float]] = {}
     with concurrent.futures.ThreadPoolExecutor(2) as pool:
+        ways: dict[str, Callable[[], object]] = {
+            "one process": lambda: run(whole),
+            "two threads": lambda: list(pool.map(run, pair)),
+            "ParallelEnv of two processes": lambda: run(processes),
+        }
+        for way in ways.values():
+            way()  # the first is not counted
         for _ in range(max(repetitions // 2, 2)):
-            times["one process"].append(timed(lambda: run(whole)))
-            times["two threads"].append(timed(lambda: list(pool.map(run, pair))))
-            times["two processes"].append(timed(lambda: run(processes)))
+            for name, way in ways.items():
+                times.setdefault(name, []).append(timed(way))
     for env in (whole, *pair, processes):
         env.close()
-    return [
-        (
-            f"8 scenes, {name}",
-            f"{NUM_ENVS * steps / np.median(values):.0f} scene-steps/s",
-            f"{np.median(np.array(times['one process']) / np.array(values)):.2f}x one process",
+    return _rates("8 scenes", times, dict.fromkeys(times, NUM_ENVS * steps))
+
+
+def bench_collectors(repetitions: int, steps: int = 40) -> list[Row]:
+    """Whole batches collected with random actions, resets and all: one process, two processes."""
+    make = functools.partial(without_images, NUM_ENVS)
+    frames = {"one process": NUM_ENVS * steps, "two processes": 2 * NUM_ENVS * steps}
+    times: dict[str, list[float]] = {}
+    for name, count in frames.items():
+        collector = (
+            Collector(make, None, frames_per_batch=count, total_frames=-1)
+            if name == "one process"
+            else MultiSyncCollector([make, make], None, frames_per_batch=count, total_frames=-1)
         )
-        for name, values in times.items()
+        batches = iter(collector)
+        next(batches)  # builds, and is not counted
+        next(batches)
+        times[name] = [timed(lambda it=batches: next(it)) for _ in range(max(repetitions, 4))]
+        collector.shutdown()
+    return _rates("collector, 8 scenes a process, images kept there", times, frames)
+
+
+def _rates(what: str, times: dict[str, list[float]], frames: dict[str, int]) -> list[Row]:
+    """Scene-steps a second by way, beside the first way's."""
+    rates = {name: frames[name] / np.median(values) for name, values in times.items()}
+    first = rates["one process"]
+    return [
+        (f"{what}, {name}", f"{rate:.0f} scene-steps/s", f"{rate / first:.2f}x one process")
+        for name, rate in rates.items()
     ]
 
 
@@ -249,13 +289,14 @@ def main(config: Config) -> None:
     torch.set_num_threads(1)
     n = 3 if config.quick else 9
     rows = [
+        *bench_memory(),  # first: later, it would find memory that was freed before
         *bench_step(120, n),
         *bench_step(240, n),
         *bench_maniskill(n),
         *bench_eye(n * 3),
         *bench_reset(n * 2),
-        *bench_memory(),
         *bench_scaling(n),
+        *bench_collectors(n),
     ]
     print("| what | median | beside |\n|---|---|---|")
     for row in rows:

@@ -1,14 +1,15 @@
-"""Watch a UR5 push: the corridor controller in every scene family, with a table, pictures, a video.
+"""Watch a UR5 push: the trained agent beside the corridor controller, in every scene family.
 
     python examples/demo.py                      # what `make demo` runs
     python examples/demo.py --episodes 8 --scenes slot posts
     python examples/demo.py --policy scripted    # a simpler pusher, along the planner's sub-goals
 
-Writes `runs/demo/`: `table.md`, one picture per family and `demo.mp4`. Magenta are the first planned
-path and the present sub-goal. With a Vulkan device the video is rendered by SAPIEN, else it is the
-drawn top view of the same episodes.
+Writes `runs/demo/`: `table.md`, one picture per family and `demo.mp4`, top views of the same episodes
+side by side; magenta are the first planned path and the present sub-goal. With a Vulkan device there
+is `arm.mp4`, too: the first policy's episodes rendered by SAPIEN.
 """
 
+import itertools
 import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,11 +18,18 @@ import numpy as np
 import pandas as pd
 import torch
 import tyro
-from evaluate import METHODS, PolicyName
+from methods import Method, get_method
 from torchrl.envs import EnvBase
 from tqdm import tqdm
 
-from modpush.envs import SCENES, PushEnv, ScenarioConfig, find_render_device, sample_scenario
+from modpush.envs import (
+    SCENES,
+    PushEnv,
+    Scenario,
+    ScenarioConfig,
+    find_render_device,
+    sample_scenario,
+)
 from modpush.evaluation.episodes import Episode, run_episodes
 from modpush.evaluation.pictures import (
     contact_sheet,
@@ -37,8 +45,8 @@ from modpush.evaluation.tables import format_table
 class DemoConfig:
     """What the demo shows."""
 
-    policy: PolicyName = "corridor"
-    """Who pushes."""
+    policy: tuple[str, ...] = ("agent", "corridor")
+    """Who pushes, see `evaluate.py`."""
     scenes: tuple[str, ...] = field(default_factory=lambda: tuple(SCENES))
     """Scene families."""
     episodes: int = 4
@@ -52,14 +60,12 @@ class DemoConfig:
     out: Path = Path("runs/demo")
     """Folder to write to."""
     rendered: bool = True
-    """Use SAPIEN's renderer for the video where there is one."""
+    """Have SAPIEN render the first policy's video where there is a Vulkan device."""
 
 
-def run(config: DemoConfig, rendered: bool) -> tuple[list[Episode], dict[int, list[np.ndarray]]]:
-    """All families' episodes, in order, and rendered frames of each family's first."""
-    print("The first run on a machine compiles for about a minute before the arm moves.")
-    method = METHODS[config.policy]
-    scenarios = [
+def draw_scenarios(config: DemoConfig) -> list[Scenario]:
+    """The episodes, family by family."""
+    return [
         sample_scenario(
             np.random.default_rng([config.seed, k]),
             ScenarioConfig(
@@ -69,6 +75,12 @@ def run(config: DemoConfig, rendered: bool) -> tuple[list[Episode], dict[int, li
         for scene in config.scenes
         for k in range(config.episodes)
     ]
+
+
+def run(
+    method: Method, scenarios: list[Scenario], config: DemoConfig, rendered: bool
+) -> tuple[list[Episode], dict[int, list[np.ndarray]]]:
+    """One policy's episodes, in order, and rendered frames of each family's first."""
     frames: dict[int, list[np.ndarray]] = {}
     num_envs = min(8, len(scenarios))
     env: EnvBase = method.make_env(num_envs, (config.pushed_object,), pictures=rendered)
@@ -87,35 +99,78 @@ def run(config: DemoConfig, rendered: bool) -> tuple[list[Episode], dict[int, li
         target_key=method.target_key,
         on_step=look,
     )
-    episodes = list(tqdm(running, total=len(scenarios), unit="episode"))
+    bar = tqdm(running, total=len(scenarios), unit="episode", desc=method.name)
+    episodes = sorted(bar, key=lambda episode: episode.number)
     env.close()
-    return sorted(episodes, key=lambda episode: episode.number), frames
+    return episodes, frames
+
+
+def side_by_side(clips: list[list[np.ndarray]]) -> list[np.ndarray]:
+    """Clips of different lengths next to each other; one that has ended shows its last frame."""
+    length = max(map(len, clips))
+    padded = [clip + [clip[-1]] * (length - len(clip)) for clip in clips]
+    return [np.concatenate(frames, axis=1) for frames in zip(*padded, strict=True)]
 
 
 def main(config: DemoConfig) -> None:
     """Run, print the table, write pictures and video."""
     torch.set_num_threads(1)
+    methods = [get_method(policy) for policy in config.policy]
     rendered = config.rendered and find_render_device() is not None
-    episodes, rendered_frames = run(config, rendered)
-    rows = pd.DataFrame([{"scene": e.scenario.scene, **e.metrics.to_dict()} for e in episodes])
-    columns = ["success", "contact_rate", "collision_rate", "spl", "steps"]
-    table = format_table(rows.groupby("scene", sort=False)[columns].mean())
-    print("\n" + table)
-    frames: list[np.ndarray] = []
-    for k, scene in enumerate(config.scenes):
-        shown = episodes[k * config.episodes : (k + 1) * config.episodes]
-        pictures = [
-            draw_episode(e.scenario, e.trajectory, caption=f"{scene} {n}")
-            for n, e in enumerate(shown)
+    print("The first run on a machine compiles for about a minute before the arm moves.")
+    scenarios = draw_scenarios(config)
+    runs: dict[str, list[Episode]] = {}
+    arm: dict[int, list[np.ndarray]] = {}
+    for k, method in enumerate(methods):
+        runs[method.name], frames = run(method, scenarios, config, rendered and k == 0)
+        arm.update(frames)
+    rows = pd.DataFrame(
+        [
+            {"scene": e.scenario.scene, "policy": name, **e.metrics.to_dict()}
+            for name, episodes in runs.items()
+            for e in episodes
         ]
-        write_picture(config.out / f"{scene}.png", contact_sheet(pictures))
-        first = shown[0]
-        drawn = draw_frames(first.scenario, first.trajectory, caption=f"{config.policy}: {scene}")
-        frames += rendered_frames.get(first.number) or list(drawn)
+    )
+    columns = ["success", "contact_rate", "collision_rate", "spl", "steps"]
+    means = rows.groupby(["scene", "policy"], sort=False)[columns].mean().loc[list(config.scenes)]
+    table = format_table(means.reset_index().set_index("scene"))
+    print("\n" + table)
+    write(config, runs, table, arm)
+
+
+def write(
+    config: DemoConfig,
+    runs: dict[str, list[Episode]],
+    table: str,
+    arm: dict[int, list[np.ndarray]],
+) -> None:
+    """Table, a picture a family with a row a policy, the videos."""
+    video: list[np.ndarray] = []
+    for k, scene in enumerate(config.scenes):
+        shown = {
+            name: episodes[k * config.episodes : (k + 1) * config.episodes]
+            for name, episodes in runs.items()
+        }
+        pictures = [
+            draw_episode(e.scenario, e.trajectory, caption=f"{name}: {scene} {n}")
+            for name, episodes in shown.items()
+            for n, e in enumerate(episodes)
+        ]
+        write_picture(config.out / f"{scene}.png", contact_sheet(pictures, columns=config.episodes))
+        clips = [
+            list(draw_frames(e[0].scenario, e[0].trajectory, caption=f"{name}: {scene}"))
+            for name, e in shown.items()
+        ]
+        video += side_by_side(clips)
     (config.out / "table.md").write_text(table)
-    write_video(config.out / "demo.mp4", frames)
-    how = "rendered by SAPIEN" if rendered else "drawn, since there is no Vulkan device"
-    print(f"Wrote {config.out}/demo.mp4 ({how}), {config.out}/table.md and a picture per family.")
+    write_video(config.out / "demo.mp4", video)
+    rendered = list(itertools.chain.from_iterable(arm[number] for number in sorted(arm)))
+    if rendered:
+        write_video(config.out / "arm.mp4", rendered)
+    how = (
+        f"{config.out}/arm.mp4, rendered by SAPIEN" if rendered else "no arm.mp4: no Vulkan device"
+    )
+    print(f"Wrote {config.out}/demo.mp4 ({how}), table.md and a picture per family.")
 
 
 if __name__ == "__main__":

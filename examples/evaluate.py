@@ -1,7 +1,8 @@
 """Judge policies on the evaluation sets: tables beside the paper's, pictures of what failed, videos.
 
     python examples/evaluate.py --policy corridor --set obstacles/small_cube
-    python examples/evaluate.py --policy corridor scripted --set all --episodes 100
+    python examples/evaluate.py --policy agent corridor --set all --episodes 100
+    python examples/evaluate.py --policy runs/train_cpu --set free/small_cube
     python examples/evaluate.py --policy corridor --set smoke        # half a minute
 
 For each policy and set `runs/evaluate/<policy>/<set>/` gets `episodes.csv` (a row an episode),
@@ -12,19 +13,15 @@ and paired t-tests. An interrupted run goes on where it stopped; `--fresh` start
 
 import functools
 import warnings
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated
 
 import pandas as pd
 import torch
 import tyro
-from tensordict.nn import TensorDictModuleBase
-from torchrl.envs import Compose, EnvBase, InitTracker, TransformedEnv
+from methods import Method, get_method
 
-from modpush.agents import PushingCorridorController, ScriptedPusher, faithful_config
-from modpush.envs import PushEnv
 from modpush.evaluation.paper import beside_paper
 from modpush.evaluation.pictures import (
     contact_sheet,
@@ -37,61 +34,15 @@ from modpush.evaluation.results import load_trajectory
 from modpush.evaluation.runner import EvaluationConfig, evaluate
 from modpush.evaluation.sets import SET_NAMES, EvaluationSet, load_set
 from modpush.evaluation.tables import compare, format_table, summarize, to_display
-from modpush.planners import DistanceField, OccupancyGrid, PlannerSubgoals
-
-
-def make_env(num_envs: int, objects: Sequence[str], *, planner: bool, **options: Any) -> EnvBase:
-    """`PushEnv`, with the planner's sub-goals for those that follow them."""
-    transforms: list[Any] = [InitTracker()]
-    if planner:
-        transforms += [
-            OccupancyGrid(object_radius_key="object_radius"),
-            PlannerSubgoals(DistanceField(), max_waypoints=32),
-        ]
-    env = PushEnv(num_envs, pushed_object=tuple(objects), **options)
-    return TransformedEnv(env, Compose(*transforms))
-
-
-PolicyName = Literal["corridor", "corridor_faithful", "scripted"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Method:
-    """A policy, the environment that it needs, and where to find what it plans."""
-
-    make_policy: Callable[[], TensorDictModuleBase]
-    make_env: Callable[..., EnvBase]
-    path_key: Any
-    target_key: Any
-
-
-def _corridor(make_policy: Callable[[], TensorDictModuleBase]) -> Method:
-    return Method(
-        make_policy=make_policy,
-        make_env=functools.partial(make_env, planner=False),
-        path_key=("next", "corridor", "path"),
-        target_key=("next", "corridor", "target"),
-    )
-
-
-METHODS: dict[PolicyName, Method] = {
-    "corridor": _corridor(PushingCorridorController),
-    "corridor_faithful": _corridor(lambda: PushingCorridorController(faithful_config())),
-    "scripted": Method(
-        make_policy=lambda: ScriptedPusher(target_key="subgoal"),
-        make_env=functools.partial(make_env, planner=True),
-        path_key="path",
-        target_key="subgoal",
-    ),
-}
 
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluateConfig:
     """What to judge, and on what."""
 
-    policy: tuple[PolicyName, ...] = ("corridor",)
-    """Several are compared with each other."""
+    policy: tuple[str, ...] = ("corridor",)
+    """`corridor`, `corridor_faithful`, `scripted`, `agent` (the one that is shipped for the set's
+    object), or a training run's folder; several are compared with each other."""
     sets: Annotated[tuple[str, ...], tyro.conf.arg(name="set")] = ("smoke",)
     """Evaluation sets, or `all` for those of the paper."""
     episodes: int | None = None
@@ -115,18 +66,15 @@ class EvaluateConfig:
         return tuple(n for n in SET_NAMES if n != "smoke") if "all" in self.sets else self.sets
 
 
-def run(policy: PolicyName, evaluation_set: EvaluationSet, config: EvaluateConfig) -> pd.DataFrame:
+def run(method: Method, evaluation_set: EvaluationSet, config: EvaluateConfig) -> pd.DataFrame:
     """One policy on one set: results, tables, pictures."""
-    method = METHODS[policy]
-    module = method.make_policy()
-    folder = config.out / policy / evaluation_set.name
-    settings = asdict(module.config) if hasattr(module, "config") else {}
+    folder = config.out / method.name / evaluation_set.name
     rows = evaluate(
         method.make_env,
-        module,
+        method.make_policy(),
         evaluation_set,
         folder,
-        label=f"{policy} {settings}",
+        label=method.label,
         config=EvaluationConfig(
             num_envs=config.num_envs,
             workers=config.workers,
@@ -142,8 +90,8 @@ def run(policy: PolicyName, evaluation_set: EvaluationSet, config: EvaluateConfi
     (folder / "table.csv").write_text(format_table(table, "csv"))
     (folder / "table.tex").write_text(format_table(to_display(table), "latex"))
     (folder / "table.md").write_text(format_table(to_display(table)))
-    print(f"\n{policy} on {evaluation_set.name}\n\n{format_table(to_display(table))}")
-    draw(rows, evaluation_set, folder, policy, config)
+    print(f"\n{method.name} on {evaluation_set.name}\n\n{format_table(to_display(table))}")
+    draw(rows, evaluation_set, folder, method.name, config)
     return rows
 
 
@@ -198,10 +146,12 @@ def report(name: str, rows: dict[str, pd.DataFrame], config: EvaluateConfig) -> 
 
 def main(config: EvaluateConfig) -> None:
     """Run every policy on every set."""
+    # Kernels on 8 scenes are too short to share out: waiting for each other costs more.
     torch.set_num_threads(1)
+    methods = [get_method(policy) for policy in config.policy]
     for name in config.set_names:
         episodes = load_set(name).first(config.episodes)
-        rows = {str(policy): run(policy, episodes, config) for policy in config.policy}
+        rows = {method.name: run(method, episodes, config) for method in methods}
         report(name, rows, config)
     print(f"Wrote tables, per-episode data, pictures and videos to {config.out}/.")
 

@@ -28,9 +28,11 @@ KNOW_THE_SIMULATOR = {
     "depth",
     "batch",
     "bodies",
+    "building",
     "obstacles",
     "camera",
     "contacts",
+    "cpu_scene",
 }
 
 

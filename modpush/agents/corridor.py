@@ -102,8 +102,9 @@ def corridor_path(
     straight = torch.cat([straight, goal[:, None].expand(-1, paths.waypoints.shape[1] - 2, 2)], 1)
     line = torch.where(paths.found[:, None, None], paths.waypoints, straight)
     length = (line[:, 1:] - line[:, :-1]).norm(dim=-1).sum(-1)
-    parts = [point_along(line, length * k / (points - 1)) for k in range(points)]
-    return torch.stack(parts, 1)
+    ways = length[:, None] * torch.linspace(0.0, 1.0, points)  # [B, points]
+    lines = line.repeat_interleave(points, 0)  # all points of all scenes at once
+    return point_along(lines, ways.flatten()).reshape(len(line), points, 2)
 
 
 @njit(cache=True, nogil=True)
@@ -125,6 +126,111 @@ def _behind(position: NDArray, point: NDArray, distance: float) -> tuple[float, 
     du, dv = position[0] - point[0], position[1] - point[1]
     length = max(np.sqrt(du * du + dv * dv), 1e-9)
     return position[0] + du / length * distance, position[1] + dv / length * distance
+
+
+@njit(cache=True, nogil=True)
+def _has_room_behind(
+    distance: NDArray, position: NDArray, point: NDArray, behind: float, room: float
+) -> bool:
+    """Whether obstacles are further than `room` from the place to push from towards a point."""
+    u, v = _behind(position, point, behind)
+    return least_clearance(distance, u, v, u, v) > room
+
+
+@njit(cache=True, nogil=True)
+def _tool_sees_behind(
+    distance: NDArray, position: NDArray, point: NDArray, behind: float, tool: NDArray, room: float
+) -> bool:
+    """Whether the tool's straight way to that place keeps further than `room` from obstacles."""
+    u, v = _behind(position, point, behind)
+    return least_clearance(distance, u, v, tool[0], tool[1]) > room
+
+
+@njit(cache=True, nogil=True)
+def _nearest_point(path: NDArray, position: NDArray) -> int:
+    """The index of the path's point nearest to a position."""
+    nearest, least = 0, np.inf
+    for k in range(path.shape[0]):
+        away = (path[k, 0] - position[0]) ** 2 + (path[k, 1] - position[1]) ** 2
+        if away < least:
+            nearest, least = k, away
+    return nearest
+
+
+@njit(cache=True, nogil=True)
+def _furthest_clear(
+    distance: NDArray,
+    path: NDArray,
+    position: NDArray,
+    nearest: int,
+    first: bool,
+    behind: float,
+    limits: tuple[float, float, float],
+    near_obstacle: bool,
+    room: float,
+) -> tuple[int, int, int]:
+    """The furthest points that the object sees past the outer zone, the inner zone, obstacles.
+
+    Every second point of the path counts, from the goal back to the nearest one; -1 for none.
+    """
+    outer, inner, touch = limits
+    last = path.shape[0] - 1
+    free, tight, supertight = -1, -1, -1
+    for k in range(last, nearest - 1, -2):
+        point = path[k]
+        if (point[0] - position[0]) ** 2 + (point[1] - position[1]) ** 2 < 1.0 and k < last:
+            continue  # no direction to push in
+        if first and not _has_room_behind(distance, position, point, behind, 0.0):
+            continue
+        clear = least_clearance(distance, position[0], position[1], point[0], point[1])
+        if clear <= touch:
+            continue
+        # Near an obstacle a clear way does not mean that there is room behind the object too.
+        if near_obstacle and not _has_room_behind(distance, position, point, behind, room):
+            continue
+        if supertight < 0:
+            supertight = k
+        if clear > inner and tight < 0:
+            tight = k
+        if clear > outer:
+            free = k
+            break  # a way clear of the outer zone is clear of the others: both are set by now
+    return free, tight, supertight
+
+
+@njit(cache=True, nogil=True)
+def _fallback(
+    distance: NDArray,
+    path: NDArray,
+    position: NDArray,
+    tool: NDArray,
+    nearest: int,
+    seen: tuple[int, int, int],
+    behind: float,
+    outer: float,
+    always: bool,
+    room: float,
+    step: int,
+) -> int:
+    """The path's point to push towards where none is seen past the outer zone; -1 for none.
+
+    `seen` is from `_furthest_clear`; with `always` there is one.
+    """
+    _, tight, supertight = seen
+    for k in seen:
+        if k >= 0 and _tool_sees_behind(distance, position, path[k], behind, tool, room):
+            return k
+    ahead = min(nearest + step, path.shape[0] - 1)
+    u, v = path[nearest, 0], path[nearest, 1]
+    if least_clearance(distance, u, v, u, v) > outer and _tool_sees_behind(
+        distance, position, path[nearest], behind, tool, room
+    ):
+        return ahead
+    if tight >= 0:
+        return tight
+    if always:
+        return supertight if supertight >= 0 else ahead
+    return -1
 
 
 @njit(cache=True, nogil=True)
@@ -165,60 +271,27 @@ def look_ahead(
     Returns:
         (u, v) [px].
     """
-    last = path.shape[0] - 1
     outer, inner, touch = limits
     near_obstacle = False
     if relative:
         here = least_clearance(distance, position[0], position[1], position[0], position[1]) - 1.0
         near_obstacle = here < outer
         outer, inner, touch = min(outer, here), min(inner, here), min(touch, here)
-    nearest, least = 0, np.inf
-    for k in range(last + 1):
-        away = (path[k, 0] - position[0]) ** 2 + (path[k, 1] - position[1]) ** 2
-        if away < least:
-            nearest, least = k, away
-    free, tight, supertight = -1, -1, -1
-    for k in range(last, nearest - 1, -2):
-        if (path[k, 0] - position[0]) ** 2 + (path[k, 1] - position[1]) ** 2 < 1.0 and k < last:
-            continue  # no direction to push in
-        if first:
-            bu, bv = _behind(position, path[k], behind)
-            if least_clearance(distance, bu, bv, bu, bv) == 0:
-                continue
-        clear = least_clearance(distance, position[0], position[1], path[k, 0], path[k, 1])
-        if clear <= touch:
-            continue
-        if clear > outer and not near_obstacle:
-            return path[k, 0], path[k, 1]
-        # Near an obstacle a clear way does not mean that there is room behind the object too.
-        if near_obstacle:
-            bu, bv = _behind(position, path[k], behind)
-            if least_clearance(distance, bu, bv, bu, bv) <= room:
-                continue
-        if clear > outer and free < 0:
-            free = k
-        if clear > inner and tight < 0:
-            tight = k
-        if supertight < 0:
-            supertight = k
-    for k in (free, tight, supertight):
-        if k >= 0:
-            bu, bv = _behind(position, path[k], behind)
-            if least_clearance(distance, bu, bv, tool[0], tool[1]) > room:
-                return path[k, 0], path[k, 1]
-    ahead = min(nearest + step, last)
-    cu, cv = path[nearest, 0], path[nearest, 1]
-    if least_clearance(distance, cu, cv, cu, cv) > outer:
-        bu, bv = _behind(position, path[nearest], behind)
-        if least_clearance(distance, bu, bv, tool[0], tool[1]) > room:
-            return path[ahead, 0], path[ahead, 1]
-    if tight >= 0:
-        return path[tight, 0], path[tight, 1]
-    if relative and supertight >= 0:
-        return path[supertight, 0], path[supertight, 1]
-    if first or relative:
-        return path[ahead, 0], path[ahead, 1]
-    return previous[0], previous[1]
+    nearest = _nearest_point(path, position)
+    zones = (outer, inner, touch)
+    seen = _furthest_clear(
+        distance, path, position, nearest, first, behind, zones, near_obstacle, room
+    )
+    k = seen[0]
+    if k < 0 or near_obstacle:
+        k = _fallback(
+            distance, path, position, tool, nearest, seen, behind, outer, relative, room, step
+        )
+    if k < 0 and first:
+        k = min(nearest + step, path.shape[0] - 1)
+    if k < 0:
+        return previous[0], previous[1]
+    return path[k, 0], path[k, 1]
 
 
 def to_targets(

@@ -22,16 +22,10 @@ from modpush.agents.corridor import (
 )
 from modpush.agents.corridor_config import CorridorConfig
 from modpush.agents.corridor_state import state_spec
+from modpush.agents.push_learning import activate, correction, learn
 from modpush.agents.push_motion import direction_of, face_way, push_direction, unit
 from modpush.agents.tool_way import clearances_at, make_room, repulsion, way_behind
-from modpush.agents.von_mises import (
-    activations,
-    posterior,
-    posterior_faithful,
-    preferred_angle,
-    wrap_angle,
-    wrap_angle_faithful,
-)
+from modpush.agents.von_mises import wrap_angle, wrap_angle_faithful
 from modpush.planners import GridFrame, LazyThetaStar, OccupancyMap
 
 
@@ -146,7 +140,7 @@ class PushingCorridorController(TensorDictModuleBase):
         if radius is None:
             radius = torch.full((scenes,), self.object_radius)
         radius = radius.detach().cpu().reshape(scenes).float()
-        state = self._begin(tensordict, scenes, goal, position)
+        state = self._begin(tensordict, scenes, goal)
         distances = self._distances(tensordict, scenes)
         self._plan(state, distances, position, goal, radius)
         action = self._act(state, distances, position, tool, radius)
@@ -162,19 +156,19 @@ class PushingCorridorController(TensorDictModuleBase):
         tensordict.set(("next", self.state_key), state.clone())
         return tensordict
 
-    def _begin(
-        self, tensordict: TensorDictBase, scenes: int, goal: Tensor, position: Tensor
-    ) -> TensorDict:
+    def _begin(self, tensordict: TensorDictBase, scenes: int, goal: Tensor) -> TensorDict:
         """The state, zero in all scenes that begin anew, `[scenes]`."""
-        fresh = self.state_spec((scenes,)).zero()
         old = tensordict.get(self.state_key, None)
         if old is None:
-            return fresh
+            return self.state_spec((scenes,)).zero()
         old = old.detach().cpu().reshape(scenes)
         started = old["started"] & (old["goal"] == goal).all(-1, keepdim=True)
         is_init = tensordict.get(self.is_init_key, None)
         if is_init is not None:
             started = started & ~is_init.cpu().reshape(scenes, 1)
+        if started.all():
+            return old.clone()
+        fresh = self.state_spec((scenes,)).zero()
         return torch.where(started.squeeze(-1), old.select(*fresh.keys()), fresh)
 
     def _distances(self, tensordict: TensorDictBase, scenes: int) -> list[NDArray[Any]]:
@@ -238,36 +232,10 @@ class PushingCorridorController(TensorDictModuleBase):
     ) -> Tensor:
         """Learn from the last step, choose target and action, `[B, 3]`; updates the state."""
         wrap = wrap_angle_faithful if self.config.faithful else wrap_angle
-        self._learn(state, position)
-        first = ~state["started"].squeeze(-1)
-        config = self.config
-        target = to_targets(
-            distances,
-            state["path"],
-            position,
-            tool,
-            state["target"],
-            first,
-            config.behind,
-            [
-                Clearances(
-                    outer=config.outer_zone * cells,
-                    inner=config.inner_zone * cells,
-                    touch=config.touch_zone * cells,
-                )
-                for cells in (radius / self.frame.cell_size).tolist()
-            ],
-            not config.faithful,
-            config.tool_room,
-            config.path_step,
-            self.frame,
-        )
-        if config.contact > 0:
-            target = make_room(
-                distances, position, target, radius, config.contact, config.tool_room, self.frame
-            )
+        learn(state, position, self.config)
+        target = self._aim(state, distances, position, tool, radius)
         alpha = wrap(direction_of(position - tool) - direction_of(target - position))
-        push, relocate, alpha_p = self._activate(state, alpha)
+        push, relocate, alpha_p = activate(state, alpha, self.config)
         distance = (position - tool).norm(dim=-1)
         velocity = push_direction(
             position,
@@ -282,7 +250,7 @@ class PushingCorridorController(TensorDictModuleBase):
         )
         velocity = self._navigate(velocity, relocate, distances, position, target, tool, radius)
         velocity = self._keep_off(state, distances, velocity, relocate, position, tool)
-        heading = direction_of(velocity) - self._correction(state)
+        heading = direction_of(velocity) - correction(state, self.config)
         state["object_position"] = position
         state["tool_position"] = tool
         state["target"] = target
@@ -290,6 +258,43 @@ class PushingCorridorController(TensorDictModuleBase):
         state["started"] = torch.ones_like(state["started"])
         action = torch.stack([heading.cos(), heading.sin(), torch.zeros_like(heading)], -1)
         return action * self.config.step
+
+    def _aim(
+        self,
+        state: TensorDict,
+        distances: list[NDArray[Any]],
+        position: Tensor,
+        tool: Tensor,
+        radius: Tensor,
+    ) -> Tensor:
+        """Where to push the object now, `[B, 2]` [m]."""
+        config = self.config
+        target = to_targets(
+            distances,
+            state["path"],
+            position,
+            tool,
+            state["target"],
+            ~state["started"].squeeze(-1),
+            config.behind,
+            [
+                Clearances(
+                    outer=config.outer_zone * cells,
+                    inner=config.inner_zone * cells,
+                    touch=config.touch_zone * cells,
+                )
+                for cells in (radius / self.frame.cell_size).tolist()
+            ],
+            not config.faithful,
+            config.tool_room,
+            config.path_step,
+            self.frame,
+        )
+        if config.contact == 0:
+            return target
+        return make_room(
+            distances, position, target, radius, config.contact, config.tool_room, self.frame
+        )
 
     def _navigate(
         self,
@@ -347,51 +352,3 @@ class PushingCorridorController(TensorDictModuleBase):
         state["escape"] = escape[:, None]
         backwards = unit(tool - position) + 2.0 * push_off
         return torch.where((escape > 0)[:, None], backwards, velocity)
-
-    def _activate(self, state: TensorDict, alpha: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        config = self.config
-        alphas = state["alphas"].double()
-        valid = torch.arange(config.window) < state["alpha_count"]
-        if config.faithful:
-            mu, kappa = posterior_faithful(
-                alphas, valid, config.prior_strength, config.prior_direction
-            )
-        else:
-            mu, kappa = posterior(
-                alphas, valid, config.prior_strength, config.prior_count, config.prior_direction
-            )
-        alpha_p = preferred_angle(alphas, valid, mu, kappa, circular=not config.faithful)
-        push, relocate = activations(alpha.double(), alpha_p, mu, kappa, config.faithful)
-        return push.float(), relocate.float(), alpha_p.float()
-
-    def _learn(self, state: TensorDict, position: Tensor) -> None:
-        """Note how the object went, and the angle if it went straighter than before."""
-        moved_by = position - state["object_position"]
-        moved = (moved_by.norm(dim=-1) > self.config.moved) & state["started"].squeeze(-1)
-        wanted = state["target"] - state["object_position"]
-        wrap = wrap_angle_faithful if self.config.faithful else wrap_angle
-        gamma = wrap(direction_of(moved_by) - direction_of(wanted))
-        before, count = state["gamma"].squeeze(-1), state["gamma_count"].squeeze(-1)
-        success = moved & (count > 0) & (gamma.abs() < before.abs().clamp_max(self.config.success))
-        rows = success.nonzero().squeeze(-1)
-        slot = state["alpha_count"].squeeze(-1).long().clamp_max(self.config.window - 1)
-        state["alphas"][rows, slot[rows]] = state["alpha"][rows, 0]
-        state["alpha_count"][rows] += 1
-        state["alpha_count"].clamp_(max=self.config.window)
-        rows = moved.nonzero().squeeze(-1)
-        state["gamma"][rows, 0] = gamma[rows]
-        state["gamma_count"][rows] += 1
-        terms = torch.stack([gamma.cos(), gamma.sin()], -1)
-        if self.config.faithful:
-            terms = torch.stack([torch.ones_like(gamma), gamma], -1)  # numbers, not directions
-        state["gamma_sum"][rows] += terms[rows]
-
-    def _correction(self, state: TensorDict) -> Tensor:
-        """What to steer against, `[B]` [rad]."""
-        total, count = state["gamma_sum"], state["gamma_count"].squeeze(-1)
-        if self.config.faithful:
-            mean = total[:, 1] / count.clamp_min(1)
-        else:
-            mean = torch.atan2(total[:, 1], total[:, 0])
-        last = state["gamma"].squeeze(-1)
-        return self.config.mean_gain * mean + self.config.last_gain * last

@@ -12,6 +12,13 @@ from gymnasium.envs.registration import WrapperSpec, registry
 
 _HOME = {
     "CAMERA": "camera",
+    "Curriculum": "curriculum",
+    "CurriculumConfig": "curriculum",
+    "CurriculumScenes": "curriculum",
+    "ActionFrame": "frames",
+    "PushObservation": "observation",
+    "PushReward": "rewards",
+    "RewardConfig": "rewards",
     "Camera": "camera",
     "ClutterPushEnv": "task",
     "Dynamics": "scenarios",

@@ -1,7 +1,7 @@
 """A batch of scenes to step: many CPU tasks in one process, or one CUDA task."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -12,8 +12,9 @@ from torch import Tensor
 
 from modpush.envs.control import plan_motion_cpu
 from modpush.envs.depth import AnalyticEye, DepthName, Eye, make_eye
+from modpush.envs.objects import get_object_of
 from modpush.envs.scenarios import Scenario
-from modpush.envs.task import ClutterPushEnv, choose_render_backend, get_object_of
+from modpush.envs.task import ClutterPushEnv, choose_render_backend
 
 __all__ = ["Batch", "CpuBatch", "CudaBatch", "Reading", "SceneState", "make_batch"]
 
@@ -99,7 +100,7 @@ class CpuBatch(Batch):
     """As many one-scene tasks as there are scenes, stepped one after the other in this process.
 
     SAPIEN holds Python's lock while it steps, so threads would only wait for each other; what
-    scales over cores is processes (`torchrl.envs.ParallelEnv` around a `PushEnv`).
+    scales over cores is processes that step through whole batches (`MultiSyncCollector`).
     """
 
     def __init__(
@@ -113,6 +114,7 @@ class CpuBatch(Batch):
             if depth in ("analytic", None)
             else [make_eye(depth, task, arm_in_depth) for task in self.tasks]
         )
+        self._scenes = [task.cpu_scene for task in self.tasks if task.cpu_scene is not None]
         first = self.tasks[0]
         self._motion = first.agent.motion
         self._substeps, self._control_freq = first._sim_steps_per_control, first.control_freq
@@ -136,16 +138,16 @@ class CpuBatch(Batch):
         self._casters[i].reset(0)
         if self._eyes[i] is not self._casters[i]:
             self._eyes[i].reset(0)
-        self._ee_pose[i] = _planar([task.link_transforms_of(0, ("tip",))[0]])[0]
+        self._ee_pose[i] = _planar(self._scenes[i].link_transforms(("tip",)))[0]
 
     def step(self, action: Tensor) -> None:
         """See `Batch`."""
         self._target, position, velocity, self._reachable = self._plan(action)
-        for task, angles, rates in zip(
-            self.tasks, position.tolist(), velocity.tolist(), strict=True
+        for scene, angles, rates in zip(
+            self._scenes, position.tolist(), velocity.tolist(), strict=True
         ):
-            task.advance(angles, rates)
-        self._ee_pose = _planar(task.link_transforms_of(0, ("tip",))[0] for task in self.tasks)
+            scene.advance(angles, rates)
+        self._ee_pose = _planar([scene.link_transforms(("tip",))[0] for scene in self._scenes])
 
     def _plan(self, action: Tensor) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         return plan_motion_cpu(
@@ -161,9 +163,9 @@ class CpuBatch(Batch):
     def read(self) -> Reading:
         """See `Batch`."""
         return Reading(
-            _planar(task.object_transform_of(0) for task in self.tasks),
+            _planar([scene.object_transform() for scene in self._scenes]),
             self._ee_pose,
-            np.array([task.agent.robot._objs[0].qpos for task in self.tasks], dtype=np.float64),
+            np.array([scene.joint_position() for scene in self._scenes], dtype=np.float64),
             np.array([task.contacts.row for task in self.tasks]),
             self._reachable,
         )
@@ -207,9 +209,9 @@ class CpuBatch(Batch):
         self._reachable[index] = state.reachable
 
 
-def _planar(transforms: Iterable[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """x, y, yaw of transforms `[7]`, `[B, 3]`."""
-    rows = np.array(list(transforms))
+def _planar(transforms: Sequence[Sequence[float]]) -> NDArray[np.float64]:
+    """x, y, yaw of `B` transforms of 7 numbers, `[B, 3]`."""
+    rows = np.array(transforms)
     w, x, y, z = rows[:, 3:].T
     yaw = np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
     return np.column_stack([rows[:, :2], yaw])

@@ -1,5 +1,6 @@
 """SAPIEN shapes from our primitives: collision for every machine, visuals where there is a renderer."""
 
+import functools
 import math
 from collections.abc import Iterable
 
@@ -8,7 +9,7 @@ import sapien
 from sapien import physx
 from transforms3d.quaternions import mat2quat
 
-from modpush.envs.shapes import Primitive
+from modpush.envs.shapes import Kind, Primitive, rpy_matrix
 
 __all__ = ["attach_visuals", "collision_shapes", "rigid_body", "yaw_pose"]
 
@@ -22,10 +23,15 @@ def yaw_pose(x: float, y: float, z: float, yaw: float) -> sapien.Pose:
 
 
 def _local_pose(part: Primitive) -> sapien.Pose:
-    rotation = part.rotation()
-    if part.kind in ("cylinder", "capsule"):
+    return sapien.Pose(part.position, _local_quaternion(part.kind, part.rpy))
+
+
+@functools.cache  # obstacles are built at every reset, all of one orientation
+def _local_quaternion(kind: Kind, rpy: tuple[float, float, float]) -> np.ndarray:
+    rotation = rpy_matrix(rpy)
+    if kind in ("cylinder", "capsule"):
         rotation = rotation @ _X_TO_Z
-    return sapien.Pose(part.position, mat2quat(rotation))
+    return mat2quat(rotation)
 
 
 def _prism_vertices(part: Primitive) -> np.ndarray:

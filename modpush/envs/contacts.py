@@ -1,5 +1,6 @@
 """Who touched whom during a control step."""
 
+import functools
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -46,16 +47,21 @@ class ContactReader:
             return
         self._touched[env_idx] = False
         if not self._gpu:
-            task = self._task
-            links = [link._objs[0] for link in task.agent.robot.links]
-            things = [actor._bodies[0] for actor in task._actors.values()]
             self._category = {
-                **dict.fromkeys(links, _ROBOT),
-                **dict.fromkeys(things, _OBJECT),
-                **dict.fromkeys(task.obstacles.rigid_bodies(), _OBSTACLE),
+                **self._lasting,
+                **dict.fromkeys(self._task.obstacles.rigid_bodies(), _OBSTACLE),
             }
 
-    def sample_at(self, num_substeps: int) -> frozenset[int]:
+    @functools.cached_property
+    def _lasting(self) -> dict[Any, int]:
+        """Categories of the bodies that no episode changes."""
+        links = [link._objs[0] for link in self._task.agent.robot.links]
+        things = [actor._bodies[0] for actor in self._task._actors.values()]
+        return {**dict.fromkeys(links, _ROBOT), **dict.fromkeys(things, _OBJECT)}
+
+    @staticmethod
+    @functools.cache
+    def sample_at(num_substeps: int) -> frozenset[int]:
         """After which substeps, counted from 1, to call `read`."""
         return frozenset(round(num_substeps * (i + 1) / _SAMPLES) for i in range(_SAMPLES))
 

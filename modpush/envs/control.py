@@ -18,6 +18,7 @@ __all__ = [
     "clamp_to_workspace",
     "plan_motion",
     "plan_motion_cpu",
+    "planar_joints_cpu",
     "ramp",
 ]
 
@@ -195,6 +196,22 @@ def plan_motion_cpu(
         num_substeps,
         control_freq,
     )
+
+
+def planar_joints_cpu(
+    pose: NDArray[np.float64], flange_height: float
+) -> tuple[NDArray[np.float64], bool]:
+    """`kinematics.planar_inverse_kinematics` of one pose, compiled.
+
+    Args:
+        pose: `[3]` [m, m, rad].
+        flange_height: [m]
+
+    Returns:
+        Joint position `[6]` [rad], and whether the pose can be reached.
+    """
+    joints = np.empty(6)
+    return joints, bool(_planar_ik(pose, flange_height, joints))
 
 
 @numba.njit(cache=True)

@@ -1,5 +1,6 @@
 """The bird's-eye depth image, one interface and two eyes: cast from the known shapes, or rendered."""
 
+import sys
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -23,7 +24,7 @@ from modpush.envs.ur5_2f85 import LINKS
 if TYPE_CHECKING:
     from modpush.envs.task import ClutterPushEnv
 
-__all__ = ["AnalyticEye", "DepthName", "Eye", "SapienEye", "make_eye"]
+__all__ = ["AnalyticEye", "DepthName", "Eye", "ImageMemory", "SapienEye", "make_eye"]
 
 DepthName = Literal["analytic", "sapien"]
 Placed = tuple[Solids, NDArray[np.float64], int]
@@ -64,10 +65,12 @@ class AnalyticEye(Eye):
 
     def reset(self, index: int) -> None:
         """Draw the table and, where they are fixed, the obstacles."""
-        self._background[index] = blank_image()
+        depth, labels = self._background[index]
+        depth.fill(CAMERA.position[2])
+        labels.fill(LABELS["table"])
         self._fixed[index] = [] if self.task.dynamic_obstacles else [self._obstacles(index)]
         for solids, poses, label in self._fixed[index]:
-            draw(*self._background[index], solids, poses, label)
+            draw(depth, labels, solids, poses, label)
 
     def capture(
         self, index: int, depth: NDArray[np.float32], segmentation: NDArray[np.uint8]
@@ -102,6 +105,39 @@ class AnalyticEye(Eye):
         obstacles = self.task.scenarios[index].obstacles
         solids = Solids.of(obstacle_part(o) for o in obstacles)
         return solids, self.task.obstacles.transforms(index), LABELS["obstacle"]
+
+
+class ImageMemory:
+    """Arrays for a batch of images, used again as soon as nobody holds the images in them.
+
+    Asked of the system anew for every step, 2.5 MiB for eight scenes, they cost more (in page
+    faults) than what is drawn into them. `torch.from_numpy` keeps its array alive for as long as a
+    tensor on the same memory lives, so the arrays' reference counts tell.
+    """
+
+    _KEPT = 4  # beyond these, arrays come from the system and go back to it
+
+    def __init__(self, num_envs: int) -> None:
+        self._shape = (num_envs, 1, CAMERA.height, CAMERA.width)
+        self._arrays: list[tuple[NDArray[np.float32], NDArray[np.uint8]]] = []
+        self._free = self._count(self._new())
+
+    def _new(self) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+        return np.empty(self._shape, np.float32), np.empty(self._shape, np.uint8)
+
+    @staticmethod
+    def _count(pair: tuple[NDArray[np.float32], NDArray[np.uint8]]) -> tuple[int, int]:
+        return sys.getrefcount(pair[0]), sys.getrefcount(pair[1])
+
+    def take(self) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+        """Depth and segmentation to write into, `[B, 1, H, W]` each; make tensors of them at once."""
+        for pair in self._arrays:
+            if self._count(pair) == self._free:
+                return pair
+        pair = self._new()
+        if len(self._arrays) < self._KEPT:
+            self._arrays.append(pair)
+        return pair
 
 
 class SapienEye(Eye):

@@ -1,13 +1,14 @@
 """The pushed objects, as data. Obstacles are part of a scene's layout, see `scenes`."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from modpush.envs.shapes import Primitive, box, cylinder, prism
 
-__all__ = ["OBJECTS", "PushedObject", "get_object"]
+__all__ = ["OBJECTS", "PushedObject", "get_object", "get_object_of"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,3 +115,15 @@ def get_object(name: str | PushedObject) -> PushedObject:
     if name not in OBJECTS:
         raise ValueError(f"pushed_object: no object {name!r}, expected one of {sorted(OBJECTS)}.")
     return OBJECTS[name]
+
+
+def get_object_of(items: Sequence[PushedObject], name: str) -> PushedObject:
+    """The object of this name among those a task was built with."""
+    for item in items:
+        if item.name == name:
+            return item
+    get_object(name)  # says so if there is no such object at all
+    raise ValueError(
+        f"pushed_object: {name!r} was not loaded, this environment has "
+        f"{[item.name for item in items]}."
+    )

@@ -16,7 +16,7 @@ from torchrl.envs import EnvBase
 from modpush.envs.batch import SceneState, make_batch
 from modpush.envs.camera import CAMERA
 from modpush.envs.contacts import CONTACT_KEYS
-from modpush.envs.depth import DepthName
+from modpush.envs.depth import DepthName, ImageMemory
 from modpush.envs.scenarios import Scenario, ScenarioConfig, sample_scenario
 from modpush.envs.scenes import MAX_OBSTACLES
 from modpush.envs.ur5_2f85 import TOOLS, ToolName
@@ -37,9 +37,8 @@ class PushEnv(EnvBase):
     """Push an object through clutter to a goal; batch size `[num_envs]`.
 
     It tells the truth of the world and nothing else: the paper's observation and reward are
-    transforms on top. On a CPU the scenes are stepped one after the other in this process (SAPIEN
-    holds Python's lock while it steps, so use `ParallelEnv` for more cores); on CUDA they are one
-    batched simulation.
+    transforms on top. On a CPU the scenes are stepped one after the other in this process; for more
+    cores use `MultiSyncCollector`, one `PushEnv` a worker. On CUDA they are one batched simulation.
 
     All lengths in metres, all angles in radians, all poses `[x, y, yaw]` in the robot's base frame:
     x forward, y left, z up, the table's top at z = 0.
@@ -142,6 +141,7 @@ class PushEnv(EnvBase):
         self._max_episode_steps, self._oob = max_episode_steps, oob
         self._step_count = np.zeros(num_envs, dtype=np.int64)
         self._goal, self._radius = np.zeros((num_envs, 2)), np.zeros((num_envs, 1))
+        self._images = ImageMemory(num_envs)
         self._started = False
         self._rngs = [np.random.default_rng() for _ in range(num_envs)]
         self._make_specs()
@@ -235,9 +235,9 @@ class PushEnv(EnvBase):
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = tensordict["action"]
-        bad = ~(action.isfinite() & (action.abs() <= 1.0 + 1e-4)).all(-1)
-        if bad.any():
-            index = int(torch.argmax(bad.int()))
+        good = (np.abs(action.detach().cpu().numpy()) <= 1.0 + 1e-4).all(-1)  # NaN is not
+        if not good.all():
+            index = int(np.argmin(good))
             raise ValueError(
                 f"PushEnv.step: action of scene {index} must be finite and in [-1, 1], "
                 f"got {action[index].tolist()}."
@@ -293,12 +293,10 @@ class PushEnv(EnvBase):
         return TensorDict(source, batch_size=self.batch_size, device=self.device)
 
     def _capture(self) -> tuple[Tensor, Tensor]:
-        shape = (*self.batch_size, 1, CAMERA.height, CAMERA.width)
-        depth, segmentation = torch.empty(shape), torch.empty(shape, dtype=torch.uint8)
-        depth_rows, label_rows = depth.numpy(), segmentation.numpy()
+        depth, segmentation = self._images.take()
         for i in range(self.batch_size[0]):
-            self._batch.capture(i, depth_rows[i, 0], label_rows[i, 0])
-        return depth, segmentation
+            self._batch.capture(i, depth[i, 0], segmentation[i, 0])
+        return torch.from_numpy(depth), torch.from_numpy(segmentation)
 
     def _displacements(self) -> NDArray[np.float64]:
         moved = np.zeros((self.batch_size[0], MAX_OBSTACLES))

@@ -174,7 +174,8 @@ def _draw(depth, segmentation, kind, size, planes, rotation, position, poses, la
         u1, v1 = min(math.ceil(bounds[k, 1]), width - 1), min(math.ceil(bounds[k, 3]), height - 1)
         if u0 > u1 or v0 > v1:
             continue
-        R, nearest = turned[k], bounds[k, 4]
+        # Taken out of the loop over pixels: a view of an array costs more there than the ray.
+        R, nearest, what, extent, sides = turned[k], bounds[k, 4], kind[k], size[k], planes[k]
         dx, dy, dz = pinhole[0] - center[k, 0], pinhole[1] - center[k, 1], pinhole[2] - center[k, 2]
         _into_local(R, dx, dy, dz, origin)
         _row_spans(corners[k], nearest, u0, u1, int(v0), int(v1), left, right)
@@ -185,7 +186,11 @@ def _draw(depth, segmentation, kind, size, planes, rotation, position, poses, la
                     continue
                 dy = -(u - pinhole[4]) / pinhole[3]
                 _into_local(R, dx, dy, -1.0, ray)
-                t = _hit(kind[k], size[k], planes[k], origin, ray)
+                # Boxes are most of what is drawn; without the call they take a third of the time.
+                if what == _BOX:
+                    t = _hit_box(origin, ray, extent)
+                else:
+                    t = _hit(what, extent, sides, origin, ray)
                 if t < depth[v, u]:
                     depth[v, u] = t
                     segmentation[v, u] = label
@@ -205,6 +210,7 @@ def _cast(pixels, depth, labels, kind, size, planes, rotation, position, poses, 
         u0, u1, v0, v1, _ = _bounds(kind[k], size[k], R, center, pinhole, corners)
         if u1 < low[0] or u0 > high[0] or v1 < low[1] or v0 > high[1]:
             continue
+        what, extent, sides = kind[k], size[k], planes[k]
         _into_local(
             R, pinhole[0] - center[0], pinhole[1] - center[1], pinhole[2] - center[2], origin
         )
@@ -215,7 +221,10 @@ def _cast(pixels, depth, labels, kind, size, planes, rotation, position, poses, 
             _into_local(
                 R, -(v - pinhole[5]) / pinhole[3], -(u - pinhole[4]) / pinhole[3], -1.0, ray
             )
-            t = _hit(kind[k], size[k], planes[k], origin, ray)
+            if what == _BOX:
+                t = _hit_box(origin, ray, extent)
+            else:
+                t = _hit(what, extent, sides, origin, ray)
             if t < depth[i]:
                 depth[i] = t
                 labels[i] = label
@@ -310,10 +319,7 @@ def _half_extents(kind, size):  # type: ignore[no-untyped-def]
 def _hit(kind, size, planes, origin, ray):  # type: ignore[no-untyped-def]
     """Ray parameter of the first entry into the solid, inf where it misses."""
     if kind == _BOX:
-        near, far = _slab(origin[0], ray[0], size[0], 0.0, np.inf)
-        near, far = _slab(origin[1], ray[1], size[1], near, far)
-        near, far = _slab(origin[2], ray[2], size[2], near, far)
-        return near if near <= far else _MISS
+        return _hit_box(origin, ray, size)
     if kind == _PRISM:
         near, far = _slab(origin[2], ray[2], size[2], 0.0, np.inf)
         for i in range(len(planes)):
@@ -337,6 +343,14 @@ def _hit(kind, size, planes, origin, ray):  # type: ignore[no-untyped-def]
         best = min(best, _ball(origin, ray, size[0], size[1]))
         best = min(best, _ball(origin, ray, size[0], -size[1]))
     return best
+
+
+@numba.njit(cache=True, error_model="numpy", inline="always")
+def _hit_box(origin, ray, size):  # type: ignore[no-untyped-def]
+    near, far = _slab(origin[0], ray[0], size[0], 0.0, np.inf)
+    near, far = _slab(origin[1], ray[1], size[1], near, far)
+    near, far = _slab(origin[2], ray[2], size[2], near, far)
+    return near if near <= far else _MISS
 
 
 @numba.njit(cache=True, error_model="numpy", inline="always")

@@ -1,5 +1,6 @@
 """Everything that an episode starts from, as plain data, and the sampler that draws it (spec 2)."""
 
+import functools
 import math
 from collections import Counter
 from collections.abc import Sequence
@@ -7,6 +8,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import cv2
+import numba
 import numpy as np
 
 from modpush.envs.objects import PushedObject, get_object
@@ -15,12 +17,16 @@ from modpush.envs.scenes import (
     Obstacle,
     SceneFn,
     get_scene,
+    nearest_rectangle,
     obstacle_distance,
+    rectangles,
+    turned_rectangles,
 )
 
 __all__ = ["Dynamics", "Scenario", "ScenarioConfig", "sample_scenario"]
 
 _CELL = 0.01  # of the grid that decides whether a path exists [m]
+_LOW, _SHAPE = (0.145, -0.455), (91, 91)  # its lower corner [m] and its cells
 _BATCH = 256  # candidates drawn at a time
 _BATCHES = 40
 _LAYOUTS = 4
@@ -102,6 +108,9 @@ class ScenarioConfig:
     """The same for goals [m]."""
     clearance: float = 0.06
     """Least distance of start and goal from obstacles, surface to surface [m]."""
+    path_margin: float = 0.04
+    """How far out of the workspace the object's way to the goal may lead; at 5 cm an episode ends
+    [m]."""
     tool_distance: tuple[float, float] = (0.08, 0.14)
     """Range of the distance from the object's centre to the tool's tip at the start [m]."""
     randomize_dynamics: bool = False
@@ -122,6 +131,7 @@ class ScenarioConfig:
         ranges: dict[str, tuple[tuple[float, float], float, float]] = {
             "difficulty": (self.difficulty_range, 0.0, 1.0),
             "distance": (self.distance, 0.0, 2.0),
+            "path_margin": ((self.path_margin, self.path_margin), 0.0, 1.0),
             "tool_distance": (self.tool_distance, 0.0, 1.0),
             "mass": (self.mass, 1e-3, 1e3),
             "friction": (self.friction, 0.0, 10.0),
@@ -190,7 +200,7 @@ def sample_scenario(
             raise ValueError(
                 f"scene: {name!r} placed {len(obstacles)} obstacles, at most {MAX_OBSTACLES} fit."
             )
-        free_cells = _Connectivity(obstacles, item.radius)
+        free_cells = _Connectivity(obstacles, item.radius, config)
         for _ in range(_BATCHES):
             found = _try_batch(
                 rng, config, obstacles, item, free_cells, tool_half_extents, tool_radii, failed
@@ -235,32 +245,89 @@ def _try_batch(
     tool_way = rng.uniform(*config.tool_distance, n)
     tool = start + _polar(tool_way, rng.uniform(-np.pi, np.pi, n))
     tool_yaw = rng.uniform(-np.pi / 2, np.pi / 2, n)
-    apart = item.radius + config.clearance
     tool_size = math.hypot(*tool_half_extents)
-    tool_radius = np.linalg.norm(tool, axis=-1)
-    conditions = {
-        "start beyond reach": np.linalg.norm(start, axis=-1) <= config.max_start_radius,
-        "goal outside the workspace": ((goal >= config.low) & (goal <= config.high)).all(-1),
-        "goal beyond reach": np.linalg.norm(goal, axis=-1) <= config.max_goal_radius,
-        "start too close to an obstacle": obstacle_distance(start, obstacles) >= apart,
-        "goal too close to an obstacle": obstacle_distance(goal, obstacles) >= apart,
-        "tool beyond reach": (tool_radius >= tool_radii[0]) & (tool_radius <= tool_radii[1]),
-        "tool touches the object": tool_way >= item.radius + tool_size + 0.002,
-        "tool touches an obstacle": obstacle_distance(tool, obstacles) >= tool_size + 0.005,
-        "no path": free_cells.joined(start, goal),
-    }
-    good = np.ones(n, dtype=bool)
-    for reason, holds in conditions.items():
-        failed[reason] += int((good & ~holds).sum())
-        good &= holds
-    if not good.any():
+    limits = np.array(
+        [
+            *config.low,
+            *config.high,
+            config.max_start_radius,
+            config.max_goal_radius,
+            *tool_radii,
+            item.radius + config.clearance,
+            item.radius + tool_size + 0.002,
+            tool_size + 0.005,
+        ]
+    )
+    i, counts = _judge(start, goal, tool, tool_way, free_cells.turned, free_cells.labels, limits)
+    if i < 0:
+        failed.update(dict(zip(_CONDITIONS, counts.tolist(), strict=True)))
         return None
-    i = int(np.argmax(good))
     return (
         (float(start[i, 0]), float(start[i, 1]), float(yaw[i])),
         (float(goal[i, 0]), float(goal[i, 1])),
         (float(tool[i, 0]), float(tool[i, 1]), float(tool_yaw[i])),
     )
+
+
+_CONDITIONS = (
+    "start beyond reach",
+    "goal outside the workspace",
+    "goal beyond reach",
+    "start too close to an obstacle",
+    "goal too close to an obstacle",
+    "tool beyond reach",
+    "tool touches the object",
+    "tool touches an obstacle",
+    "no path",
+)
+
+
+@numba.njit(cache=True)
+def _judge(start, goal, tool, tool_way, turned, labels, limits):  # type: ignore[no-untyped-def]
+    """Index of the first candidate that meets every condition, or -1.
+
+    With it how many failed which condition first, in the order of `_CONDITIONS`.
+    """
+    counts = np.zeros(9, np.int64)
+    for i in range(len(start)):
+        (sx, sy), (gx, gy), (tx, ty) = start[i], goal[i], tool[i]
+        reach = math.sqrt(tx * tx + ty * ty)
+        if math.sqrt(sx * sx + sy * sy) > limits[4]:
+            counts[0] += 1
+        elif not (limits[0] <= gx <= limits[2] and limits[1] <= gy <= limits[3]):
+            counts[1] += 1
+        elif math.sqrt(gx * gx + gy * gy) > limits[5]:
+            counts[2] += 1
+        elif nearest_rectangle(sx, sy, turned) < limits[8]:
+            counts[3] += 1
+        elif nearest_rectangle(gx, gy, turned) < limits[8]:
+            counts[4] += 1
+        elif reach < limits[6] or reach > limits[7]:
+            counts[5] += 1
+        elif tool_way[i] < limits[9]:
+            counts[6] += 1
+        elif nearest_rectangle(tx, ty, turned) < limits[10]:
+            counts[7] += 1
+        elif not _joined(sx, sy, gx, gy, labels):
+            counts[8] += 1
+        else:
+            return i, counts
+    return -1, counts
+
+
+@numba.njit(cache=True)
+def _joined(sx, sy, gx, gy, labels):  # type: ignore[no-untyped-def]
+    """Whether a path joins two points; no labels mean that nothing stands in the way."""
+    if len(labels) == 0:
+        return True
+    first = _label(sx, sy, labels)
+    return first > 0 and first == _label(gx, gy, labels)
+
+
+@numba.njit(cache=True)
+def _label(x, y, labels):  # type: ignore[no-untyped-def]
+    i, j = int((x - _LOW[0]) / _CELL), int((y - _LOW[1]) / _CELL)
+    return labels[min(max(i, 0), _SHAPE[0] - 1), min(max(j, 0), _SHAPE[1] - 1)]
 
 
 def _polar(radius: np.ndarray, angle: np.ndarray) -> np.ndarray:
@@ -281,28 +348,24 @@ def _sample_dynamics(
 
 
 class _Connectivity:
-    """Which free places an object can be slid between, on a grid over what the camera sees."""
+    """Which free places an object can be slid between without ending the episode: on a grid over
+    what the camera sees, and hardly out of the workspace.
+    """
 
-    _LOW = np.array([0.145, -0.455])
-    _SHAPE = (91, 91)
-
-    def __init__(self, obstacles: list[Obstacle], radius: float) -> None:
-        x, y = np.indices(self._SHAPE)
-        centers = self._LOW + (np.stack([x, y], -1) + 0.5) * _CELL
-        self._labels: np.ndarray | None = None
+    def __init__(self, obstacles: list[Obstacle], radius: float, config: ScenarioConfig) -> None:
+        self.turned = turned_rectangles(rectangles(obstacles))
+        """The obstacles, as `nearest_rectangle` reads them."""
+        self.labels = np.zeros((0, 0), np.int32)
+        """Equal positive labels are joined, `[91, 91]`; empty where nothing stands."""
         if obstacles:
+            centers, margin = _cell_centers(), config.path_margin
             passable = obstacle_distance(centers, obstacles) > radius
-            _, self._labels = cv2.connectedComponents(passable.astype(np.uint8), connectivity=4)
+            passable &= (centers >= np.subtract(config.low, margin)).all(-1)
+            passable &= (centers <= np.add(config.high, margin)).all(-1)
+            _, self.labels = cv2.connectedComponents(passable.astype(np.uint8), connectivity=4)
 
-    def joined(self, start: np.ndarray, goal: np.ndarray) -> np.ndarray:
-        """Whether a path joins them, `[N]` bool."""
-        if self._labels is None:
-            return np.ones(len(start), dtype=bool)
-        first, second = self._label(start), self._label(goal)
-        return (first == second) & (first > 0)
 
-    def _label(self, points: np.ndarray) -> np.ndarray:
-        assert self._labels is not None
-        cell = ((points - self._LOW) / _CELL).astype(int)
-        i, j = np.clip(cell, 0, np.array(self._SHAPE) - 1).T
-        return self._labels[i, j]
+@functools.cache
+def _cell_centers() -> np.ndarray:
+    x, y = np.indices(_SHAPE)
+    return np.array(_LOW) + (np.stack([x, y], -1) + 0.5) * _CELL

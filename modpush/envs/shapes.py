@@ -1,12 +1,13 @@
 """Solid primitives: the one description that physics, both cameras and the scene sampler share."""
 
+import functools
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["KINDS", "Primitive", "box", "capsule", "cylinder", "prism", "rpy_matrix"]
+__all__ = ["KINDS", "Kind", "Primitive", "box", "capsule", "cylinder", "prism", "rpy_matrix"]
 
 Kind = Literal["box", "cylinder", "capsule", "prism"]
 KINDS: tuple[Kind, ...] = ("box", "cylinder", "capsule", "prism")
@@ -37,16 +38,19 @@ class Primitive:
         return rpy_matrix(self.rpy)
 
 
+@functools.cache
 def rpy_matrix(rpy: tuple[float, float, float]) -> NDArray[np.float64]:
-    """Rotation matrix `[3, 3]` of fixed-axis roll, pitch, yaw [rad]."""
+    """Rotation matrix `[3, 3]` of fixed-axis roll, pitch, yaw [rad]; read-only."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
-    return np.array(
+    matrix = np.array(
         [
             [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
             [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
             [-sp, cp * sr, cp * cr],
         ]
     )
+    matrix.setflags(write=False)
+    return matrix
 
 
 _Vector = tuple[float, float, float]

@@ -21,15 +21,22 @@ from sapien import physx
 from torch import Tensor
 
 from modpush.envs import bodies
-from modpush.envs.camera import CAMERA
+from modpush.envs.building import (
+    build_goal_marker,
+    build_object,
+    build_table,
+    camera_from_above,
+    camera_from_the_side,
+    parking_pose,
+)
 from modpush.envs.contacts import ContactReader
+from modpush.envs.cpu_scene import CpuScene
 from modpush.envs.kinematics import planar_inverse_kinematics
-from modpush.envs.objects import PushedObject, get_object
+from modpush.envs.objects import PushedObject, get_object_of
 from modpush.envs.obstacles import ObstaclePool, ObstacleSwapper
 from modpush.envs.rendering import NO_RENDERER, find_render_device
 from modpush.envs.robot import UR5, tip_yaw
 from modpush.envs.scenarios import Scenario, ScenarioConfig, sample_scenario
-from modpush.envs.shapes import box
 
 __all__ = ["FRICTION", "MAX_EPISODE_STEPS", "ClutterPushEnv", "EpisodeEnd"]
 
@@ -37,7 +44,6 @@ MAX_EPISODE_STEPS = 200
 FRICTION: dict[str, float] = {"object": 0.5, "table": 0.5, "obstacle": 0.5, "tool": 0.0}
 """Of the single materials. PhysX takes the mean of two, so the pairs are: object-table 0.5,
 tool-object 0.25, object-obstacle 0.5 (spec 1)."""
-_PARKED = (20.0, 0.0)  # where objects that are not in play rest [m]
 
 
 class ClutterPushEnv(BaseEnv):
@@ -57,7 +63,8 @@ class ClutterPushEnv(BaseEnv):
         goal_threshold: Success is the object's centre within this of the goal [m].
         bounds_margin: The object is out of bounds when its centre is this far outside the
             workspace [m].
-        obstacle_pool: Take obstacles from a pool even on a CPU (on CUDA it is always so).
+        obstacle_pool: Place things on a CPU as on CUDA: obstacles from a pool, objects parked, mass
+            and friction as built. For tests.
         **kwargs: ManiSkill's: `obs_mode`, `render_mode`, `sim_backend`, `num_envs`, ...
 
     Raises:
@@ -133,26 +140,11 @@ class ClutterPushEnv(BaseEnv):
 
     @property
     def _default_sensor_configs(self) -> list[CameraConfig]:
-        return [
-            CameraConfig(
-                uid="bird_eye",
-                pose=CAMERA.sapien_pose(),
-                width=CAMERA.width,
-                height=CAMERA.height,
-                fov=CAMERA.fov,
-                near=0.01,
-                far=10.0,
-            )
-        ]
+        return [camera_from_above()]
 
     @property
     def _default_human_render_camera_configs(self) -> CameraConfig:
-        pose = sapien.Pose([1.35, 0.75, 0.85])
-        forward = np.array([0.40, 0.0, 0.05]) - pose.p
-        pose.q = _look_along(forward)
-        return CameraConfig(
-            "render_camera", pose, 512, 512, 0.75, 0.01, 10.0, shader_pack="default"
-        )
+        return camera_from_the_side()
 
     # ------------------------------------------------------------------ building
 
@@ -171,80 +163,21 @@ class ClutterPushEnv(BaseEnv):
             physx.PhysxMaterial(FRICTION[name], FRICTION[name], 0.0)
             for name in ("table", "tool", "object")
         )
-        self._load_table(table)
+        build_table(self, table)
         for link in self.agent.robot.links:
             for raw in link._objs:
                 for shape in raw.collision_shapes:
                     shape.physical_material = robot
         self._object_material = thing
-        self._actors = {item.name: self._load_object(item) for item in self.pushed_objects}
+        self._actors = {item.name: build_object(self, item, thing) for item in self.pushed_objects}
         obstacle = physx.PhysxMaterial(FRICTION["obstacle"], FRICTION["obstacle"], 0.0)
         pool = self._want_pool or self.gpu_sim_enabled
         self.obstacles = (ObstaclePool if pool else ObstacleSwapper)(
             self.scene, obstacle, self.dynamic_obstacles
         )
-        self._marker = self._load_goal_marker() if self.scene.can_render() else None
+        self._marker = build_goal_marker(self) if self.scene.can_render() else None
         self.contacts = ContactReader(self)
-        self._mass_properties: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-        self._raw_joints = [joint._objs[0] for joint in self.agent.robot.active_joints]
-
-    def _load_table(self, material: physx.PhysxMaterial) -> None:
-        """An endless plane to rest on, and a table top to see."""
-        for i, sub_scene in enumerate(self.scene.sub_scenes):
-            entity = sapien.Entity()
-            if i == 0 or not self.gpu_sim_enabled:  # one plane serves all GPU scenes
-                body = physx.PhysxRigidStaticComponent()
-                plane = physx.PhysxCollisionShapePlane(material)
-                plane.local_pose = sapien.Pose(q=[np.sqrt(0.5), 0, -np.sqrt(0.5), 0])
-                _never_touch_base(plane)
-                body.attach(plane)
-                entity.add_component(body)
-            if self.scene.can_render():
-                top = box(3.0, 3.0, 0.04, (0.6, 0.0, -0.02), color=(0.93, 0.91, 0.87))
-                bodies.attach_visuals(entity, [top])
-            entity.name = f"scene-{i}_table"
-            sub_scene.add_entity(entity)
-        for raw in self.agent.robot.links_map["base"]._objs:
-            for shape in raw.collision_shapes:
-                _never_touch_base(shape)
-
-    def _load_goal_marker(self) -> Actor:
-        """A disc of the goal's size, for people: cameras that make observations do not see it."""
-        builder = self.scene.create_actor_builder()
-        builder.add_cylinder_visual(
-            pose=sapien.Pose(q=[np.sqrt(0.5), 0, np.sqrt(0.5), 0]),
-            radius=self.goal_threshold,
-            half_length=0.0005,
-            material=sapien.render.RenderMaterial(base_color=[0.1, 0.75, 0.2, 1.0]),
-        )
-        builder.initial_pose = sapien.Pose([0.5, 0.0, 0.0])
-        marker = builder.build_kinematic("goal")
-        self.scene.remove_from_state_dict_registry(marker)
-        self._hidden_objects.append(marker)
-        return marker
-
-    def _load_object(self, item: PushedObject) -> Actor:
-        """One body of this kind per scene, with mass and inertia of a homogeneous solid."""
-        entities = []
-        for i, sub_scene in enumerate(self.scene.sub_scenes):
-            entity = bodies.rigid_body(item.parts, self._object_material, mass=item.mass)
-            if self.scene.can_render():
-                bodies.attach_visuals(entity, item.parts)
-            entity.name = f"scene-{i}_{item.name}"
-            entity.pose = self._parking_pose(item)
-            sub_scene.add_entity(entity)
-            entities.append(entity)
-        actor = Actor.create_from_entities(
-            entities, self.scene, torch.arange(self.num_envs), shared_name=item.name
-        )
-        actor.initial_pose = Pose.create(self._parking_pose(item), device=self.device)
-        self.scene.actors[item.name] = actor
-        self.scene.add_to_state_dict_registry(actor)
-        return actor
-
-    def _parking_pose(self, item: PushedObject) -> sapien.Pose:
-        index = [other.name for other in self.pushed_objects].index(item.name)
-        return bodies.yaw_pose(_PARKED[0], _PARKED[1] + index, item.height / 2, 0.0)
+        self.cpu_scene = None if pool else CpuScene(self)
 
     # ------------------------------------------------------------------ episodes
 
@@ -295,8 +228,11 @@ class ClutterPushEnv(BaseEnv):
         if self._marker is not None:
             goal = torch.nn.functional.pad(self._goal[env_idx].float(), (0, 1), value=0.0005)
             self._marker.set_pose(Pose.create_from_pq(goal))
-        self._place_objects(env_idx, scenarios)
-        self._place_tool(env_idx, scenarios)
+        if self.cpu_scene is not None:
+            self.cpu_scene.place(scenarios[0])
+        else:
+            self._place_objects(scenarios)
+            self._place_tool(scenarios)
         self.contacts.clear(env_idx)
 
     def draw_scenario(self, rng: np.random.Generator) -> Scenario:
@@ -305,62 +241,27 @@ class ClutterPushEnv(BaseEnv):
             rng, self.scenario_config, tool_half_extents=self.agent.tool.tip_half_extents
         )
 
-    def _place_objects(self, env_idx: Tensor, scenarios: Sequence[Scenario]) -> None:
-        if not self.gpu_sim_enabled:
-            # Only what is in play is in the scene, and it is taken out and put in again: a body
-            # leaves PhysX's contact cache behind, and the episode does not depend on the one before,
-            # to the last bit.
-            scene = self.scene.sub_scenes[0]
-            for actor in self._actors.values():
-                if actor._objs[0].scene is not None:
-                    scene.remove_entity(actor._objs[0])
-            item = get_object_of(self.pushed_objects, scenarios[0].pushed_object)
-            scene.add_entity(self._actors[item.name]._objs[0])
+    def _place_objects(self, scenarios: Sequence[Scenario]) -> None:
+        """On CUDA mass, centre of mass and friction stay as built."""
         for name, actor in self._actors.items():
             item = get_object_of(self.pushed_objects, name)
-            poses = np.array(
-                [
-                    np.concatenate([pose.p, pose.q])
-                    for pose in (
-                        bodies.yaw_pose(*s.object_pose[:2], item.height / 2, s.object_pose[2])
-                        if s.pushed_object == name
-                        else self._parking_pose(item)
-                        for s in scenarios
-                    )
-                ],
-                dtype=np.float32,
-            )
-            actor.set_pose(Pose.create(torch.from_numpy(poses).to(self.device)))
-            if not self.gpu_sim_enabled:
-                for s in scenarios:
-                    if s.pushed_object == name:
-                        self._set_dynamics(actor, item, s)
-
-    def _set_dynamics(self, actor: Actor, item: PushedObject, scenario: Scenario) -> None:
-        """Mass, centre of mass and friction of the episode. On CUDA they stay as built."""
-        wanted = scenario.dynamics
-        body = actor._bodies[0]
-        # As built, once: read and written again at every reset, they would drift by roundings.
-        unit, axes = self._mass_properties.setdefault(
-            item.name, (np.array(body.inertia) / body.mass, np.array(body.cmass_local_pose.q))
-        )
-        body.mass = wanted.mass
-        body.inertia = unit * wanted.mass
-        body.cmass_local_pose = sapien.Pose([*wanted.center_of_mass, 0.0], axes)
-        self._object_material.static_friction = wanted.friction
-        self._object_material.dynamic_friction = wanted.friction
-
-    def _place_tool(self, env_idx: Tensor, scenarios: Sequence[Scenario]) -> None:
-        pose = torch.tensor([s.tool_pose for s in scenarios], dtype=torch.float64)
-        height = torch.tensor(
-            [
-                get_object_of(self.pushed_objects, s.pushed_object).tool_height
-                + self.agent.tool.length
+            parked = parking_pose(self.pushed_objects, item)
+            poses = [
+                bodies.yaw_pose(*s.object_pose[:2], item.height / 2, s.object_pose[2])
+                if s.pushed_object == name
+                else parked
                 for s in scenarios
-            ],
-            dtype=torch.float64,
+            ]
+            rows = np.array([[*pose.p, *pose.q] for pose in poses], dtype=np.float32)
+            actor.set_pose(Pose.create(torch.from_numpy(rows).to(self.device)))
+
+    def _place_tool(self, scenarios: Sequence[Scenario]) -> None:
+        pose = torch.tensor([s.tool_pose for s in scenarios], dtype=torch.float64)
+        items = [get_object_of(self.pushed_objects, s.pushed_object) for s in scenarios]
+        height = [item.tool_height + self.agent.tool.length for item in items]
+        joints, reachable = planar_inverse_kinematics(
+            pose, torch.tensor(height, dtype=torch.float64)
         )
-        joints, reachable = planar_inverse_kinematics(pose, height)
         if not reachable.all():
             bad = scenarios[int(torch.argmin(reachable.int()))].tool_pose
             raise ValueError(f"Scenario: tool_pose {bad} is out of the arm's reach.")
@@ -430,19 +331,17 @@ class ClutterPushEnv(BaseEnv):
 
     def object_transform_of(self, index: int) -> np.ndarray:
         """Position and quaternion (w, x, y, z) of the pushed body of one scene, `[7]` [m]."""
+        if self.cpu_scene is not None:
+            return np.array(self.cpu_scene.object_transform())
         actor = self._actors[self.scenarios[index].pushed_object]
-        if self.gpu_sim_enabled:
-            return np.array(actor.pose.raw_pose[index].tolist())
-        pose = actor._bodies[0].entity_pose
-        return np.concatenate([pose.p, pose.q], dtype=np.float64)
+        return np.array(actor.pose.raw_pose[index].tolist())
 
     def link_transforms_of(self, index: int, names: Sequence[str]) -> np.ndarray:
         """The same for links of the robot, `[len(names), 7]` [m]."""
+        if self.cpu_scene is not None:
+            return np.array(self.cpu_scene.link_transforms(names))
         links = self.agent.robot.links_map
-        if self.gpu_sim_enabled:
-            return np.array([links[name].pose.raw_pose[index].tolist() for name in names])
-        poses = [links[name]._objs[0].entity_pose for name in names]
-        return np.array([np.concatenate([pose.p, pose.q]) for pose in poses], dtype=np.float64)
+        return np.array([links[name].pose.raw_pose[index].tolist() for name in names])
 
     @property
     def ee_pose(self) -> Tensor:
@@ -454,31 +353,7 @@ class ClutterPushEnv(BaseEnv):
 
     def start(self, scenario: Scenario) -> None:
         """Start an episode in the one scene of a CPU task: what `reset` does, less its overhead."""
-        self._clear_sim_state()
         self._initialize_episode(torch.tensor([0]), {"scenarios": [scenario]})
-
-    def advance(self, position: list[list[float]], velocity: list[list[float]]) -> None:
-        """One control step of a CPU task, given drive targets: `step` less its overhead.
-
-        Args:
-            position: For every substep the six joint targets [rad].
-            velocity: For every substep the six joint velocities [rad/s].
-        """
-        px, contacts = self.scene.px, self.contacts
-        joints = self._raw_joints
-        sample_at = contacts.sample_at(len(position))
-        contacts.row = [False] * len(contacts.row)
-        last: list[float] | None = None
-        for substep, (angles, rates) in enumerate(zip(position, velocity, strict=True), start=1):
-            for joint, angle in zip(joints, angles, strict=True):
-                joint.set_drive_target(angle)
-            if rates != last:
-                for joint, rate in zip(joints, rates, strict=True):
-                    joint.set_drive_velocity_target(rate)
-                last = rates
-            px.step()
-            if substep in sample_at:
-                contacts.read()
 
     # ------------------------------------------------------------------ state
 
@@ -493,18 +368,6 @@ class ClutterPushEnv(BaseEnv):
             self.agent.controller.set_state(state["controller"])
 
 
-def get_object_of(items: Sequence[PushedObject], name: str) -> PushedObject:
-    """The object of this name among those a task was built with."""
-    for item in items:
-        if item.name == name:
-            return item
-    get_object(name)  # says so if there is no such object at all
-    raise ValueError(
-        f"pushed_object: {name!r} was not loaded, this environment has "
-        f"{[item.name for item in items]}."
-    )
-
-
 def choose_render_backend() -> str:
     """ManiSkill's name for the renderer there is.
 
@@ -515,23 +378,6 @@ def choose_render_backend() -> str:
     if device is None:
         raise RuntimeError(NO_RENDERER)
     return "gpu" if device == "cuda" else device
-
-
-def _never_touch_base(shape: physx.PhysxCollisionShape) -> None:
-    """Two shapes with this bit never collide: the robot's base stands on the table for good."""
-    groups = list(shape.collision_groups)
-    groups[2] |= 1 << 30
-    shape.set_collision_groups(groups)
-
-
-def _look_along(forward: np.ndarray) -> np.ndarray:
-    """Quaternion of a camera that looks along a direction, upright."""
-    x = forward / np.linalg.norm(forward)
-    y = np.cross([0.0, 0.0, 1.0], x)
-    y /= np.linalg.norm(y)
-    from transforms3d.quaternions import mat2quat
-
-    return mat2quat(np.stack([x, y, np.cross(x, y)], 1))
 
 
 class EpisodeEnd(TimeLimitWrapper):

@@ -129,8 +129,10 @@ def run_episodes(
         Each episode as it ends, so not in their order.
 
     Raises:
-        KeyError: If `path_key` or `target_key` is not written.
+        KeyError: If `path_key` or `target_key` is not written, or `env` does not emit what is
+            measured.
     """
+    _check_emitted(env)
     queue = iter(episodes)
     first = list(islice(queue, env.batch_size[0]))
     if not first:
@@ -154,6 +156,17 @@ def run_episodes(
         refill = list(zip((row for row, _ in ended), islice(queue, len(ended)), strict=False))
         if refill:
             td = _restart(env, td, logs, refill)
+
+
+def _check_emitted(env: EnvBase) -> None:
+    emitted = set(env.full_observation_spec.keys(True, True))
+    emitted |= set(env.full_done_spec.keys(True, True))
+    missing = [key for key in (*_POSES, *_FLAGS, *_ENDS) if key not in emitted]
+    if missing:
+        raise KeyError(
+            f"run_episodes: the environment must emit {missing}, which a transform may have "
+            f"dropped; there is {sorted(map(str, emitted))}."
+        )
 
 
 def _restart(

@@ -24,7 +24,7 @@ from modpush.envs.scenes import HARD_SCENES, OBSTACLE_SCENES, SCENES
 
 __all__ = ["SET_NAMES", "SET_VERSION", "EvaluationSet", "generate_set", "load_set"]
 
-SET_VERSION = 1
+SET_VERSION = 2
 """Of the files; another number means other episodes, or another form."""
 _FORMAT = "modpush-evaluation-set"
 _DECIMALS = 6  # micrometres and microradians: exact enough, and the same on every machine

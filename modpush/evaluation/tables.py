@@ -21,6 +21,7 @@ _OVER_SOLVED = (
     "path_length",
     "steps",
 )
+_IDENTITY = ("episode", "scene", "pushed_object", "difficulty")
 TableFormat = Literal["markdown", "latex", "csv"]
 
 
@@ -108,7 +109,7 @@ def _check_same_episodes(rows: Mapping[str, pd.DataFrame]) -> None:
         raise ValueError(f"tables: method {first!r} has no episodes.")
     for method, frame in others:
         same = len(frame) == len(reference) and all(
-            np.array_equal(frame[key], reference[key]) for key in ("episode", "scene")
+            np.array_equal(frame[key], reference[key]) for key in _IDENTITY if key in reference
         )
         if not same:
             raise ValueError(

@@ -46,7 +46,8 @@ def warmup(height: int = 256, width: int = 256) -> None:
     """Compile every kernel here, or load it from the cache on disk, ahead of first use.
 
     The first time on a machine this takes about a minute, afterwards about a second. Without it
-    each kernel is compiled when it is first called.
+    each kernel is compiled when it is first called. Kernels for a batch on several threads are
+    compiled where `torch.get_num_threads()` is more than 1.
 
     Args:
         height: Rows of the grids to be planned on; no matter for what is compiled.

@@ -1,5 +1,6 @@
 import math
 
+import numpy as np
 import pytest
 import torch
 
@@ -8,9 +9,10 @@ from modpush.envs.control import (
     clamp_to_workspace,
     plan_motion,
     plan_motion_cpu,
+    planar_joints_cpu,
     ramp,
 )
-from modpush.envs.kinematics import planar_forward_kinematics
+from modpush.envs.kinematics import planar_forward_kinematics, planar_inverse_kinematics
 
 CONFIG = MotionConfig()
 HEIGHT = torch.tensor([0.183], dtype=torch.float64)
@@ -119,3 +121,12 @@ def test_the_compiled_way_gives_the_same_numbers(num_substeps: int) -> None:
         got, (motion.target, position, velocity, motion.reachable), strict=True
     ):
         torch.testing.assert_close(torch.from_numpy(ours), theirs, atol=1e-9, rtol=1e-9)
+
+
+def test_one_compiled_pose_equals_the_kinematics() -> None:
+    rng = np.random.default_rng(0)
+    for pose in rng.uniform((-0.9, -0.9, -3.0), (0.9, 0.9, 3.0), (200, 3)):
+        joints, reachable = planar_joints_cpu(pose, 0.183)
+        expected, within = planar_inverse_kinematics(torch.from_numpy(pose), 0.183)
+        assert reachable == bool(within)
+        np.testing.assert_allclose(joints, expected, atol=1e-9)

@@ -297,6 +297,23 @@ def test_the_arm_is_in_the_image_only_where_asked_for() -> None:
         env.close()
 
 
+def test_images_that_are_held_stay_as_they_were(env) -> None:
+    # Their memory is used again, but not before the last view of it is gone.
+    td = env.reset()
+    held, copies = [], []
+    for step in range(7):
+        td = act(env, td, 1.0, 0.5 - 0.2 * step, 0.0)
+        held.append((td["depth"][1:], td["segmentation"].numpy()))
+        copies.append(tuple(np.array(image) for image in held[-1]))
+    for images, before in zip(held, copies, strict=True):
+        for image, copy in zip(images, before, strict=True):
+            np.testing.assert_array_equal(image, copy)
+    places = {images[0].data_ptr() for images in held}
+    del held, images, image
+    td = act(env, td)
+    assert td["depth"][1:].data_ptr() in places
+
+
 def test_memory_does_not_grow_with_episodes() -> None:
     import psutil
 

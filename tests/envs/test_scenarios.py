@@ -46,6 +46,21 @@ def test_no_scenario_without_a_path() -> None:
         assert (s.object_pose[0] > 0.475) == (s.goal_position[0] > 0.475)
 
 
+def test_no_scenario_whose_way_leads_out_of_bounds() -> None:
+    """Its ends leave 7 cm to the image's edge, but only outside of the workspace."""
+
+    def wall(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
+        return [Obstacle((0.76, 0.06, 0.06), (0.475, 0.0, np.pi / 2))]
+
+    def sides(path_margin: float) -> set[bool]:
+        rng, config = np.random.default_rng(0), ScenarioConfig(scene=wall, path_margin=path_margin)
+        drawn = [sample_scenario(rng, config) for _ in range(30)]
+        return {(s.object_pose[0] > 0.475) == (s.goal_position[0] > 0.475) for s in drawn}
+
+    assert sides(path_margin=0.04) == {True}
+    assert sides(path_margin=0.10) == {True, False}
+
+
 def test_an_impossible_scene_says_which_condition_failed() -> None:
     def full(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
         return [Obstacle((2.0, 2.0, 0.06), (0.5, 0.0, 0.0))]

@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from modpush.envs.objects import get_object
 from modpush.envs.scenes import (
     HARD_SCENES,
     MAX_OBSTACLES,
@@ -62,6 +63,16 @@ def test_hard_scenes_are_the_authors_turned_by_90_degrees() -> None:
     # Theirs (-0.15, -0.375, 45 deg), 40 cm long, is ours (0.375, -0.15, 135 deg).
     assert maze[7].pose == pytest.approx((0.375, -0.15, 0.75 * math.pi))
     assert maze[7].size[0] == pytest.approx(0.40)
+
+
+@pytest.mark.parametrize(("difficulty", "gap"), [(0.0, 0.0985), (1.0, 0.0806)])
+def test_the_walls_leave_a_way_for_the_small_cube_where_they_cross(
+    difficulty: float, gap: float
+) -> None:
+    walls = build("diagonal_walls", difficulty)
+    # Centres are 10 and 15 cm apart: hypot(0.10 - 0.06, 0.15 - 0.06) and hypot(0.04, 0.15 - 0.08).
+    assert free_gap(walls[3], walls[0]) == pytest.approx(gap, abs=1e-3)
+    assert gap > 2 * get_object("small_cube").radius
 
 
 def test_clutter_does_not_overlap_and_is_different_every_time() -> None:

@@ -3,11 +3,13 @@ import pytest
 import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModule
-from torchrl.envs import EnvBase
+from torchrl.envs import Compose, EnvBase, ExcludeTransform, TransformedEnv
 
 from modpush.agents import ScriptedPusher
+from modpush.envs import PushEnv
 from modpush.evaluation.episodes import Trajectory, run_episodes
 from modpush.evaluation.sets import EvaluationSet
+from modpush.planners import DistanceField, OccupancyGrid, PlannerSubgoals
 from tests.evaluation.conftest import make_env, make_episode
 
 
@@ -108,6 +110,44 @@ def test_rewards_contacts_paths_and_targets_are_recorded(env: EnvBase, free: Eva
     assert calls == [(0, 7)] * episode.metrics.steps
     assert episode.metrics.episode_return == float(episode.metrics.success)
     assert trajectory.contacts[:, 0].any()
+
+
+def test_transforms_do_not_change_where_an_episode_begins(
+    env: EnvBase, free: EvaluationSet
+) -> None:
+    stacked = TransformedEnv(
+        PushEnv(2, pushed_object=("small_cube",)),
+        Compose(
+            OccupancyGrid(object_radius_key="object_radius"),
+            PlannerSubgoals(DistanceField()),
+        ),
+    )
+    numbered = list(enumerate(free.scenarios))[:3]
+    follows = ScriptedPusher(target_key="subgoal")
+    plain = {e.number: e for e in run_episodes(env, ScriptedPusher(), numbered)}
+    planned = {e.number: e for e in run_episodes(stacked, follows, numbered)}
+    stacked.close()
+    for number, scenario in numbered:
+        for episodes in (plain, planned):
+            begin = episodes[number].trajectory
+            np.testing.assert_allclose(begin.object_pose[0], scenario.object_pose, atol=2e-3)
+            np.testing.assert_allclose(begin.ee_pose[0, :2], scenario.tool_pose[:2], atol=2e-3)
+        lengths = [e[number].metrics.shortest_length for e in (plain, planned)]
+        assert lengths[0] == lengths[1]
+
+
+def test_what_transforms_must_not_drop_is_named(env: EnvBase, free: EvaluationSet) -> None:
+    blind = TransformedEnv(
+        PushEnv(1, depth=None), ExcludeTransform("tool_obstacle_contact", "ee_pose")
+    )
+    still = TensorDictModule(
+        lambda pose: torch.zeros_like(pose), in_keys=["object_pose"], out_keys=["action"]
+    )
+    with pytest.raises(
+        KeyError, match=r"must emit .*'ee_pose', 'tool_obstacle_contact'.* there is"
+    ):
+        list(run_episodes(blind, still, [(0, free.scenarios[0])]))
+    blind.close()
 
 
 def test_a_missing_key_is_named(env: EnvBase, free: EvaluationSet) -> None:

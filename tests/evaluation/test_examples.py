@@ -54,28 +54,50 @@ def test_all_stands_for_the_papers_sets(example) -> None:
     assert len(names) == 6
 
 
-def test_every_method_names_keys_that_are_written(example, tmp_path: Path) -> None:
-    evaluate = example("evaluate")
-    assert set(evaluate.METHODS) == {"corridor", "corridor_faithful", "scripted"}
-    faithful = evaluate.METHODS["corridor_faithful"].make_policy()
-    assert faithful.config.faithful
+def test_every_method_is_known_by_its_name_and_settings(example, tmp_path: Path) -> None:
+    methods = example("methods")
+    found = [methods.get_method(name) for name in ("corridor", "corridor_faithful", "scripted")]
+    assert len({method.label for method in found}) == 3
+    assert found[1].make_policy().config.faithful
+    with pytest.raises(
+        ValueError, match=r"no 'nobody', expected corridor, .*training run's folder"
+    ):
+        methods.get_method("nobody")
 
 
 def test_demo(example, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     demo = example("demo")
-    demo.main(demo.DemoConfig(scenes=("free", "slot"), episodes=1, out=tmp_path, rendered=False))
-    assert "| slot |" in capsys.readouterr().out
+    demo.main(
+        demo.DemoConfig(
+            policy=("corridor", "scripted"),
+            scenes=("free", "slot"),
+            episodes=1,
+            out=tmp_path,
+            rendered=False,
+        )
+    )
+    assert "| slot | scripted |" in capsys.readouterr().out
     assert cv2.imread(str(tmp_path / "slot.png")) is not None
     capture = cv2.VideoCapture(str(tmp_path / "demo.mp4"))
     assert capture.get(cv2.CAP_PROP_FRAME_COUNT) > 20
 
 
+@pytest.mark.parametrize(
+    ("block", "printed", "folders"),
+    [(0, "| mine | 4 |", ("mine",)), (1, "| success | 3 |", ("mine", "corridor"))],
+)
 def test_the_page_on_evaluation_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    block: int,
+    printed: str,
+    folders: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     page = (EXAMPLES.parent / "docs" / "evaluation.md").read_text()
-    code = page.split("```python\n")[1].split("```")[0]
+    code = page.split("```python\n")[1 + block].split("```")[0]
     monkeypatch.chdir(tmp_path)
     exec(compile(code, "docs/evaluation.md", "exec"), {"__name__": "page"})
-    assert "| mine | 4 |" in capsys.readouterr().out
-    assert (tmp_path / "runs" / "mine" / "episodes.csv").exists()
+    assert printed in capsys.readouterr().out
+    for folder in folders:
+        assert (tmp_path / "runs" / folder / "episodes.csv").exists()

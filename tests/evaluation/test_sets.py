@@ -93,7 +93,7 @@ def test_a_truncated_file_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"version": 99}, "has version 99, this code reads version 1"),
+        ({"version": 99}, "has version 99, this code reads version 2"),
         ({"format": "song"}, "must have the format 'modpush-evaluation-set', got 'song'"),
         ({"count": 21}, "says it has 21 episodes, got 20"),
         ({"episodes": [{"scene": "free"}] * 20}, "Scenario: fields missing"),

@@ -39,6 +39,13 @@ def wall_map(side=20):
     return blocked
 
 
+@pytest.fixture
+def two_threads():
+    torch.set_num_threads(2)
+    yield
+    torch.set_num_threads(1)
+
+
 def xy(u, v):
     return torch.tensor([[float(u), float(v)]])
 
@@ -185,7 +192,7 @@ def test_points_on_the_lines_between_cells_and_on_the_rim(make):
 
 
 @every_planner
-def test_a_batch_gives_what_its_scenes_give_alone(make):
+def test_a_batch_on_two_threads_gives_what_its_scenes_give_alone(make, two_threads):
     rng = np.random.default_rng(5)
     maps = [random_map(rng, side=96, boxes=5, radius=4) for _ in range(6)]
     queries = [random_query(rng, blocked) for blocked in maps]
@@ -257,7 +264,7 @@ def _length_in_child(queue):
     queue.put(LazyThetaStar().plan(maps, *ends).length.tolist())
 
 
-def test_a_forked_child_of_a_process_that_used_threads_can_plan():
+def test_a_forked_child_of_a_process_that_used_threads_can_plan(two_threads):
     # OpenMP aborts a forked child at its first parallel loop; the kernels go serial there.
     maps = wall_map().repeat(4, 1, 1)
     ends = xy(2, 2).repeat(4, 1), xy(2, 17).repeat(4, 1)
@@ -269,6 +276,22 @@ def test_a_forked_child_of_a_process_that_used_threads_can_plan():
     assert queue.get(timeout=60) == expected
     child.join(timeout=60)
     assert child.exitcode == 0
+
+
+def test_a_process_that_torch_has_one_thread_in_plans_on_one(monkeypatch):
+    def refuse(*arguments):
+        raise AssertionError("the parallel kernel was called")
+
+    monkeypatch.setattr("modpush.planners.lazy_theta_star._plan_many", refuse)
+    maps = wall_map().repeat(4, 1, 1)
+    ends = xy(2, 2).repeat(4, 1), xy(2, 17).repeat(4, 1)
+    assert LazyThetaStar().plan(maps, *ends).found.all()
+    torch.set_num_threads(2)
+    try:
+        with pytest.raises(AssertionError, match="the parallel kernel was called"):
+            LazyThetaStar().plan(maps, *ends)
+    finally:
+        torch.set_num_threads(1)
 
 
 def test_a_field_is_built_once_and_again_when_map_or_goal_change():

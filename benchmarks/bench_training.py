@@ -1,0 +1,256 @@
+"""The whole training loop and its parts: where the time of a scene-step and of an update goes.
+
+    python benchmarks/bench_training.py
+    python benchmarks/bench_training.py --preset cpu --seconds 20 --encoder rays
+
+One table: each part alone, their sum beside the loop that joins them, acting alone, learning alone,
+both side by side on two cores and taking turns on one; memory with a full buffer; depth to action.
+Everything on one thread a process.
+"""
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import statistics
+import tempfile
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import psutil
+import torch
+import tyro
+from torchrl.envs import Compose, ExplorationType, set_exploration_type
+from torchrl.envs.utils import step_mdp
+
+from modpush.paper import make_push_env
+from modpush.replay import make_replay_buffer
+from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer, check_run_folder
+from modpush.training.worker import SceneWorker
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchConfig:
+    """What is measured."""
+
+    preset: str = "cpu"
+    """Training preset."""
+    encoder: str | None = None
+    """Instead of the preset's."""
+    seconds: float = 15.0
+    """Of each loop."""
+
+
+def config_of(bench: BenchConfig, **changes: Any) -> TrainConfig:
+    config = TRAIN_PRESETS[bench.preset][1]
+    if bench.encoder is not None:
+        config = replace(config, env=replace(config.env, encoder=bench.encoder))
+    # The last stage from the start: the scenes that most of a run is spent in.
+    curriculum = replace(config.curriculum, promotion="off")
+    return replace(config, curriculum=curriculum, progress=False, **changes)
+
+
+def median_ms(function: Callable[[], Any], rounds: int = 60) -> float:
+    for _ in range(5):
+        function()
+    times = []
+    for _ in range(rounds):
+        began = time.perf_counter()
+        function()
+        times.append(time.perf_counter() - began)
+    return 1e3 * statistics.median(times)
+
+
+@contextmanager
+def timed(env: Any) -> Iterator[dict[str, list[float]]]:
+    """Collect the time of the base environment and of each transform, step by step [s]."""
+    spent: dict[str, list[float]] = {}
+
+    def watch(owner: Any, name: str, label: str) -> None:
+        method = getattr(owner, name)
+
+        def call(*args: Any, **kwargs: Any) -> Any:
+            began = time.perf_counter()
+            try:
+                return method(*args, **kwargs)
+            finally:
+                spent.setdefault(label, []).append(time.perf_counter() - began)
+
+        object.__setattr__(owner, name, call)
+
+    watch(env.base_env, "_step", "PushEnv: physics and depth")
+    assert isinstance(env.transform, Compose)
+    for transform in env.transform:
+        watch(transform, "_step", type(transform).__name__)
+    watch(env.transform, "inv", "ActionFrame")
+    yield spent
+
+
+def acting(config: TrainConfig) -> list[tuple[str, float]]:
+    """Milliseconds a scene-step: each part, their sum, and all of them at work."""
+    worker = SceneWorker(config)
+    worker.restart(0)
+    weights = {k: v.numpy() for k, v in worker.actor.state_dict().items()}
+    worker.collect(10, weights)
+    scenes = config.env.num_envs
+    loop = median_ms(lambda: worker.collect(config.chunk, weights), 25) / config.chunk / scenes
+    # The parts, on the very states that the loop is in.
+    env, td = worker.env, worker._td
+    assert td is not None
+    policy = median_ms(lambda: worker._act(td.clone(False))) / scenes
+    with timed(env) as spent:
+        for _ in range(40):
+            td = worker._act(td)
+            td, following = env.step_and_maybe_reset(td)
+            td = following
+    rows = [(name, 1e3 * statistics.median(times) / scenes) for name, times in spent.items()]
+    rows = [(name, ms) for name, ms in rows if ms > 0.0005]
+    rows += [("policy with exploration", policy), ("resets", resetting(env, td) / scenes)]
+    total = sum(ms for _, ms in rows)
+    worker.close()
+    return [*rows, ("sum of the parts", total), ("acting, all together", loop)]
+
+
+def resetting(env: Any, td: Any, steps: int = 300) -> float:
+    """Milliseconds a step of all scenes that go into resets: one reset's time by how often.
+
+    Random actions end few episodes early, as the untrained policy does that `acting` runs.
+    """
+    mask = torch.zeros(env.batch_size[0], 1, dtype=torch.bool)
+    mask[0] = True
+    one = median_ms(lambda: env.reset(td.copy().set("_reset", mask.clone())), 30)
+    resets = 0
+    for _ in range(steps):
+        td, following = env.step_and_maybe_reset(env.rand_action(td))
+        resets += int(td["next", "done"].any())
+        td = following
+    return one * resets / steps
+
+
+def learning(config: TrainConfig, buffer_size: int) -> list[tuple[str, float]]:
+    """Milliseconds an update: sample, optimisation step, both in the run."""
+    from tensordict import TensorDict
+
+    from modpush.agents import make_tqc
+
+    env = make_push_env(replace(config.env, num_envs=1))
+    agent = make_tqc(config.tqc, env)
+    width = env.observation_spec["observation"].shape[-1]
+    env.close()
+    buffer = make_replay_buffer(replace(config.replay, capacity=buffer_size, num_queries=16))
+    rows = TensorDict(
+        {
+            "observation": torch.randn(buffer_size, width),
+            "action": torch.rand(buffer_size, 3) * 2 - 1,
+            "next": {
+                "observation": torch.randn(buffer_size, width),
+                "reward": torch.randn(buffer_size, 1),
+                "done": torch.zeros(buffer_size, 1, dtype=torch.bool),
+                "terminated": torch.zeros(buffer_size, 1, dtype=torch.bool),
+            },
+        },
+        [buffer_size],
+    )
+    buffer.extend(rows)
+    sample = median_ms(lambda: buffer.sample())
+    batch = buffer.sample()
+    update = median_ms(lambda: agent.update(batch.clone(False)))
+    both = median_ms(lambda: agent.update(buffer.sample()))
+    return [("sample", sample), ("update", update), ("sample and update", both)]
+
+
+def whole(config: TrainConfig, seconds: float) -> tuple[float, float, float]:
+    """Scene-steps/s, updates/s and resident memory [MB] of a run, both processes together."""
+    with tempfile.TemporaryDirectory() as folder:
+        never = 10**9
+        config = replace(
+            config,
+            evaluate_every=never,
+            checkpoint_every=never,
+            log_every=never,
+            loggers=(),
+            total_steps=never,
+            tqc=replace(config.tqc, learning_starts=2_000),
+        )
+        trainer = Trainer(config, check_run_folder(Path(folder) / "run", config, resume=False))
+        trainer._start_scenes()
+        trainer._ask()
+
+        def once() -> None:
+            before = trainer.steps
+            trainer._store(trainer.worker.answer())
+            trainer._ask()
+            trainer._learn(before)
+
+        while trainer.steps < 3_500:
+            once()
+        began, steps, updates = time.perf_counter(), trainer.steps, trainer.updates
+        while time.perf_counter() - began < seconds:
+            once()
+        spent = time.perf_counter() - began
+        family = [psutil.Process(), *psutil.Process().children(recursive=True)]
+        memory = sum(process.memory_info().rss for process in family) / 1e6
+        trainer.worker.answer()
+        trainer.close()
+        return (trainer.steps - steps) / spent, (trainer.updates - updates) / spent, memory
+
+
+def depth_to_action(config: TrainConfig) -> float:
+    """Milliseconds from one scene's depth image to its action, transforms and policy."""
+    worker = SceneWorker(replace(config, env=replace(config.env, num_envs=2), greedy_scenes=0))
+    env = make_push_env(replace(config.env, num_envs=1), keep_images=True, seed=0)
+    td = env.reset()
+    td = env.step(env.rand_action(td))
+    before, after = td.exclude("next"), td["next"]
+
+    def think() -> None:
+        seen = env.transform._step(before, after.clone(False))
+        with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
+            worker.actor(step_mdp(before.clone(False).set("next", seen)))
+
+    ms = median_ms(think, 100)
+    env.close()
+    worker.close()
+    return ms
+
+
+def main(bench: BenchConfig) -> None:
+    torch.set_num_threads(1)
+    config = config_of(bench)
+    scenes = config.env.num_envs
+    print(f"\npreset {bench.preset}, {scenes} scenes, encoder {config.env.encoder}\n")
+    print("| acting | ms a scene-step | share |\n|---|---|---|")
+    rows = acting(config)
+    total = dict(rows)["sum of the parts"]
+    for name, ms in rows:
+        print(f"| {name} | {ms:.3f} | {ms / total:.0%} |")
+    print("\n| learning | ms |\n|---|---|")
+    learned = learning(config, 200_000)
+    for name, ms in learned:
+        print(f"| {name}, {config.tqc.hidden_sizes}, batch {config.tqc.batch_size} | {ms:.2f} |")
+    acted = dict(rows)["acting, all together"]
+    update = dict(learned)["sample and update"]
+    print("\n| the loop | scene-steps/s | updates/s | busy with its parts |\n|---|---|---|---|")
+    memory = 0.0
+    for name, side in (("side by side", True), ("taking turns", False)):
+        steps, updates, used = whole(replace(config, side_by_side=side), bench.seconds)
+        memory = used if side else memory
+        act, learn = steps * acted / 1e3, updates * update / 1e3
+        busy = max(act, learn) if side else act + learn
+        print(f"| {name} | {steps:.0f} | {updates:.0f} | {busy:.0%} |")
+    per = 2 * 4 * 50 + 4 * 3 + 4 + 2 + 8  # both observations, action, reward, flags, index
+    print("\n| memory and latency | |\n|---|---|")
+    print(f"| both processes, buffer nearly empty | {memory:.0f} MB |")
+    full = memory + per * 1e-6 * config.replay.capacity
+    print(f"| the same with {config.replay.capacity} transitions | {full:.0f} MB |")
+    print(f"| depth image to action, one scene | {depth_to_action(config):.2f} ms |")
+
+
+if __name__ == "__main__":
+    warnings.filterwarnings("ignore", message="Failed to find system libvulkan")
+    main(tyro.cli(BenchConfig, description=__doc__))

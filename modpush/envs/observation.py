@@ -1,0 +1,254 @@
+"""What the agent sees: the paper's observation, entry by entry, in a frame of choice."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from torch import Tensor
+from torchrl.data import TensorSpec, Unbounded
+from torchrl.envs import Transform
+
+from modpush.envs.frames import Frame, check_frame, frame_yaw, rotate, wrap_angle
+
+__all__ = ["ENTRIES", "PAPER_ENTRIES", "PATH_ENTRIES", "Entry", "PushObservation", "Seen"]
+
+
+class Seen(NamedTuple):
+    """What an entry may be made of, in the agent's frame with its origin at the object."""
+
+    ee_position: Tensor
+    """`[..., 2]` [m]"""
+    ee_yaw: Tensor
+    """`[..., 1]` [rad]"""
+    object_yaw: Tensor
+    """`[..., 1]` [rad]"""
+    goal: Tensor
+    """`[..., 2]` [m]"""
+    subgoal: Tensor
+    """`[..., 2]` [m]"""
+    subgoal_past: Tensor
+    """`[..., lags, 2]` [m], of earlier steps, in the present frame"""
+    joint_position: Tensor
+    """`[..., 6]` [rad]"""
+    path_length: Tensor
+    """`[..., 1]` [m]"""
+    contact: Tensor
+    """`[..., 1]` 0 or 1"""
+    object_radius: Tensor
+    """`[..., 1]` [m]"""
+    latent: Tensor | None
+    """`[..., d]` what the encoder says of the window, if there is one"""
+    symmetry: int
+    """How many yaw angles of the object look alike, 0 for all."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One entry of the observation."""
+
+    read: Callable[[Seen], Tensor]
+    """`Seen -> [..., n]`, SI."""
+    scale: float = 1.0
+    """Multiplies it, so that it is of order 1."""
+    shift: tuple[float, ...] = (0.0,)
+    """Is subtracted before."""
+
+
+def _ee_pose(seen: Seen) -> Tensor:
+    # Pitch and roll against "tool down", where the controller keeps the tool.
+    level = torch.zeros_like(seen.ee_yaw)
+    return torch.cat([seen.ee_position, wrap_angle(seen.ee_yaw), level, level], -1)
+
+
+def _ee_axis(seen: Seen) -> Tensor:
+    angle = 2.0 * seen.ee_yaw  # the closed gripper looks the same from both sides
+    return torch.cat([angle.cos(), angle.sin()], -1)
+
+
+def _object_axis(seen: Seen) -> Tensor:
+    angle = seen.symmetry * seen.object_yaw
+    return torch.cat([angle.cos(), angle.sin()], -1)
+
+
+def _latent(seen: Seen) -> Tensor:
+    if seen.latent is None:
+        raise KeyError("PushObservation: entry 'latent' needs an encoder's latent, there is none.")
+    return seen.latent
+
+
+# The arm with its tool over the middle of the workspace [rad].
+_HOME = (-0.25, -1.35, 2.0, -2.2, -1.57, 0.0)
+
+ENTRIES: dict[str, Entry] = {
+    "latent": Entry(_latent),
+    "ee_pose": Entry(_ee_pose, 10.0),
+    "ee_position": Entry(lambda seen: seen.ee_position, 10.0),
+    "ee_axis": Entry(_ee_axis),
+    "joint_position": Entry(lambda seen: seen.joint_position, 1.0, _HOME),
+    "subgoal_past": Entry(lambda seen: seen.subgoal_past.flatten(-2), 5.0),
+    "contact": Entry(lambda seen: seen.contact),
+    "goal_distance": Entry(lambda seen: seen.goal.norm(dim=-1, keepdim=True), 3.0),
+    "object_axis": Entry(_object_axis),
+    "goal": Entry(lambda seen: seen.goal, 3.0),
+    "subgoal": Entry(lambda seen: seen.subgoal, 5.0),
+    "path_length": Entry(lambda seen: seen.path_length, 3.0),
+    "object_radius": Entry(lambda seen: seen.object_radius, 20.0),
+}
+"""By name. `ee_pose` is (x, y, yaw, pitch, roll); `ee_axis` and `object_axis` are cosine and sine of
+the yaw times the symmetry of gripper and object."""
+
+PAPER_ENTRIES = (
+    "latent",
+    "ee_pose",
+    "joint_position",
+    "subgoal_past",
+    "contact",
+    "goal_distance",
+)
+"""The 49 values of the paper's table, with a latent of 32."""
+
+PATH_ENTRIES = (
+    "latent",
+    "ee_position",
+    "ee_axis",
+    "joint_position",
+    "subgoal_past",
+    "contact",
+    "goal_distance",
+    "object_axis",
+)
+"""For `frame="path"`: the object's own yaw is added, angles are smooth; 50 with a latent of 32."""
+
+
+class PushObservation(Transform):
+    """Writes one flat observation: chosen entries, in a frame at the object, scaled to order 1.
+
+    Args:
+        frame: The axes: `"object"` (the paper), `"path"` or `"base"`; the origin is the object's.
+        entries: Names of `ENTRIES` in their order, or pairs of a name and an `Entry` of your own;
+            default `PATH_ENTRIES` in the path's frame, else `PAPER_ENTRIES`.
+        symmetry: How many yaw angles of the object look alike (`PushedObject.symmetry`).
+        raw: SI units instead of scaled values.
+        keys: Other names for the keys read, by their default names: `object_pose` `[..., 3]`,
+            `goal_position` `[..., 2]`, `ee_pose` `[..., 3]`, `joint_position` `[..., 6]`,
+            `object_radius`, `object_contact`, `path_length` `[..., 1]`, `subgoal` `[..., 2]`,
+            `subgoal_past` `[..., lags, 2]`, `latent` `[..., d]`; metres and radians, base frame.
+        observation_key: Written, `[..., n]` float32.
+
+    Raises:
+        ValueError: If frame, entry or key is unknown; the message lists those there are.
+        KeyError: If a key is missing.
+    Source: table of observations in the paper's Sec. IV-B; spec 4.
+    """
+
+    READ = (
+        *("object_pose", "goal_position", "ee_pose", "joint_position", "object_radius"),
+        *("object_contact", "path_length", "subgoal", "subgoal_past"),
+    )
+
+    def __init__(
+        self,
+        frame: Frame = "object",
+        *,
+        entries: Sequence[str | tuple[str, Entry]] | None = None,
+        symmetry: int = 4,
+        raw: bool = False,
+        keys: Mapping[str, NestedKey] | None = None,
+        observation_key: NestedKey = "observation",
+    ) -> None:
+        check_frame("PushObservation", frame)
+        if entries is None:
+            entries = PATH_ENTRIES if frame == "path" else PAPER_ENTRIES
+        self.frame = frame
+        self.entries = _look_up(entries)
+        self.symmetry = symmetry
+        self.raw = raw
+        names = (*self.READ, "latent") if "latent" in self.entries else self.READ
+        if unknown := sorted(set(keys or {}) - {*self.READ, "latent"}):
+            raise ValueError(
+                f"PushObservation: keys has no {unknown}, expected some of {[*self.READ, 'latent']}."
+            )
+        self.keys: dict[str, NestedKey] = {name: (keys or {}).get(name, name) for name in names}
+        self.observation_key = observation_key
+        super().__init__(in_keys=list(self.keys.values()), out_keys=[observation_key])
+
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        seen = self._see(next_tensordict)
+        parts = []
+        for name, entry in self.entries.items():
+            try:
+                value = entry.read(seen)
+            except RuntimeError as error:
+                raise RuntimeError(f"PushObservation: entry {name!r} failed: {error}") from error
+            if not self.raw:
+                value = (value - value.new_tensor(entry.shift)) * entry.scale
+            parts.append(value)
+        return next_tensordict.set(self.observation_key, torch.cat(parts, -1))
+
+    forward = _call
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        return self._call(tensordict_reset)
+
+    def _see(self, tensordict: TensorDictBase) -> Seen:
+        values = {}
+        for name, key in self.keys.items():
+            values[name] = tensordict.get(key, None)
+            if values[name] is None:
+                raise KeyError(
+                    f"PushObservation: {key!r} is missing; there is "
+                    f"{sorted(map(str, tensordict.keys(True, True)))}."
+                )
+        pose, ee_pose = values["object_pose"], values["ee_pose"]
+        position = pose[..., :2]
+        yaw = frame_yaw(self.frame, pose, values["subgoal"])
+        past = values["subgoal_past"] - position.unsqueeze(-2)
+        return Seen(
+            ee_position=rotate(ee_pose[..., :2] - position, -yaw),
+            ee_yaw=ee_pose[..., 2:] - yaw,
+            object_yaw=pose[..., 2:] - yaw,
+            goal=rotate(values["goal_position"] - position, -yaw),
+            subgoal=rotate(values["subgoal"] - position, -yaw),
+            subgoal_past=rotate(past, -yaw.unsqueeze(-2)),
+            joint_position=values["joint_position"],
+            path_length=values["path_length"],
+            contact=values["object_contact"].float(),
+            object_radius=values["object_radius"],
+            latent=values.get("latent"),
+            symmetry=self.symmetry,
+        )
+
+    def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
+        """Add the observation; its width is found by making one of zeros."""
+        missing = [key for key in self.keys.values() if observation_spec.get(key, None) is None]
+        if missing:
+            raise KeyError(
+                f"PushObservation: the environment does not emit {missing}; it emits "
+                f"{sorted(map(str, observation_spec.keys(True, True)))}."
+            )
+        zeros = observation_spec.zero().select(*self.keys.values())
+        width = self._call(zeros)[self.observation_key].shape[-1]
+        observation_spec[self.observation_key] = Unbounded(
+            shape=(*observation_spec.shape, width),
+            dtype=torch.float32,
+            device=observation_spec.device,
+        )
+        return observation_spec
+
+
+def _look_up(entries: Sequence[str | tuple[str, Entry]]) -> dict[str, Entry]:
+    if not entries:
+        raise ValueError("PushObservation: entries is empty, expected at least one.")
+    found: dict[str, Entry] = {}
+    for item in entries:
+        name, entry = item if isinstance(item, tuple) else (item, ENTRIES.get(item))
+        if entry is None:
+            raise ValueError(
+                f"PushObservation: no entry {name!r}, expected one of {sorted(ENTRIES)}."
+            )
+        found[name] = entry
+    return found

@@ -1,0 +1,86 @@
+"""What a run leaves on disk: config, log, checkpoints, the best agent."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import yaml
+from torchrl.checkpoint import CheckpointRotation
+
+from modpush.paper import config_from_dict
+from modpush.training.config import TrainConfig
+
+__all__ = ["RunFolder", "check_run_folder"]
+
+
+class RunFolder:
+    """Names of the files in a run's folder.
+
+    Args:
+        path: Of the folder.
+        keep_checkpoints: Newest checkpoints kept.
+    """
+
+    def __init__(self, path: str | Path, keep_checkpoints: int = 2) -> None:
+        self.path = Path(path)
+        self.config = self.path / "config.yaml"
+        self.evaluations = self.path / "evaluations.csv"
+        self.log = self.path / "log.csv"
+        self.curve = self.path / "curve.png"
+        self.best_agent = self.path / "best_agent.safetensors"
+        self.last_agent = self.path / "last_agent.safetensors"
+        self.checkpoints = CheckpointRotation(
+            self.path / "checkpoints", keep_last=keep_checkpoints, prefix="step"
+        )
+
+    def write_config(self, config: TrainConfig) -> None:
+        """As YAML."""
+        self.path.mkdir(parents=True, exist_ok=True)
+        self.config.write_text(yaml.safe_dump(_plain(asdict(config)), sort_keys=False))
+
+    def read_config(self) -> TrainConfig:
+        """Inverse of `write_config`.
+
+        Raises:
+            ValueError: If the file is not a run's config; the message names the field.
+        """
+        return config_from_dict(TrainConfig, yaml.safe_load(self.config.read_text()))
+
+
+def check_run_folder(path: str | Path, config: TrainConfig, *, resume: bool) -> RunFolder:
+    """Refuse a folder that this run must not write to, before any work is done.
+
+    Args:
+        path: Of the folder.
+        config: The run's.
+        resume: Go on with what the folder holds.
+
+    Raises:
+        FileExistsError: If the folder is not empty and `resume` is False.
+        FileNotFoundError: If there is nothing to resume.
+        ValueError: If the folder holds a run of another config; the message says what differs.
+    """
+    folder = RunFolder(path, config.keep_checkpoints)
+    if not resume:
+        if folder.path.exists() and any(folder.path.iterdir()):
+            raise FileExistsError(
+                f"check_run_folder: {folder.path} is not empty; resume it, or give another folder."
+            )
+        return folder
+    if not folder.config.exists() or folder.checkpoints.latest() is None:
+        raise FileNotFoundError(
+            f"check_run_folder: {folder.path} holds no checkpoint to resume from."
+        )
+    if different := config.differences(folder.read_config()):
+        raise ValueError(
+            f"check_run_folder: {folder.path} holds a run of another config. What differs: "
+            + "; ".join(different)
+        )
+    return folder
+
+
+def _plain(value: Any) -> Any:
+    """Tuples as lists, for YAML."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
