@@ -99,7 +99,8 @@ def test_training_stopped_and_resumed_ends_the_same(train, data, config, tmp_pat
     for key, value in whole.state_dict().items():
         assert torch.equal(value, resumed.state_dict()[key]), key
     logs = [
-        list(csv.DictReader((tmp_path / name / "log.csv").open())) for name in ("whole", "stopped")
+        list(csv.DictReader((tmp_path / name / "log.csv").read_text().splitlines()))
+        for name in ("whole", "stopped")
     ]
     assert [row["images"] for row in logs[0]] == ["16", "32", "48", "64", "80"]
     for a, b in zip(*logs, strict=True):
