@@ -110,7 +110,8 @@ def _cpu() -> TrainConfig:
         tqc=TQCConfig.preset("cpu", updates_per_step=1 / 12),
         replay=ReplayConfig(batch_size=256),
         blind_start=True,
-        total_steps=1_000_000,
+        total_steps=600_000,
+        evaluate_every=50_000,
     )
 
 
