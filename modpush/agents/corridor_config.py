@@ -20,7 +20,8 @@ class CorridorConfig:
     """psi_relocate from which on the tool goes round the object instead of pushing it.
 
     At the prior's kappa of 3.37 it is reached 13 degrees off, the paper's 0.6 only 21 degrees off;
-    the authors' own code ran at a kappa of 50, where 0.6 is reached 5 degrees off."""
+    the authors' own code ran at a kappa of 50, where 0.6 is reached 5 degrees off. What either
+    does to success and contact is in `docs/evaluation.md`."""
     approach_gain: float = 1.0
     """Speed towards the object while going round it from afar."""
     retreat_gain: float = 0.1
