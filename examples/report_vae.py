@@ -122,7 +122,7 @@ def pictures(vae: DepthVAE, unseen: WindowData, kl: tuple[float, ...], config: C
     prior = vae.decode(torch.randn(48, vae.latent_dim, generator=generator)).sigmoid()
     cv2.imwrite(str(config.output / "prior_samples.png"), tiles(list(prior.split(12))))
 
-    latent = vae(rows[0][:1])
+    latent = vae(rows[-2][:1])
     strongest = sorted(range(vae.latent_dim), key=lambda k: -kl[k])[:8]
     steps = []
     for k in strongest:

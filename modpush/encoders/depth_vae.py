@@ -172,9 +172,9 @@ class DepthVAE(Encoder):
 
 
 def shipped_weights() -> dict[str, Path]:
-    """Weights that come with the package, by name."""
+    """Weights of `DepthVAE` that come with the package, by name."""
     folder = Path(str(files("modpush"))) / "weights"
-    return {path.stem: path for path in folder.glob("*.safetensors")}
+    return {path.stem: path for path in folder.glob("depth_vae*.safetensors")}
 
 
 def _down(inputs: int, outputs: int, kernel: int, stride: int) -> list[nn.Module]:

@@ -32,6 +32,9 @@ class Quality:
     windows together."""
     mean_iou: float
     """The same for each window that has such pixels, averaged; small slivers weigh as much as bars."""
+    iou_half: float
+    """As `iou`, with pixels over 0.3: half an obstacle's height. A cube is 0.625 high, so where its
+    edge may or may not run, a reconstruction falls below 0.5 well inside of it."""
     blank_false: float
     """Share of pixels over 0.5 in reconstructions of blank windows."""
     active: int
@@ -62,16 +65,25 @@ def vae_quality(vae: DepthVAE, windows: Callable[[slice], Tensor], count: int) -
         per_latent += kl.sum(0) / count
         logits = vae.decode(mean + std * torch.randn_like(std))
         nll = binary_cross_entropy_with_logits(logits, window, reduction="none").flatten(1).sum(1)
-        shown, true = vae.decode(mean).flatten(1) > 0, window.flatten(1) > 0.5
+        reconstruction = vae.decode(mean).sigmoid()
+        shown, true = reconstruction.flatten(1) > 0.5, window.flatten(1) > 0.5
         blank = window.flatten(1).amax(1) == 0
         false, blanks = false + float(shown[blank].float().sum()), blanks + int(blank.sum())
-        common, either = (shown & true).sum(1).float(), (shown | true).sum(1).float()
-        filled = true.any(1).float()
         rows.append(
-            torch.stack([nll, kl.sum(1), bernoulli_entropy(window), common, either, filled], 1)
+            torch.stack(
+                [
+                    nll,
+                    kl.sum(1),
+                    bernoulli_entropy(window),
+                    *_overlap(reconstruction, window, 0.5),
+                    *_overlap(reconstruction, window, 0.3),
+                    true.any(1).float(),
+                ],
+                1,
+            )
         )
     vae.train(training)
-    nll, kl, entropy, common, either, filled = torch.cat(rows).unbind(1)
+    nll, kl, entropy, common, either, common_half, either_half, filled = torch.cat(rows).unbind(1)
     some = filled > 0
     return Quality(
         nll=nll.mean().item(),
@@ -80,10 +92,17 @@ def vae_quality(vae: DepthVAE, windows: Callable[[slice], Tensor], count: int) -
         entropy=entropy.mean().item(),
         iou=(common.sum() / either.sum().clamp_min(1)).item(),
         mean_iou=(common[some] / either[some]).mean().item() if some.any() else float("nan"),
+        iou_half=(common_half.sum() / either_half.sum().clamp_min(1)).item(),
         blank_false=false / max(blanks * windows(slice(0, 1)).numel(), 1),
         active=int((torch.cat(means).var(0) > 0.01).sum()),
         kl_per_latent=tuple(per_latent.tolist()),
     )
+
+
+def _overlap(a: Tensor, b: Tensor, threshold: float) -> tuple[Tensor, Tensor]:
+    """Pixels over the threshold in both, and in either, `[B]` each."""
+    one, other = a.flatten(1) > threshold, b.flatten(1) > threshold
+    return (one & other).sum(1).float(), (one | other).sum(1).float()
 
 
 @torch.no_grad()
