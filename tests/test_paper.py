@@ -85,6 +85,14 @@ def test_without_an_encoder_there_is_no_latent():
     env.close()
 
 
+@pytest.mark.parametrize("encoder", ["rays", "vae"])
+def test_in_free_space_the_latent_is_silent(encoder):
+    env = make_push_env(replace(RAYS, encoder=encoder, scene=("free",)), seed=0)
+    latent = env.reset()["observation"][:, :32]
+    torch.testing.assert_close(latent, torch.zeros(2, 32), atol=1e-5, rtol=0)
+    env.close()
+
+
 def test_forward_in_the_path_frame_moves_the_tool_along_the_way(env):
     td = env.reset()
     ahead = td["subgoal"] - td["object_pose"][:, :2]

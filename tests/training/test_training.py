@@ -169,6 +169,18 @@ def test_every_preset_is_a_config():
     assert paper.replay.sampler == "attentive"
 
 
+def test_a_blind_start_hears_nothing_of_the_latent(tmp_path):
+    trainer = Trainer(SMOKE, check_run_folder(tmp_path / "run", SMOKE, resume=False))
+    trainer.close()
+    observation = torch.randn(5, trainer.observation_dim)
+    other = observation.clone()
+    other[:, :32] += 1.0  # the latent of RayScan comes first
+    actor = trainer.agent.actor
+    assert torch.equal(actor(observation)[0], actor(other)[0])
+    other[:, 32] += 1.0
+    assert not torch.equal(actor(observation)[0], actor(other)[0])
+
+
 def test_a_loss_that_is_not_finite_stops_the_run_and_keeps_the_batch(tmp_path):
     trainer = Trainer(SMOKE, check_run_folder(tmp_path / "run", SMOKE, resume=False))
     with torch.no_grad():
