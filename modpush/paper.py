@@ -178,8 +178,8 @@ def make_push_env(
         config: What is stacked; the paper's by default.
         encoder: Encodes the window, instead of what the config names.
         planner: Plans, instead of what the config names.
-        entries: Of the observation, see `PushObservation`; by default the frame's, the latent
-            first, with an empty table's latent taken off.
+        entries: Of the observation, see `PushObservation`; by default the frame's. From
+            `"latent"` the encoder's latent of an empty table is taken off.
         reward_terms: Terms of yours; give each a weight in `config.reward`.
         curriculum: Says which episodes are drawn.
         judged: Scenes that the curriculum judges by, see `CurriculumScenes`.
@@ -228,8 +228,9 @@ def make_push_env(
     if entries is None:
         entries = PATH_ENTRIES if config.frame == "path" else PAPER_ENTRIES
         entries = [name for name in entries if name != "latent" or encoder is not None]
-        if encoder is not None:
-            entries = [("latent", _latent_entry(encoder)), *entries[1:]]
+    if encoder is not None:
+        latent = ("latent", _latent_entry(encoder))
+        entries = [latent if entry == "latent" else entry for entry in entries]
     transforms += [
         PushObservation(
             config.frame,

@@ -13,8 +13,8 @@ def test_demo(tmp_path) -> None:
     command = [sys.executable, str(ROOT / "examples/demo.py"), "--episodes", "1"]
     command += ["--out", str(tmp_path), "--scenes", "free", "posts", "--no-rendered"]
     done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
-    assert "| scene | success | contact_rate | collision_rate |" in done.stdout
-    assert (tmp_path / "table.md").read_text().count("\n") == 4
+    assert "| scene | policy | success | contact_rate | collision_rate |" in done.stdout
+    assert (tmp_path / "table.md").read_text().count("\n") == 6
     for name in ("free", "posts"):
         assert cv2.imread(str(tmp_path / f"{name}.png")).std() > 10
     video = cv2.VideoCapture(str(tmp_path / "demo.mp4"))

@@ -69,7 +69,8 @@ def test_every_part_can_be_replaced():
         seed=1,
     )
     td = env.reset()
-    assert torch.equal(td["observation"][:, :3], torch.full((2, 3), 0.5))
+    assert torch.equal(td["observation"][:, :3], torch.zeros(2, 3))  # as on an empty table
+    assert torch.equal(td["latent"], torch.full((2, 3), 0.5))
     distance = (td["goal_position"] - td["object_pose"][:, :2]).norm(dim=-1)
     torch.testing.assert_close(td["path_length"][:, 0], distance)  # a straight line
     assert distance.max() < 0.07  # the curriculum's first stage

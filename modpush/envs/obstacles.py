@@ -91,14 +91,14 @@ class ObstacleSwapper:
 class ObstaclePool:
     """The same for scenes whose bodies cannot be added to while they run: a GPU simulation.
 
-    Bars come in steps of 5 cm; a layout's lengths are rounded to them, and what `place` returns says
-    so. What is not in play is parked far away.
+    Bars come in steps of 5 cm, and short ones of 7; a layout's lengths are rounded to them, and what
+    `place` returns says so. What is not in play is parked far away.
     """
 
     _SIZES = (
         *((CUBE_SIDE,) * 3 for _ in range(24)),
-        *((0.10, BAR_SECTION, BAR_SECTION) for _ in range(13)),
-        *((0.05 * n, BAR_SECTION, BAR_SECTION) for n in range(3, 13) for _ in range(2)),
+        *((0.07, BAR_SECTION, BAR_SECTION) for _ in range(13)),  # the hard scenes' short bars
+        *((0.05 * n, BAR_SECTION, BAR_SECTION) for n in range(2, 13) for _ in range(2)),
     )
 
     def __init__(
