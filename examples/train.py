@@ -46,6 +46,15 @@ def main(run: Run) -> dict[str, float]:
     folder = check_run_folder(run.out, run.train, resume=run.resume)
     print("The first run on a machine compiles for about a minute before the arm moves.")
     trainer = Trainer(run.train, folder, resume=run.resume)
+
+    def interrupt(*_: Any) -> None:
+        # At the end of the present chunk, when all is in order; a second time means at once.
+        if trainer.interrupted:
+            raise KeyboardInterrupt
+        trainer.interrupted = True
+
+    for number in (signal.SIGINT, signal.SIGTERM):  # a polite kill ends a run as Ctrl-C does
+        signal.signal(number, interrupt)
     try:
         best = trainer.run()
     finally:
@@ -58,15 +67,8 @@ def main(run: Run) -> dict[str, float]:
     return best
 
 
-def interrupt(*_: Any) -> None:
-    """A polite kill ends a run as Ctrl-C does, also one started in the background."""
-    raise KeyboardInterrupt
-
-
 if __name__ == "__main__":
     warnings.filterwarnings("ignore", message="Failed to find system libvulkan")
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, interrupt)
     presets = {
         name: (text, Run(train=config, out=Path("runs") / f"train_{name}"))
         for name, (text, config) in TRAIN_PRESETS.items()

@@ -64,6 +64,8 @@ class Trainer:
         self.owed = 0.0  # updates, not yet made up to a whole one
         self.seconds = 0.0  # of training, in sessions before this one
         self.best = (-1.0, -1.0)
+        self.interrupted = False
+        """Set it, from a signal's handler say, to end the run as Ctrl-C does after this chunk."""
         self._curriculum: dict[str, Any] = {}
         self._weights: dict[str, Any] | None = None
         if resume:
@@ -98,6 +100,8 @@ class Trainer:
         try:
             self._ask()
             while self.steps < config.total_steps:
+                if self.interrupted:
+                    raise KeyboardInterrupt
                 chunk: Chunk = self.worker.answer()
                 before = self.steps
                 self._store(chunk)
