@@ -58,6 +58,11 @@ PLANNERS: dict[str, Callable[[], Planner]] = {
     "straight_line": StraightLine,
 }
 _IMAGES = ("depth", "segmentation", "occupancy", "window")
+_FOR_PUSH_ENV = (
+    *("num_envs", "scene", "pushed_object", "difficulty", "distance", "max_episode_steps"),
+    *("oob", "tool", "sim_freq", "depth", "randomize_dynamics"),
+)
+"""Fields of `PushEnvConfig` that are arguments of `PushEnv`."""
 _FORMAT = "modpush-agent-1"
 T = TypeVar("T")
 
@@ -192,23 +197,8 @@ def make_push_env(
         ValueError: If a part refuses its settings.
     """
     config = config or PushEnvConfig()
-    base = PushEnv(
-        **{
-            "num_envs": config.num_envs,
-            "scene": config.scene,
-            "pushed_object": config.pushed_object,
-            "difficulty": config.difficulty,
-            "distance": config.distance,
-            "max_episode_steps": config.max_episode_steps,
-            "oob": config.oob,
-            "tool": config.tool,
-            "sim_freq": config.sim_freq,
-            "depth": config.depth,
-            "randomize_dynamics": config.randomize_dynamics,
-            "seed": seed,
-            **options,
-        }
-    )
+    settings = {name: getattr(config, name) for name in _FOR_PUSH_ENV}
+    base = PushEnv(**{**settings, "seed": seed, **options})
     transforms: list[Transform] = [InitTracker()]
     if curriculum is not None:
         transforms.append(CurriculumScenes(curriculum, judged=judged))

@@ -138,7 +138,7 @@ def _smoke() -> TrainConfig:
 
 
 TRAIN_PRESETS: dict[str, tuple[str, TrainConfig]] = {
-    "cpu": ("What learns best on two cores in half an hour.", _cpu()),
+    "cpu": ("What learned best on two cores, in a quarter of an hour.", _cpu()),
     "paper": (
         "The paper's numbers: 7e6 steps, an update each; days on a CPU.",
         TrainConfig(env=PushEnvConfig.preset("paper"), tqc=TQCConfig.preset("paper")),

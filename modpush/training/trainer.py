@@ -67,7 +67,6 @@ class Trainer:
         self.interrupted = False
         """Set it, from a signal's handler say, to end the run as Ctrl-C does after this chunk."""
         self._curriculum: dict[str, Any] = {}
-        self._weights: dict[str, Any] | None = None
         if resume:
             self._load()
         folder.write_config(config)
@@ -82,7 +81,7 @@ class Trainer:
         """Train until `total_steps`, or Ctrl-C.
 
         Returns:
-            Summary of the best evaluation: success, contact, collision.
+            Success and contact of the best evaluation; -1 before the first.
 
         Raises:
             KeyboardInterrupt: After a checkpoint was written.

@@ -253,10 +253,11 @@ class WorkerProcess:
     def answer(self) -> Any:
         """The result of what was asked; waits for it."""
         assert self._waiting, "ask first"
-        self._waiting = False
         try:
             failed, result = self._pipe.recv()
+            self._waiting = False  # not before: an interrupt may come while it waits
         except EOFError:
+            self._waiting = False
             self._process.join(5)
             raise RuntimeError(
                 f"WorkerProcess: the worker ended early, exit code {self._process.exitcode}."
