@@ -2,11 +2,15 @@
 
 Layer by layer, autograd allocates each activation twice, copies every weight gradient to undo a
 transpose, and walks a graph of small nodes. The whole stack at once needs none of that: ReLU acts
-in place, forwards and backwards, and weight gradients come out in the weights' own layout. On CPU
-this is a quarter of a TQC update.
+in place, forwards and backwards, and weight gradients come out in the weights' own layout.
+
+On processors with AVX-512 the products are oneDNN's, which torch brings along but uses for single
+precision in convolutions only. MKL, which torch takes for matrices, does not use AVX-512 on AMD's
+processors and takes twice as long there. Elsewhere they are torch's own.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import torch
@@ -72,54 +76,149 @@ def relu_mlp(
     parameters = [tensor for layer in zip(weights, biases, strict=True) for tensor in layer]
     if torch.is_grad_enabled():
         return _ReluMLP.apply(len(inputs), *inputs, *parameters)
-    for activation in _activations(inputs, parameters):
-        x = activation  # earlier layers may be freed at once
-    return x
-
-
-def _activations(inputs: Sequence[Tensor], parameters: Sequence[Tensor]) -> Iterator[Tensor]:
-    """The first layer's input, `[N, P, in]`, and then each layer's output."""
-    x = inputs[0] if len(inputs) == 1 else torch.cat(list(inputs), -1)
-    x = x.expand(parameters[0].shape[0], *x.shape)
-    yield x
+    x = _first_layer_input(inputs, parameters[0])
+    multiply = _products(x)
     for index in range(0, len(parameters), 2):
-        weight, bias = parameters[index], parameters[index + 1]
-        x = torch.baddbmm(bias.unsqueeze(1), x, weight.mT)
-        if index + 2 < len(parameters):
-            x = x.relu_()
-        yield x
+        last = index + 2 == len(parameters)
+        x = multiply.layer(x, parameters[index], parameters[index + 1], relu=not last)
+    return multiply.stacked(x)
+
+
+def _first_layer_input(inputs: Sequence[Tensor], weight: Tensor) -> Tensor:
+    """`[N, P, in]`, the same memory for all networks."""
+    x = inputs[0] if len(inputs) == 1 else torch.cat(list(inputs), -1)
+    return x.expand(weight.shape[0], *x.shape)
 
 
 class _ReluMLP(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, num_inputs: int, *tensors: Tensor) -> Tensor:
         inputs, parameters = tensors[:num_inputs], tensors[num_inputs:]
-        *hidden, output = _activations(inputs, parameters)
-        ctx.save_for_backward(*hidden, *parameters[::2])
-        ctx.widths = [x.shape[-1] for x in inputs]
-        return output
+        x: Any = _first_layer_input(inputs, parameters[0])
+        ctx.multiply = multiply = _products(x)
+        ctx.hidden = []  # made here, and nobody else's: no need for `save_for_backward`
+        for index in range(0, len(parameters), 2):
+            ctx.hidden.append(x)
+            last = index + 2 == len(parameters)
+            x = multiply.layer(x, parameters[index], parameters[index + 1], relu=not last)
+        ctx.save_for_backward(*inputs, *parameters[::2])
+        ctx.num_inputs = num_inputs
+        return multiply.stacked(x)
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
-        num_layers = len(ctx.saved_tensors) // 2
-        inputs, weights = ctx.saved_tensors[:num_layers], ctx.saved_tensors[num_layers:]
-        first = 1 + len(ctx.widths)  # of the parameters among the arguments
-        grads: list[Tensor | None] = [None] * (first + 2 * num_layers)
-        for layer in reversed(range(num_layers)):
+        inputs, weights = ctx.saved_tensors[: ctx.num_inputs], ctx.saved_tensors[ctx.num_inputs :]
+        multiply, hidden = ctx.multiply, ctx.hidden
+        first = 1 + len(inputs)  # of the parameters among the arguments
+        grads: list[Tensor | None] = [None] * (first + 2 * len(weights))
+        for layer in reversed(range(len(weights))):
             weight, bias = first + 2 * layer, first + 2 * layer + 1
             if ctx.needs_input_grad[weight]:
-                grads[weight] = torch.bmm(grad.mT, inputs[layer])
+                grads[weight] = multiply.weight_gradient(grad, hidden[layer])
             if ctx.needs_input_grad[bias]:
-                grads[bias] = grad.sum(1)
+                grads[bias] = multiply.bias_gradient(grad)
             if layer:
-                grad = torch.bmm(grad, weights[layer])
-                # This function made `grad`, so it may overwrite it.
-                torch.ops.aten.threshold_backward.grad_input(
-                    grad, inputs[layer], 0, grad_input=grad
-                )
+                grad = multiply.input_gradient(grad, weights[layer], relu_output=hidden[layer])
         # An actor's step needs the action's gradient only, not the observation's.
-        for index, columns in enumerate(weights[0].split(ctx.widths, dim=-1)):
+        columns = weights[0].split([x.shape[-1] for x in inputs], dim=-1)
+        for index, weight in enumerate(columns):
             if ctx.needs_input_grad[1 + index]:
-                grads[1 + index] = torch.bmm(grad, columns).sum(0)
+                grads[1 + index] = multiply.stacked(multiply.input_gradient(grad, weight)).sum(0)
         return tuple(grads)
+
+
+class _TorchProducts:
+    """All networks at once, `[N, P, d]`, on any device and in any dtype."""
+
+    @staticmethod
+    def layer(x: Tensor, weight: Tensor, bias: Tensor, *, relu: bool) -> Tensor:
+        x = torch.baddbmm(bias.unsqueeze(1), x, weight.mT)
+        return x.relu_() if relu else x
+
+    @staticmethod
+    def weight_gradient(grad: Tensor, x: Tensor) -> Tensor:
+        return torch.bmm(grad.mT, x)
+
+    @staticmethod
+    def bias_gradient(grad: Tensor) -> Tensor:
+        return grad.sum(1)
+
+    @staticmethod
+    def input_gradient(grad: Tensor, weight: Tensor, relu_output: Tensor | None = None) -> Tensor:
+        grad = torch.bmm(grad, weight)
+        return grad if relu_output is None else _through_relu(grad, relu_output)
+
+    @staticmethod
+    def stacked(x: Tensor) -> Tensor:
+        return x
+
+
+class _OneDNNProducts:
+    """Network by network, as lists of `N` matrices `[P, d]`: single precision on CPU."""
+
+    @staticmethod
+    def layer(
+        x: Sequence[Tensor], weight: Tensor, bias: Tensor, *, relu: bool
+    ) -> Sequence[Tensor]:
+        x = [_onednn_linear(*network) for network in zip(x, weight, bias, strict=True)]
+        # Not oneDNN's own ReLU, which would make nought of NaN.
+        return [y.relu_() for y in x] if relu else x
+
+    @staticmethod
+    def weight_gradient(grad: Sequence[Tensor], x: Sequence[Tensor]) -> Tensor:
+        if grad[0].shape[-1] < x[0].shape[-1]:
+            return torch.stack([_onednn_linear(g.mT, a.mT) for g, a in zip(grad, x, strict=True)])
+        # The narrower side first: up to two thirds faster for a first layer.
+        transposed = [_onednn_linear(a.mT, g.mT) for g, a in zip(grad, x, strict=True)]
+        return torch.stack([matrix.mT for matrix in transposed])
+
+    @staticmethod
+    def bias_gradient(grad: Sequence[Tensor]) -> Tensor:
+        return torch.stack([g.sum(0) for g in grad])
+
+    @staticmethod
+    def input_gradient(
+        grad: Sequence[Tensor], weight: Tensor, relu_output: Sequence[Tensor] | None = None
+    ) -> Sequence[Tensor]:
+        grad = [_onednn_linear(g, w.mT) for g, w in zip(grad, weight, strict=True)]
+        if relu_output is None:
+            return grad
+        return [_through_relu(g, a) for g, a in zip(grad, relu_output, strict=True)]
+
+    @staticmethod
+    def stacked(x: Sequence[Tensor]) -> Tensor:
+        return torch.stack(tuple(x)) if len(x) > 1 else x[0].unsqueeze(0)
+
+
+def _products(x: Tensor) -> Any:
+    plain = x.device.type == "cpu" and x.dtype == torch.float32 and x.numel() > 0
+    if plain and not torch.compiler.is_compiling() and _onednn_is_faster():
+        return _OneDNNProducts
+    return _TorchProducts
+
+
+@cache
+def _onednn_is_faster() -> bool:
+    # A rule, not a measurement: which library runs decides the last bits of every result, and two
+    # runs on one machine have to agree in them.
+    return (
+        torch.backends.mkldnn.is_available()
+        and torch.backends.cpu.get_cpu_capability() == "AVX512"
+        and hasattr(torch.ops.mkldnn, "_linear_pointwise")
+    )
+
+
+def _onednn_linear(x: Tensor, weight: Tensor, bias: Tensor | None = None) -> Tensor:
+    """`x @ weight.mT + bias`."""
+    return torch.ops.mkldnn._linear_pointwise(_dense(x), _dense(weight), bias, "none", [], "")
+
+
+def _dense(x: Tensor) -> Tensor:
+    # For a matrix with gaps oneDNN has a reference implementation only, a hundred times slower.
+    return x if x.is_contiguous() or x.mT.is_contiguous() else x.contiguous()
+
+
+def _through_relu(grad: Tensor, output: Tensor) -> Tensor:
+    """The gradient before a ReLU with this output; overwrites `grad`, which we made."""
+    return torch.ops.aten.threshold_backward.grad_input(grad, output, 0, grad_input=grad)
