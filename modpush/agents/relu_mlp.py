@@ -158,9 +158,7 @@ class _OneDNNProducts:
     """Network by network, as lists of `N` matrices `[P, d]`: single precision on CPU."""
 
     @staticmethod
-    def layer(
-        x: Sequence[Tensor], weight: Tensor, bias: Tensor, *, relu: bool
-    ) -> Sequence[Tensor]:
+    def layer(x: Sequence[Tensor], weight: Tensor, bias: Tensor, *, relu: bool) -> Sequence[Tensor]:
         x = [_onednn_linear(*network) for network in zip(x, weight, bias, strict=True)]
         # Not oneDNN's own ReLU, which would make nought of NaN.
         return [y.relu_() for y in x] if relu else x

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush.encoders.window_kernel import window_many, window_one
+from modpush.encoders.window_kernel import window_few, window_many, window_one
 from modpush.planners.batching import run_batch
 from modpush.planners.grid import SEGMENT_TABLE, GridFrame
 
@@ -92,8 +92,7 @@ def egocentric_window(
     if len(image) >= _PARALLEL_FROM:
         run_batch(window_one, window_many, len(image), image.numpy(), labels, *rest)
     else:
-        for b in range(len(image)):
-            window_one(b, image.numpy(), labels, *rest)
+        window_few(len(image), image.numpy(), labels, *rest)
     return out.to(depth.device)
 
 

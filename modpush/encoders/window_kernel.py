@@ -2,6 +2,8 @@
 
 In this file pixel edges are at integers, so that cutting off the fraction finds the pixel. Loops
 read arrays themselves: passing an array to a function at each pixel costs more than all the rest.
+Arithmetic and reading are apart, since the compiler vectorises the former only where the latter is
+out of the way.
 """
 
 import math
@@ -12,50 +14,69 @@ from numpy.typing import NDArray
 
 from modpush.planners.grid import SEGMENT_OBJECT, SEGMENT_ROBOT
 
-_HEIGHT_TOLERANCE = 0.004
+_HEIGHT_TOLERANCE = np.float32(0.004)
 """Two heights this near are of one surface [m]; also what counts as the bare table."""
+_FLAT = np.float32(1e-5)
+"""Depths of one level surface differ by rounding only [m]."""
 _MAX_LOOKS = 8
-_REMOVED, _OUTSIDE = -1.0, -2.0
+_REMOVED, _OUTSIDE = np.float32(-1.0), np.float32(-2.0)
+_OBJECT, _ROBOT = np.uint8(SEGMENT_OBJECT), np.uint8(SEGMENT_ROBOT)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _see(
-    b: int,
-    depth: NDArray,
-    segmentation: NDArray,
-    pose: NDArray,
-    camera: NDArray,
-    out: NDArray,
-) -> None:
-    """Write the height that is seen on the table plane [m], or `_REMOVED`, or `_OUTSIDE`."""
-    camera_z, rows, columns, size = camera[2], depth.shape[1], depth.shape[2], out.shape[1]
-    to_pixel, half = camera[3] / camera_z, 0.5 * (size - 1)
-    cos, sin = math.cos(pose[b, 2]), math.sin(pose[b, 2])
-    u0 = camera[4] + 0.5 - (pose[b, 1] - camera[1]) * to_pixel
-    v0 = camera[5] + 0.5 - (pose[b, 0] - camera[0]) * to_pixel
+def _find_pixels(pose: NDArray, camera: NDArray, shape: tuple[int, int], index: NDArray) -> tuple:
+    """Write which pixel of the image each of the window's is, at the table; -1 beyond the image.
+
+    Returns the way from the principal point to the window's first pixel, and the steps between its
+    columns and rows: u and v of each [px].
+    """
+    (rows, columns), size = shape, index.shape[0]
+    to_pixel, half = camera[3] / camera[2], 0.5 * (size - 1)
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    du, dv = -(pose[1] - camera[1]) * to_pixel, -(pose[0] - camera[0]) * to_pixel
+    reach = half * (abs(cos) + abs(sin)) + 1.0  # from the middle to the furthest pixel
+    u, v = camera[4] + 0.5 + du, camera[5] + 0.5 + dv
+    whole = reach <= u <= columns - reach and reach <= v <= rows - reach
+    du0, dv0 = du - (sin + cos) * half, dv - (cos - sin) * half
     for i in range(size):
-        u_row, v_row = u0 - sin * (half - i), v0 - cos * (half - i)
-        for j in range(size):
-            u, v = u_row - cos * (half - j), v_row + sin * (half - j)
-            if u < 0.0 or v < 0.0 or u >= columns or v >= rows:
-                out[b, i, j] = _OUTSIDE
+        u0, v0 = camera[4] + 0.5 + du0 + sin * i, camera[5] + 0.5 + dv0 + cos * i
+        if whole:
+            for j in range(size):
+                u, v = u0 + cos * j, v0 - sin * j
+                index[i, j] = np.int32(v) * np.int32(columns) + np.int32(u)
+        else:
+            for j in range(size):
+                u, v = u0 + cos * j, v0 - sin * j
+                inside = u >= 0.0 and v >= 0.0 and u < columns and v < rows
+                pixel = np.int32(v) * np.int32(columns) + np.int32(u)
+                index[i, j] = pixel if inside else np.int32(-1)
+    return du0, dv0, cos, -sin, sin, cos
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _see(index: NDArray, image: NDArray, labels: NDArray, camera_z: float, out: NDArray) -> None:
+    """Write the height that is seen on the table plane [m], or `_REMOVED`, or `_OUTSIDE`."""
+    table_depth, zero = np.float32(camera_z), np.float32(0.0)
+    table = np.float32(camera_z - 1e-6)  # less is rounding
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            if index[i, j] < 0:
+                out[i, j] = _OUTSIDE
                 continue
-            row, column = np.uint32(v), np.uint32(u)
-            label, seen = segmentation[b, row, column], depth[b, row, column]
-            if label == SEGMENT_OBJECT or label == SEGMENT_ROBOT:  # noqa: SIM109  (`in` costs half the time again)
-                out[b, i, j] = _REMOVED
-            elif 0.0 < seen < camera_z - 1e-6:  # less is rounding
-                out[b, i, j] = camera_z - seen
-            else:  # the table, or nothing was seen there (0, NaN)
-                out[b, i, j] = 0.0
+            pixel = np.uint32(index[i, j])
+            seen, label = image[pixel], labels[pixel]
+            # The table, or nothing was seen there (0, NaN).
+            height = table_depth - seen if zero < seen < table else zero
+            out[i, j] = _REMOVED if label == _OBJECT or label == _ROBOT else height  # noqa: SIM109 (`in` costs half the time again)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _set_upright(
-    b: int,
-    depth: NDArray,
-    segmentation: NDArray,
-    pose: NDArray,
+    index: NDArray,
+    image: NDArray,
+    labels: NDArray,
+    shape: tuple[int, int],
+    way: tuple,
     camera: NDArray,
     top: float,
     out: NDArray,
@@ -65,29 +86,57 @@ def _set_upright(
     The point at height z over a table point is seen camera_z / (camera_z - z) times as far from the
     image's centre. We look for a height that is seen where it should be, from the top down; a table
     point in an obstacle's shadow has none. What stands on the table is seen at its foot too, so
-    there is nothing to look for where the foot's pixel sees the table.
+    there is nothing to look for where the foot's pixel sees the table. Most others see one level
+    top, at the foot and where the point itself is seen; these are done after one look. (Level,
+    because along the side of an obstacle two pixels may show one height that is not its own.)
     """
-    camera_z, rows, columns, size = camera[2], depth.shape[1], depth.shape[2], out.shape[1]
-    to_pixel, half = camera[3] / camera_z, 0.5 * (size - 1)
-    cos, sin = math.cos(pose[b, 2]), math.sin(pose[b, 2])
-    du0, dv0 = -(pose[b, 1] - camera[1]) * to_pixel, -(pose[b, 0] - camera[0]) * to_pixel
-    for i in range(size):
-        for j in range(size):
-            foot = out[b, i, j]
-            if foot == _OUTSIDE or 0.0 <= foot <= _HEIGHT_TOLERANCE:
+    rows, columns = shape
+    du0, dv0, du_column, dv_column, du_row, dv_row = way
+    camera_z, u_centre, v_centre = camera[2], camera[4] + 0.5, camera[5] + 0.5
+    there = np.empty(out.shape[1], np.int32)  # where a row's heights would be seen, -1 beyond
+    width, length = float(columns), float(rows)
+    row_below, before_last_row = np.uint32(columns), (rows - 1) * columns - 1
+    for i in range(out.shape[0]):
+        num_bare = 0
+        for j in range(out.shape[1]):
+            num_bare += np.float32(0.0) <= out[i, j] <= _HEIGHT_TOLERANCE
+        if num_bare == out.shape[1]:  # most rows
+            continue
+        du_first, dv_first = du0 + i * du_row, dv0 + i * dv_row
+        for j in range(out.shape[1]):
+            scale = camera_z / (camera_z - out[i, j])
+            u = u_centre + (du_first + j * du_column) * scale
+            v = v_centre + (dv_first + j * dv_column) * scale
+            inside = u >= 0.0 and v >= 0.0 and u < width and v < length
+            at = np.int32(v) * np.int32(columns) + np.int32(u)
+            there[j] = at if inside else np.int32(-1)
+        for j in range(out.shape[1]):
+            foot = out[i, j]
+            if foot == _OUTSIDE or np.float32(0.0) <= foot <= _HEIGHT_TOLERANCE:
                 continue
-            du = du0 - sin * (half - i) - cos * (half - j)
-            dv = dv0 - cos * (half - i) + sin * (half - j)
+            if there[j] >= 0 and 0.0 <= foot <= top and index[i, j] < before_last_row:
+                here, pixel = np.uint32(index[i, j]), np.uint32(there[j])
+                depth, label = image[here], labels[pixel]
+                if (
+                    abs(image[pixel] - depth) <= _FLAT
+                    and abs(image[here + np.uint32(1)] - depth) <= _FLAT
+                    and abs(image[here + row_below] - depth) <= _FLAT
+                    and label != _OBJECT
+                    and label != _ROBOT
+                ):
+                    out[i, j] = camera_z - depth
+                    continue
+            du, dv = du_first + j * du_column, dv_first + j * dv_column
             z, fallen, height = top, False, 0.0
             for _ in range(_MAX_LOOKS):
                 scale = camera_z / (camera_z - z)
-                u, v = camera[4] + 0.5 + du * scale, camera[5] + 0.5 + dv * scale
-                if u < 0.0 or v < 0.0 or u >= columns or v >= rows:
+                u, v = u_centre + du * scale, v_centre + dv * scale
+                if u < 0.0 or v < 0.0 or u >= width or v >= length:
                     height = max(foot, 0.0)
                     break
-                row, column = np.uint32(v), np.uint32(u)
-                label, seen = segmentation[b, row, column], camera_z - depth[b, row, column]
-                if label == SEGMENT_OBJECT or label == SEGMENT_ROBOT or not seen < camera_z:  # noqa: SIM109  (`in` costs half the time again)
+                pixel = np.uint32(v) * np.uint32(columns) + np.uint32(u)
+                label, seen = labels[pixel], camera_z - image[pixel]
+                if label == _OBJECT or label == _ROBOT or not seen < camera_z:  # noqa: SIM109
                     seen = 0.0
                 if (seen >= z and z == top) or (
                     abs(seen - z) <= _HEIGHT_TOLERANCE and seen > _HEIGHT_TOLERANCE
@@ -100,7 +149,7 @@ def _set_upright(
                     break
                 else:  # looked past the outer edge, or at the object: once more from below
                     fallen, z = True, min(foot, top)
-            out[b, i, j] = height
+            out[i, j] = height
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -128,15 +177,35 @@ def window_one(
         upright: Write heights where they stand, not where they are seen.
         out: `[B, S, S]` float32.
     """
-    _see(b, depth, segmentation, pose, camera, out)
+    shape, size, window = depth.shape[1:], out.shape[1], out[b]
+    image, labels = depth[b].ravel(), segmentation[b].ravel()
+    index = np.empty((size, size), np.int32)
+    way = _find_pixels(pose[b], camera, shape, index)
+    _see(index, image, labels, camera[2], window)
     if upright:
-        _set_upright(b, depth, segmentation, pose, camera, top, out)
-    scale = np.float32(1.0 / top)
-    for i in range(out.shape[1]):
-        for j in range(out.shape[2]):
-            height = out[b, i, j]
-            value = min(max(height * scale, np.float32(0.0)), np.float32(1.0))
-            out[b, i, j] = np.float32(outside) if height == _OUTSIDE else value
+        _set_upright(index, image, labels, shape, way, camera, top, window)
+    to_value, zero, one = np.float32(1.0 / top), np.float32(0.0), np.float32(1.0)
+    for i in range(size):
+        for j in range(size):
+            value = min(max(window[i, j] * to_value, zero), one)
+            window[i, j] = np.float32(outside) if window[i, j] == _OUTSIDE else value
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def window_few(
+    batch: int,
+    depth: NDArray,
+    segmentation: NDArray,
+    pose: NDArray,
+    camera: NDArray,
+    top: float,
+    outside: float,
+    upright: bool,
+    out: NDArray,
+) -> None:
+    """All scenes' windows, one after the other; arguments as in `window_one`."""
+    for b in range(batch):
+        window_one(b, depth, segmentation, pose, camera, top, outside, upright, out)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
