@@ -5,7 +5,8 @@
 
 One table: each part alone, their sum beside the loop that joins them, acting alone, learning alone,
 both side by side on two cores and taking turns on one; memory with a full buffer; depth to action.
-Everything on one thread a process.
+Everything on one thread a process. Memory comes first, in a process that has done nothing else, and
+is what Linux calls proportional set size: pages that both processes share are counted once.
 """
 
 import os
@@ -13,6 +14,7 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import statistics
+import sys
 import tempfile
 import time
 import warnings
@@ -25,13 +27,15 @@ from typing import Any
 import psutil
 import torch
 import tyro
+from tensordict import TensorDict
 from torchrl.envs import Compose, ExplorationType, set_exploration_type
 from torchrl.envs.utils import step_mdp
 
+from modpush.agents import make_tqc
 from modpush.paper import make_push_env
 from modpush.replay import make_replay_buffer
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer, check_run_folder
-from modpush.training.worker import SceneWorker
+from modpush.training.worker import SceneWorker, StartMethod
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,10 +138,6 @@ def resetting(env: Any, td: Any, steps: int = 300) -> float:
 
 def learning(config: TrainConfig, buffer_size: int) -> list[tuple[str, float]]:
     """Milliseconds an update: sample, optimisation step, both in the run."""
-    from tensordict import TensorDict
-
-    from modpush.agents import make_tqc
-
     env = make_push_env(replace(config.env, num_envs=1))
     agent = make_tqc(config.tqc, env)
     width = env.observation_spec["observation"].shape[-1]
@@ -164,8 +164,11 @@ def learning(config: TrainConfig, buffer_size: int) -> list[tuple[str, float]]:
     return [("sample", sample), ("update", update), ("sample and update", both)]
 
 
-def whole(config: TrainConfig, seconds: float) -> tuple[float, float, float]:
-    """Scene-steps/s, updates/s and resident memory [MB] of a run, both processes together."""
+@contextmanager
+def running(
+    config: TrainConfig, start_method: StartMethod = "spawn"
+) -> Iterator[tuple[Trainer, Callable[[], None]]]:
+    """A run beyond its start, and a function that takes it one chunk further."""
     with tempfile.TemporaryDirectory() as folder:
         never = 10**9
         config = replace(
@@ -177,7 +180,8 @@ def whole(config: TrainConfig, seconds: float) -> tuple[float, float, float]:
             total_steps=never,
             tqc=replace(config.tqc, learning_starts=2_000),
         )
-        trainer = Trainer(config, check_run_folder(Path(folder) / "run", config, resume=False))
+        run_folder = check_run_folder(Path(folder) / "run", config, resume=False)
+        trainer = Trainer(config, run_folder, start_method=start_method)
         trainer._start_scenes()
         trainer._ask()
 
@@ -189,15 +193,66 @@ def whole(config: TrainConfig, seconds: float) -> tuple[float, float, float]:
 
         while trainer.steps < 3_500:
             once()
+        try:
+            yield trainer, once
+        finally:
+            trainer.worker.answer()
+            trainer.close()
+
+
+def speed(config: TrainConfig, seconds: float) -> tuple[float, float]:
+    """Scene-steps/s and updates/s of a run."""
+    with running(config) as (trainer, once):
         began, steps, updates = time.perf_counter(), trainer.steps, trainer.updates
         while time.perf_counter() - began < seconds:
             once()
         spent = time.perf_counter() - began
-        family = [psutil.Process(), *psutil.Process().children(recursive=True)]
-        memory = sum(process.memory_info().rss for process in family) / 1e6
+        return (trainer.steps - steps) / spent, (trainer.updates - updates) / spent
+
+
+def memory(config: TrainConfig) -> list[tuple[str, float]]:
+    """Both processes' memory [MB]: after an evaluation, and then with a full buffer."""
+    with running(config, "fork" if sys.platform == "linux" else "spawn") as (trainer, once):
         trainer.worker.answer()
-        trainer.close()
-        return (trainer.steps - steps) / spent, (trainer.updates - updates) / spent, memory
+        trainer.worker.call("evaluate", trainer._actor_weights())
+        trainer._ask()
+        nearly_empty = proportional_set_size()
+        width, scenes = trainer.observation_dim, config.env.num_envs
+        observations = torch.randn(scenes, width)
+        while len(trainer.buffer) < config.replay.capacity:
+            observations = fill(trainer, observations)
+        once()
+        full = proportional_set_size()
+    rows = [("buffer nearly empty", nearly_empty), ("buffer full", full)]
+    return [
+        (f"both processes, {name}{what}", sizes[key])
+        for name, sizes in rows
+        for key, what in (("pss", ""), ("anonymous", ", without the libraries' files"))
+    ]
+
+
+def fill(trainer: Trainer, observations: torch.Tensor, steps: int = 500) -> torch.Tensor:
+    """Write an episode of each scene into the buffer, random numbers; returns the last state."""
+    scenes, width = observations.shape
+    walk = torch.cat([observations[None], torch.randn(steps, scenes, width)])
+    ends = torch.zeros(steps, scenes, 1, dtype=torch.bool)
+    ends[-1] = True
+    after = {"observation": walk[1:], "reward": torch.randn(steps, scenes, 1)}
+    after |= {"done": ends, "terminated": ends.clone()}
+    now = {"observation": walk[:-1], "action": torch.rand(steps, scenes, 3) * 2 - 1}
+    trainer.buffer.extend(TensorDict({**now, "next": after}, [steps, scenes]).reshape(-1))
+    return torch.randn(scenes, width)
+
+
+def proportional_set_size() -> dict[str, float]:
+    """This process and its children [MB]; `anonymous` is what cannot be read from a file again."""
+    total = {"pss": 0.0, "anonymous": 0.0}
+    for process in [psutil.Process(), *psutil.Process().children(recursive=True)]:
+        with open(f"/proc/{process.pid}/smaps_rollup") as file:
+            sizes = {line.split(":")[0]: line.split()[1] for line in file.readlines()[1:]}
+        total["pss"] += int(sizes["Pss"]) * 1.024e-3
+        total["anonymous"] += int(sizes["Pss_Anon"]) * 1.024e-3
+    return total
 
 
 def depth_to_action(config: TrainConfig) -> float:
@@ -222,6 +277,7 @@ def depth_to_action(config: TrainConfig) -> float:
 def main(bench: BenchConfig) -> None:
     torch.set_num_threads(1)
     config = config_of(bench)
+    used = memory(config)
     scenes = config.env.num_envs
     print(f"\npreset {bench.preset}, {scenes} scenes, encoder {config.env.encoder}\n")
     print("| acting | ms a scene-step | share |\n|---|---|---|")
@@ -236,18 +292,14 @@ def main(bench: BenchConfig) -> None:
     acted = dict(rows)["acting, all together"]
     update = dict(learned)["sample and update"]
     print("\n| the loop | scene-steps/s | updates/s | busy with its parts |\n|---|---|---|---|")
-    memory = 0.0
     for name, side in (("side by side", True), ("taking turns", False)):
-        steps, updates, used = whole(replace(config, side_by_side=side), bench.seconds)
-        memory = used if side else memory
+        steps, updates = speed(replace(config, side_by_side=side), bench.seconds)
         act, learn = steps * acted / 1e3, updates * update / 1e3
         busy = max(act, learn) if side else act + learn
         print(f"| {name} | {steps:.0f} | {updates:.0f} | {busy:.0%} |")
-    per = 2 * 4 * 50 + 4 * 3 + 4 + 2 + 8  # both observations, action, reward, flags, index
-    print("\n| memory and latency | |\n|---|---|")
-    print(f"| both processes, buffer nearly empty | {memory:.0f} MB |")
-    full = memory + per * 1e-6 * config.replay.capacity
-    print(f"| the same with {config.replay.capacity} transitions | {full:.0f} MB |")
+    print(f"\n| memory ({config.replay.capacity:,} transitions at most) and latency | |\n|---|---|")
+    for name, size in used:
+        print(f"| {name} | {size:.0f} MB |")
     print(f"| depth image to action, one scene | {depth_to_action(config):.2f} ms |")
 
 

@@ -16,6 +16,7 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import signal
+import sys
 import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -45,7 +46,9 @@ def main(run: Run) -> dict[str, float]:
     torch.set_num_threads(1)
     folder = check_run_folder(run.out, run.train, resume=run.resume)
     print("The first run on a machine compiles for about a minute before the arm moves.")
-    trainer = Trainer(run.train, folder, resume=run.resume)
+    # Nothing has run in this process yet, so that the worker may share its libraries' memory.
+    start_method = "fork" if sys.platform == "linux" else "spawn"
+    trainer = Trainer(run.train, folder, resume=run.resume, start_method=start_method)
 
     def interrupt(*_: Any) -> None:
         # At the end of the present chunk, when all is in order; a second time means at once.

@@ -7,7 +7,7 @@ import torch
 from tensordict.nn import TensorDictSequential
 from tensordict.utils import NestedKey
 from torch import nn
-from torchrl.data import Bounded
+from torchrl.data import Bounded, Composite
 from torchrl.envs import EnvBase
 from torchrl.modules import AdditiveGaussianModule, ProbabilisticActor, ValueOperator
 from torchrl.objectives import SoftUpdate
@@ -16,7 +16,7 @@ from modpush.agents.networks import make_actor, make_critic
 from modpush.agents.tqc_loss import TQCLoss
 from modpush.agents.update import Execution, TQCUpdate
 
-__all__ = ["TQCAgent", "TQCConfig", "make_tqc"]
+__all__ = ["TQCAgent", "TQCConfig", "make_tqc", "make_tqc_from_specs"]
 
 Preset = Literal["paper", "cpu", "gpu"]
 
@@ -185,8 +185,40 @@ def make_tqc(
         ValueError: If the observation is missing or not flat, or the action is not bounded.
     """
     action_key = env.action_key if action_key is None else action_key
-    action_spec = env.full_action_spec_unbatched[action_key].to(config.device)
-    observation_dim = _observation_dim(env, observation_key)
+    return make_tqc_from_specs(
+        config,
+        env.full_observation_spec_unbatched,
+        env.full_action_spec_unbatched[action_key],
+        observation_key=observation_key,
+        action_key=action_key,
+    )
+
+
+def make_tqc_from_specs(
+    config: TQCConfig,
+    observation_spec: Composite,
+    action_spec: Bounded,
+    *,
+    observation_key: NestedKey = "observation",
+    action_key: NestedKey = "action",
+) -> TQCAgent:
+    """The same where the environment is elsewhere, say in another process.
+
+    Args:
+        config: The agent's settings.
+        observation_spec: The environment's `full_observation_spec_unbatched`.
+        action_spec: Spec of one action, `[A]`.
+        observation_key: The observation's key in its spec.
+        action_key: The action's key in the data.
+
+    Returns:
+        The agent's parts.
+
+    Raises:
+        ValueError: As `make_tqc`.
+    """
+    action_spec = action_spec.to(config.device)
+    observation_dim = _observation_dim(observation_spec, observation_key)
     actor = make_actor(
         observation_dim,
         action_spec,
@@ -224,10 +256,10 @@ def make_tqc(
     )
 
 
-def _observation_dim(env: EnvBase, key: NestedKey) -> int:
-    spec = env.full_observation_spec_unbatched.get(key, None)
+def _observation_dim(specs: Composite, key: NestedKey) -> int:
+    spec = specs.get(key, None)
     if spec is None:
-        keys = list(env.observation_spec.keys(True, True))
+        keys = list(specs.keys(True, True))
         raise ValueError(f"make_tqc: observation_key {key!r} not found, the env has {keys}.")
     if len(spec.shape) != 1:
         raise ValueError(

@@ -108,7 +108,7 @@ def _cpu() -> TrainConfig:
     return TrainConfig(
         env=PushEnvConfig.preset("cpu"),
         tqc=TQCConfig.preset("cpu", updates_per_step=1 / 12),
-        replay=ReplayConfig(batch_size=256),
+        replay=ReplayConfig(batch_size=256, storage="compact"),
         blind_start=True,
         total_steps=600_000,
         evaluate_every=50_000,
@@ -121,7 +121,7 @@ def _smoke() -> TrainConfig:
         cpu,
         env=replace(cpu.env, num_envs=2, max_episode_steps=20, encoder="rays"),
         tqc=replace(cpu.tqc, hidden_sizes=(16,), batch_size=16, learning_starts=64),
-        replay=ReplayConfig(batch_size=16, capacity=10_000),
+        replay=ReplayConfig(batch_size=16, capacity=10_000, storage="compact"),
         curriculum=CurriculumConfig(
             phases=(Phase(scenes=("free",)), Phase(scenes=("free", "posts"), first_stage=10)),
             window=4,

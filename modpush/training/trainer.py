@@ -13,17 +13,16 @@ import pandas as pd
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.checkpoint import Checkpoint, GlobalRNGState
-from torchrl.envs import EnvBase
 from tqdm import tqdm
 
-from modpush.agents import TQCLoss, make_tqc
-from modpush.envs.observation import PushObservation
-from modpush.paper import make_push_env, save_agent
+from modpush.agents import TQCLoss
+from modpush.agents.tqc import make_tqc_from_specs
+from modpush.paper import save_agent
 from modpush.replay import AttentiveSampler, make_replay_buffer
 from modpush.training.config import TrainConfig
 from modpush.training.log import RunLog
 from modpush.training.run_folder import RunFolder
-from modpush.training.worker import Chunk, LocalWorker, WorkerProcess
+from modpush.training.worker import Chunk, LocalWorker, Specs, StartMethod, WorkerProcess
 
 __all__ = ["NonFiniteLossError", "Trainer"]
 
@@ -43,23 +42,35 @@ class Trainer:
         config: The run's.
         folder: From `check_run_folder`.
         resume: Go on from the folder's newest checkpoint.
+        start_method: How the worker's process begins; see `WorkerProcess`.
     """
 
-    def __init__(self, config: TrainConfig, folder: RunFolder, *, resume: bool = False) -> None:
+    def __init__(
+        self,
+        config: TrainConfig,
+        folder: RunFolder,
+        *,
+        resume: bool = False,
+        start_method: StartMethod = "spawn",
+    ) -> None:
         self.config, self.folder = config, folder
+        self.worker: LocalWorker | WorkerProcess = (
+            WorkerProcess(config, start_method) if config.side_by_side else LocalWorker(config)
+        )
+        try:
+            specs: Specs = self.worker.call("specs")
+        except BaseException:
+            self.worker.close()
+            raise
         torch.manual_seed(config.seed)
-        # One scene tells the widths; the worker has its own.
-        env = make_push_env(replace(config.env, num_envs=1))
-        self.observation_dim = env.observation_spec["observation"].shape[-1]
-        self.agent = make_tqc(config.tqc, env)
+        self.observation_dim = specs.observation["observation"].shape[-1]
+        self.agent = make_tqc_from_specs(config.tqc, specs.observation, specs.action)
         if config.blind_start:
-            _ignore(self.agent.loss, _columns_of_latent(env))
-        env.close()
+            _ignore(self.agent.loss, specs.latent)
         queries = config.replay.num_queries
         if config.replay.sampler == "attentive":
             queries = config.env.num_envs
         self.buffer = make_replay_buffer(replace(config.replay, num_queries=queries))
-        self.worker = (WorkerProcess if config.side_by_side else LocalWorker)(config)
         self.steps, self.updates, self.checkpoints_made = 0, 0, 0
         self.owed = 0.0  # updates, not yet made up to a whole one
         self.seconds = 0.0  # of training, in sessions before this one
@@ -312,13 +323,6 @@ class Trainer:
         self.checkpoints_made, self.owed = metadata["checkpoints_made"], metadata["owed"]
         self.seconds, self.best = metadata["seconds"], tuple(metadata["best"])
         self._curriculum = metadata["curriculum"]
-
-
-def _columns_of_latent(env: EnvBase) -> slice:
-    for transform in env.transform:
-        if isinstance(transform, PushObservation):
-            return transform.columns.get("latent", slice(0, 0))
-    return slice(0, 0)
 
 
 @torch.no_grad()

@@ -1,31 +1,50 @@
 """What acts: scenes, exploration, curriculum and evaluation, in this process or in one of its own."""
 
+import gc
 import multiprocessing
 import signal
 import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from tensordict import NestedKey, TensorDict, TensorDictBase
+from torchrl.data import Bounded, Composite
 from torchrl.envs import ExplorationType, set_exploration_type
 
 from modpush.agents import make_tqc
 from modpush.envs.curriculum import Curriculum
+from modpush.envs.observation import PushObservation
 from modpush.envs.scenarios import Scenario, ScenarioConfig, sample_scenario
 from modpush.envs.ur5_2f85 import TOOLS
 from modpush.evaluation import run_episodes
 from modpush.paper import make_push_env
 from modpush.training.config import TrainConfig
 
-__all__ = ["Chunk", "LocalWorker", "SceneWorker", "WorkerProcess", "held_out_scenarios"]
+__all__ = [
+    *("Chunk", "LocalWorker", "SceneWorker", "Specs", "WorkerProcess", "held_out_scenarios"),
+]
 
 _HELD_OUT_SEED = 20_221_023  # far from any that training draws with; no evaluation set has it
 _STORED = ("observation", "action", ("next", "observation"), ("next", "reward"))
 _FLAGS = ("done", "terminated")
+_EVALUATION_SCENES = 8
+StartMethod = Literal["spawn", "fork"]
+
+
+@dataclass(frozen=True)
+class Specs:
+    """What a learner has to know of the environment that a worker steps."""
+
+    observation: Composite
+    """`full_observation_spec_unbatched`."""
+    action: Bounded
+    """Of one action."""
+    latent: slice
+    """The encoder's columns of the observation; empty without one."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +107,15 @@ class SceneWorker:
         self._scenarios = held_out_scenarios(config)
         self._td: TensorDictBase | None = None
         self._tally = torch.zeros(num_envs, 4)  # steps, return, contact, collision so far
+
+    def specs(self) -> Specs:
+        """Of the environment."""
+        columns = [t.columns for t in self.env.transform if isinstance(t, PushObservation)]
+        return Specs(
+            observation=self.env.full_observation_spec_unbatched,
+            action=self.env.full_action_spec_unbatched["action"],
+            latent=columns[0].get("latent", slice(0, 0)) if columns else slice(0, 0),
+        )
 
     def restart(self, seed: int) -> None:
         """Begin new episodes in all scenes, drawn anew from a seed."""
@@ -164,7 +192,8 @@ class SceneWorker:
         """Run the held-out episodes greedily; a row of metrics for each, by number."""
         self.load_policy(weights)
         if self._evaluation_env is None:
-            self._evaluation_env = make_push_env(self.config.env)
+            few = min(self.config.env.num_envs, _EVALUATION_SCENES)  # each takes memory
+            self._evaluation_env = make_push_env(replace(self.config.env, num_envs=few))
         episodes = run_episodes(self._evaluation_env, self.actor, enumerate(self._scenarios))
         rows = [
             {"episode": e.number, "scene": e.scenario.scene, **e.metrics.to_dict()}
@@ -227,17 +256,20 @@ class LocalWorker:
 class WorkerProcess:
     """The same in a process of its own: it works while the caller does something else.
 
-    Spawned, because a fork would copy numba's and torch's threads.
-
     Args:
         config: The run's.
+        start_method: `"spawn"` is always right. `"fork"` shares the libraries' memory with the
+            caller, some 300 MB; it is only for a process that has made no simulator, and run nothing
+            on several threads of torch or numba, since a fork copies their state without the threads.
 
     Raises:
         RuntimeError: In `answer`, if the worker failed; with its traceback.
     """
 
-    def __init__(self, config: TrainConfig) -> None:
-        context = multiprocessing.get_context("spawn")
+    def __init__(self, config: TrainConfig, start_method: StartMethod = "spawn") -> None:
+        context: Any = multiprocessing.get_context(start_method)
+        if start_method == "fork":
+            gc.freeze()  # a collection would write to, and so copy, every page with an object on it
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs, config), daemon=True)
         self._process.start()
