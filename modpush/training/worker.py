@@ -271,7 +271,9 @@ class WorkerProcess:
         if start_method == "fork":
             gc.freeze()  # a collection would write to, and so copy, every page with an object on it
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs, config), daemon=True)
+        # A forked worker holds our end of the pipe as well, and must let go of it to hear us end.
+        ours = self._pipe if start_method == "fork" else None
+        self._process = context.Process(target=_serve, args=(theirs, config, ours), daemon=True)
         self._process.start()
         theirs.close()
         self._waiting = False
@@ -316,7 +318,9 @@ class WorkerProcess:
         self._pipe.close()
 
 
-def _serve(pipe: Any, config: TrainConfig) -> None:
+def _serve(pipe: Any, config: TrainConfig, callers_end: Any = None) -> None:
+    if callers_end is not None:
+        callers_end.close()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the caller's to handle
     # The other core is the learner's. Our kernels follow torch's number; numba's own setting would
     # put torch's back to all cores.

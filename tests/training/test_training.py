@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
+import psutil
 import pytest
 import torch
 import yaml
@@ -21,6 +22,7 @@ from modpush.training.trainer import NonFiniteLossError
 from modpush.training.worker import held_out_scenarios
 
 SMOKE = TRAIN_PRESETS["smoke"][1]
+SMOKE_SIDE_BY_SIDE = replace(SMOKE, side_by_side=True)
 SCRIPT = Path(modpush.__file__).parents[1] / "examples" / "train.py"
 
 
@@ -112,11 +114,31 @@ def test_ctrl_c_writes_a_checkpoint_that_can_be_resumed(tmp_path):
 
 
 def test_side_by_side_learns_from_as_much_as_taking_turns(unbroken, tmp_path):
-    train(tmp_path / "run", replace(SMOKE, side_by_side=True))
+    train(tmp_path / "run", SMOKE_SIDE_BY_SIDE)
     log = pd.read_csv(tmp_path / "run" / "log.csv")
     alone = pd.read_csv(unbroken / "log.csv")
     assert log["step"].tolist() == alone["step"].tolist()
     assert log["updates"].tolist() == alone["updates"].tolist()
+
+
+def test_the_script_shares_its_libraries_with_the_worker_which_ends_with_it(tmp_path):
+    """On Linux the worker is a fork, and hears of its caller's end all the same."""
+    folder = tmp_path / "run"
+    process = start(folder, "--train.side-by-side", "--train.total-steps", "100000")
+    wait_for_checkpoint(folder, process)
+    workers = psutil.Process(process.pid).children(recursive=True)
+    assert workers
+    if sys.platform == "linux":
+        shared = workers[0].memory_full_info()
+        assert shared.uss < 0.6 * shared.rss
+    process.send_signal(signal.SIGKILL)
+    process.wait(30)
+    process.stdout.close()
+    _, alive = psutil.wait_procs(workers, timeout=60)
+    assert not alive
+    latest = check_run_folder(folder, SMOKE_SIDE_BY_SIDE, resume=True).checkpoints.latest()
+    steps = int(latest.name.removeprefix("step-"))
+    train(folder, replace(SMOKE_SIDE_BY_SIDE, total_steps=steps + 32), resume=True)
 
 
 def test_a_failing_worker_process_is_heard():
