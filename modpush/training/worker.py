@@ -15,7 +15,7 @@ from tensordict import NestedKey, TensorDict, TensorDictBase
 from torchrl.data import Bounded, Composite
 from torchrl.envs import ExplorationType, set_exploration_type
 
-from modpush.agents import make_tqc
+from modpush.agents import make_tqc, quantile_huber
 from modpush.envs.curriculum import Curriculum
 from modpush.envs.observation import PushObservation
 from modpush.envs.scenarios import Scenario, ScenarioConfig, sample_scenario
@@ -269,6 +269,9 @@ class WorkerProcess:
     def __init__(self, config: TrainConfig, start_method: StartMethod = "spawn") -> None:
         context: Any = multiprocessing.get_context(start_method)
         if start_method == "fork":
+            # Numba's compiler, 50 MB that both processes would else hold, starts at the first call.
+            quantile_huber(torch.zeros(1, 1, 1), torch.zeros(1, 1))
+            gc.collect()
             gc.freeze()  # a collection would write to, and so copy, every page with an object on it
         self._pipe, theirs = context.Pipe()
         # A forked worker holds our end of the pipe as well, and must let go of it to hear us end.
