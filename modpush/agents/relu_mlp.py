@@ -169,7 +169,7 @@ class _OneDNNProducts:
 
     @staticmethod
     def weight_gradient(grad: Sequence[Tensor], x: Sequence[Tensor]) -> Tensor:
-        if grad[0].shape[-1] < x[0].shape[-1]:
+        if grad[0].shape[-1] <= x[0].shape[-1]:
             return torch.stack([_onednn_linear(g.mT, a.mT) for g, a in zip(grad, x, strict=True)])
         # The narrower side first: up to two thirds faster for a first layer.
         transposed = [_onednn_linear(a.mT, g.mT) for g, a in zip(grad, x, strict=True)]
