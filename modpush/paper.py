@@ -63,7 +63,7 @@ _FOR_PUSH_ENV = (
     *("oob", "tool", "sim_freq", "depth", "randomize_dynamics"),
 )
 """Fields of `PushEnvConfig` that are arguments of `PushEnv`."""
-_FORMAT = "modpush-agent-1"
+_FORMAT = "modpush-agent-2"
 T = TypeVar("T")
 
 

@@ -81,7 +81,7 @@ def test_every_part_can_be_replaced():
 
 def test_without_an_encoder_there_is_no_latent():
     env = make_push_env(replace(RAYS, encoder="none"))
-    assert env.observation_spec["observation"].shape == (2, 18)
+    assert env.observation_spec["observation"].shape == (2, 22)
     assert "latent" not in env.observation_spec.keys()
     env.close()
 
@@ -152,9 +152,9 @@ def _asdict(config):
 @pytest.fixture
 def saved(tmp_path):
     spec = Bounded(-1.0, 1.0, (3,), dtype=torch.float32)
-    actor = make_actor(50, spec, (16, 8))
+    actor = make_actor(54, spec, (16, 8))
     path = tmp_path / "agent.safetensors"
-    save_agent(path, actor, RAYS, hidden_sizes=(16, 8), observation_dim=50, metadata={"steps": 7})
+    save_agent(path, actor, RAYS, hidden_sizes=(16, 8), observation_dim=54, metadata={"steps": 7})
     return path, actor
 
 
@@ -189,7 +189,7 @@ def test_weights_of_another_network_are_refused(saved):
     path, _ = saved
     with safetensors.safe_open(path, framework="pt") as file:
         header, tensors = file.metadata(), {key: file.get_tensor(key) for key in file.keys()}
-    header["network"] = json.dumps({"hidden_sizes": [32, 8], "observation_dim": 50})
+    header["network"] = json.dumps({"hidden_sizes": [32, 8], "observation_dim": 54})
     safetensors.torch.save_file(tensors, path, metadata=header)
     with pytest.raises(ValueError, match="do not fit its config"):
         load_agent(path)

@@ -11,6 +11,7 @@ from torchrl.data import TensorSpec, Unbounded
 from torchrl.envs import Transform
 
 from modpush.envs.frames import Frame, check_frame, frame_yaw, rotate, wrap_angle
+from modpush.envs.scenarios import BOUNDS_MARGIN, ScenarioConfig
 
 __all__ = ["ENTRIES", "PAPER_ENTRIES", "PATH_ENTRIES", "Entry", "PushObservation", "Seen"]
 
@@ -42,6 +43,10 @@ class Seen(NamedTuple):
     """`[..., d]` what the encoder says of the window, if there is one"""
     symmetry: int
     """How many yaw angles of the object look alike, 0 for all."""
+    position: Tensor
+    """`[..., 2]` [m], the object's in the base frame"""
+    frame_yaw: Tensor
+    """`[..., 1]` [rad], the agent's frame in the base frame"""
 
 
 @dataclass(frozen=True)
@@ -72,6 +77,17 @@ def _object_axis(seen: Seen) -> Tensor:
     return torch.cat([angle.cos(), angle.sin()], -1)
 
 
+def _edges(seen: Seen) -> Tensor:
+    low, high = (seen.position.new_tensor(corner).unsqueeze(-2) for corner in _BOUNDS)
+    ahead = torch.cat([seen.frame_yaw.cos(), seen.frame_yaw.sin()], -1)
+    left = torch.stack([-ahead[..., 1], ahead[..., 0]], -1)
+    axes = torch.stack([ahead, left, -ahead, -left], -2)
+    position = seen.position.unsqueeze(-2)
+    room = torch.where(axes > 0, high - position, position - low)
+    distance = (room / axes.abs().clamp_min(1e-6)).amin(-1)
+    return (_EDGE_SEEN - distance).clamp(0.0, _EDGE_SEEN)
+
+
 def _latent(seen: Seen) -> Tensor:
     if seen.latent is None:
         raise KeyError("PushObservation: entry 'latent' needs an encoder's latent, there is none.")
@@ -80,6 +96,13 @@ def _latent(seen: Seen) -> Tensor:
 
 # The arm with its tool over the middle of the workspace [rad].
 _HOME = (-0.25, -1.35, 2.0, -2.2, -1.57, 0.0)
+
+# Where the object leaves the workspace, and from how far that is seen [m].
+_BOUNDS = (
+    tuple(x - BOUNDS_MARGIN for x in ScenarioConfig().low),
+    tuple(x + BOUNDS_MARGIN for x in ScenarioConfig().high),
+)
+_EDGE_SEEN = 0.15
 
 ENTRIES: dict[str, Entry] = {
     "latent": Entry(_latent, 0.5),
@@ -94,10 +117,12 @@ ENTRIES: dict[str, Entry] = {
     "goal": Entry(lambda seen: seen.goal, 3.0),
     "subgoal": Entry(lambda seen: seen.subgoal, 5.0),
     "path_length": Entry(lambda seen: seen.path_length, 3.0),
+    "edges": Entry(_edges, 1.0 / _EDGE_SEEN),
     "object_radius": Entry(lambda seen: seen.object_radius, 20.0),
 }
 """By name. `ee_pose` is (x, y, yaw, pitch, roll); `ee_axis` and `object_axis` are cosine and sine of
-the yaw times the symmetry of gripper and object."""
+the yaw times the symmetry of gripper and object. `edges` says how far the edge of the workspace, past
+which an episode ends, has come nearer than 15 cm: ahead, left, behind and right of the object [m]."""
 
 PAPER_ENTRIES = (
     "latent",
@@ -118,8 +143,10 @@ PATH_ENTRIES = (
     "contact",
     "goal_distance",
     "object_axis",
+    "edges",
 )
-"""For `frame="path"`: the object's own yaw is added, angles are smooth; 50 with a latent of 32."""
+"""For `frame="path"`: the object's own yaw and the workspace's edges are added, angles are smooth; 54
+with a latent of 32."""
 
 
 class PushObservation(Transform):
@@ -226,6 +253,8 @@ class PushObservation(Transform):
             object_radius=values["object_radius"],
             latent=values.get("latent"),
             symmetry=self.symmetry,
+            position=position,
+            frame_yaw=yaw,
         )
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:

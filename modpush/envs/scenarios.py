@@ -23,7 +23,10 @@ from modpush.envs.scenes import (
     turned_rectangles,
 )
 
-__all__ = ["Dynamics", "Scenario", "ScenarioConfig", "sample_scenario"]
+__all__ = ["BOUNDS_MARGIN", "Dynamics", "Scenario", "ScenarioConfig", "sample_scenario"]
+
+BOUNDS_MARGIN = 0.05
+"""An episode ends when the object's centre is this far outside the workspace [m]."""
 
 _CELL = 0.01  # of the grid that decides whether a path exists [m]
 _LOW, _SHAPE = (0.145, -0.455), (91, 91)  # its lower corner [m] and its cells

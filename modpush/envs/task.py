@@ -36,7 +36,7 @@ from modpush.envs.objects import PushedObject, get_object_of
 from modpush.envs.obstacles import ObstaclePool, ObstacleSwapper
 from modpush.envs.rendering import NO_RENDERER, find_render_device
 from modpush.envs.robot import UR5, tip_yaw
-from modpush.envs.scenarios import Scenario, ScenarioConfig, sample_scenario
+from modpush.envs.scenarios import BOUNDS_MARGIN, Scenario, ScenarioConfig, sample_scenario
 
 __all__ = ["FRICTION", "MAX_EPISODE_STEPS", "ClutterPushEnv", "EpisodeEnd"]
 
@@ -85,7 +85,7 @@ class ClutterPushEnv(BaseEnv):
         sim_freq: int = 120,
         control_freq: int = 15,
         goal_threshold: float = 0.05,
-        bounds_margin: float = 0.05,
+        bounds_margin: float = BOUNDS_MARGIN,
         obstacle_pool: bool = False,
         render_backend: str = "auto",
         **kwargs: Any,

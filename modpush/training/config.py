@@ -110,7 +110,7 @@ def _cpu() -> TrainConfig:
         tqc=TQCConfig.preset("cpu", updates_per_step=1 / 12),
         replay=ReplayConfig(batch_size=256, storage="compact"),
         blind_start=True,
-        total_steps=600_000,
+        total_steps=800_000,
         evaluate_every=50_000,
     )
 
@@ -138,7 +138,7 @@ def _smoke() -> TrainConfig:
 
 
 TRAIN_PRESETS: dict[str, tuple[str, TrainConfig]] = {
-    "cpu": ("What learned best on two cores, in a quarter of an hour.", _cpu()),
+    "cpu": ("What learned best on two cores, in twenty minutes.", _cpu()),
     "paper": (
         "The paper's numbers: 7e6 steps, an update each; days on a CPU.",
         TrainConfig(env=PushEnvConfig.preset("paper"), tqc=TQCConfig.preset("paper")),

@@ -84,7 +84,8 @@ def test_in_the_path_frame_the_subgoal_lies_straight_ahead():
 @pytest.mark.parametrize("frame", ["object", "path"])
 def test_turning_and_shifting_the_whole_scene_changes_nothing(frame):
     state = make_state(8)
-    observe = PushObservation(frame)
+    entries = [name for name in ENTRIES if name != "edges"]  # the workspace stays where it is
+    observe = PushObservation(frame, entries=entries)
     before = observe(state.clone())["observation"]
     after = observe(moved(state, 1.1, torch.tensor([0.2, -0.3])))["observation"]
     torch.testing.assert_close(after, before, atol=2e-5, rtol=1e-4)
@@ -102,6 +103,34 @@ def test_a_disc_has_no_axis_to_see():
     observe = PushObservation("path", entries=["object_axis"], symmetry=0)
     expected = torch.tensor([[1.0, 0.0]] * 3)
     assert torch.equal(observe(make_state(3))["observation"], expected)
+
+
+def test_edges_of_the_workspace_by_hand():
+    # Episodes end outside x 0.15 to 0.80, y -0.40 to 0.40.
+    state = make_state(3)
+    state["object_pose"] = torch.tensor([[0.20, 0.0, 0.0], [0.75, -0.39, 0.0], [0.5, 0.0, 0.0]])
+    state["subgoal"] = state["object_pose"][:, :2] + torch.tensor([0.0, 0.1])  # ahead is +y
+    seen = PushObservation("path", entries=["edges"], raw=True)(state.clone())["observation"]
+    near = torch.tensor([[0.0, 0.10, 0.0, 0.0], [0.0, 0.0, 0.14, 0.10], [0.0, 0.0, 0.0, 0.0]])
+    torch.testing.assert_close(seen, near, atol=1e-5, rtol=0)  # ahead, left, behind, right
+    seen = PushObservation("path", entries=["edges"])(state)["observation"]
+    torch.testing.assert_close(seen, near / 0.15, atol=1e-4, rtol=0)
+
+
+def test_the_edge_is_where_the_line_ahead_meets_it():
+    state = make_state(400, seed=3)
+    spread = torch.tensor([0.6, 0.75, 1.0])
+    state["object_pose"] = state["object_pose"] * spread + torch.tensor([0.475, 0.0, 0.0])
+    seen = PushObservation("path", entries=["edges"], raw=True)(state)["observation"]
+    position, way = state["object_pose"][:, :2], state["subgoal"] - state["object_pose"][:, :2]
+    for side, turn in enumerate((0.0, math.pi / 2, math.pi, -math.pi / 2)):
+        ray = rotate(way / way.norm(dim=-1, keepdim=True), torch.full((400, 1), turn))
+        steps = torch.linspace(0, 0.15, 1501)
+        at = position[:, None] + ray[:, None] * steps[:, None]
+        inside = ((at > torch.tensor([0.15, -0.40])) & (at < torch.tensor([0.80, 0.40]))).all(-1)
+        walked = inside.int().cumprod(1).sum(1) * 1e-4
+        torch.testing.assert_close(seen[:, side], 0.15 - walked.clamp(0, 0.15), atol=3e-4, rtol=0)
+    assert (seen > 0).float().mean() > 0.1
 
 
 def test_scaled_values_are_the_raw_ones_shifted_and_scaled():
