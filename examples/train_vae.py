@@ -65,7 +65,10 @@ class Config:
 
 
 PRESETS = {
-    "default": ("Reaches the held-out loss of the paper's schedule in a third of the windows.", Config()),
+    "default": (
+        "Reaches the held-out loss of the paper's schedule in a third of the windows.",
+        Config(),
+    ),
     "paper": (
         "Adam 1e-4, ten times through 700k windows, no augmentation (Sec. IV-A).",
         Config(
