@@ -1,6 +1,6 @@
 """Train the paper's agent: environment and learner side by side on two cores.
 
-    python examples/train.py cpu --out runs/train            # what `make train` runs, 16 minutes
+    python examples/train.py cpu --out runs/train            # what `make train` runs, 21 minutes
     python examples/train.py cpu --out runs/train --resume   # go on after an interrupt
     python examples/train.py smoke --out /tmp/smoke          # everything once, in some seconds
     python examples/train.py cpu --out runs/rays --train.env.encoder rays --train.seed 1

@@ -226,6 +226,7 @@ def make_push_env(
             config.frame,
             entries=entries,
             symmetry=get_object(config.pushed_object).symmetry,
+            bounds=base.bounds,
             raw=config.raw,
         ),
         PushReward(config.reward, terms=reward_terms),
@@ -337,7 +338,8 @@ def load_agent(name: str | Path) -> Agent:
         ) from error
     if header.get("format") != _FORMAT:
         raise ValueError(
-            f"load_agent: {path} is of format {header.get('format')!r}, expected {_FORMAT!r}."
+            f"load_agent: {path} is of format {header.get('format')!r}, expected {_FORMAT!r}; an "
+            "agent of an earlier format sees other values and has to be trained anew."
         )
     config = config_from_dict(PushEnvConfig, json.loads(header["env"]))
     action_spec = Bounded(-1.0, 1.0, (3,), dtype=torch.float32)

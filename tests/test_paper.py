@@ -185,6 +185,15 @@ def test_a_file_of_something_else_is_refused(tmp_path):
         load_agent(path)
 
 
+def test_an_agent_of_an_earlier_format_is_refused(saved):
+    path, _ = saved
+    with safetensors.safe_open(path, framework="pt") as file:
+        header, tensors = file.metadata(), {key: file.get_tensor(key) for key in file.keys()}
+    safetensors.torch.save_file(tensors, path, metadata={**header, "format": "modpush-agent-1"})
+    with pytest.raises(ValueError, match=r"'modpush-agent-1', expected .* trained anew"):
+        load_agent(path)
+
+
 def test_weights_of_another_network_are_refused(saved):
     path, _ = saved
     with safetensors.safe_open(path, framework="pt") as file:

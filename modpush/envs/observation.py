@@ -11,7 +11,7 @@ from torchrl.data import TensorSpec, Unbounded
 from torchrl.envs import Transform
 
 from modpush.envs.frames import Frame, check_frame, frame_yaw, rotate, wrap_angle
-from modpush.envs.scenarios import BOUNDS_MARGIN, ScenarioConfig
+from modpush.envs.scenarios import Bounds, ScenarioConfig
 
 __all__ = ["ENTRIES", "PAPER_ENTRIES", "PATH_ENTRIES", "Entry", "PushObservation", "Seen"]
 
@@ -47,6 +47,8 @@ class Seen(NamedTuple):
     """`[..., 2]` [m], the object's in the base frame"""
     frame_yaw: Tensor
     """`[..., 1]` [rad], the agent's frame in the base frame"""
+    bounds: tuple[Tensor, Tensor]
+    """`[2]` [m] each, lower and upper corner of where the object may be, in the base frame"""
 
 
 @dataclass(frozen=True)
@@ -78,7 +80,8 @@ def _object_axis(seen: Seen) -> Tensor:
 
 
 def _edges(seen: Seen) -> Tensor:
-    low, high = (seen.position.new_tensor(corner).unsqueeze(-2) for corner in _BOUNDS)
+    # Along each axis as far as the edge, whichever of the two edges in its way is met first.
+    low, high = seen.bounds
     ahead = torch.cat([seen.frame_yaw.cos(), seen.frame_yaw.sin()], -1)
     left = torch.stack([-ahead[..., 1], ahead[..., 0]], -1)
     axes = torch.stack([ahead, left, -ahead, -left], -2)
@@ -97,11 +100,7 @@ def _latent(seen: Seen) -> Tensor:
 # The arm with its tool over the middle of the workspace [rad].
 _HOME = (-0.25, -1.35, 2.0, -2.2, -1.57, 0.0)
 
-# Where the object leaves the workspace, and from how far that is seen [m].
-_BOUNDS = (
-    tuple(x - BOUNDS_MARGIN for x in ScenarioConfig().low),
-    tuple(x + BOUNDS_MARGIN for x in ScenarioConfig().high),
-)
+# From how far the edge of the workspace is seen [m].
 _EDGE_SEEN = 0.15
 
 ENTRIES: dict[str, Entry] = {
@@ -121,8 +120,9 @@ ENTRIES: dict[str, Entry] = {
     "object_radius": Entry(lambda seen: seen.object_radius, 20.0),
 }
 """By name. `ee_pose` is (x, y, yaw, pitch, roll); `ee_axis` and `object_axis` are cosine and sine of
-the yaw times the symmetry of gripper and object. `edges` says how far the edge of the workspace, past
-which an episode ends, has come nearer than 15 cm: ahead, left, behind and right of the object [m]."""
+the yaw times the symmetry of gripper and object. `edges` says how much
+nearer than 15 cm the edge is, past which an episode ends, straight ahead, left, behind and right of the
+object: 0 to 0.15 m, 0 where it is farther."""
 
 PAPER_ENTRIES = (
     "latent",
@@ -157,6 +157,8 @@ class PushObservation(Transform):
         entries: Names of `ENTRIES` in their order, or pairs of a name and an `Entry` of your own;
             default `PATH_ENTRIES` in the path's frame, else `PAPER_ENTRIES`.
         symmetry: How many yaw angles of the object look alike (`PushedObject.symmetry`).
+        bounds: Lower and upper corner of where the object may be, base frame [m], for the entry
+            `edges` (`PushEnv.bounds`); by default those of the default workspace.
         raw: SI units instead of scaled values.
         keys: Other names for the keys read, by their default names: `object_pose` `[..., 3]`,
             `goal_position` `[..., 2]`, `ee_pose` `[..., 3]`, `joint_position` `[..., 6]`,
@@ -165,7 +167,8 @@ class PushObservation(Transform):
         observation_key: Written, `[..., n]` float32.
 
     Raises:
-        ValueError: If frame, entry or key is unknown; the message lists those there are.
+        ValueError: If frame, entry or key is unknown; the message lists those there are. If a lower
+            bound is no lower than its upper one.
         KeyError: If a key is missing.
     Source: table of observations in the paper's Sec. IV-B; spec 4.
     """
@@ -181,6 +184,7 @@ class PushObservation(Transform):
         *,
         entries: Sequence[str | tuple[str, Entry]] | None = None,
         symmetry: int = 4,
+        bounds: Bounds | None = None,
         raw: bool = False,
         keys: Mapping[str, NestedKey] | None = None,
         observation_key: NestedKey = "observation",
@@ -191,6 +195,11 @@ class PushObservation(Transform):
         self.frame = frame
         self.entries = _look_up(entries)
         self.symmetry = symmetry
+        self.bounds = ScenarioConfig().bounds() if bounds is None else bounds
+        if not all(low < high for low, high in zip(*self.bounds, strict=True)):
+            raise ValueError(
+                f"PushObservation: bounds must be a lower and an upper corner, got {bounds}."
+            )
         self.raw = raw
         names = (*self.READ, "latent") if "latent" in self.entries else self.READ
         if unknown := sorted(set(keys or {}) - {*self.READ, "latent"}):
@@ -255,6 +264,7 @@ class PushObservation(Transform):
             symmetry=self.symmetry,
             position=position,
             frame_yaw=yaw,
+            bounds=(position.new_tensor(self.bounds[0]), position.new_tensor(self.bounds[1])),
         )
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:

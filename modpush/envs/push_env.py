@@ -17,7 +17,7 @@ from modpush.envs.batch import SceneState, make_batch
 from modpush.envs.camera import CAMERA
 from modpush.envs.contacts import CONTACT_KEYS
 from modpush.envs.depth import DepthName, ImageMemory
-from modpush.envs.scenarios import Scenario, ScenarioConfig, sample_scenario
+from modpush.envs.scenarios import Bounds, Scenario, ScenarioConfig, sample_scenario
 from modpush.envs.scenes import MAX_OBSTACLES
 from modpush.envs.ur5_2f85 import TOOLS, ToolName
 
@@ -257,8 +257,7 @@ class PushEnv(EnvBase):
             raise RuntimeError(f"PushEnv: physics gave a non-finite object pose in scene {index}.")
         # In numpy: on a few numbers it is several times quicker than torch.
         success = np.hypot(*(position - self._goal).T) <= self._task.goal_threshold
-        margin = self._task.bounds_margin
-        low, high = np.array(self.scenario.low) - margin, np.array(self.scenario.high) + margin
+        low, high = self.bounds
         outside = ((position < low) | (position > high)).any(-1)
         limit = self._max_episode_steps
         terminated = success | outside if self._oob == "terminate" else success
@@ -313,6 +312,11 @@ class PushEnv(EnvBase):
     def scenarios(self) -> list[Scenario]:
         """What the present episodes started from, one for each scene."""
         return [self._batch.scenario(i) for i in range(self.batch_size[0])]
+
+    @property
+    def bounds(self) -> Bounds:
+        """Lower and upper corner of where the object may be, base frame [m]."""
+        return self.scenario.bounds(self._task.bounds_margin)
 
     def cast(self, index: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Depth [m] and label at single pixels `[..., 2]` (u, v) of one scene's image.

@@ -23,8 +23,10 @@ from modpush.envs.scenes import (
     turned_rectangles,
 )
 
-__all__ = ["BOUNDS_MARGIN", "Dynamics", "Scenario", "ScenarioConfig", "sample_scenario"]
+__all__ = ["BOUNDS_MARGIN", "Bounds", "Dynamics", "Scenario", "ScenarioConfig", "sample_scenario"]
 
+Bounds = tuple[tuple[float, float], tuple[float, float]]
+"""Lower and upper corner (x, y) of a rectangle [m]."""
 BOUNDS_MARGIN = 0.05
 """An episode ends when the object's centre is this far outside the workspace [m]."""
 
@@ -147,6 +149,11 @@ class ScenarioConfig:
                 )
         if not all(lo < hi for lo, hi in zip(self.low, self.high, strict=True)):
             raise ValueError(f"ScenarioConfig: low must be < high, got {self.low} and {self.high}.")
+
+    def bounds(self, margin: float = BOUNDS_MARGIN) -> Bounds:
+        """Where the object's centre may be before an episode ends, base frame [m]."""
+        (x0, y0), (x1, y1) = self.low, self.high
+        return (x0 - margin, y0 - margin), (x1 + margin, y1 + margin)
 
     @property
     def scenes(self) -> list[tuple[str, SceneFn]]:

@@ -138,7 +138,7 @@ def _smoke() -> TrainConfig:
 
 
 TRAIN_PRESETS: dict[str, tuple[str, TrainConfig]] = {
-    "cpu": ("What learned best on two cores, in twenty minutes.", _cpu()),
+    "cpu": ("What learned best on two cores, in some twenty minutes.", _cpu()),
     "paper": (
         "The paper's numbers: 7e6 steps, an update each; days on a CPU.",
         TrainConfig(env=PushEnvConfig.preset("paper"), tqc=TQCConfig.preset("paper")),

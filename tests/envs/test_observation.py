@@ -6,6 +6,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
+from modpush.envs import PushEnv
 from modpush.envs.frames import rotate
 from modpush.envs.observation import ENTRIES, PAPER_ENTRIES, Entry, PushObservation
 
@@ -131,6 +132,23 @@ def test_the_edge_is_where_the_line_ahead_meets_it():
         walked = inside.int().cumprod(1).sum(1) * 1e-4
         torch.testing.assert_close(seen[:, side], 0.15 - walked.clamp(0, 0.15), atol=3e-4, rtol=0)
     assert (seen > 0).float().mean() > 0.1
+
+
+def test_edges_are_the_environments_and_any_batch_will_do():
+    env = PushEnv(2, scene="free", low=(0.30, -0.25), high=(0.65, 0.25), seed=0)
+    observe = PushObservation("base", entries=["edges"], bounds=env.bounds, raw=True)
+    env.close()
+    state = torch.stack([make_state(4), make_state(4)])
+    state["object_pose"] = torch.tensor([0.69, -0.28, 0.0]).expand(2, 4, 3)
+    near = torch.tensor([0.14, 0.0, 0.0, 0.13]).expand(
+        2, 4, 4
+    )  # of x 0.25 to 0.70, y -0.30 to 0.30
+    torch.testing.assert_close(observe(state)["observation"], near, atol=1e-5, rtol=0)
+
+
+def test_bounds_that_are_none_are_refused():
+    with pytest.raises(ValueError, match="bounds must be a lower and an upper corner"):
+        PushObservation("path", bounds=((0.8, 0.4), (0.2, -0.4)))
 
 
 def test_scaled_values_are_the_raw_ones_shifted_and_scaled():
