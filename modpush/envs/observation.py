@@ -211,6 +211,8 @@ class PushObservation(Transform):
         self.columns: dict[str, slice] = {}
         """Where each entry stands in the observation; known once one was made."""
         super().__init__(in_keys=list(self.keys.values()), out_keys=[observation_key])
+        self._shift = self._scale = torch.empty(0)
+        self._low, self._high = map(torch.tensor, self.bounds)
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         seen = self._see(next_tensordict)
@@ -220,16 +222,26 @@ class PushObservation(Transform):
                 value = entry.read(seen)
             except RuntimeError as error:
                 raise RuntimeError(f"PushObservation: entry {name!r} failed: {error}") from error
-            if not self.raw:
-                value = (value - value.new_tensor(entry.shift)) * entry.scale
             parts.append(value)
+        observation = torch.cat(parts, -1)
         if not self.columns:
-            ends = torch.tensor([part.shape[-1] for part in parts]).cumsum(0).tolist()
-            spans = zip([0, *ends], ends, strict=False)
-            self.columns.update(zip(self.entries, (slice(a, b) for a, b in spans), strict=True))
-        return next_tensordict.set(self.observation_key, torch.cat(parts, -1))
+            self._lay_out(parts)
+        if not self.raw:
+            self._shift, self._scale = self._shift.to(observation), self._scale.to(observation)
+            observation = (observation - self._shift) * self._scale
+        return next_tensordict.set(self.observation_key, observation)
 
     forward = _call
+
+    def _lay_out(self, parts: Sequence[Tensor]) -> None:
+        """Note which columns are whose, and shift and scale of each: one operation on all."""
+        ends = torch.tensor([part.shape[-1] for part in parts]).cumsum(0).tolist()
+        spans = zip([0, *ends], ends, strict=False)
+        self.columns.update(zip(self.entries, (slice(a, b) for a, b in spans), strict=True))
+        self._shift, self._scale = torch.zeros(ends[-1]), torch.ones(ends[-1])
+        for entry, columns in zip(self.entries.values(), self.columns.values(), strict=True):
+            self._shift[columns] = torch.tensor(entry.shift)
+            self._scale[columns] = entry.scale
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
@@ -264,7 +276,7 @@ class PushObservation(Transform):
             symmetry=self.symmetry,
             position=position,
             frame_yaw=yaw,
-            bounds=(position.new_tensor(self.bounds[0]), position.new_tensor(self.bounds[1])),
+            bounds=(self._low.to(position), self._high.to(position)),
         )
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
