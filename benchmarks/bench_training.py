@@ -176,7 +176,6 @@ def running(
             evaluate_every=never,
             checkpoint_every=never,
             log_every=never,
-            loggers=(),
             total_steps=never,
             tqc=replace(config.tqc, learning_starts=2_000),
         )

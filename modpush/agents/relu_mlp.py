@@ -170,15 +170,15 @@ class _OneDNNProducts:
     @staticmethod
     def weight_gradient(grad: Sequence[Tensor], x: Sequence[Tensor]) -> Tensor:
         if grad[0].shape[-1] <= x[0].shape[-1]:
-            return torch.stack([_onednn_linear(g.mT, a.mT) for g, a in zip(grad, x, strict=True)])
+            return _stack([_onednn_linear(g.mT, a.mT) for g, a in zip(grad, x, strict=True)])
         # The narrower side first: up to two thirds faster for a first layer. With equal sides the copy
         # of a transposed matrix would cost more than that wins.
         transposed = [_onednn_linear(a.mT, g.mT) for g, a in zip(grad, x, strict=True)]
-        return torch.stack([matrix.mT for matrix in transposed])
+        return _stack([matrix.mT for matrix in transposed])
 
     @staticmethod
     def bias_gradient(grad: Sequence[Tensor]) -> Tensor:
-        return torch.stack([g.sum(0) for g in grad])
+        return _stack([g.sum(0) for g in grad])
 
     @staticmethod
     def input_gradient(
@@ -191,7 +191,12 @@ class _OneDNNProducts:
 
     @staticmethod
     def stacked(x: Sequence[Tensor]) -> Tensor:
-        return torch.stack(tuple(x)) if len(x) > 1 else x[0].unsqueeze(0)
+        return _stack(x)
+
+
+def _stack(tensors: Sequence[Tensor]) -> Tensor:
+    """Without a copy where there is nothing to stack."""
+    return torch.stack(tuple(tensors)) if len(tensors) > 1 else tensors[0].unsqueeze(0)
 
 
 def _products(x: Tensor) -> Any:

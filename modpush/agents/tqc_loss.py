@@ -9,12 +9,14 @@ from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModule
 from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
+from torchrl.modules import TanhNormal
 from torchrl.objectives import TQCLoss as _TorchRLTQCLoss
 from torchrl.objectives.sac import compute_rsample_log_prob
 from torchrl.objectives.value import TD0Estimator
 
 from modpush.agents.ensemble import BatchedEnsemble, NotBatchableError
 from modpush.agents.quantiles import quantile_huber, truncate_atoms
+from modpush.agents.tanh_normal import tanh_normal_rsample
 
 __all__ = ["TQCLoss"]
 
@@ -118,26 +120,47 @@ class TQCLoss(_TorchRLTQCLoss):
 
     def _draw_action(self, tensordict: TensorDictBase) -> tuple[Tensor, Tensor]:
         """An action of the present policy, `[*B, A]`, and its log-probability, `[*B]`."""
-        with set_exploration_type(ExplorationType.RANDOM), self._bound_actor():
-            return compute_rsample_log_prob(self._distribution(tensordict))
-
-    def _distribution(self, tensordict: TensorDictBase) -> Any:
-        """The policy's action distribution; the input stays untouched."""
         network, *others = self.actor_network.module
         head = others[0] if len(others) == 1 else None
-        if (
-            head is None
-            or type(network) is not TensorDictModule
-            or list(network.out_keys) != list(head.in_keys)
-            or not all(isinstance(key, str) for key in head.dist_keys)
-            or any(part._forward_hooks or part._forward_pre_hooks for part in (network, head))
-        ):
-            actor_input = tensordict.select(*self.actor_network.in_keys, strict=False)
-            return self.actor_network.get_dist(actor_input)
-        # A network and a distribution: no need to pass the parameters through a tensordict.
-        parameters = network.module(*[tensordict.get(key) for key in network.in_keys])
-        named = dict(zip(head.dist_keys, parameters, strict=True))
-        return head.distribution_class(**named, **head.distribution_kwargs)
+        with set_exploration_type(ExplorationType.RANDOM), self._bound_actor():
+            if (
+                head is None
+                or type(network) is not TensorDictModule
+                or list(network.out_keys) != list(head.in_keys)
+                or not all(isinstance(key, str) for key in head.dist_keys)
+                or any(part._forward_hooks or part._forward_pre_hooks for part in (network, head))
+            ):
+                actor_input = tensordict.select(*self.actor_network.in_keys, strict=False)
+                return compute_rsample_log_prob(self.actor_network.get_dist(actor_input))
+            # A network and a distribution: no need to pass the parameters through a tensordict.
+            parameters = network.module(*[tensordict.get(key) for key in network.in_keys])
+            named = dict(zip(head.dist_keys, parameters, strict=True))
+            if self._is_plain_tanh_normal(head, named):
+                return tanh_normal_rsample(**named, bounds=self._action_bounds(head, named["loc"]))
+            distribution = head.distribution_class(**named, **head.distribution_kwargs)
+            return compute_rsample_log_prob(distribution)
+
+    @staticmethod
+    def _is_plain_tanh_normal(head: Any, parameters: dict[str, Tensor]) -> bool:
+        return (
+            head.distribution_class is TanhNormal
+            and head.distribution_kwargs.keys() <= {"low", "high"}
+            and parameters.keys() == {"loc", "scale"}
+            and parameters["loc"].ndim > 0
+            and parameters["loc"].shape == parameters["scale"].shape
+            and not torch.compiler.is_compiling()
+        )
+
+    def _action_bounds(self, head: Any, loc: Tensor) -> tuple[Tensor, Tensor] | None:
+        """The distribution's, None where they are -1 and 1: looked at once, it stalls a GPU."""
+        given = head.distribution_kwargs.get("low", -1.0), head.distribution_kwargs.get("high", 1.0)
+        cache = self.__dict__.setdefault("_cache", {})  # emptied when the loss moves or casts
+        known = cache.get("action_bounds")
+        if known is None or any(a is not b for a, b in zip(known[0], given, strict=True)):
+            low, high = (torch.as_tensor(bound, device=loc.device) for bound in given)
+            trivial = bool((low == -1).all() and (high == 1).all())
+            known = cache["action_bounds"] = given, None if trivial else (low, high)
+        return known[1]
 
     def _bound_actor(self) -> AbstractContextManager[Any]:
         """The actor with the loss's parameters in it; free where it holds them already."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
-from tensordict import NestedKey, TensorDictBase
+from tensordict import NestedKey, TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.data import TensorSpec, Unbounded
 from torchrl.envs import Transform
@@ -287,7 +287,9 @@ class PushObservation(Transform):
                 f"PushObservation: the environment does not emit {missing}; it emits "
                 f"{sorted(map(str, observation_spec.keys(True, True)))}."
             )
-        zeros = observation_spec.zero().select(*self.keys.values())
+        zeros = TensorDict(batch_size=observation_spec.shape, device=observation_spec.device)
+        for key in self.keys.values():  # not the images
+            zeros[key] = observation_spec[key].zero()
         width = self._call(zeros)[self.observation_key].shape[-1]
         observation_spec[self.observation_key] = Unbounded(
             shape=(*observation_spec.shape, width),

@@ -209,8 +209,9 @@ NOISE = _Noise()
 
 
 def play_noise(patch):
-    """Both draw through `Normal.rsample`: one call for the actor, one for the target."""
+    """One draw for the actor, one for the target: sb3's by `Normal.rsample`, ours by `randn`."""
     from torch.distributions import Normal
 
     NOISE.position = 0
     patch.setattr(Normal, "rsample", lambda self, shape=(): self.loc + self.scale * NOISE())
+    patch.setattr(torch, "randn", NOISE)

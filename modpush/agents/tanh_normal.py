@@ -1,0 +1,63 @@
+"""A draw from TorchRL's `TanhNormal` and its log-probability, as one differentiable operation.
+
+Making the distribution, checking its arguments and walking its graph takes half a millisecond for a
+batch on which the arithmetic takes a tenth of that, and an update of an actor and critic needs two.
+"""
+
+import math
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.nn.functional import softplus
+
+__all__ = ["tanh_normal_rsample"]
+
+_LOG_2 = math.log(2)
+_LOG_ROOT_2_PI = 0.5 * math.log(2 * math.pi)
+
+
+def tanh_normal_rsample(
+    loc: Tensor, scale: Tensor, bounds: tuple[Tensor, Tensor] | None = None
+) -> tuple[Tensor, Tensor]:
+    """Draw actions and score them, as `TanhNormal(loc, scale, ...).rsample_and_log_prob()`.
+
+    The same draw for the same state of torch's random generator. Differentiable once.
+
+    Args:
+        loc: Mean before the squashing, `[*B, A]`.
+        scale: Standard deviation, the same shape, positive.
+        bounds: Lowest and highest action, `[A]` each; None for -1 and 1.
+
+    Returns:
+        Actions `[*B, A]` and their log-probabilities `[*B]`.
+    """
+    noise = torch.randn(loc.shape, dtype=loc.dtype, device=loc.device)
+    action, log_prob = _TanhNormalSample.apply(loc, scale, noise)
+    if bounds is not None:
+        low, high = bounds
+        half = (high - low) / 2
+        action = action * half + (high + low) / 2
+        log_prob = log_prob - half.abs().log().sum()
+    return action, log_prob
+
+
+class _TanhNormalSample(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, loc: Tensor, scale: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
+        x = loc + noise * scale
+        limit = 1 - torch.finfo(x.dtype).resolution  # TorchRL's: the inverse stays finite
+        action = x.tanh().clamp_(-limit, limit)
+        # log N(x) - log |d tanh(x) / dx|, the second in a form that does not overflow.
+        log_prob = -0.5 * noise**2 - scale.log() + 2 * (x + softplus(-2 * x))
+        ctx.save_for_backward(action, scale, noise)
+        return action, log_prob.sum(-1) - x.shape[-1] * (_LOG_ROOT_2_PI + 2 * _LOG_2)
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, grad_action: Tensor, grad_log_prob: Tensor) -> tuple[Tensor, ...]:
+        action, scale, noise = ctx.saved_tensors
+        grad_log_prob = grad_log_prob.unsqueeze(-1)
+        # The noise's own density stays as it is; the squashing's logarithm has slope -2 tanh(x).
+        grad_loc = grad_action * (1 - action**2) + 2 * grad_log_prob * action
+        return grad_loc, grad_loc * noise - grad_log_prob / scale, None
