@@ -55,14 +55,15 @@ class Encode(Transform):
             )
         check_window(window, self.window_size, "Encode")
         batch = window.reshape(-1, *window.shape[-3:])
-        training = self.encoder.training
-        self.encoder.eval()  # a latent must not depend on which scenes share the call
+        training = [module for module in self.encoder.modules() if module.training]
+        if training:
+            self.encoder.eval()  # a latent must not depend on which scenes share the call
         try:
             with torch.set_grad_enabled(self.grad and torch.is_grad_enabled()):
                 latent = self.encoder(batch)
         finally:
-            if training:
-                self.encoder.train()
+            for module in training:  # those, and none that were frozen on purpose
+                module.training = True
         next_tensordict.set(self.latent_key, latent.reshape(*window.shape[:-3], self.latent_dim))
         return next_tensordict
 

@@ -5,6 +5,7 @@ from functools import partial
 import pytest
 import torch
 from tensordict import TensorDict
+from torch import nn
 from torchrl.data import LazyTensorStorage, ReplayBuffer
 from torchrl.envs import Compose, ParallelEnv, SerialEnv, TransformedEnv, check_env_specs
 from torchrl.envs.transforms import RenameTransform
@@ -165,6 +166,25 @@ def test_encoding_is_in_eval_mode_and_leaves_the_mode_as_it_was():
     torch.testing.assert_close(together[:1], alone)  # no statistics of the batch
     assert vae.training
     assert all(module.training for module in vae.modules())
+
+
+def test_encoding_leaves_frozen_parts_frozen():
+    vae = DepthVAE().train()
+    frozen = [module.eval() for module in vae.modules() if isinstance(module, nn.BatchNorm2d)]
+    Encode(vae)(TensorDict(window=torch.rand(2, 1, 64, 64), batch_size=[2]))
+    assert vae.training
+    assert frozen
+    assert not any(module.training for module in frozen)
+
+
+def test_encoding_puts_a_part_left_in_training_mode_aside():
+    vae = DepthVAE().eval()
+    part = next(module for module in vae.encoder.modules() if isinstance(module, nn.BatchNorm2d))
+    part.train()
+    before = part.running_mean.clone()
+    Encode(vae)(TensorDict(window=torch.rand(2, 1, 64, 64), batch_size=[2]))
+    assert torch.equal(part.running_mean, before)
+    assert part.training
 
 
 def test_gradients_flow_only_if_asked():
