@@ -13,8 +13,7 @@ from torch.nn.functional import softplus
 
 __all__ = ["tanh_normal_rsample"]
 
-_LOG_2 = math.log(2)
-_LOG_ROOT_2_PI = 0.5 * math.log(2 * math.pi)
+_CONSTANT = math.log(2) + 0.25 * math.log(2 * math.pi)
 
 
 def tanh_normal_rsample(
@@ -27,7 +26,7 @@ def tanh_normal_rsample(
     Args:
         loc: Mean before the squashing, `[*B, A]`.
         scale: Standard deviation, the same shape, positive.
-        bounds: Lowest and highest action, `[A]` each; None for -1 and 1.
+        bounds: Lowest and highest action, anything that broadcasts to `[*B, A]`; None for -1 and 1.
 
     Returns:
         Actions `[*B, A]` and their log-probabilities `[*B]`.
@@ -38,7 +37,7 @@ def tanh_normal_rsample(
         low, high = bounds
         half = (high - low) / 2
         action = action * half + (high + low) / 2
-        log_prob = log_prob - half.abs().log().sum()
+        log_prob = log_prob - half.log().expand(action.shape).sum(-1)
     return action, log_prob
 
 
@@ -48,10 +47,11 @@ class _TanhNormalSample(torch.autograd.Function):
         x = loc + noise * scale
         limit = 1 - torch.finfo(x.dtype).resolution  # TorchRL's: the inverse stays finite
         action = x.tanh().clamp_(-limit, limit)
-        # log N(x) - log |d tanh(x) / dx|, the second in a form that does not overflow.
-        log_prob = -0.5 * noise**2 - scale.log() + 2 * (x + softplus(-2 * x))
+        # log N(x) - log |d tanh(x) / dx|, the second in a form that does not overflow; the constants
+        # of both taken off where the numbers are smallest.
+        log_prob = -0.5 * noise**2 - scale.log() + 2 * (x + softplus(-2 * x) - _CONSTANT)
         ctx.save_for_backward(action, scale, noise)
-        return action, log_prob.sum(-1) - x.shape[-1] * (_LOG_ROOT_2_PI + 2 * _LOG_2)
+        return action, log_prob.sum(-1)
 
     @staticmethod
     @torch.autograd.function.once_differentiable

@@ -7,6 +7,7 @@ from torchrl.modules import TanhNormal
 from modpush.agents.tanh_normal import tanh_normal_rsample
 
 BOUNDS = torch.tensor([-2.0, 0.0, 1.0]), torch.tensor([0.5, 1.0, 4.0])
+SAME = torch.tensor(-3.0), torch.tensor(2.0)
 
 
 def drawn(how, loc, scale, bounds):
@@ -24,7 +25,7 @@ def drawn(how, loc, scale, bounds):
 
 
 @pytest.mark.parametrize("shape", [(3,), (40, 3), (4, 5, 3)])
-@pytest.mark.parametrize("bounds", [None, BOUNDS], ids=["unit", "bounds"])
+@pytest.mark.parametrize("bounds", [None, BOUNDS, SAME], ids=["unit", "bounds", "one for all"])
 @pytest.mark.parametrize(("dtype", "relative"), [(torch.float32, 3e-6), (torch.float64, 1e-12)])
 def test_equals_torchrls_distribution(shape, bounds, dtype, relative):
     torch.manual_seed(0)

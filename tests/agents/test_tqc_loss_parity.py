@@ -8,7 +8,16 @@ from torchrl.objectives import TQCLoss as TorchRLTQCLoss
 
 from modpush.agents import TQCLoss
 from modpush.agents.relu_mlp import ReluMLP
-from tests.agents.tqc_builders import ACT, ATOMS, CELLS, OBS, make_batch, make_critic, make_loss
+from tests.agents.tqc_builders import (
+    ACT,
+    ATOMS,
+    CELLS,
+    OBS,
+    make_actor,
+    make_batch,
+    make_critic,
+    make_loss,
+)
 
 TOLERANCE = {torch.float32: 1e-6, torch.float64: 1e-10}
 
@@ -86,6 +95,22 @@ def relu_mlp_critic():
 )
 def test_every_kind_of_critic(critic, dtype):
     compare(make_batch(9, dtype=dtype), critic=critic, dtype=dtype)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"low": -2, "high": 3.0},
+        {"low": torch.tensor([-1.0, 0.0]), "high": torch.tensor([1.0, 4.0])},
+        {"low": -0.5},
+        {"tanh_loc": True},
+        {"safe_tanh": False, "high": 2.0},
+    ],
+    ids=str,
+)
+def test_every_kind_of_bounded_actor(options, dtype):
+    compare(make_batch(9, dtype=dtype), actor=lambda: make_actor(**options), dtype=dtype)
 
 
 @pytest.mark.parametrize("reduction", ["none", "mean", "sum"])

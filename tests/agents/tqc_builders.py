@@ -14,7 +14,9 @@ from torchrl.objectives import SoftUpdate
 OBS, ACT, ATOMS, CELLS = 6, 2, 7, (16, 12)
 
 
-def make_actor(action_key: Any = "action", observation_key: Any = "observation"):
+def make_actor(
+    action_key: Any = "action", observation_key: Any = "observation", **distribution_kwargs: Any
+):
     network = nn.Sequential(
         MLP(in_features=OBS, out_features=2 * ACT, num_cells=list(CELLS)), NormalParamExtractor()
     )
@@ -24,6 +26,7 @@ def make_actor(action_key: Any = "action", observation_key: Any = "observation")
         out_keys=[action_key],
         spec=Bounded(-1, 1, (ACT,)),
         distribution_class=TanhNormal,
+        distribution_kwargs=distribution_kwargs,
     )
 
 
