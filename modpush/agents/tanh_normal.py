@@ -55,7 +55,9 @@ class _TanhNormalSample(torch.autograd.Function):
 
     @staticmethod
     @torch.autograd.function.once_differentiable
-    def backward(ctx: Any, grad_action: Tensor, grad_log_prob: Tensor) -> tuple[Tensor, Tensor, None]:
+    def backward(
+        ctx: Any, grad_action: Tensor, grad_log_prob: Tensor
+    ) -> tuple[Tensor, Tensor, None]:
         action, scale, noise = ctx.saved_tensors
         grad_log_prob = grad_log_prob.unsqueeze(-1)
         # The noise's own density stays as it is; the squashing's logarithm has slope -2 tanh(x).
