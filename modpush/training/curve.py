@@ -37,11 +37,12 @@ def draw_curve(
     figure, axes = plt.subplots(1, len(_PANELS), figsize=(5 * len(_PANELS), 3.6))
     for colour, (label, folders) in enumerate(groups.items()):
         tables = [pd.read_csv(Path(folder) / "evaluations.csv") for folder in folders]
-        for axis, (column, title, limits) in zip(axes, _PANELS, strict=True):
+        for axis, (column, _, _) in zip(axes, _PANELS, strict=True):
             _draw_group(axis, tables, column, against, f"C{colour}", label)
-            axis.set(title=title, xlabel=against)
-            axis.set_ylim(*limits)
-            axis.grid(alpha=0.3)
+    for axis, (_, title, limits) in zip(axes, _PANELS, strict=True):
+        axis.set(title=title, xlabel=against)
+        axis.set_ylim(*limits)  # after all curves: the first one's top would cut the others off
+        axis.grid(alpha=0.3)
     axes[0].legend(loc="lower right")
     figure.tight_layout()
     path.parent.mkdir(parents=True, exist_ok=True)
