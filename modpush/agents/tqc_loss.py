@@ -40,7 +40,8 @@ class TQCLoss(_TorchRLTQCLoss):
     the mean over both.
 
     Raises:
-        ValueError: At construction, if as many or more atoms are dropped than the critics hold.
+        ValueError: At construction, if as many or more atoms are dropped than the critics hold. In the
+            first call, if the actor's lowest action is not below its highest.
             In a call on CPU, if the loss is not finite because the batch holds NaN or infinite
             values (TorchRL returns NaN); on a GPU this check would stall the device, and the
             loss is returned as it is.
@@ -158,6 +159,11 @@ class TQCLoss(_TorchRLTQCLoss):
         known = cache.get("action_bounds")
         if known is None or any(a is not b for a, b in zip(known[0], given, strict=True)):
             low, high = (torch.as_tensor(bound, device=loc.device) for bound in given)
+            if not (high > low).all():
+                raise ValueError(
+                    f"TQCLoss: the actor's distribution must have low below high, got low {low} "
+                    f"and high {high}."
+                )
             trivial = bool((low == -1).all() and (high == 1).all())
             known = cache["action_bounds"] = given, None if trivial else (low, high)
         return known[1]

@@ -327,3 +327,9 @@ def test_cuda_equals_cpu():
         results.append(quantiles.cpu())
         total(loss(make_batch(6).to(device))).backward()
     torch.testing.assert_close(*results)
+
+
+def test_bounds_that_leave_no_action_are_refused():
+    loss = make_loss(TQCLoss, actor=lambda: make_actor(low=1.0, high=torch.tensor([2.0, 1.0])))
+    with pytest.raises(ValueError, match="must have low below high, got low 1.0"):
+        loss(make_batch(3))
