@@ -331,5 +331,5 @@ def test_cuda_equals_cpu():
 
 def test_bounds_that_leave_no_action_are_refused():
     loss = make_loss(TQCLoss, actor=lambda: make_actor(low=1.0, high=torch.tensor([2.0, 1.0])))
-    with pytest.raises(ValueError, match="must have low below high, got low 1.0"):
+    with pytest.raises(ValueError, match="must have low below high"):
         loss(make_batch(3))
