@@ -41,10 +41,9 @@ class TQCLoss(_TorchRLTQCLoss):
 
     Raises:
         ValueError: At construction, if as many or more atoms are dropped than the critics hold. In the
-            first call, if the actor's lowest action is not below its highest.
-            In a call on CPU, if the loss is not finite because the batch holds NaN or infinite
-            values (TorchRL returns NaN); on a GPU this check would stall the device, and the
-            loss is returned as it is.
+            first call, if the actor's lowest action is not below its highest. In a call on CPU, if
+            the loss is not finite because the batch holds NaN or infinite values (TorchRL returns
+            NaN); on a GPU this check would stall the device, and the loss is returned as it is.
 
     Source: Kuznetsov et al. (2020), arXiv 2005.04269; TorchRL's `TQCLoss` is the reference.
     """

@@ -120,9 +120,9 @@ ENTRIES: dict[str, Entry] = {
     "object_radius": Entry(lambda seen: seen.object_radius, 20.0),
 }
 """By name. `ee_pose` is (x, y, yaw, pitch, roll); `ee_axis` and `object_axis` are cosine and sine of
-the yaw times the symmetry of gripper and object. `edges` says how much
-nearer than 15 cm the edge is, past which an episode ends, straight ahead, left, behind and right of the
-object: 0 to 0.15 m, 0 where it is farther."""
+the yaw times the symmetry of gripper and object. `edges` says how much nearer than 15 cm the edge is,
+past which an episode ends, straight ahead, left, behind and right of the object: 0 to 0.15 m, 0 where it
+is farther."""
 
 PAPER_ENTRIES = (
     "latent",

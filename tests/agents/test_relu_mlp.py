@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from modpush.agents.relu_mlp import ReluMLP, relu_mlp
-from tests.agents.test_tqc_loss_parity import compare, relu_mlp_critic
+from tests.agents.test_tqc_loss_parity import assert_same_as_torchrl, relu_mlp_critic
 from tests.agents.tqc_builders import make_batch
 
 module = importlib.import_module("modpush.agents.relu_mlp")
@@ -96,4 +96,4 @@ def test_other_dtypes_and_vmap():
 
 
 def test_the_loss_at_a_batch_large_enough_for_either_library():
-    compare(make_batch(96), critic=relu_mlp_critic)
+    assert_same_as_torchrl(make_batch(96), critic=relu_mlp_critic)

@@ -28,7 +28,7 @@ def assert_same(ours, theirs, relative: float) -> None:
     assert (ours - theirs).abs().max().item() <= relative * max(scale, 1e-12)
 
 
-def compare(batch, *, dtype=torch.float32, mutate=None, **kwargs) -> None:
+def assert_same_as_torchrl(batch, *, dtype=torch.float32, mutate=None, **kwargs) -> None:
     """Same losses, priorities and gradients of both classes on one batch."""
     results = []
     for cls in (TQCLoss, TorchRLTQCLoss):
@@ -94,7 +94,7 @@ def relu_mlp_critic():
     ],
 )
 def test_every_kind_of_critic(critic, dtype):
-    compare(make_batch(9, dtype=dtype), critic=critic, dtype=dtype)
+    assert_same_as_torchrl(make_batch(9, dtype=dtype), critic=critic, dtype=dtype)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
@@ -110,7 +110,9 @@ def test_every_kind_of_critic(critic, dtype):
     ids=str,
 )
 def test_every_kind_of_bounded_actor(options, dtype):
-    compare(make_batch(9, dtype=dtype), actor=lambda: make_actor(**options), dtype=dtype)
+    assert_same_as_torchrl(
+        make_batch(9, dtype=dtype), actor=lambda: make_actor(**options), dtype=dtype
+    )
 
 
 @pytest.mark.parametrize("reduction", ["none", "mean", "sum"])
@@ -119,13 +121,13 @@ def test_every_reduction_with_and_without_priority_weights(reduction, weighted):
     batch = make_batch(9)
     if weighted:
         batch["priority_weight"] = torch.rand(9)
-    compare(batch, reduction=reduction)
+    assert_same_as_torchrl(batch, reduction=reduction)
 
 
 @pytest.mark.parametrize("num_critics", [1, 2, 5])
 @pytest.mark.parametrize("dropped", [0, 1, 6])
 def test_every_ensemble_and_truncation(num_critics, dropped):
-    compare(
+    assert_same_as_torchrl(
         make_batch(5),
         num_critics=num_critics,
         top_quantiles_to_drop_per_net=dropped,
@@ -145,11 +147,11 @@ def test_every_ensemble_and_truncation(num_critics, dropped):
     ],
 )
 def test_every_option(options):
-    compare(make_batch(6), **options)
+    assert_same_as_torchrl(make_batch(6), **options)
 
 
 def test_batches_of_several_dimensions():
-    compare(make_batch(3, 4))
+    assert_same_as_torchrl(make_batch(3, 4))
 
 
 def test_nan_after_terminal_states():
@@ -158,43 +160,43 @@ def test_nan_after_terminal_states():
     assert terminal.any()
     assert not terminal.all()
     batch["next", "observation"][terminal] = float("nan")
-    compare(batch, skip_done_states=True)
+    assert_same_as_torchrl(batch, skip_done_states=True)
 
 
 def test_all_states_terminal():
     batch = make_batch(4)
     batch["next", "terminated"].fill_(True)
     batch["next", "observation"].fill_(float("nan"))
-    compare(batch, skip_done_states=True)
+    assert_same_as_torchrl(batch, skip_done_states=True)
 
 
 def test_n_step_targets():
     batch = make_batch(8)
     batch["steps_to_next_obs"] = torch.randint(1, 4, (8, 1))
-    compare(batch)
+    assert_same_as_torchrl(batch)
 
 
 def test_double_rewards_with_single_precision_networks():
     batch = make_batch(8)
     batch["next", "reward"] = batch["next", "reward"].double()
-    compare(batch)
+    assert_same_as_torchrl(batch)
 
 
 def test_masked_rows():
     batch = make_batch(8)
     batch["collector", "mask"] = torch.rand(8, 1) < 0.5
-    compare(batch)
+    assert_same_as_torchrl(batch)
 
 
 def test_large_errors_on_both_sides_of_the_huber_threshold():
     batch = make_batch(16)
     batch["next", "reward"] *= 100
-    compare(batch)
+    assert_same_as_torchrl(batch)
 
 
 def test_paper_sized_networks():
     cells = [512, 256, 128]
-    compare(make_batch(64), critic=lambda: make_critic(num_cells=cells, atoms=25))
+    assert_same_as_torchrl(make_batch(64), critic=lambda: make_critic(num_cells=cells, atoms=25))
 
 
 class TwoHeads(nn.Module):
@@ -214,7 +216,7 @@ def two_headed_critic():
 
 
 def test_critics_that_cannot_be_batched():
-    compare(make_batch(6), critic=two_headed_critic)
+    assert_same_as_torchrl(make_batch(6), critic=two_headed_critic)
 
 
 def test_a_whole_training_run_stays_together():

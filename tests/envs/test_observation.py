@@ -140,9 +140,8 @@ def test_edges_are_the_environments_and_any_batch_will_do():
     env.close()
     state = torch.stack([make_state(4), make_state(4)])
     state["object_pose"] = torch.tensor([0.69, -0.28, 0.0]).expand(2, 4, 3)
-    near = torch.tensor([0.14, 0.0, 0.0, 0.13]).expand(
-        2, 4, 4
-    )  # of x 0.25 to 0.70, y -0.30 to 0.30
+    # An episode ends outside x 0.25 to 0.70, y -0.30 to 0.30.
+    near = torch.tensor([0.14, 0.0, 0.0, 0.13]).expand(2, 4, 4)
     torch.testing.assert_close(observe(state)["observation"], near, atol=1e-5, rtol=0)
 
 
