@@ -31,8 +31,8 @@ from modpush.encoders import (
     VAELoss,
     egocentric_window,
 )
-from modpush.encoders.vae_loss import kl_divergence
-from modpush.planners import SEGMENT_OBJECT, SEGMENT_OBSTACLE
+from modpush.encoders.vae.loss import kl_divergence
+from modpush.geometry import SEGMENT_OBJECT, SEGMENT_OBSTACLE
 
 Clock = Callable[[], float]
 

@@ -22,10 +22,10 @@ from torchrl.collectors import Collector, MultiSyncCollector
 from torchrl.envs import ExcludeTransform, ParallelEnv, TransformedEnv
 
 from modpush.envs import OBSTACLE_SCENES, PushEnv, find_render_device
-from modpush.envs.cpu_scene import CpuScene
-from modpush.envs.depth import AnalyticEye
-from modpush.envs.raycast import blank_image
-from modpush.envs.task import ClutterPushEnv
+from modpush.envs.depth.cameras import AnalyticEye
+from modpush.envs.depth.raycast import blank_image
+from modpush.envs.sim.cpu_scene import CpuScene
+from modpush.envs.sim.task import ClutterPushEnv
 
 NUM_ENVS = 8
 Row = tuple[str, str, str]

@@ -24,12 +24,10 @@ from tensordict import TensorDict
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from modpush.agents import PushingCorridorController
+from modpush.geometry import SEGMENT_OBJECT, SEGMENT_OBSTACLE, GridFrame
 from modpush.planners import (
-    SEGMENT_OBJECT,
-    SEGMENT_OBSTACLE,
     AStar,
     DistanceField,
-    GridFrame,
     LazyThetaStar,
     OccupancyGrid,
     OccupancyMap,

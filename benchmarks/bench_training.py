@@ -32,7 +32,7 @@ from torchrl.envs import Compose, ExplorationType, set_exploration_type
 from torchrl.envs.utils import step_mdp
 
 from modpush.agents import make_tqc
-from modpush.paper import make_push_env
+from modpush.recipes.paper import make_push_env
 from modpush.replay import make_replay_buffer
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer, check_run_folder
 from modpush.training.worker import SceneWorker, StartMethod

@@ -22,7 +22,6 @@ import torch
 import tyro
 from methods import Method, get_method
 
-from modpush.evaluation.paper import beside_paper
 from modpush.evaluation.pictures import (
     contact_sheet,
     draw_episode,
@@ -30,6 +29,7 @@ from modpush.evaluation.pictures import (
     write_picture,
     write_video,
 )
+from modpush.evaluation.published_results import beside_paper
 from modpush.evaluation.results import load_trajectory
 from modpush.evaluation.runner import EvaluationConfig, evaluate
 from modpush.evaluation.sets import SET_NAMES, EvaluationSet, load_set

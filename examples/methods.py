@@ -12,8 +12,8 @@ from torchrl.envs import Compose, EnvBase, InitTracker, TransformedEnv
 
 from modpush.agents import PushingCorridorController, ScriptedPusher, faithful_config
 from modpush.envs import PushEnv
-from modpush.paper import load_agent, make_push_env
 from modpush.planners import DistanceField, OccupancyGrid, PlannerSubgoals
+from modpush.recipes.paper import load_agent, make_push_env
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,8 @@ import numpy as np
 import torch
 import tyro
 
-from modpush.planners import GridFrame, LazyThetaStar, OccupancyMap
+from modpush.geometry import GridFrame
+from modpush.planners import LazyThetaStar, OccupancyMap
 
 
 @dataclass

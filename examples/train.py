@@ -20,7 +20,7 @@ import sys
 import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import torch
 import tyro
@@ -47,7 +47,7 @@ def main(run: Run) -> dict[str, float]:
     folder = check_run_folder(run.out, run.train, resume=run.resume)
     print("The first run on a machine compiles for about a minute before the arm moves.")
     # Nothing has run in this process yet, so that the worker may share its libraries' memory.
-    start_method = "fork" if sys.platform == "linux" else "spawn"
+    start_method: Literal["fork", "spawn"] = "fork" if sys.platform == "linux" else "spawn"
     trainer = Trainer(run.train, folder, resume=run.resume, start_method=start_method)
 
     def interrupt(*_: Any) -> None:

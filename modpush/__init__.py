@@ -1,20 +1,14 @@
 """Learning to push objects through clutter: parts that fit into any TorchRL pipeline.
 
-Import what you need from its room: `modpush.envs`, `modpush.planners`, `modpush.encoders`,
-`modpush.agents`, `modpush.replay`, `modpush.evaluation`, `modpush.training`. Importing `modpush` itself
-is free; `load_agent` and `make_push_env` bring in all rooms on first use.
+The names below are the usual entry points; each package (`modpush.envs`, `modpush.planners`,
+`modpush.encoders`, `modpush.mdp`, `modpush.agents`, `modpush.replay`, `modpush.recipes`,
+`modpush.training`, `modpush.evaluation`) has more.
+
+Names are imported on first use; `__init__.pyi` lists them.
 """
 
-from typing import Any
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 __version__ = "0.1.0"
-
-__all__ = ["__version__", "load_agent", "make_push_env"]
-
-
-def __getattr__(name: str) -> Any:
-    if name not in ("load_agent", "make_push_env"):
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from modpush import paper
-
-    return getattr(paper, name)

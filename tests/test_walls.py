@@ -1,4 +1,4 @@
-"""Who may know whom (docs/architecture.md)."""
+"""Which package may import which (docs/architecture.md)."""
 
 import ast
 import importlib
@@ -11,86 +11,145 @@ import pytest
 import modpush
 
 ROOT = Path(modpush.__file__).parent
-ROOMS = ("planners", "encoders", "agents", "replay", "evaluation", "envs")
+SHARED = {"_batching", "_keys", "parts"}
 MAY_KNOW = {
-    "planners": {"planners"},
-    "encoders": {"encoders", "planners"},
-    "agents": {"agents", "planners"},
-    "replay": {"replay"},
-    "envs": {"envs"},
-    "evaluation": {"envs", "evaluation", "planners"},
+    "geometry": set(),
+    "envs": {"geometry"},
+    "planners": {"geometry"},
+    "encoders": {"geometry"},
+    "mdp": {"geometry", "envs.scenes"},
+    "agents": {"geometry", "planners"},
+    "replay": set(),
+    "recipes": {"geometry", "envs", "planners", "encoders", "mdp", "agents", "replay"},
+    "evaluation": {"geometry", "envs.scenes", "planners"},
+    "training": {
+        *("geometry", "envs", "planners", "encoders", "mdp", "agents", "replay", "recipes"),
+        "evaluation",
+    },
 }
-PLAIN_DATA = {"drawing", "objects", "scenarios", "scenes"}
+"""What each package may import besides itself and the shared modules."""
 SIMULATOR = {"sapien", "mani_skill"}
-KNOW_THE_SIMULATOR = {
-    "robot",
-    "task",
-    "depth",
-    "batch",
-    "bodies",
-    "building",
-    "obstacles",
-    "camera",
-    "contacts",
-    "cpu_scene",
-}
+WITHOUT_SIMULATOR = sorted(set(MAY_KNOW) - {"recipes", "training"})
 
 
-def imports_of(path: Path) -> set[str]:
-    names = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+def imported_modules(source: str, package: str) -> set[str]:
+    """Dotted names of all that a source file imports, whatever the form of the import.
+
+    `from a import b` counts as both `a` and `a.b`, since `b` may be a module.
+
+    Args:
+        source: Python source.
+        package: The package that the file is in, `"modpush.envs"`.
+    """
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            names.add(node.module)
+        elif isinstance(node, ast.ImportFrom):
+            parts = package.split(".")
+            base = ".".join(parts[: len(parts) - node.level + 1]) if node.level else ""
+            module = ".".join(part for part in (base, node.module) if part)
+            names |= {module} | {f"{module}.{alias.name}" for alias in node.names}
     return names
 
 
-@pytest.mark.parametrize("room", sorted(MAY_KNOW))
-def test_a_room_imports_only_the_rooms_it_may(room: str) -> None:
-    known = set()
-    for path in (ROOT / room).rglob("*.py"):
-        for name in imports_of(path):
-            if name.startswith("modpush."):
-                known.add(name.split(".")[1])
-    assert known <= MAY_KNOW[room]
+def imports_of_package(package: str) -> dict[Path, set[str]]:
+    found = {}
+    for path in sorted((ROOT / package).rglob("*.py")):
+        inside = path.relative_to(ROOT.parent).parent.parts
+        found[path] = imported_modules(path.read_text(), ".".join(inside))
+    return found
 
 
-def test_evaluation_knows_the_plain_data_of_envs_only() -> None:
-    known = {
-        name.removeprefix("modpush.envs").removeprefix(".")
-        for path in (ROOT / "evaluation").rglob("*.py")
-        for name in imports_of(path)
-        if name.startswith("modpush.envs")
+def refused(names: set[str], package: str) -> set[str]:
+    """Names of modpush's modules among those that the package may not import."""
+    allowed = MAY_KNOW[package] | SHARED | {package}
+    inside = {name.removeprefix("modpush.") for name in names if name.startswith("modpush.")}
+    return {
+        name
+        for name in inside
+        if not any(
+            # `from modpush.envs import scenes` names the parent package as well.
+            name == a or name.startswith(f"{a}.") or a.startswith(f"{name}.")
+            for a in allowed
+        )
     }
-    assert known <= PLAIN_DATA
-    assert not known & KNOW_THE_SIMULATOR
 
 
-def test_only_some_files_of_envs_know_the_simulator() -> None:
+@pytest.mark.parametrize(
+    "source",
+    [
+        "import modpush.envs",
+        "from modpush import envs",
+        "from modpush.envs.push_env import PushEnv",
+        "from ..envs import push_env",
+        "from .. import envs",
+        "def f():\n    from ..envs.sim import task",
+    ],
+)
+def test_every_form_of_import_is_seen(source: str) -> None:
+    assert refused(imported_modules(source, "modpush.planners"), "planners")
+
+
+def test_an_allowed_part_of_a_package_lets_nothing_else_of_it_through() -> None:
+    names = imported_modules("from modpush.envs.scenes.objects import OBJECTS", "modpush.mdp")
+    assert not refused(names, "mdp")
+    assert refused(imported_modules("from modpush.envs import PushEnv", "modpush.mdp"), "mdp")
+
+
+@pytest.mark.parametrize("package", sorted(MAY_KNOW))
+def test_a_package_imports_only_those_it_may(package: str) -> None:
+    wrong = {
+        str(path.relative_to(ROOT)): bad
+        for path, names in imports_of_package(package).items()
+        if (bad := refused(names, package))
+    }
+    assert not wrong
+
+
+def test_every_package_is_checked() -> None:
+    packages = {path.parent.name for path in ROOT.glob("*/__init__.py")}
+    assert packages == set(MAY_KNOW)
+
+
+def test_only_the_simulator_s_folders_of_envs_import_it() -> None:
     knowing = {
-        path.stem
-        for path in (ROOT / "envs").glob("*.py")
-        if any(name.split(".")[0] in SIMULATOR for name in imports_of(path))
+        path.relative_to(ROOT / "envs").as_posix()
+        for path, names in imports_of_package("envs").items()
+        if any(name.split(".")[0] in SIMULATOR for name in names)
     }
-    assert knowing <= KNOW_THE_SIMULATOR
+    assert {name for name in knowing if not name.startswith("sim/")} <= {"depth/cameras.py"}
+    for package in set(MAY_KNOW) - {"envs"}:
+        for path, names in imports_of_package(package).items():
+            allowed = path == ROOT / "geometry" / "camera.py"
+            assert allowed or not {name.split(".")[0] for name in names} & SIMULATOR, path
 
 
-@pytest.mark.parametrize("room", ROOMS)
-def test_importing_a_room_loads_no_simulator(room: str) -> None:
+@pytest.mark.parametrize("package", WITHOUT_SIMULATOR)
+def test_importing_a_package_loads_no_simulator(package: str) -> None:
     code = (
-        f"import sys, modpush.{room} as room; [getattr(room, n) for n in getattr(room, '__all__', [])"
-        f" if {room!r} != 'envs']; print(sorted({SIMULATOR} & set(sys.modules)))"
+        f"import sys, modpush.{package} as package\n"
+        f"names = [] if {package!r} == 'envs' else package.__all__\n"
+        "[getattr(package, name) for name in names]\n"
+        f"print(sorted({SIMULATOR} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize("room", ROOMS)
-def test_every_public_name_resolves(room: str) -> None:
-    module = importlib.import_module(f"modpush.{room}")
-    for name in getattr(module, "__all__", []):
+@pytest.mark.parametrize("package", ["", *sorted(MAY_KNOW)])
+def test_every_public_name_resolves_and_is_listed(package: str) -> None:
+    module = importlib.import_module(f"modpush.{package}".rstrip("."))
+    assert module.__all__
+    for name in module.__all__:
         assert getattr(module, name) is not None
+        assert name in dir(module)
+
+
+def test_importing_the_top_level_loads_nothing_heavy() -> None:
+    code = "import sys, modpush; print(sorted({'torch', 'numba', 'cv2'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
 
 
 def test_opencv_works_beside_the_copy_that_sapien_asks_for() -> None:

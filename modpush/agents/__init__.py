@@ -1,27 +1,8 @@
-"""Policies, learners and controllers. Nothing here needs a simulator."""
+"""Policies, learners and controllers. Nothing here needs a simulator.
 
-from modpush.agents.corridor_config import CorridorConfig, faithful_config
-from modpush.agents.krivic import PushingCorridorController
-from modpush.agents.networks import make_actor, make_critic
-from modpush.agents.quantiles import quantile_huber, truncate_atoms
-from modpush.agents.scripted import ScriptedPusher, ScriptedPusherConfig
-from modpush.agents.tqc import TQCAgent, TQCConfig, make_tqc
-from modpush.agents.tqc_loss import TQCLoss
-from modpush.agents.update import TQCUpdate
+Names are imported on first use; `__init__.pyi` lists them.
+"""
 
-__all__ = [
-    "CorridorConfig",
-    "PushingCorridorController",
-    "ScriptedPusher",
-    "ScriptedPusherConfig",
-    "TQCAgent",
-    "TQCConfig",
-    "TQCLoss",
-    "TQCUpdate",
-    "faithful_config",
-    "make_actor",
-    "make_critic",
-    "make_tqc",
-    "quantile_huber",
-    "truncate_atoms",
-]
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

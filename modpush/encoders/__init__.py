@@ -1,39 +1,8 @@
-"""The local window around the object, and networks that make a few numbers of it.
+"""The local window around the object, and networks that encode it. Needs no simulator.
 
-Needs no simulator: any depth image, any pose.
+Names are imported on first use; `__init__.pyi` lists them.
 """
 
-from .augmentation import augment_windows
-from .base import Encoder, check_window
-from .conv_encoder import ConvEncoder
-from .depth_vae import DepthVAE, shipped_weights
-from .egocentric_window import EgocentricWindow
-from .encode import Encode
-from .quality import Quality, encode_all, linear_probe, mlp_probe, r_squared, vae_quality
-from .ray_scan import RayScan
-from .vae_loss import VAELoss
-from .window import cast_window, egocentric_window, window_pixels
-from .window_data import WindowData
+import lazy_loader
 
-__all__ = [
-    "ConvEncoder",
-    "DepthVAE",
-    "EgocentricWindow",
-    "Encode",
-    "Encoder",
-    "Quality",
-    "RayScan",
-    "VAELoss",
-    "WindowData",
-    "augment_windows",
-    "cast_window",
-    "check_window",
-    "egocentric_window",
-    "encode_all",
-    "linear_probe",
-    "mlp_probe",
-    "r_squared",
-    "shipped_weights",
-    "vae_quality",
-    "window_pixels",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

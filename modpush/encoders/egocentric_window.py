@@ -15,7 +15,7 @@ from modpush.encoders.window import (
     check_options,
     egocentric_window,
 )
-from modpush.planners.grid import GridFrame
+from modpush.geometry.grid import GridFrame
 
 __all__ = ["EgocentricWindow", "WindowFrame"]
 

@@ -9,9 +9,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from modpush._batching import run_batch
 from modpush.encoders.window_kernel import window_few, window_many, window_one
-from modpush.planners.batching import run_batch
-from modpush.planners.grid import SEGMENT_TABLE, GridFrame
+from modpush.geometry.grid import SEGMENT_TABLE, GridFrame
 
 __all__ = [
     "MAX_HEIGHT",

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from modpush.planners.grid import SEGMENT_OBJECT, SEGMENT_ROBOT
+from modpush.geometry.grid import SEGMENT_OBJECT, SEGMENT_ROBOT
 
 _HEIGHT_TOLERANCE = np.float32(0.004)
 """Two heights this near are of one surface [m]; also what counts as the bare table."""

@@ -9,9 +9,9 @@ import torch
 from gymnasium import spaces
 from tensordict import TensorDict, TensorDictBase
 
-from modpush.envs.drawing import draw_top_view
 from modpush.envs.push_env import PushEnv
-from modpush.envs.ur5_2f85 import ToolName
+from modpush.envs.robot.ur5_2f85 import ToolName
+from modpush.envs.scenes.drawing import draw_top_view
 
 __all__ = ["OBSERVATION_KEYS", "PushGymEnv"]
 

@@ -13,13 +13,13 @@ from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded, UnboundedDiscrete
 from torchrl.envs import EnvBase
 
-from modpush.envs.batch import SceneState, make_batch
-from modpush.envs.camera import CAMERA
-from modpush.envs.contacts import CONTACT_KEYS
-from modpush.envs.depth import DepthName, ImageMemory
-from modpush.envs.scenarios import Bounds, Scenario, ScenarioConfig, sample_scenario
-from modpush.envs.scenes import MAX_OBSTACLES
-from modpush.envs.ur5_2f85 import TOOLS, ToolName
+from modpush.envs.depth.cameras import DepthName, ImageMemory
+from modpush.envs.robot.ur5_2f85 import TOOLS, ToolName
+from modpush.envs.scenes.layouts import MAX_OBSTACLES
+from modpush.envs.scenes.scenario import Bounds, Scenario, ScenarioConfig, sample_scenario
+from modpush.envs.sim.batch import SceneState, make_batch
+from modpush.envs.sim.contacts import CONTACT_KEYS
+from modpush.geometry.camera import CAMERA
 
 __all__ = ["PushEnv", "PushState"]
 

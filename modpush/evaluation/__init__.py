@@ -1,34 +1,8 @@
-"""From a policy to tables and pictures. Needs no simulator: environments come from the caller."""
+"""From a policy to tables and pictures. Needs no simulator: the caller passes the environments.
 
-from importlib import import_module
-from typing import Any
+Names are imported on first use; `__init__.pyi` lists them.
+"""
 
-_HOME = {
-    "Episode": "episodes",
-    "EpisodeMetrics": "metrics",
-    "EvaluationConfig": "runner",
-    "EvaluationSet": "sets",
-    "ResultStore": "results",
-    "SET_NAMES": "sets",
-    "Trajectory": "episodes",
-    "bootstrap_interval": "stats",
-    "compare": "tables",
-    "episode_metrics": "metrics",
-    "evaluate": "runner",
-    "format_table": "tables",
-    "generate_set": "sets",
-    "load_set": "sets",
-    "paired_t_test": "stats",
-    "run_episodes": "episodes",
-    "shortest_path": "shortest",
-    "summarize": "tables",
-    "to_display": "tables",
-}
+import lazy_loader
 
-__all__ = [*sorted(_HOME)]
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

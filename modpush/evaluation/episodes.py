@@ -13,7 +13,7 @@ from tensordict import NestedKey, TensorDictBase
 from torchrl.envs import EnvBase, set_exploration_type
 from torchrl.envs.utils import ExplorationType, step_mdp
 
-from modpush.envs.scenarios import Scenario
+from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.metrics import EpisodeMetrics, episode_metrics
 from modpush.evaluation.shortest import shortest_path
 

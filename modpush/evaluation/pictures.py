@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush.envs.drawing import draw_top_view
-from modpush.envs.objects import get_object
-from modpush.envs.scenarios import Scenario
+from modpush.envs.scenes.drawing import draw_top_view
+from modpush.envs.scenes.objects import get_object
+from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.episodes import Trajectory
 
 __all__ = ["contact_sheet", "draw_episode", "draw_frames", "write_picture", "write_video"]

@@ -14,7 +14,7 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType
 from tqdm import tqdm
 
-from modpush.envs.scenarios import Scenario
+from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.episodes import Episode, Policy, run_episodes
 from modpush.evaluation.results import ResultStore
 from modpush.evaluation.sets import EvaluationSet

@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from modpush.envs.objects import OBJECTS
-from modpush.envs.scenarios import Scenario, ScenarioConfig, sample_scenario
-from modpush.envs.scenes import HARD_SCENES, OBSTACLE_SCENES, SCENES
+from modpush.envs.scenes.layouts import HARD_SCENES, OBSTACLE_SCENES, SCENES
+from modpush.envs.scenes.objects import OBJECTS
+from modpush.envs.scenes.scenario import Scenario, ScenarioConfig, sample_scenario
 
 __all__ = ["SET_NAMES", "SET_VERSION", "EvaluationSet", "generate_set", "load_set"]
 

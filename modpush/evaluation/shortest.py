@@ -4,10 +4,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from modpush.envs.objects import get_object
-from modpush.envs.scenarios import Scenario
-from modpush.envs.scenes import obstacle_distance
-from modpush.planners import GridFrame, LazyThetaStar, Planner, inflate
+from modpush.envs.scenes.layouts import obstacle_distance
+from modpush.envs.scenes.objects import get_object
+from modpush.envs.scenes.scenario import Scenario
+from modpush.geometry import GridFrame
+from modpush.planners import LazyThetaStar, Planner, inflate
 
 __all__ = ["blocked_cells", "shortest_path"]
 

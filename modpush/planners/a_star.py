@@ -7,10 +7,10 @@ from numba import njit, prange
 from numpy.typing import NDArray
 from torch import Tensor
 
+from modpush._batching import run_batch
 from modpush.planners.base import Paths
-from modpush.planners.batching import run_batch
-from modpush.planners.heap import heap_pop, heap_set
-from modpush.planners.scene_maps import (
+from modpush.planners.kernels.heap import heap_pop, heap_set
+from modpush.planners.kernels.scene_maps import (
     GridPlanner,
     Maps,
     PathArrays,
@@ -18,7 +18,7 @@ from modpush.planners.scene_maps import (
     refresh_map,
     write_path,
 )
-from modpush.planners.visibility import FRACTION_BITS, ONE, SE
+from modpush.planners.kernels.visibility import FRACTION_BITS, ONE, SE
 
 _DX = np.array([1, -1, 0, 0, 1, -1, 1, -1], dtype=np.int64)
 _DY = np.array([0, 0, 1, -1, 1, 1, -1, -1], dtype=np.int64)

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from modpush.planners.visibility import MAX_SIDE
+from modpush.planners.kernels.visibility import MAX_SIDE
 
 
 @dataclass(frozen=True, kw_only=True)

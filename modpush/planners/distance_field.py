@@ -6,9 +6,8 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from modpush.planners.batching import run_batch
-from modpush.planners.lazy_theta_star import solve_scene
-from modpush.planners.scene_maps import (
+from modpush._batching import run_batch
+from modpush.planners.kernels.scene_maps import (
     MAX_CORNERS,
     GridPlanner,
     Maps,
@@ -18,8 +17,9 @@ from modpush.planners.scene_maps import (
     refresh_map,
     write_path,
 )
-from modpush.planners.taut_search import length_of, stays_taut, taut_search, touches
-from modpush.planners.visibility import line_of_sight
+from modpush.planners.kernels.taut_search import length_of, stays_taut, taut_search, touches
+from modpush.planners.kernels.visibility import line_of_sight
+from modpush.planners.lazy_theta_star import solve_scene
 
 
 class Fields(NamedTuple):

@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from modpush.planners.batching import run_batch
-from modpush.planners.scene_maps import (
+from modpush._batching import run_batch
+from modpush.planners.kernels.scene_maps import (
     MAX_CORNERS,
     GridPlanner,
     Maps,
@@ -17,9 +17,9 @@ from modpush.planners.scene_maps import (
     refresh_map,
     write_path,
 )
-from modpush.planners.taut_search import taut_search
+from modpush.planners.kernels.taut_search import taut_search
+from modpush.planners.kernels.visibility import line_of_sight
 from modpush.planners.theta_star import solve_over_grid
-from modpush.planners.visibility import line_of_sight
 
 Nodes = Literal["corners", "grid"]
 

@@ -8,8 +8,8 @@ from torch import Tensor
 from torchrl.data import Binary, Bounded, TensorSpec
 from torchrl.envs import Transform
 
-from modpush.planners.bit_grid import words_per_row
-from modpush.planners.grid import GridFrame
+from modpush.geometry.grid import GridFrame
+from modpush.planners.kernels.bit_grid import words_per_row
 from modpush.planners.occupancy_map import OccupancyMap, radius_per_scene
 
 

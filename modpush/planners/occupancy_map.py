@@ -8,15 +8,15 @@ from numba import njit, prange
 from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush.planners.batching import run_batch
-from modpush.planners.bit_grid import (
+from modpush._batching import run_batch
+from modpush.geometry.grid import GridFrame
+from modpush.planners.kernels.bit_grid import (
     find_blocked,
     inflate_bits,
     pack_cells,
     unpack_cells,
     words_per_row,
 )
-from modpush.planners.grid import GridFrame
 
 
 @njit(cache=True, nogil=True)

@@ -4,8 +4,8 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from modpush.planners.batching import run_batch
-from modpush.planners.scene_maps import (
+from modpush._batching import run_batch
+from modpush.planners.kernels.scene_maps import (
     GridPlanner,
     Maps,
     PathArrays,
@@ -13,7 +13,7 @@ from modpush.planners.scene_maps import (
     refresh_map,
     write_path,
 )
-from modpush.planners.visibility import line_of_sight
+from modpush.planners.kernels.visibility import line_of_sight
 
 
 @njit(cache=True, nogil=True)

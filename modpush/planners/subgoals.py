@@ -9,8 +9,8 @@ from torch import Tensor
 from torchrl.data import Binary, TensorSpec, Unbounded
 from torchrl.envs import Transform
 
+from modpush.geometry.grid import GridFrame
 from modpush.planners.base import Paths, Planner, point_along
-from modpush.planners.grid import GridFrame
 
 SubgoalMode = Literal["fraction", "lookahead"]
 

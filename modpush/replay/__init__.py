@@ -1,16 +1,8 @@
-"""Replay: attentive sampling, compact storage, buffers from a config."""
+"""Replay: attentive sampling, compact storage, and buffers made from a config.
 
-from modpush.replay.attentive import AttentiveSampler
-from modpush.replay.buffer import ReplayConfig, make_replay_buffer
-from modpush.replay.compact import CompactStorage
-from modpush.replay.similarity import LatentSimilarity, cosine, negative_l2
+Names are imported on first use; `__init__.pyi` lists them.
+"""
 
-__all__ = [
-    "AttentiveSampler",
-    "CompactStorage",
-    "LatentSimilarity",
-    "ReplayConfig",
-    "cosine",
-    "make_replay_buffer",
-    "negative_l2",
-]
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

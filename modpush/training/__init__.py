@@ -1,19 +1,8 @@
-"""The school: environment and learner side by side, evaluated, logged, resumable."""
+"""Training runs: environment and learner in a process each, evaluated, logged and resumable.
 
-from importlib import import_module
-from typing import Any
+Names are imported on first use; `__init__.pyi` lists them.
+"""
 
-_HOME = {
-    "TRAIN_PRESETS": "config",
-    "TrainConfig": "config",
-    "Trainer": "trainer",
-    "check_run_folder": "run_folder",
-}
+import lazy_loader
 
-__all__ = [*sorted(_HOME)]
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -3,9 +3,9 @@
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
-from modpush.agents.tqc import TQCConfig
-from modpush.envs.curriculum import CurriculumConfig, Phase
-from modpush.paper import PushEnvConfig
+from modpush.agents.tqc.build import TQCConfig
+from modpush.mdp.curriculum import CurriculumConfig, Phase
+from modpush.recipes.paper import PushEnvConfig
 from modpush.replay import ReplayConfig
 
 __all__ = ["TRAIN_PRESETS", "TrainConfig"]

@@ -7,7 +7,7 @@ from typing import Any
 import yaml
 from torchrl.checkpoint import CheckpointRotation
 
-from modpush.paper import config_from_dict
+from modpush.recipes.paper import config_from_dict
 from modpush.training.config import TrainConfig
 
 __all__ = ["RunFolder", "check_run_folder"]

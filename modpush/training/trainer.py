@@ -16,8 +16,8 @@ from torchrl.checkpoint import Checkpoint, GlobalRNGState
 from tqdm import tqdm
 
 from modpush.agents import TQCLoss
-from modpush.agents.tqc import make_tqc_from_specs
-from modpush.paper import save_agent
+from modpush.agents.tqc.build import make_tqc_from_specs
+from modpush.recipes.paper import save_agent
 from modpush.replay import AttentiveSampler, make_replay_buffer
 from modpush.training.config import TrainConfig
 from modpush.training.log import RunLog

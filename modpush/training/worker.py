@@ -16,12 +16,12 @@ from torchrl.data import Bounded, Composite
 from torchrl.envs import ExplorationType, set_exploration_type
 
 from modpush.agents import make_tqc, quantile_huber
-from modpush.envs.curriculum import Curriculum
-from modpush.envs.observation import PushObservation
-from modpush.envs.scenarios import Scenario, ScenarioConfig, sample_scenario
-from modpush.envs.ur5_2f85 import TOOLS
+from modpush.envs.robot.ur5_2f85 import TOOLS
+from modpush.envs.scenes.scenario import Scenario, ScenarioConfig, sample_scenario
 from modpush.evaluation import run_episodes
-from modpush.paper import make_push_env
+from modpush.mdp.curriculum import Curriculum
+from modpush.mdp.observation import PushObservation
+from modpush.recipes.paper import make_push_env
 from modpush.training.config import TrainConfig
 
 __all__ = [

@@ -9,7 +9,7 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from modpush.planners import SEGMENT_OBJECT, SEGMENT_OBSTACLE, GridFrame
+from modpush.geometry import SEGMENT_OBJECT, SEGMENT_OBSTACLE, GridFrame
 
 TOOL, OBJECT = 0.01, 0.03  # radii [m]
 

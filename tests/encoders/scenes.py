@@ -7,9 +7,9 @@ import torch
 from torch import Tensor
 
 from modpush.encoders import egocentric_window
-from modpush.envs.raycast import Solids, blank_image, draw
-from modpush.envs.shapes import box
-from modpush.planners import SEGMENT_OBJECT, SEGMENT_OBSTACLE
+from modpush.envs.depth.raycast import Solids, blank_image, draw
+from modpush.geometry import SEGMENT_OBJECT, SEGMENT_OBSTACLE
+from modpush.geometry.shapes import box
 
 Placed = tuple[tuple[float, float, float], tuple[float, float, float]]
 """Size (length, width, height) [m] and pose (x, y, yaw)."""

@@ -9,7 +9,7 @@ from tensordict import TensorDict
 from torch.distributions import Bernoulli, Independent, Normal, kl_divergence
 
 from modpush.encoders import DepthVAE, VAELoss, shipped_weights
-from modpush.encoders.vae_loss import bernoulli_entropy
+from modpush.encoders.vae.loss import bernoulli_entropy
 from tests.encoders.scenes import CUBE, moved, window_of
 
 TINY = {"latent_dim": 5, "encoder_widths": (2, 3, 4, 5), "decoder_widths": (5, 4, 3, 2)}

@@ -19,7 +19,8 @@ from modpush.encoders import (
     egocentric_window,
 )
 from modpush.envs import PushEnv
-from modpush.planners import GridFrame, OccupancyGrid, PlannerSubgoals, StraightLine
+from modpush.geometry import GridFrame
+from modpush.planners import OccupancyGrid, PlannerSubgoals, StraightLine
 from tests.planners.table_scene import TableEnv
 
 SMALL = GridFrame(height=64, width=64)

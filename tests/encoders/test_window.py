@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from modpush.encoders import cast_window, egocentric_window, window_pixels
 from modpush.envs import PushEnv
-from modpush.planners import SEGMENT_OBSTACLE, SEGMENT_ROBOT, GridFrame
+from modpush.geometry import SEGMENT_OBSTACLE, SEGMENT_ROBOT, GridFrame
 from tests.encoders.scenes import CUBE, image, moved, window_of
 
 MIDDLE = (0.60, 0.0, 0.0)  # under the camera

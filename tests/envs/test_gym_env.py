@@ -6,7 +6,7 @@ from stable_baselines3 import SAC
 from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
 
 from modpush.envs import PushGymEnv  # importing modpush.envs registers the environment
-from tests.envs.test_robot import scenario
+from tests.envs.sim.test_agent import scenario
 
 
 @pytest.fixture

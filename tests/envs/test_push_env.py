@@ -16,10 +16,10 @@ from torchrl.envs import (
 from torchrl.envs.utils import check_env_specs
 
 from modpush.envs import OBJECTS, PushEnv, ScenarioConfig
-from modpush.envs.camera import CAMERA
-from modpush.envs.scenes import OBSTACLE_SCENES, Obstacle
-from modpush.envs.task import ClutterPushEnv
-from tests.envs.test_robot import scenario
+from modpush.envs.scenes.layouts import OBSTACLE_SCENES, Obstacle
+from modpush.envs.sim.task import ClutterPushEnv
+from modpush.geometry.camera import CAMERA
+from tests.envs.sim.test_agent import scenario
 
 make_small = functools.partial(PushEnv, 2, scene="slot", depth=None)
 

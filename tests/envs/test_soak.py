@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from modpush.envs import OBJECTS, SCENES, PushEnv
-from modpush.envs.objects import get_object
+from modpush.envs.scenes.objects import get_object
 
 NUM_ENVS = 8
 SETTLED = 5  # steps without any contact after which the arm must be back at its height

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from modpush.envs.drawing import TopView, draw_top_view
-from modpush.envs.objects import get_object
+from modpush.envs.scenes.drawing import TopView, draw_top_view
+from modpush.envs.scenes.objects import get_object
 from modpush.evaluation.pictures import (
     contact_sheet,
     draw_episode,

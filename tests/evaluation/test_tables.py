@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from modpush.evaluation.paper import PAPER, beside_paper
+from modpush.evaluation.published_results import PAPER, beside_paper
 from modpush.evaluation.sets import SET_NAMES
 from modpush.evaluation.tables import compare, format_table, summarize, to_display
 

@@ -8,7 +8,7 @@ from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
-from modpush.planners import SEGMENT_OBJECT, SEGMENT_OBSTACLE, GridFrame
+from modpush.geometry import SEGMENT_OBJECT, SEGMENT_OBSTACLE, GridFrame
 
 Box = tuple[float, float, float, float, float]  # x from, x to, y from, y to, height [m]
 BAR: Box = (0.47, 0.53, -0.15, 0.15, 0.06)

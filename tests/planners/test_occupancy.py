@@ -12,15 +12,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from modpush.planners import (
-    SEGMENT_OBJECT,
-    SEGMENT_OBSTACLE,
-    SEGMENT_ROBOT,
-    GridFrame,
-    OccupancyMap,
-    circumscribed_radius,
-    inflate,
-)
+from modpush.geometry import SEGMENT_OBJECT, SEGMENT_OBSTACLE, SEGMENT_ROBOT, GridFrame
+from modpush.planners import OccupancyMap, circumscribed_radius, inflate
 from tests.planners.planner_reference import random_map
 from tests.planners.table_scene import BAR, render, square
 

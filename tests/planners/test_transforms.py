@@ -10,9 +10,9 @@ from torchrl.data import LazyTensorStorage, ReplayBuffer
 from torchrl.envs import Compose, ParallelEnv, SerialEnv, TransformedEnv, check_env_specs
 from torchrl.envs.transforms import RenameTransform
 
+from modpush.geometry import GridFrame
 from modpush.planners import (
     DistanceField,
-    GridFrame,
     LazyThetaStar,
     OccupancyGrid,
     Paths,

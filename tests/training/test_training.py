@@ -16,7 +16,7 @@ import torch
 import yaml
 
 import modpush
-from modpush.paper import load_agent
+from modpush.recipes.paper import load_agent
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer, check_run_folder
 from modpush.training.trainer import NonFiniteLossError
 from modpush.training.worker import held_out_scenarios

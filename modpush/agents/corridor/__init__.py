@@ -1,0 +1,1 @@
+"""The pushing-corridor controller of Krivic and Piater."""

@@ -1,0 +1,1 @@
+"""Truncated quantile critics: networks, loss, update, and an agent from a config."""

@@ -1,0 +1,227 @@
+"""TQC's loss: TorchRL's results at little more than the price of their matrix products."""
+
+import logging
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any, NoReturn
+
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModule
+from torch import Tensor
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+from torchrl.modules import TanhNormal
+from torchrl.objectives import TQCLoss as _TorchRLTQCLoss
+from torchrl.objectives.sac import compute_rsample_log_prob
+from torchrl.objectives.value import TD0Estimator
+
+from modpush.agents.tqc.ensemble import BatchedEnsemble, NotBatchableError
+from modpush.agents.tqc.quantiles import quantile_huber, truncate_atoms
+from modpush.agents.tqc.tanh_normal import tanh_normal_rsample
+
+__all__ = ["TQCLoss"]
+
+_logger = logging.getLogger(__name__)
+
+
+class TQCLoss(_TorchRLTQCLoss):
+    """Truncated Quantile Critics loss, a drop-in for `torchrl.objectives.TQCLoss`.
+
+    The constructor, keys, outputs, random draws and results are TorchRL's, and everything that
+    works with its loss works with this one (`SoftUpdate`, `make_value_estimator`, `set_keys`,
+    `SACTrainer`, prioritized weights, every reduction). What differs is the way there: the
+    critics are one batched matrix product per layer, and the quantile-Huber loss brings its
+    gradient in closed form, in compiled code on CPU.
+
+    Critics that `BatchedEnsemble` cannot batch (anything but a multilayer perceptron) take
+    TorchRL's path, which one log line (`INFO`, at construction) says. So do target computations
+    with `skip_done_states` or with another value estimator than a plain TD(0): exact, but slower.
+
+    `loss_qvalue` is a mean over atoms and a *sum* over critics, as in TorchRL; sb3-contrib takes
+    the mean over both.
+
+    Raises:
+        ValueError: At construction, if as many or more atoms are dropped than the critics hold. In the
+            first call, if the actor's lowest action is not below its highest. In a call on CPU, if
+            the loss is not finite because the batch holds NaN or infinite values (TorchRL returns
+            NaN); on a GPU this check would stall the device, and the loss is returned as it is.
+
+    Source: Kuznetsov et al. (2020), arXiv 2005.04269; TorchRL's `TQCLoss` is the reference.
+    """
+
+    def _make_vmap(self) -> None:
+        # TorchRL's hook for what it calls critics through; the base constructor runs it once the
+        # parameters are in place, and `set_vmap_randomness` again.
+        super()._make_vmap()
+        self._ensemble: BatchedEnsemble | None = None
+        try:
+            self._ensemble = BatchedEnsemble(self.qvalue_network)
+        except NotBatchableError as reason:
+            _logger.info("TQCLoss: critics cannot be batched (%s); using TorchRL's path.", reason)
+            return
+        self._vmap_qnetworkN0 = self._ensemble
+        if self.top_quantiles_to_drop_per_net >= self._ensemble.num_atoms:
+            raise ValueError(
+                "TQCLoss: top_quantiles_to_drop_per_net must be smaller than the critic's number "
+                f"of quantiles (its last dimension, {self._ensemble.num_atoms}), got "
+                f"{self.top_quantiles_to_drop_per_net}."
+            )
+
+    def qvalue_v2_loss(self, tensordict: TensorDictBase) -> tuple[Tensor, dict[str, Tensor]]:
+        """Critic loss, and under `"td_error"` the priorities `[*B]`."""
+        if self._ensemble is None:
+            return super().qvalue_v2_loss(tensordict)
+        weights = self._maybe_get_priority_weight(tensordict)
+        targets = self.compute_target(tensordict)
+        quantiles = self._atoms(tensordict, "qvalue_network_params")  # [N, *B, n]
+        dtype = torch.promote_types(quantiles.dtype, targets.dtype)  # rewards may be doubles
+        loss, td_error = quantile_huber(quantiles.to(dtype), targets.to(dtype))
+        loss = self._reduce_loss(loss.sum(0), tensordict=tensordict, weights=weights)
+        if loss.device.type == "cpu" and not torch.compiler.is_compiling():
+            self._check_finite(loss, tensordict)
+        return loss, {"td_error": td_error.max(0).values}
+
+    def actor_loss(self, tensordict: TensorDictBase) -> tuple[Tensor, dict[str, Tensor]]:
+        """Actor loss, and under `"log_prob"` the new actions' log-probabilities `[*B]`."""
+        if self._ensemble is None:
+            return super().actor_loss(tensordict)
+        weights = self._maybe_get_priority_weight(tensordict)
+        action, log_prob = self._draw_action(tensordict)
+        quantiles = self._atoms(tensordict, "qvalue_network_params", action, frozen=True)
+        # Policy gradients use the whole mixture; only Bellman targets are cut.
+        value = quantiles.mean(dim=(0, -1))
+        if log_prob.shape != value.shape:
+            raise RuntimeError(
+                "TQCLoss: the actor's log-probability must have the batch's shape "
+                f"{tuple(value.shape)}, got {tuple(log_prob.shape)}."
+            )
+        loss = self._alpha * log_prob - value
+        loss = self._reduce_loss(loss, tensordict=tensordict, weights=weights)
+        return loss, {"log_prob": log_prob.detach()}
+
+    @torch.no_grad()
+    def compute_target(self, tensordict: TensorDictBase) -> Tensor:
+        """Truncated Bellman targets in ascending order, `[*B, N * n - N * dropped]`."""
+        estimator = self.value_estimator
+        plain = type(estimator) is TD0Estimator and not estimator.average_rewards
+        if self._ensemble is None or self.skip_done_states or not plain:
+            return super().compute_target(tensordict)
+        next_tensordict = tensordict.get("next")
+        action, log_prob = self._draw_action(next_tensordict)
+        atoms = self._atoms(next_tensordict, "target_qvalue_network_params", action)
+        num_dropped = self.top_quantiles_to_drop_per_net * self.num_qvalue_nets
+        value = truncate_atoms(atoms, num_dropped) - self._alpha * log_prob.unsqueeze(-1)
+        reward = _to_ndim(next_tensordict.get(self.tensor_keys.reward), value.ndim)
+        terminated = _to_ndim(next_tensordict.get(self.tensor_keys.terminated), value.ndim)
+        gamma = estimator.gamma.to(reward.device)
+        steps = tensordict.get(estimator.tensor_keys.steps_to_next_obs, None)
+        if steps is not None:  # n-step returns, as `MultiStepTransform` writes them
+            gamma = gamma ** _to_ndim(steps, value.ndim)
+        return reward + gamma * (~terminated).int() * value
+
+    def _draw_action(self, tensordict: TensorDictBase) -> tuple[Tensor, Tensor]:
+        """An action of the present policy, `[*B, A]`, and its log-probability, `[*B]`."""
+        network, *others = self.actor_network.module
+        head = others[0] if len(others) == 1 else None
+        with set_exploration_type(ExplorationType.RANDOM), self._bound_actor():
+            if (
+                head is None
+                or type(network) is not TensorDictModule
+                or list(network.out_keys) != list(head.in_keys)
+                or not all(isinstance(key, str) for key in head.dist_keys)
+                or any(part._forward_hooks or part._forward_pre_hooks for part in (network, head))
+            ):
+                actor_input = tensordict.select(*self.actor_network.in_keys, strict=False)
+                return compute_rsample_log_prob(self.actor_network.get_dist(actor_input))
+            # A network and a distribution: no need to pass the parameters through a tensordict.
+            parameters = network.module(*[tensordict.get(key) for key in network.in_keys])
+            named = dict(zip(head.dist_keys, parameters, strict=True))
+            if self._is_plain_tanh_normal(head, named):
+                return tanh_normal_rsample(**named, bounds=self._action_bounds(head, named["loc"]))
+            distribution = head.distribution_class(**named, **head.distribution_kwargs)
+            return compute_rsample_log_prob(distribution)
+
+    @staticmethod
+    def _is_plain_tanh_normal(head: Any, parameters: dict[str, Tensor]) -> bool:
+        return (
+            head.distribution_class is TanhNormal
+            and head.distribution_kwargs.keys() <= {"low", "high"}
+            and parameters.keys() == {"loc", "scale"}
+            and parameters["loc"].ndim > 0
+            and parameters["loc"].shape == parameters["scale"].shape
+            and not torch.compiler.is_compiling()
+        )
+
+    def _action_bounds(self, head: Any, loc: Tensor) -> tuple[Tensor, Tensor] | None:
+        """The distribution's, None where they are -1 and 1: looked at once, it stalls a GPU."""
+        given = head.distribution_kwargs.get("low", -1.0), head.distribution_kwargs.get("high", 1.0)
+        cache = self.__dict__.setdefault("_cache", {})  # emptied when the loss moves or casts
+        known = cache.get("action_bounds")
+        if known is None or any(a is not b for a, b in zip(known[0], given, strict=True)):
+            low, high = (torch.as_tensor(bound, device=loc.device) for bound in given)
+            if not (high > low).all():
+                raise ValueError(
+                    f"TQCLoss: the actor's distribution must have low below high, got low {low} "
+                    f"and high {high}."
+                )
+            trivial = bool((low == -1).all() and (high == 1).all())
+            known = cache["action_bounds"] = given, None if trivial else (low, high)
+        return known[1]
+
+    def _bound_actor(self) -> AbstractContextManager[Any]:
+        """The actor with the loss's parameters in it; free where it holds them already."""
+        actor, params = self.actor_network, self.actor_network_params
+        cache = self.__dict__.setdefault("_cache", {})  # emptied when the loss moves or casts
+        owners = cache.get("actor_owners")
+        if owners is None:
+            owners = [
+                (held, name, (*path.split("."), name) if path else (name,))
+                for path, module in actor.named_modules()
+                for held in (module._parameters, module._buffers)
+                for name in held
+            ]
+            cache["actor_owners"] = owners
+        if all(held[name] is params.get(key, None) for held, name, key in owners):
+            return nullcontext()
+        return params.to_module(actor, preserve_module_state=False)
+
+    def _atoms(
+        self,
+        tensordict: TensorDictBase,
+        params_name: str,
+        action: Tensor | None = None,
+        *,
+        frozen: bool = False,
+    ) -> Tensor:
+        """Atoms `[N, *B, n]` at the tensordict's action, or at the one given.
+
+        Frozen, gradients reach the action and no critic's parameter.
+        """
+        assert self._ensemble is not None
+        inputs = [
+            action if action is not None and key == self.tensor_keys.action else tensordict.get(key)
+            for key in self._ensemble.in_keys
+        ]
+        parameters = self._ensemble.parameters(getattr(self, params_name))
+        if frozen:
+            parameters = [[tensor.detach() for tensor in layer] for layer in parameters]
+        return self._ensemble.atoms(inputs, parameters)
+
+    def _check_finite(self, loss: Tensor, tensordict: TensorDictBase) -> None:
+        if loss.isfinite().all():
+            return
+        for key in self.in_keys:
+            value = tensordict.get(key, None)
+            if value is not None and value.is_floating_point() and not value.isfinite().all():
+                _raise_not_finite(key, value)
+
+
+def _to_ndim(x: Tensor, ndim: int) -> Tensor:
+    return x.reshape(*x.shape, *(1,) * (ndim - x.ndim))
+
+
+def _raise_not_finite(key: object, value: Tensor) -> NoReturn:
+    row = (~value.isfinite()).nonzero()[0].tolist()
+    raise ValueError(
+        f"TQCLoss: the batch holds NaN or infinite values under {key!r}, first at index {row}. "
+        "If only the next states of terminal transitions do, pass skip_done_states=True."
+    )

@@ -1,0 +1,111 @@
+"""TQC's networks: a tanh-squashed Gaussian actor and quantile critics."""
+
+from collections.abc import Sequence
+
+import torch
+from tensordict.nn import NormalParamExtractor, TensorDictModule, add_custom_mapping
+from tensordict.utils import NestedKey
+from torch import Tensor, nn
+from torchrl.data import Bounded
+from torchrl.modules import MLP, ProbabilisticActor, TanhNormal, ValueOperator
+
+from modpush.agents.tqc.relu_mlp import ReluMLP
+
+__all__ = ["make_actor", "make_critic"]
+
+_LOG_SCALE_BOUNDS = (-20.0, 2.0)
+
+
+def _clamped_exp(log_scale: Tensor) -> Tensor:
+    return log_scale.clamp(*_LOG_SCALE_BOUNDS).exp()
+
+
+# The usual parametrisation of soft actor-critics, which `NormalParamExtractor` does not know.
+add_custom_mapping("modpush_clamped_exp", _clamped_exp)
+
+
+def make_actor(
+    observation_dim: int,
+    action_spec: Bounded,
+    hidden_sizes: Sequence[int],
+    *,
+    observation_key: NestedKey = "observation",
+    action_key: NestedKey = "action",
+    device: torch.device | str | None = None,
+) -> ProbabilisticActor:
+    """A Gaussian policy squashed by tanh into the action's bounds.
+
+    Args:
+        observation_dim: Width of the observation.
+        action_spec: Spec of one action, `[A]`, bounded.
+        hidden_sizes: Widths of the hidden layers, ReLU after each.
+        observation_key: Where the observation is read, `[*B, observation_dim]`.
+        action_key: Where the action is written, `[*B, A]`.
+        device: Where the parameters live.
+
+    Returns:
+        An actor that writes `loc`, `scale` and the action. Its log standard deviation is clamped
+        to [-20, 2] before the exponential.
+
+    Raises:
+        ValueError: If the action is not a bounded vector.
+    """
+    if not isinstance(action_spec, Bounded) or len(action_spec.shape) != 1:
+        raise ValueError(
+            f"make_actor: action_spec must be a Bounded spec of shape [A], got {action_spec}."
+        )
+    network = nn.Sequential(
+        ReluMLP(observation_dim, 2 * action_spec.shape[-1], hidden_sizes, device=device),
+        NormalParamExtractor(scale_mapping="modpush_clamped_exp", scale_lb=1e-6),
+    )
+    return ProbabilisticActor(
+        TensorDictModule(network, in_keys=[observation_key], out_keys=["loc", "scale"]),
+        in_keys=["loc", "scale"],
+        out_keys=[action_key],
+        spec=action_spec.to(device) if device is not None else action_spec,
+        distribution_class=TanhNormal,
+        distribution_kwargs={"low": action_spec.space.low, "high": action_spec.space.high},
+    )
+
+
+def make_critic(
+    observation_dim: int,
+    action_dim: int,
+    num_quantiles: int,
+    hidden_sizes: Sequence[int],
+    *,
+    layer_norm: bool = False,
+    observation_key: NestedKey = "observation",
+    action_key: NestedKey = "action",
+    device: torch.device | str | None = None,
+) -> ValueOperator:
+    """One critic of the ensemble: return quantiles of an observation and an action.
+
+    Args:
+        observation_dim: Width of the observation.
+        action_dim: Width of the action.
+        num_quantiles: Number of atoms, the output's last dimension.
+        hidden_sizes: Widths of the hidden layers, ReLU after each.
+        layer_norm: Normalise each hidden layer before its ReLU.
+        observation_key: Where the observation is read, `[*B, observation_dim]`.
+        action_key: Where the action is read, `[*B, action_dim]`.
+        device: Where the parameters live.
+
+    Returns:
+        A critic that writes `state_action_value`, `[*B, num_quantiles]`.
+    """
+    in_features = observation_dim + action_dim
+    network: MLP
+    if layer_norm:
+        network = MLP(
+            in_features=in_features,
+            out_features=num_quantiles,
+            num_cells=list(hidden_sizes),
+            activation_class=nn.ReLU,
+            norm_class=nn.LayerNorm,
+            norm_kwargs=[{"normalized_shape": width} for width in hidden_sizes],
+            device=device,
+        )
+    else:
+        network = ReluMLP(in_features, num_quantiles, hidden_sizes, device=device)
+    return ValueOperator(network, in_keys=[observation_key, action_key])

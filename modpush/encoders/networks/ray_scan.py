@@ -1,0 +1,81 @@
+"""`RayScan`: an encoder with nothing to train."""
+
+import math
+
+import torch
+from torch import Tensor
+
+from modpush.encoders.base import Encoder, check_window
+from modpush.encoders.window import MAX_HEIGHT, WINDOW_SIZE
+from modpush.geometry.grid import GridFrame
+
+__all__ = ["RayScan"]
+
+
+class RayScan(Encoder):
+    """How far it is to the next obstacle along rays from the window's middle, `[B, num_rays]`.
+
+    Ray k points at 2 pi k / num_rays from ahead (up in the window), turning left. A value is the
+    distance divided by `max_range`, 1 where the ray meets nothing within it or leaves the window.
+    Exact to a pixel.
+
+    Args:
+        num_rays: Number of rays.
+        max_range: Distance that is shown as 1 [m]; by default half the window's side.
+        min_height: What is lower blocks no ray [m].
+        max_height: Height that the window shows as 1 [m].
+        window_size: Side of the windows [px].
+        pixel_size: Side of a window pixel [m]; by default that of `PushEnv`'s camera on the table.
+
+    Raises:
+        ValueError: For numbers out of range.
+    """
+
+    def __init__(
+        self,
+        num_rays: int = 32,
+        max_range: float | None = None,
+        min_height: float = 0.013,
+        max_height: float = MAX_HEIGHT,
+        window_size: int = WINDOW_SIZE,
+        pixel_size: float | None = None,
+    ) -> None:
+        super().__init__()
+        pixel_size = pixel_size if pixel_size is not None else GridFrame().cell_size
+        max_range = max_range if max_range is not None else 0.5 * window_size * pixel_size
+        if num_rays < 1:
+            raise ValueError(f"RayScan: num_rays must be >= 1, got {num_rays}.")
+        if not (max_range > 0 and pixel_size > 0):
+            raise ValueError(
+                f"RayScan: max_range and pixel_size must be > 0 m, got {max_range}, {pixel_size}."
+            )
+        if not 0 <= min_height < max_height:
+            raise ValueError(
+                f"RayScan: min_height must lie in [0, max_height = {max_height}), got {min_height}."
+            )
+        self.latent_dim, self.window_size = num_rays, window_size
+        self.max_range, self.threshold = max_range, min_height / max_height
+        # Half a pixel at a time, so that no pixel on the way is jumped over by much.
+        steps = torch.arange(0.0, max_range / pixel_size, 0.5)
+        angles = torch.arange(num_rays) * (2 * math.pi / num_rays)
+        middle = 0.5 * (window_size - 1)
+        rows = (middle - angles.cos()[:, None] * steps).round().long()  # [R, S]
+        columns = (middle - angles.sin()[:, None] * steps).round().long()
+        inside = (rows.clamp(0, window_size - 1) == rows) & (
+            columns.clamp(0, window_size - 1) == columns
+        )
+        # What lies outside looks at one more pixel, which is always free.
+        index = torch.where(inside, rows * window_size + columns, window_size**2)
+        self.register_buffer("_index", index.flatten(), persistent=False)
+        fractions = torch.cat([steps * (pixel_size / max_range), torch.ones(1)])
+        self.register_buffer("_fractions", fractions.clamp(max=1.0), persistent=False)
+
+    def forward(self, window: Tensor) -> Tensor:
+        """Clearance along each ray, `[B, num_rays]` in [0, 1]."""
+        check_window(window, self.window_size, "RayScan", values=False)
+        index: Tensor = self._index  # type: ignore[assignment]
+        fractions: Tensor = self._fractions  # type: ignore[assignment]
+        blocked = torch.nn.functional.pad(window.flatten(1) > self.threshold, (0, 1))
+        seen = blocked[:, index].unflatten(1, (self.latent_dim, -1))  # [B, R, S]
+        last = torch.ones_like(seen[..., :1])  # so that a free ray ends at max_range
+        return fractions[torch.cat([seen, last], -1).int().argmax(-1)]

@@ -1,0 +1,189 @@
+"""`DepthVAE`: the paper's variational autoencoder of the local window."""
+
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import softplus
+
+from modpush.encoders.base import Encoder, check_window
+from modpush.encoders.vae.tensor_file import read_tensors, write_tensors
+
+__all__ = ["DepthVAE", "shipped_weights"]
+
+_KIND, _VERSION = "modpush.DepthVAE", 1
+_MIN_STD = 1e-4
+_FINAL_SIDE = 4  # of the encoder's last and the decoder's first map [px]
+
+
+class DepthVAE(Encoder):
+    """Four convolutions down to a normal latent, six transposed ones up to a Bernoulli window.
+
+    Each convolution but the last is followed by batch norm and ReLU; max pooling after the first,
+    average pooling after the third. As an encoder it returns the latent's mean; `encode` and `decode`
+    give the distributions.
+
+    Widths and strides are ours (the paper gives none), chosen by `benchmarks/bench_encoders.py`: the
+    picture is halved early, the last encoder map keeps 4x4 places (the authors' keeps one), and the
+    decoder is narrow where its maps are large. Weights are laid out channels-last, which halves the
+    time on a CPU.
+
+    Args:
+        latent_dim: Numbers in a latent.
+        encoder_widths: Channels of the four convolutions.
+        decoder_widths: Channels of the maps of side 4, 8, 16 and 32.
+        sample: Return a sample of the latent rather than its mean, as the authors' code does.
+
+    Raises:
+        ValueError: If a width or `latent_dim` is < 1, or there are not four of them.
+    Source: Sec. IV-A of the paper; `spec.md` 7.
+    """
+
+    def __init__(
+        self,
+        latent_dim: int = 32,
+        encoder_widths: Sequence[int] = (16, 32, 64, 96),
+        decoder_widths: Sequence[int] = (96, 64, 32, 16),
+        sample: bool = False,
+    ) -> None:
+        super().__init__()
+        for name, widths in (("encoder", encoder_widths), ("decoder", decoder_widths)):
+            if len(widths) != 4 or min(widths) < 1:
+                raise ValueError(
+                    f"DepthVAE: {name}_widths must be four numbers >= 1, got {tuple(widths)}."
+                )
+        if latent_dim < 1:
+            raise ValueError(f"DepthVAE: latent_dim must be >= 1, got {latent_dim}.")
+        self.latent_dim, self.sample = latent_dim, sample
+        self.encoder_widths, self.decoder_widths = tuple(encoder_widths), tuple(decoder_widths)
+        a, b, c, d = encoder_widths
+        self.encoder = nn.Sequential(
+            *_down(1, a, 5, stride=2),  # 32
+            nn.MaxPool2d(2),  # 16
+            *_down(a, b, 3, stride=1),
+            *_down(b, c, 3, stride=2),  # 8
+            nn.AvgPool2d(2),  # 4
+            *_down(c, d, 3, stride=1),
+            nn.Flatten(),
+            nn.Linear(d * _FINAL_SIDE**2, 2 * latent_dim),
+        )
+        a, b, c, d = decoder_widths
+        self.decoder = nn.Sequential(
+            nn.Linear(latent_dim, a * _FINAL_SIDE**2),
+            nn.Unflatten(1, (a, _FINAL_SIDE, _FINAL_SIDE)),
+            nn.BatchNorm2d(a),
+            nn.ReLU(),
+            *_up(a, a, stride=1),
+            *_up(a, b, stride=2),  # 8
+            *_up(b, b, stride=1),
+            *_up(b, c, stride=2),  # 16
+            *_up(c, d, stride=2),  # 32
+            nn.ConvTranspose2d(d, 1, 4, stride=2, padding=1),  # 64
+        )
+        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+    def encode(self, window: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean and standard deviation of the latent, `[B, latent_dim]` each.
+
+        Args:
+            window: `[B, 1, 64, 64]` float32 in [0, 1].
+        """
+        check_window(window, self.window_size, "DepthVAE", values=False)
+        mean, spread = self.encoder(window).chunk(2, -1)
+        return mean, softplus(spread) + _MIN_STD
+
+    def decode(self, latent: Tensor) -> Tensor:
+        """Logits of the window, `[B, 1, 64, 64]`; their sigmoid is the mean of the Bernoulli."""
+        return self.decoder(latent)
+
+    def forward(self, window: Tensor) -> Tensor:
+        """The latent, `[B, latent_dim]`: its mean, or a sample with `sample=True`."""
+        mean, std = self.encode(window)
+        return mean + std * torch.randn_like(std) if self.sample else mean
+
+    def reconstruct(self, window: Tensor) -> Tensor:
+        """What the latent's mean keeps of the window, `[B, 1, 64, 64]` in [0, 1]."""
+        return self.decode(self.encode(window)[0]).sigmoid()
+
+    def save(self, path: Path | str, card: Mapping[str, Any] | None = None) -> None:
+        """Write weights and architecture to a safetensors file.
+
+        Args:
+            path: The file.
+            card: Anything to be kept with them that JSON can hold: data, command, figures.
+        """
+        config = {**self._architecture(), "card": dict(card or {})}
+        write_tensors(path, self.state_dict(), _KIND, _VERSION, config)
+
+    def _architecture(self) -> dict[str, Any]:
+        return {
+            "latent_dim": self.latent_dim,
+            "encoder_widths": list(self.encoder_widths),
+            "decoder_widths": list(self.decoder_widths),
+        }
+
+    @classmethod
+    def from_pretrained(cls, name_or_path: Path | str = "depth_vae") -> "DepthVAE":
+        """A trained one, in eval mode.
+
+        Args:
+            name_or_path: Name of shipped weights (`modpush/weights/<name>.safetensors`, a card
+                beside it), or the path of a file that `save` wrote.
+
+        Raises:
+            FileNotFoundError: If there is no such file; the message lists the shipped names.
+            ValueError: If the file is cut short, of another kind, or its weights do not fit the
+                architecture it names.
+        """
+        path = shipped_weights().get(str(name_or_path), Path(name_or_path))
+        if not path.is_file():
+            raise FileNotFoundError(
+                f"DepthVAE: no file {path} and no shipped weights of that name, which are "
+                f"{sorted(shipped_weights())}."
+            )
+        tensors, config = read_tensors(path, _KIND, _VERSION)
+        try:
+            vae = cls(**{key: value for key, value in config.items() if key != "card"})
+            vae.load_weights(tensors)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"DepthVAE: {path} does not fit: {error}") from error
+        return vae.eval()
+
+    def load_weights(self, tensors: Mapping[str, Tensor]) -> None:
+        """Take over all weights, or none of them.
+
+        Raises:
+            ValueError: If one is missing, unknown, or of another shape.
+        """
+        own = self.state_dict()
+        missing, unknown = sorted(set(own) - set(tensors)), sorted(set(tensors) - set(own))
+        if missing or unknown:
+            raise ValueError(f"DepthVAE: weights missing {missing}, unknown {unknown}.")
+        for name, value in own.items():
+            if tensors[name].shape != value.shape:
+                raise ValueError(
+                    f"DepthVAE: weights of another architecture: {name} must be "
+                    f"{list(value.shape)}, got {list(tensors[name].shape)}."
+                )
+        self.load_state_dict(dict(tensors))
+
+
+def shipped_weights() -> dict[str, Path]:
+    """Weights of `DepthVAE` that come with the package, by name."""
+    folder = Path(str(files("modpush"))) / "weights"
+    return {path.stem: path for path in folder.glob("depth_vae*.safetensors")}
+
+
+def _down(inputs: int, outputs: int, kernel: int, stride: int) -> list[nn.Module]:
+    padding = kernel // 2
+    convolution = nn.Conv2d(inputs, outputs, kernel, stride, padding, bias=False)
+    return [convolution, nn.BatchNorm2d(outputs), nn.ReLU()]
+
+
+def _up(inputs: int, outputs: int, stride: int) -> list[nn.Module]:
+    kernel = 3 if stride == 1 else 4
+    convolution = nn.ConvTranspose2d(inputs, outputs, kernel, stride, padding=1, bias=False)
+    return [convolution, nn.BatchNorm2d(outputs), nn.ReLU()]

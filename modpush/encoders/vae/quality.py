@@ -1,0 +1,173 @@
+"""What a latent keeps of the windows: reconstruction, active numbers, and probes."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import binary_cross_entropy_with_logits
+
+from modpush.encoders.vae.loss import bernoulli_entropy, kl_divergence
+from modpush.encoders.vae.model import DepthVAE
+
+__all__ = ["Quality", "encode_all", "linear_probe", "mlp_probe", "r_squared", "vae_quality"]
+
+_BATCH = 512
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quality:
+    """How well a `DepthVAE` keeps a set of windows."""
+
+    nll: float
+    """Negative log-likelihood of a sampled latent's reconstruction, a window [nat]."""
+    kl: float
+    """KL divergence from the prior, a window [nat]; `-(nll + kl)` is the ELBO."""
+    loss: float
+    """`nll + 0.5 kl`, what is trained on [nat]."""
+    entropy: float
+    """What `nll` cannot go below [nat]."""
+    iou: float
+    """Obstacle pixels (over 0.5) common to windows and reconstructions, over those of either; all
+    windows together."""
+    mean_iou: float
+    """The same for each window that has such pixels, averaged; small slivers weigh as much as bars."""
+    iou_half: float
+    """As `iou`, with pixels over 0.3: half an obstacle's height. A cube is 0.625 high, so where its
+    edge may or may not run, a reconstruction falls below 0.5 well inside of it."""
+    blank_false: float
+    """Share of pixels over 0.5 in reconstructions of blank windows."""
+    active: int
+    """Numbers of the latent whose mean varies over the windows by more than 0.01 (variance; Burda et
+    al. 2016)."""
+    kl_per_latent: tuple[float, ...]
+    """[nat]"""
+
+
+@torch.no_grad()
+def vae_quality(vae: DepthVAE, windows: Callable[[slice], Tensor], count: int) -> Quality:
+    """Measure on `count` windows, in eval mode.
+
+    Args:
+        vae: What is measured.
+        windows: From a slice to `[n, 1, 64, 64]` float32, such as `WindowData.floats`.
+        count: How many there are.
+    """
+    training, rows, means = vae.training, [], []
+    vae.eval()
+    per_latent = torch.zeros(vae.latent_dim)
+    false, blanks = 0.0, 0
+    for start in range(0, count, _BATCH):
+        window = windows(slice(start, min(start + _BATCH, count)))
+        mean, std = vae.encode(window)
+        means.append(mean)
+        kl = kl_divergence(mean, std)
+        per_latent += kl.sum(0) / count
+        logits = vae.decode(mean + std * torch.randn_like(std))
+        nll = binary_cross_entropy_with_logits(logits, window, reduction="none").flatten(1).sum(1)
+        reconstruction = vae.decode(mean).sigmoid()
+        shown, true = reconstruction.flatten(1) > 0.5, window.flatten(1) > 0.5
+        blank = window.flatten(1).amax(1) == 0
+        false, blanks = false + float(shown[blank].float().sum()), blanks + int(blank.sum())
+        rows.append(
+            torch.stack(
+                [
+                    nll,
+                    kl.sum(1),
+                    bernoulli_entropy(window),
+                    *_overlap(reconstruction, window, 0.5),
+                    *_overlap(reconstruction, window, 0.3),
+                    true.any(1).float(),
+                ],
+                1,
+            )
+        )
+    vae.train(training)
+    nll, kl, entropy, common, either, common_half, either_half, filled = torch.cat(rows).unbind(1)
+    some = filled > 0
+    return Quality(
+        nll=nll.mean().item(),
+        kl=kl.mean().item(),
+        loss=(nll + 0.5 * kl).mean().item(),
+        entropy=entropy.mean().item(),
+        iou=(common.sum() / either.sum().clamp_min(1)).item(),
+        mean_iou=(common[some] / either[some]).mean().item() if some.any() else float("nan"),
+        iou_half=(common_half.sum() / either_half.sum().clamp_min(1)).item(),
+        blank_false=false / max(blanks * windows(slice(0, 1)).numel(), 1),
+        active=int((torch.cat(means).var(0) > 0.01).sum()),
+        kl_per_latent=tuple(per_latent.tolist()),
+    )
+
+
+def _overlap(a: Tensor, b: Tensor, threshold: float) -> tuple[Tensor, Tensor]:
+    """Pixels over the threshold in both, and in either, `[B]` each."""
+    one, other = a.flatten(1) > threshold, b.flatten(1) > threshold
+    return (one & other).sum(1).float(), (one | other).sum(1).float()
+
+
+@torch.no_grad()
+def encode_all(
+    encoder: Callable[[Tensor], Tensor], windows: Callable[[slice], Tensor], count: int
+) -> Tensor:
+    """Latents `[count, d]`, some windows at a time; arguments as in `vae_quality`."""
+    starts = range(0, count, _BATCH)
+    return torch.cat([encoder(windows(slice(s, min(s + _BATCH, count)))) for s in starts])
+
+
+def r_squared(predicted: Tensor, true: Tensor) -> float:
+    """Share of the targets' variance that is predicted, over all of them together.
+
+    Args:
+        predicted: `[N, T]`.
+        true: `[N, T]`.
+    """
+    return 1.0 - ((predicted - true).square().sum() / (true - true.mean(0)).square().sum()).item()
+
+
+def linear_probe(train: tuple[Tensor, Tensor], test: tuple[Tensor, Tensor]) -> float:
+    """R² of least squares from latents `[N, d]` to targets `[N, T]`, from one part to the other."""
+    one = [torch.cat([x, torch.ones(len(x), 1)], 1).double() for x, _ in (train, test)]
+    weights = torch.linalg.lstsq(one[0], train[1].double()).solution
+    return r_squared(one[1] @ weights, test[1].double())
+
+
+def mlp_probe(
+    train: tuple[Tensor, Tensor],
+    test: tuple[Tensor, Tensor],
+    *,
+    width: int = 256,
+    epochs: int = 40,
+    seed: int = 0,
+) -> float:
+    """R² of a small network, two hidden layers, fitted on the one and tested on the other.
+
+    Args:
+        train: Latents `[N, d]` and targets `[N, T]`.
+        test: The same to test on.
+        width: Of the hidden layers.
+        epochs: Over the training part.
+        seed: Of initialisation and order.
+    """
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        mean, std = train[0].mean(0), train[0].std(0).clamp_min(1e-6)
+        model = nn.Sequential(
+            nn.Linear(train[0].shape[1], width),
+            nn.ReLU(),
+            nn.Linear(width, width),
+            nn.ReLU(),
+            nn.Linear(width, train[1].shape[1]),
+        )
+        steps = epochs * -(-len(train[0]) // 256)
+        optimizer = torch.optim.Adam(model.parameters(), fused=True)
+        schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, 2e-3, total_steps=steps + 1)
+        with torch.enable_grad():
+            for _ in range(epochs):
+                for rows in torch.randperm(len(train[0])).split(256):
+                    error = model((train[0][rows] - mean) / std) - train[1][rows]
+                    optimizer.zero_grad()
+                    error.square().mean().backward()
+                    optimizer.step()
+                    schedule.step()
+        with torch.no_grad():
+            return r_squared(model((test[0] - mean) / std), test[1])

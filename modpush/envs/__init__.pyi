@@ -1,0 +1,31 @@
+from .gym_env import PushGymEnv as PushGymEnv
+from .push_env import PushEnv as PushEnv
+from .push_env import PushState as PushState
+from .scenes.layouts import (
+    HARD_SCENES as HARD_SCENES,
+)
+from .scenes.layouts import (
+    OBSTACLE_SCENES as OBSTACLE_SCENES,
+)
+from .scenes.layouts import (
+    SCENES as SCENES,
+)
+from .scenes.layouts import (
+    Obstacle as Obstacle,
+)
+from .scenes.objects import OBJECTS as OBJECTS
+from .scenes.objects import PushedObject as PushedObject
+from .scenes.scenario import (
+    Dynamics as Dynamics,
+)
+from .scenes.scenario import (
+    Scenario as Scenario,
+)
+from .scenes.scenario import (
+    ScenarioConfig as ScenarioConfig,
+)
+from .scenes.scenario import (
+    sample_scenario as sample_scenario,
+)
+from .sim.rendering import find_render_device as find_render_device
+from .sim.task import ClutterPushEnv as ClutterPushEnv

@@ -1,0 +1,1 @@
+"""The bird's-eye depth image: ray casting and the two depth cameras."""

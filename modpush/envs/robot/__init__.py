@@ -1,0 +1,1 @@
+"""The UR5 with its tools: shapes, kinematics and control. Needs no simulator."""

@@ -1,0 +1,166 @@
+"""A drawn top view of an episode: what there is to look at without a renderer."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from modpush.envs.robot.ur5_2f85 import TOOLS, ToolName
+from modpush.envs.scenes.objects import get_object
+from modpush.envs.scenes.scenario import Scenario
+
+__all__ = ["TopView", "draw_top_view"]
+
+_SHIFT = 4  # fractional bits of cv2's coordinates
+_COLORS = {
+    "table": (244, 241, 235),
+    "workspace": (222, 216, 206),
+    "inflated": (205, 206, 208),
+    "obstacle": (96, 102, 112),
+    "goal": (60, 160, 75),
+    "start": (214, 60, 50),
+    "object": (40, 90, 200),
+    "tool": (20, 20, 20),
+    "planned": (200, 40, 190),
+    "text": (40, 40, 40),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class TopView:
+    """What part of the table a drawn top view shows. Up is +x, left is +y, as in the depth image."""
+
+    pixels_per_metre: float = 560.0
+    low: tuple[float, float] = (0.0, -0.5)
+    """Lower corner [m]."""
+    high: tuple[float, float] = (0.95, 0.5)
+    """Upper corner [m]."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width [px], even, as video codecs want it."""
+        height, width = (
+            int((self.high[axis] - self.low[axis]) * self.pixels_per_metre) // 2 * 2
+            for axis in (0, 1)
+        )
+        return height, width
+
+    def to_pixels(self, points: NDArray[np.float64]) -> NDArray[np.int32]:
+        """Points `[..., 2]` [m] as cv2's fixed-point pixels `[..., 2]`."""
+        points = np.asarray(points, dtype=np.float64)
+        u = (self.high[1] - points[..., 1]) * self.pixels_per_metre
+        v = (self.high[0] - points[..., 0]) * self.pixels_per_metre
+        return np.round(np.stack([u, v], -1) * (1 << _SHIFT)).astype(np.int32)
+
+
+def draw_top_view(
+    scenario: Scenario,
+    object_pose: Sequence[float],
+    ee_pose: Sequence[float],
+    *,
+    object_path: NDArray[np.float64] | None = None,
+    ee_path: NDArray[np.float64] | None = None,
+    planned_path: NDArray[np.float64] | None = None,
+    subgoal: Sequence[float] | None = None,
+    inflation: float = 0.0,
+    obstacle_poses: NDArray[np.float64] | None = None,
+    caption: str = "",
+    tool: ToolName = "2f85",
+    goal_radius: float = 0.05,
+    view: TopView | None = None,
+) -> NDArray[np.uint8]:
+    """Draw a moment of an episode: start red, goal green, object blue, tool black (as in Fig. 6).
+
+    Args:
+        scenario: What the episode started from.
+        object_pose: x, y, yaw now [m, m, rad].
+        ee_pose: x, y, yaw of the tool's tip now.
+        object_path: Where the object has been, `[n, 2]` [m].
+        ee_path: Where the tool has been, `[n, 2]` [m].
+        planned_path: A planned way, `[n, 2]` [m], magenta.
+        subgoal: x, y of the present sub-goal [m], a magenta disc.
+        inflation: Obstacles get a light rim of this width, where the object's centre cannot be [m].
+        obstacle_poses: Where the obstacles are now, `[n, 3]`; where they started by default.
+        caption: Written at the top.
+        tool: What the arm holds.
+        goal_radius: [m]
+        view: Part of the table and scale.
+
+    Returns:
+        `[H, W, 3]` uint8 RGB.
+    """
+    view = view or TopView()
+    image = np.full((*view.shape, 3), _COLORS["table"], dtype=np.uint8)
+    workspace = np.array([[0.20, -0.35], [0.75, -0.35], [0.75, 0.35], [0.20, 0.35]])
+    _outline(image, view, workspace, "workspace", 2)
+    poses = obstacle_poses if obstacle_poses is not None else [o.pose for o in scenario.obstacles]
+    outlines = [
+        _placed(_rectangle(obstacle.size[0] / 2, obstacle.size[1] / 2), pose)
+        for obstacle, pose in zip(scenario.obstacles, poses, strict=True)
+    ]
+    if inflation > 0:
+        # A thick line has round joints, so that this is the exact sum of rectangle and disc.
+        thickness = round(2 * inflation * view.pixels_per_metre)
+        for outline in outlines:
+            _outline(image, view, outline, "inflated", thickness)
+    for outline in outlines:
+        _fill(image, view, outline, "obstacle")
+    _disc(image, view, scenario.goal_position, goal_radius, "goal", thickness=2)
+    _disc(image, view, scenario.goal_position, 0.006, "goal")
+    footprints = get_object(scenario.pushed_object).footprints()
+    for part in footprints:
+        _outline(image, view, _placed(part, scenario.object_pose), "start", 2)
+    for path, color in ((planned_path, "planned"), (ee_path, "tool"), (object_path, "object")):
+        if path is not None and len(path) > 1:
+            points = [view.to_pixels(np.asarray(path)[:, :2])]
+            cv2.polylines(image, points, False, _COLORS[color], 2, cv2.LINE_AA, _SHIFT)
+    if subgoal is not None:
+        _disc(image, view, subgoal, 0.008, "planned")
+    for part in footprints:
+        _fill(image, view, _placed(part, object_pose), "object")
+    _fill(image, view, _placed(_rectangle(*TOOLS[tool].tip_half_extents), ee_pose), "tool")
+    if caption:
+        cv2.putText(
+            image, caption, (10, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.5, _COLORS["text"], 1, cv2.LINE_AA
+        )
+    return image
+
+
+def _rectangle(half_length: float, half_width: float) -> NDArray[np.float64]:
+    return np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * [half_length, half_width]
+
+
+def _placed(outline: NDArray[np.float64], pose: Sequence[float]) -> NDArray[np.float64]:
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    return outline @ np.array([[c, s], [-s, c]]) + np.array(pose[:2])
+
+
+def _fill(image: NDArray[np.uint8], view: TopView, outline: NDArray[np.float64], name: str) -> None:
+    cv2.fillPoly(image, [view.to_pixels(outline)], _COLORS[name], cv2.LINE_AA, _SHIFT)
+
+
+def _outline(
+    image: NDArray[np.uint8],
+    view: TopView,
+    outline: NDArray[np.float64],
+    name: str,
+    thickness: int,
+) -> None:
+    points = [view.to_pixels(outline)]
+    cv2.polylines(image, points, True, _COLORS[name], thickness, cv2.LINE_AA, _SHIFT)
+
+
+def _disc(
+    image: NDArray[np.uint8],
+    view: TopView,
+    center: Sequence[float],
+    radius: float,
+    name: str,
+    thickness: int = -1,
+) -> None:
+    u, v = view.to_pixels(np.array(center)).tolist()
+    scaled = round(radius * view.pixels_per_metre * (1 << _SHIFT))
+    cv2.circle(image, (u, v), scaled, _COLORS[name], thickness, cv2.LINE_AA, _SHIFT)

@@ -1,0 +1,8 @@
+"""Plane geometry, the pinhole camera and solid shapes, which every other package may import.
+
+Names are imported on first use; `__init__.pyi` lists them.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

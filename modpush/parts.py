@@ -1,0 +1,99 @@
+"""Parts of one's own: given by name, by `"module:name"`, or as the object itself.
+
+Every place that takes a part (a scene, a planner, an encoder, a reward term, ...) looks it up with
+`find_part`, so that the three ways work everywhere alike. Text is what a configuration file and the
+command line can hold; `part_name` is the inverse.
+"""
+
+from collections.abc import Iterable, Mapping
+from importlib import import_module
+from typing import Any
+
+__all__ = ["check_allowed", "find_part", "part_module", "part_name"]
+
+
+def find_part(who: str, part: Any, known: Mapping[str, Any]) -> Any:
+    """The part that a name, a `"module:name"` or an object stands for.
+
+    Args:
+        who: What asks for the part, for error messages: `"make_push_env: planner"`.
+        part: A name in `known`; `"module:name"`, which is imported (`name` may have dots); or
+            anything that is not text, which is returned as it is.
+        known: The parts that the library brings, by name.
+
+    Raises:
+        ValueError: If there is no part of that name, with those there are; if the module cannot be
+            imported, or has no such attribute.
+    """
+    if not isinstance(part, str):
+        return part
+    if part in known:
+        return known[part]
+    module, colon, name = part.partition(":")
+    if not (colon and module and name):
+        raise ValueError(
+            f"{who}: there is no {part!r}, expected one of {sorted(known)}, or 'module:name' for "
+            "a part of your own."
+        )
+    try:
+        found: Any = import_module(module)
+    except ImportError as error:
+        raise ValueError(f"{who}: cannot import {module!r} for {part!r}: {error}.") from error
+    for attribute in name.split("."):
+        if not hasattr(found, attribute):
+            raise ValueError(f"{who}: {part!r} names nothing: {found!r} has no {attribute!r}.")
+        found = getattr(found, attribute)
+    return found
+
+
+def part_name(who: str, part: Any, known: Mapping[str, Any]) -> str:
+    """The text by which `find_part` finds this part again, for configuration files.
+
+    Args:
+        who: What asks, for error messages.
+        part: A part; text is checked and returned.
+        known: The parts that the library brings, by name.
+
+    Raises:
+        ValueError: If the part cannot be found by any text: a lambda, or something that is defined
+            inside a function or in the script that is being run.
+    """
+    if isinstance(part, str):
+        find_part(who, part, known)
+        return part
+    for known_name, value in known.items():
+        if value is part:
+            return known_name
+    module, name = getattr(part, "__module__", None), getattr(part, "__qualname__", None)
+    if module is not None and name is not None and module != "__main__" and "<" not in name:
+        return f"{module}:{name}"
+    raise ValueError(
+        f"{who}: {part!r} cannot be written to a file, since nothing says how to import it. Define "
+        "it at the top level of a module and give it as 'module:name'."
+    )
+
+
+def part_module(part: Any) -> str | None:
+    """The module that a `"module:name"` would import; None for anything else."""
+    if not isinstance(part, str) or ":" not in part:
+        return None
+    return part.partition(":")[0]
+
+
+def check_allowed(who: str, modules: Iterable[str], allow: Iterable[str]) -> None:
+    """Refuse modules that the caller has not named.
+
+    A file must never decide what code is run: what it names is imported only if the caller agrees.
+
+    Raises:
+        ValueError: If a module is neither in `allow` nor inside a package that is.
+    """
+    allowed = tuple(allow)
+    refused = sorted(
+        {m for m in modules if not any(m == a or m.startswith(f"{a}.") for a in allowed)}
+    )
+    if refused:
+        raise ValueError(
+            f"{who}: the file names parts in {refused}, which are imported only if you say so: "
+            f"pass allow={tuple(refused)!r}, or the parts themselves."
+        )

@@ -1,0 +1,1 @@
+"""Compiled searches and maps that the planners share."""

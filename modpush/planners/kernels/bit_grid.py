@@ -1,0 +1,162 @@
+"""Grids as rows of bits: finding the blocked cells in a depth image and inflating them, fast."""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from modpush.geometry.grid import SEGMENT_OBJECT, SEGMENT_ROBOT
+
+# Tall enough for all that may stand hidden behind the object or the arm [m].
+_TALLEST = 0.08
+# The eight cells of a byte of bits, as eight bytes.
+_SPREAD = (
+    np.unpackbits(np.arange(256, dtype=np.uint8)[:, None], axis=1, bitorder="little")
+    .reshape(-1)
+    .view(np.uint64)
+)
+
+
+def words_per_row(width: int) -> int:
+    """Words of 64 cells that a row of `width` cells needs."""
+    return (width + 63) // 64
+
+
+@njit(cache=True, nogil=True)
+def _set_cell(bits: NDArray, u: float, v: float, height: int, width: int) -> None:
+    i, j = int(np.rint(u)), int(np.rint(v))
+    if 0 <= i < width and 0 <= j < height:
+        bits[j, i >> 6] |= np.uint64(1) << np.uint64(i & 63)
+
+
+@njit(cache=True, nogil=True)
+def find_blocked(
+    depth: NDArray,
+    segmentation: NDArray,
+    object_uv: NDArray,
+    object_radius: float,
+    camera_z: float,
+    min_height: float,
+    upright: bool,
+    previous: NDArray,
+    bits: NDArray,
+) -> None:
+    """Mark the cells over which something stands that is neither object nor robot.
+
+    Args:
+        depth: `[H, W]` float32 [m]; values that are not positive and finite see nothing.
+        segmentation: `[H, W]` uint8, or `[0, 0]`: then what is seen within the object's radius
+            around its centre counts as the object.
+        object_uv: `[2]` float32, the object's centre on the table grid [px]; read without a
+            segmentation.
+        object_radius: [px], read without a segmentation.
+        camera_z: [m].
+        min_height: Lower things do not block [m].
+        upright: Draw each point where it stands on the table, rather than where it is seen.
+        previous: `[H, ceil(W / 64)]` uint64: what is kept where object or robot hide the view.
+        bits: `[H, ceil(W / 64)]` uint64, overwritten.
+    """
+    height, width = depth.shape
+    u0, v0 = 0.5 * (width - 1), 0.5 * (height - 1)
+    segmented = segmentation.size > 0
+    bits[:] = 0
+    hidden = np.zeros_like(bits)
+    deepest = camera_z - min_height
+    for v in range(height):
+        row = depth[v]
+        for u in range(width):
+            d = row[u]
+            if not 0.0 < d < deepest:
+                continue
+            if segmented and (
+                segmentation[v, u] == SEGMENT_OBJECT or segmentation[v, u] == SEGMENT_ROBOT
+            ):
+                # Hidden is the line of sight from the table up to the tallest thing.
+                shift = max(abs(u - u0), abs(v - v0)) * _TALLEST / camera_z
+                steps = int(np.ceil(shift)) if upright else 0
+                for k in range(steps + 1):
+                    near = 1.0 - (_TALLEST / camera_z * k / steps if steps else 0.0)
+                    _set_cell(hidden, u0 + (u - u0) * near, v0 + (v - v0) * near, height, width)
+                continue
+            scale = d / camera_z
+            foot_u, foot_v = u0 + (u - u0) * scale, v0 + (v - v0) * scale
+            if not segmented:
+                du, dv = foot_u - object_uv[0], foot_v - object_uv[1]
+                if du * du + dv * dv <= object_radius * object_radius:
+                    continue
+            if upright:
+                _set_cell(bits, foot_u, foot_v, height, width)
+            else:
+                _set_cell(bits, u, v, height, width)
+    for v in range(height):
+        for w in range(bits.shape[1]):
+            bits[v, w] |= hidden[v, w] & previous[v, w]
+
+
+@njit(cache=True, nogil=True)
+def _widen(bits: NDArray) -> None:
+    """Widen every blocked run by one cell to the left and to the right, in place."""
+    one, top = np.uint64(1), np.uint64(63)
+    words = bits.shape[1]
+    for v in range(bits.shape[0]):
+        carried = np.uint64(0)
+        for w in range(words):
+            word = bits[v, w]
+            after = bits[v, w + 1] if w + 1 < words else np.uint64(0)
+            bits[v, w] = word | (word << one) | (word >> one) | carried | (after << top)
+            carried = word >> top
+
+
+@njit(cache=True, nogil=True)
+def inflate_bits(bits: NDArray, radius: float, inflated: NDArray) -> None:
+    """Block all cells whose centre is within a radius of a blocked cell's centre; exact.
+
+    Args:
+        bits: `[H, N]` uint64, overwritten (it serves as scratch).
+        radius: [px], >= 0.
+        inflated: `[H, N]` uint64, overwritten.
+    """
+    height, words = bits.shape
+    reach = int(np.floor(radius + 1e-9))
+    inflated[:] = 0
+    for half_width in range(reach + 1):
+        if half_width > 0:
+            _widen(bits)
+        for dy in range(reach + 1):
+            # The disc's row dy reaches so far to either side: a row of the map, widened so often.
+            square = radius * radius - dy * dy + 1e-9
+            if square < 0 or int(np.floor(np.sqrt(square))) != half_width:
+                continue
+            for v in range(height):
+                for w in range(words):
+                    word = bits[v, w]
+                    if word == 0:
+                        continue
+                    if v + dy < height:
+                        inflated[v + dy, w] |= word
+                    if v - dy >= 0:
+                        inflated[v - dy, w] |= word
+
+
+@njit(cache=True, nogil=True)
+def pack_cells(cells: NDArray, bits: NDArray) -> None:
+    """`[H, W]` uint8 cells, 0 or 1, to `[H, ceil(W / 64)]` uint64 bits, overwritten."""
+    bits[:] = 0
+    for v in range(cells.shape[0]):
+        for u in range(cells.shape[1]):
+            bits[v, u >> 6] |= np.uint64(cells[v, u]) << np.uint64(u & 63)
+
+
+@njit(cache=True, nogil=True)
+def unpack_cells(bits: NDArray, cells: NDArray) -> None:
+    """`[H, ceil(W / 64)]` uint64 bits to `[H, W]` uint8 cells, overwritten with 0 and 1."""
+    height, width = cells.shape
+    if width % 8 == 0:
+        packed = bits.view(np.uint8)
+        eights = cells.view(np.uint64)
+        for v in range(height):
+            for k in range(width // 8):
+                eights[v, k] = _SPREAD[packed[v, k]]
+        return
+    for v in range(height):
+        for u in range(width):
+            cells[v, u] = (bits[v, u >> 6] >> np.uint64(u & 63)) & np.uint64(1)

@@ -1,0 +1,170 @@
+"""Exact shortest paths on a grid of blocked cells: a search over corners, lines of sight seen late.
+
+A shortest path around blocked cells is a string pulled taut: it bends only at convex corners, and
+at each of them around the blocked cell. So the corners are all the nodes that are needed, and of
+the corners that one might go on to only those in the narrow wedge that keeps the string taut. As in
+Lazy Theta*, an edge waits in the queue unseen, and its line of sight is asked for once, when it
+comes to be taken: then it is the shortest way on that is left, and if it is free it is final.
+
+Source: the lazy rule from Nash, Koenig, Tovey, "Lazy Theta*" (AAAI 2010); taut paths from Oh and
+Leong, "Edge N-Level Sparse Visibility Graphs" (SoCS 2017), and Lozano-Pérez and Wesley (CACM 1979).
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from modpush.planners.kernels.visibility import ONE, line_of_sight
+
+_FIRST_EDGES = 2048
+
+
+@njit(cache=True, nogil=True)
+def length_of(dx: int, dy: int) -> float:
+    """Length in cells of a vector in fixed point."""
+    fx, fy = float(dx), float(dy)
+    return np.sqrt(fx * fx + fy * fy) / ONE
+
+
+@njit(cache=True, nogil=True)
+def touches(dx: int, dy: int, bx: int, by: int) -> bool:
+    """Say whether a line in direction (dx, dy) through a corner stays out of its blocked cell.
+
+    Args:
+        dx: Direction, x.
+        dy: Direction, y.
+        bx: Which way the blocked cell lies from the corner, -1 or 1.
+        by: The same for y.
+    """
+    return (dx * bx) * (dy * by) <= 0
+
+
+@njit(cache=True, nogil=True)
+def stays_taut(ax: int, ay: int, cx: int, cy: int, bx: int, by: int) -> bool:
+    """Say whether a string that comes along (ax, ay) and leaves along (cx, cy) bends round a cell.
+
+    Args:
+        ax: Direction in which the string arrives at the corner, x; it `touches`.
+        ay: The same, y.
+        cx: Direction in which it leaves, x.
+        cy: The same, y.
+        bx: Which way the blocked cell lies from the corner, -1 or 1.
+        by: The same for y.
+
+    Returns:
+        False only if the string would slacken or run through the blocked cell.
+    """
+    if not touches(cx, cy, bx, by) or ax * cx + ay * cy < 0:
+        return False
+    turn = ax * cy - ay * cx
+    if ax * by - ay * bx > 0:
+        return turn >= 0
+    return turn <= 0
+
+
+@njit(cache=True, nogil=True)
+def _push_edge(
+    key: NDArray, ends: NDArray, size: int, value: float, a: int, b: int
+) -> tuple[NDArray, NDArray]:
+    """Insert the edge a-b into the heap of edges, which grows as it must."""
+    if size == key.shape[0]:
+        bigger_key = np.empty(2 * size, dtype=key.dtype)
+        bigger_ends = np.empty((2 * size, 2), dtype=ends.dtype)
+        bigger_key[:size] = key
+        bigger_ends[:size] = ends
+        key, ends = bigger_key, bigger_ends
+    at = size
+    while at > 0:
+        above = (at - 1) >> 1
+        if key[above] <= value:
+            break
+        key[at] = key[above]
+        ends[at, 0], ends[at, 1] = ends[above, 0], ends[above, 1]
+        at = above
+    key[at] = value
+    ends[at, 0], ends[at, 1] = a, b
+    return key, ends
+
+
+@njit(cache=True, nogil=True)
+def _drop_first_edge(key: NDArray, ends: NDArray, size: int) -> None:
+    """Take the first of `size` edges out of the heap."""
+    last = size - 1
+    value, a, b = key[last], ends[last, 0], ends[last, 1]
+    at = 0
+    while True:
+        below = 2 * at + 1
+        if below >= last:
+            break
+        if below + 1 < last and key[below + 1] < key[below]:
+            below += 1
+        if key[below] >= value:
+            break
+        key[at] = key[below]
+        ends[at, 0], ends[at, 1] = ends[below, 0], ends[below, 1]
+        at = below
+    key[at] = value
+    ends[at, 0], ends[at, 1] = a, b
+
+
+@njit(cache=True, nogil=True)
+def taut_search(
+    codes: NDArray,
+    nodes: NDArray,
+    root: int,
+    target: int,
+    cost: NDArray,
+    parent: NDArray,
+) -> None:
+    """Shortest paths from one node over the corners, exact.
+
+    Args:
+        codes: `[H + 1, W + 1]` uint8 from `visibility.vertex_codes`.
+        nodes: `[N, 4]` int64, rows as from `visibility.convex_corners`; the root and the target are
+            among them, with (0, 0) for the blocked cell's direction.
+        root: Where to start.
+        target: Stop when this node's path is known. -1: go on until all are.
+        cost: `[N]` float64, overwritten with the paths' lengths [cells], inf where none is known.
+        parent: `[N]` int32, overwritten with the node before on the path, the root's itself, -1
+            where no path is known.
+    """
+    count = nodes.shape[0]
+    heuristic = np.zeros(count)
+    cost[:] = np.inf
+    parent[:] = -1
+    if target >= 0:
+        for v in range(count):
+            dx, dy = nodes[target, 0] - nodes[v, 0], nodes[target, 1] - nodes[v, 1]
+            heuristic[v] = length_of(dx, dy)
+    key = np.empty(_FIRST_EDGES)
+    ends = np.empty((_FIRST_EDGES, 2), dtype=np.int32)
+    size = 0
+    node, came_from = root, root
+    cost[root] = 0.0
+    while True:
+        parent[node] = came_from
+        if node == target:
+            return
+        x, y, bx, by = nodes[node, 0], nodes[node, 1], nodes[node, 2], nodes[node, 3]
+        ax, ay = x - nodes[came_from, 0], y - nodes[came_from, 1]
+        for v in range(count):
+            dx, dy = nodes[v, 0] - x, nodes[v, 1] - y
+            if not touches(dx, dy, nodes[v, 2], nodes[v, 3]) or parent[v] >= 0:
+                continue
+            if node != root and not stays_taut(ax, ay, dx, dy, bx, by):
+                continue
+            value = cost[node] + length_of(dx, dy) + heuristic[v]
+            key, ends = _push_edge(key, ends, size, value, node, v)
+            size += 1
+        found = False
+        while size > 0 and not found:
+            came_from, node = ends[0, 0], ends[0, 1]
+            _drop_first_edge(key, ends, size)
+            size -= 1
+            found = parent[node] < 0 and line_of_sight(
+                codes, nodes[came_from, 0], nodes[came_from, 1], nodes[node, 0], nodes[node, 1]
+            )
+        if not found:
+            return
+        dx, dy = nodes[node, 0] - nodes[came_from, 0], nodes[node, 1] - nodes[came_from, 1]
+        cost[node] = cost[came_from] + length_of(dx, dy)

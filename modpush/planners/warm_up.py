@@ -1,0 +1,34 @@
+"""Compiling the planners' kernels ahead of their first use."""
+
+import torch
+
+from modpush.geometry.grid import GridFrame
+from modpush.planners.a_star import AStar
+from modpush.planners.distance_field import DistanceField
+from modpush.planners.lazy_theta_star import LazyThetaStar
+from modpush.planners.occupancy_map import OccupancyMap, inflate
+from modpush.planners.straight_line import StraightLine
+from modpush.planners.theta_star import ThetaStar
+
+__all__ = ["warmup"]
+
+
+def warmup(height: int = 256, width: int = 256) -> None:
+    """Compile every planner's kernels, or load them from the cache on disk, before their first use.
+
+    The first call on a machine takes about a minute, later ones about a second. Without it each
+    kernel is compiled when it is first called. Kernels that run a batch on several threads are
+    compiled where `torch.get_num_threads()` is more than 1.
+
+    Args:
+        height: Rows of the grid used for compiling; the compiled kernels serve grids of any size.
+        width: Columns of that grid.
+    """
+    planners = [AStar(), DistanceField(), LazyThetaStar(nodes="grid"), LazyThetaStar()]
+    for planner in [*planners, StraightLine(), ThetaStar()]:
+        planner.warmup(height, width)
+    frame = GridFrame(height=height, width=width)
+    for batch in (1, 2):
+        inflate(torch.zeros(batch, height, width, dtype=torch.bool), 1.0)
+        depth = torch.full((batch, height, width), frame.camera_z)
+        OccupancyMap(frame)(depth, 0.035)

@@ -1,0 +1,335 @@
+"""What TorchRL asks of a loss, and what ours refuses."""
+
+import copy
+import inspect
+import logging
+import pickle
+
+import pytest
+import torch
+from torch import nn
+from torchrl.modules import ValueOperator
+from torchrl.objectives import HardUpdate, SoftUpdate
+from torchrl.objectives import TQCLoss as TorchRLTQCLoss
+from torchrl.objectives.utils import ValueEstimators
+
+from modpush.agents import TQCLoss
+from tests.agents.tqc.tqc_builders import (
+    ACT,
+    ATOMS,
+    OBS,
+    make_actor,
+    make_batch,
+    make_critic,
+    make_loss,
+)
+
+
+def total(output):
+    return sum(value.sum() for key, value in output.items() if key.startswith("loss_"))
+
+
+class TwoHeads(nn.Module):
+    def __init__(self) -> None:
+        super().__init__()
+        self.observation = nn.Linear(OBS, ATOMS)
+        self.action = nn.Linear(ACT, ATOMS)
+
+    def forward(self, observation, action):
+        return self.observation(observation) + self.action(action)
+
+
+def two_headed_critic():
+    return ValueOperator(TwoHeads(), in_keys=["observation", "action"])
+
+
+def test_constructor_is_torchrls():
+    assert inspect.signature(TQCLoss.__init__) == inspect.signature(TorchRLTQCLoss.__init__)
+    assert issubclass(TQCLoss, TorchRLTQCLoss)
+    assert TQCLoss.SUPPORTED_VALUE_ESTIMATORS == TorchRLTQCLoss.SUPPORTED_VALUE_ESTIMATORS
+
+
+def test_input_is_untouched_but_for_the_priority():
+    loss, batch = make_loss(TQCLoss), make_batch(5)
+    before = batch.clone()
+    loss(batch)
+    assert batch.pop("td_error").shape == (5,)
+    assert set(batch.keys(True, True)) == set(before.keys(True, True))
+    assert (batch == before).all()
+
+
+def test_each_loss_reaches_only_its_own_parameters():
+    for name, prefix in (
+        ("loss_actor", "actor_network_params"),
+        ("loss_qvalue", "qvalue_network_params"),
+        ("loss_alpha", "log_alpha"),
+    ):
+        loss = make_loss(TQCLoss)
+        loss(make_batch(5))[name].backward()
+        for key, parameter in loss.named_parameters():
+            reached = parameter.grad is not None and bool(parameter.grad.any())
+            assert reached == key.startswith(prefix), (name, key)
+
+
+def test_target_parameters_never_get_gradients():
+    loss = make_loss(TQCLoss)
+    total(loss(make_batch(5))).backward()
+    targets = loss.target_qvalue_network_params
+    assert all(t.grad is None and not t.requires_grad for t in targets.values(True, True))
+
+
+@pytest.mark.parametrize("updater", [SoftUpdate, HardUpdate])
+def test_target_updates(updater):
+    loss = make_loss(TQCLoss)
+    kwargs = {"tau": 0.5} if updater is SoftUpdate else {"value_network_update_interval": 1}
+    target_updater = updater(loss, **kwargs)
+    source = loss.qvalue_network_params["module", "0", "weight"]
+    target = loss.target_qvalue_network_params["module", "0", "weight"]
+    torch.testing.assert_close(target, source.data)
+    source.data.add_(1.0)
+    if updater is HardUpdate:
+        target_updater.step()
+    target_updater.step()
+    expected = source.data - (0.5 if updater is SoftUpdate else 0.0)
+    torch.testing.assert_close(target, expected)
+
+
+def test_one_critic_is_copied_across_the_ensemble():
+    loss = TQCLoss(make_actor(), make_critic(), num_qvalue_nets=4)
+    assert loss.qvalue_network_params["module", "0", "weight"].shape[0] == 4
+    SoftUpdate(loss, tau=0.5)
+    loss(make_batch(3))
+
+
+def test_a_list_of_critics_keeps_their_initialisation():
+    critics = [make_critic() for _ in range(2)]
+    loss = TQCLoss(make_actor(), critics, num_qvalue_nets=2)
+    for index, critic in enumerate(critics):
+        weight = loss.qvalue_network_params["module", "0", "weight"][index]
+        torch.testing.assert_close(weight, critic.module[0].weight)
+
+
+def test_state_dict_round_trip():
+    loss, other = make_loss(TQCLoss, seed=0), make_loss(TQCLoss, seed=5)
+    loss(make_batch(3))
+    state = loss.state_dict()
+    other.load_state_dict(state)
+    assert torch.equal(run(loss), run(other))
+    theirs = make_loss(TorchRLTQCLoss, seed=6)
+    theirs.load_state_dict(state)
+    torch.testing.assert_close(run(loss), run(theirs))
+
+
+def run(loss):
+    torch.manual_seed(0)
+    return torch.stack([v for k, v in sorted(loss(make_batch(4)).items()) if k != "alpha"])
+
+
+def test_deepcopy_and_pickle_are_independent():
+    loss = make_loss(TQCLoss)
+    before = run(loss)
+    copies = [copy.deepcopy(loss), pickle.loads(pickle.dumps(loss))]
+    for parameter in loss.parameters():
+        parameter.data.mul_(0.5)
+    assert not torch.allclose(run(loss), before)
+    for twin in copies:
+        SoftUpdate(twin, tau=0.5)
+        twin.target_qvalue_network_params.data.update_(
+            make_loss(TQCLoss).target_qvalue_network_params.data
+        )
+        torch.testing.assert_close(run(twin), before)
+
+
+def test_moving_to_double_and_back():
+    loss = make_loss(TQCLoss)
+    single = run(loss)
+    loss = loss.double()
+    batch = make_batch(4, dtype=torch.float64)
+    assert loss(batch)["loss_qvalue"].dtype == torch.float64
+    torch.testing.assert_close(run(loss.float()), single)
+
+
+def test_training_after_a_move_trains_what_is_evaluated():
+    loss = make_loss(TQCLoss).double().float()
+    before = run(loss)
+    for parameter in loss.parameters():
+        parameter.data.mul_(0.5)
+    assert not torch.allclose(run(loss), before)
+
+
+def test_parameters_can_be_reset():
+    loss = make_loss(TQCLoss)
+    before = run(loss)
+    loss.reset_parameters_recursive()
+    assert not torch.allclose(run(loss), before)
+
+
+def test_renamed_and_nested_keys():
+    keys = {"action": ("agent", "act"), "reward": ("game", "reward"), "priority": "surprise"}
+    keys |= {"terminated": ("game", "over"), "done": ("game", "done")}
+    observation, value = ("agent", "obs"), ("agent", "atoms")
+    loss = make_loss(
+        TQCLoss,
+        actor=lambda: make_actor(keys["action"], observation),
+        critic=lambda: make_critic(keys["action"], observation, value),
+        target_entropy=-2.0,
+    )
+    loss.set_keys(**keys, state_action_value=value)
+    plain = make_batch(5)
+    batch = plain.select().set("agent", {"obs": plain["observation"], "act": plain["action"]})
+    game = {"reward": plain["next", "reward"], "over": plain["next", "terminated"]}
+    batch["next"] = {
+        "agent": {"obs": plain["next", "observation"]},
+        "game": {**game, "done": game["over"]},
+    }
+    torch.manual_seed(0)
+    renamed = loss(batch)
+    torch.manual_seed(0)
+    expected = make_loss(TQCLoss, target_entropy=-2.0)
+    torch.manual_seed(0)
+    expected = expected(plain)
+    for key, value in expected.items():
+        torch.testing.assert_close(renamed[key], value)
+    torch.testing.assert_close(batch["surprise"], plain["td_error"])
+
+
+def test_plain_tensors_are_dispatched():
+    loss, batch = make_loss(TQCLoss), make_batch(5)
+    torch.manual_seed(0)
+    expected = loss(batch)
+    torch.manual_seed(0)
+    outputs = loss(
+        observation=batch["observation"],
+        action=batch["action"],
+        next_observation=batch["next", "observation"],
+        next_reward=batch["next", "reward"],
+        next_done=batch["next", "done"],
+        next_terminated=batch["next", "terminated"],
+    )
+    for key, value in zip(loss.out_keys, outputs, strict=True):
+        torch.testing.assert_close(value, expected[key])
+
+
+def test_unbatchable_critics_are_said_once(caplog):
+    with caplog.at_level(logging.INFO, logger="modpush"):
+        loss = make_loss(TQCLoss, critic=two_headed_critic)
+        loss(make_batch(3))
+        loss(make_batch(3))
+    messages = [r.message for r in caplog.records if r.name.startswith("modpush")]
+    assert messages == [
+        "TQCLoss: critics cannot be batched (a TwoHeads does not concatenate its inputs); "
+        "using TorchRL's path."
+    ]
+
+
+def test_batchable_critics_say_nothing(caplog):
+    with caplog.at_level(logging.INFO, logger="modpush"):
+        make_loss(TQCLoss)(make_batch(3))
+    assert not [r for r in caplog.records if r.name.startswith("modpush")]
+
+
+def hooked_critic():
+    critic = make_critic()
+    critic.module[0].register_forward_hook(lambda *args: None)
+    return critic
+
+
+def dropout_critic():
+    return make_critic(dropout=0.5)
+
+
+@pytest.mark.parametrize(
+    ("critic", "reason"),
+    [(hooked_critic, "it has forward hooks"), (dropout_critic, "it holds a Dropout")],
+)
+def test_what_is_not_batched(caplog, critic, reason):
+    with caplog.at_level(logging.INFO, logger="modpush"):
+        make_loss(TQCLoss, critic=critic, deactivate_vmap=True)
+    assert reason in caplog.text
+
+
+@pytest.mark.parametrize("dropped", [ATOMS, ATOMS + 3])
+def test_dropping_all_quantiles_is_refused_at_construction(dropped):
+    message = rf"must be smaller than the critic's number of quantiles .* {ATOMS}\), got {dropped}"
+    with pytest.raises(ValueError, match=message):
+        make_loss(TQCLoss, top_quantiles_to_drop_per_net=dropped)
+
+
+def test_a_critic_whose_last_dimension_is_not_the_atoms_is_refused():
+    with pytest.raises(ValueError, match="its last dimension, 1"):
+        make_loss(TQCLoss, critic=lambda: make_critic(atoms=1))
+
+
+def test_a_log_probability_of_another_shape_is_refused():
+    actor = make_actor()
+    actor.module[1].distribution_kwargs["event_dims"] = 0
+    loss = make_loss(TQCLoss, actor=lambda: actor)
+    with pytest.raises(RuntimeError, match=r"must have the batch's shape \(3,\), got \(3, 2\)"):
+        loss.actor_loss(make_batch(3))
+
+
+class NoAtoms(nn.Module):
+    def __init__(self) -> None:
+        super().__init__()
+        self.linear = nn.Linear(OBS + ACT, 1)
+
+    def forward(self, observation, action):
+        return self.linear(torch.cat([observation, action], -1)).squeeze(-1)
+
+
+def test_a_critic_without_atoms_is_refused_at_first_use():
+    loss = make_loss(
+        TQCLoss,
+        critic=lambda: ValueOperator(NoAtoms(), in_keys=["observation", "action"]),
+        top_quantiles_to_drop_per_net=0,
+    )
+    with pytest.raises(RuntimeError, match="must output one quantile dimension"):
+        loss(make_batch(3))
+
+
+@pytest.mark.parametrize(
+    "key", ["observation", "action", ("next", "observation"), ("next", "reward")]
+)
+def test_nan_in_the_batch_is_refused_with_its_key_and_row(key):
+    loss, batch = make_loss(TQCLoss), make_batch(5, terminated=False)
+    batch[key][3, 0] = float("nan")
+    with pytest.raises(ValueError, match=r"NaN or infinite values under .* first at index \[3, 0]"):
+        loss(batch)
+
+
+def test_diverged_parameters_are_not_blamed_on_the_batch():
+    loss = make_loss(TQCLoss)
+    loss.qvalue_network_params["module", "0", "weight"].data.fill_(float("nan"))
+    assert loss(make_batch(3))["loss_qvalue"].isnan()
+
+
+def test_unsupported_value_estimators_are_refused_as_by_torchrl():
+    with pytest.raises(NotImplementedError, match="TDLambda"):
+        make_loss(TQCLoss).make_value_estimator(ValueEstimators.TDLambda)
+
+
+def test_compiled_loss_equals_the_eager_one():
+    loss, batch = make_loss(TQCLoss), make_batch(4)
+    compiled = torch.compile(loss, backend="eager")
+    torch.manual_seed(0)
+    expected = loss(batch.clone())["loss_qvalue"]
+    torch.manual_seed(0)
+    torch.testing.assert_close(compiled(batch.clone())["loss_qvalue"], expected)
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
+def test_cuda_equals_cpu():
+    results = []
+    for device in ("cpu", "cuda"):
+        loss = make_loss(TQCLoss).to(device)
+        quantiles = loss._atoms(make_batch(6).to(device), "qvalue_network_params")
+        results.append(quantiles.cpu())
+        total(loss(make_batch(6).to(device))).backward()
+    torch.testing.assert_close(*results)
+
+
+def test_bounds_that_leave_no_action_are_refused():
+    loss = make_loss(TQCLoss, actor=lambda: make_actor(low=1.0, high=torch.tensor([2.0, 1.0])))
+    with pytest.raises(ValueError, match="must have low below high"):
+        loss(make_batch(3))

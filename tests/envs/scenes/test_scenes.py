@@ -1,0 +1,114 @@
+import math
+
+import numpy as np
+import pytest
+
+from modpush.envs.scenes.layouts import (
+    HARD_SCENES,
+    MAX_OBSTACLES,
+    OBSTACLE_SCENES,
+    SCENES,
+    Obstacle,
+    get_scene,
+    obstacle_distance,
+    random_clutter,
+)
+from modpush.envs.scenes.objects import get_object
+
+
+def build(name: str, difficulty: float, seed: int = 0) -> list[Obstacle]:
+    return SCENES[name](np.random.default_rng(seed), difficulty)
+
+
+def free_gap(a: Obstacle, b: Obstacle) -> float:
+    """Least distance between two rectangles, from points along the first one's outline [m]."""
+    length, width, _ = a.size
+    t = np.linspace(-0.5, 0.5, 401)
+    sides = [
+        *[np.stack([t * length, np.full_like(t, s * width / 2)], -1) for s in (-1, 1)],
+        *[np.stack([np.full_like(t, s * length / 2), t * width], -1) for s in (-1, 1)],
+    ]
+    x, y, yaw = a.pose
+    turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
+    return float(obstacle_distance(np.vstack(sides) @ turn + [x, y], [b]).min())
+
+
+@pytest.mark.parametrize(("difficulty", "gap"), [(0.0, 0.20), (0.5, 0.15), (1.0, 0.10)])
+@pytest.mark.parametrize("name", ["slot", "corridor", "zigzag"])
+def test_gaps_shrink_from_20_to_10_cm(name, difficulty, gap) -> None:
+    assert free_gap(*build(name, difficulty)) == pytest.approx(gap, abs=1e-6)
+
+
+@pytest.mark.parametrize(("difficulty", "gap"), [(0.0, 0.20), (1.0, 0.10)])
+def test_neighbouring_posts_are_a_gap_apart(difficulty, gap) -> None:
+    first, *others = build("posts", difficulty)
+    assert sorted(free_gap(first, other) for other in others)[:2] == pytest.approx([gap, gap])
+
+
+@pytest.mark.parametrize("name", ["bar_across", "bar_along"])
+def test_a_bar_grows_from_10_to_60_cm_and_turns_by_45_degrees_at_most(name) -> None:
+    base = {"bar_across": math.pi / 2, "bar_along": 0.0}[name]
+    for seed in range(50):
+        (short,), (long,) = build(name, 0.0, seed), build(name, 1.0, seed)
+        assert short.size == pytest.approx((0.10, 0.06, 0.06))
+        assert long.size == pytest.approx((0.60, 0.06, 0.06))
+        assert abs(long.pose[2] - base) <= math.pi / 4
+
+
+def test_hard_scenes_are_the_authors_turned_by_90_degrees() -> None:
+    walls, maze = (build(name, 0.0) for name in HARD_SCENES)
+    assert (len(walls), len(maze)) == (13, 9)
+    # Theirs (0.15, -0.475, yaw 0) is ours (0.475, 0.15, yaw 90 deg).
+    assert walls[0].pose == pytest.approx((0.475, 0.15, math.pi / 2))
+    # Theirs (-0.15, -0.375, 45 deg), 40 cm long, is ours (0.375, -0.15, 135 deg).
+    assert maze[7].pose == pytest.approx((0.375, -0.15, 0.75 * math.pi))
+    assert maze[7].size[0] == pytest.approx(0.40)
+
+
+@pytest.mark.parametrize(("difficulty", "gap"), [(0.0, 0.0985), (1.0, 0.0806)])
+def test_the_walls_leave_a_way_for_the_small_cube_where_they_cross(
+    difficulty: float, gap: float
+) -> None:
+    walls = build("diagonal_walls", difficulty)
+    # Centres are 10 and 15 cm apart: hypot(0.10 - 0.06, 0.15 - 0.06) and hypot(0.04, 0.15 - 0.08).
+    assert free_gap(walls[3], walls[0]) == pytest.approx(gap, abs=1e-3)
+    assert gap > 2 * get_object("small_cube").radius
+
+
+def test_clutter_does_not_overlap_and_is_different_every_time() -> None:
+    cubes = build("random_clutter", 0.0)
+    assert len(cubes) == 10
+    for i, a in enumerate(cubes):
+        for b in cubes[:i]:
+            assert free_gap(a, b) > 0.02 - 1e-9
+    assert cubes != build("random_clutter", 0.0, seed=1)
+
+
+def test_clutter_that_does_not_fit_fails_after_bounded_tries() -> None:
+    with pytest.raises(ValueError, match=r"24 cubes at a spacing of 0.2 m do not fit; placed"):
+        random_clutter(np.random.default_rng(0), 0.0, num_cubes=24, spacing=0.2)
+    with pytest.raises(ValueError, match=rf"num_cubes must be in \[0, {MAX_OBSTACLES}\], got 99"):
+        random_clutter(np.random.default_rng(0), 0.0, num_cubes=99)
+
+
+def test_families_are_functions_of_generator_and_difficulty_alone() -> None:
+    for name in (*OBSTACLE_SCENES, *HARD_SCENES, "free", "zigzag", "random_clutter"):
+        assert build(name, 0.3, seed=5) == build(name, 0.3, seed=5)
+
+
+def test_unknown_scene_is_answered_with_the_list_and_a_function_passes_through() -> None:
+    with pytest.raises(ValueError, match=r"no family 'desert', expected one of \['bar_across'"):
+        get_scene("desert")
+
+    def mine(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
+        return []
+
+    assert get_scene(mine) == ("mine", mine)
+
+
+def test_obstacle_distance_by_hand() -> None:
+    bar = Obstacle((0.4, 0.06, 0.06), (0.5, 0.0, math.pi / 2))  # 40 cm along y
+    points = np.array([[0.5, 0.0], [0.63, 0.0], [0.5, 0.3], [0.56, 0.24]])
+    expected = [0.0, 0.10, 0.10, math.hypot(0.03, 0.04)]
+    assert obstacle_distance(points, [bar]) == pytest.approx(expected)
+    assert np.isinf(obstacle_distance(points, [])).all()

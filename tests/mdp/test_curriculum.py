@@ -1,0 +1,190 @@
+"""When the episodes get harder, and that they do."""
+
+import json
+
+import pytest
+import torch
+from torchrl.envs import TransformedEnv
+
+from modpush.envs import PushEnv, ScenarioConfig
+from modpush.mdp.curriculum import Curriculum, CurriculumConfig, CurriculumScenes, Phase
+
+SHORT = CurriculumConfig(
+    distances=(0.06, 0.1, 0.2),
+    phases=(Phase(scenes=("free",)), Phase(scenes=("free", "posts"), first_stage=1)),
+    window=4,
+    threshold=0.75,
+)
+
+
+def solve(curriculum, *outcomes, **kwargs):
+    for outcome in outcomes:
+        curriculum.record(outcome, "free", **kwargs)
+
+
+def test_distances_are_those_of_the_stage():
+    curriculum = Curriculum()
+    base = ScenarioConfig(pushed_object="fragment")
+    assert curriculum.scenario(base).distance == (0.06, 0.06)
+    curriculum.stage = 3
+    assert curriculum.scenario(base).distance == (0.08, 0.18)
+    curriculum.stage = 11
+    assert curriculum.scenario(base).distance == (0.2, 0.6)
+    assert curriculum.scenario(base).pushed_object == "fragment"
+
+
+def test_difficulty_grows_to_the_whole_range():
+    curriculum = Curriculum(SHORT)
+    ranges = []
+    for stage in range(3):
+        curriculum.stage = stage
+        ranges.append(curriculum.scenario(ScenarioConfig()).difficulty)
+    assert ranges == [(0.0, pytest.approx(1 / 3)), (0.0, pytest.approx(2 / 3)), (0.0, 1.0)]
+
+
+def test_goes_on_at_the_threshold_over_a_full_window():
+    curriculum = Curriculum(SHORT)
+    solve(curriculum, True, True, True)
+    assert curriculum.stage == 0  # three of four are not a window yet
+    solve(curriculum, False)
+    assert curriculum.stage == 1  # 3/4 is the threshold
+    solve(curriculum, True, True, False, False)
+    assert curriculum.stage == 1
+    solve(curriculum, True, True)  # the last four: F F T T
+    assert curriculum.stage == 1
+    solve(curriculum, True)
+    assert curriculum.stage == 2
+
+
+def test_episodes_that_are_not_judged_only_count_for_their_family():
+    curriculum = Curriculum(SHORT)
+    solve(curriculum, *[True] * 10, judged=False)
+    assert curriculum.stage == 0
+    assert curriculum.family_success == {"free": 1.0}
+
+
+def test_obstacles_come_after_free_space_and_begin_lower():
+    curriculum = Curriculum(SHORT)
+    levels = []
+    for _ in range(7):
+        levels.append((curriculum.level, curriculum.phase, curriculum.stage))
+        solve(curriculum, *[True] * 4)
+    assert levels[:5] == [(0, 0, 0), (1, 0, 1), (2, 0, 2), (3, 1, 1), (4, 1, 2)]
+    assert levels[5:] == [levels[4]] * 2  # there is nothing after the last
+    assert curriculum.finished
+    assert curriculum.scenario(ScenarioConfig()).scene == ("free", "posts")
+
+
+def test_by_steps():
+    config = CurriculumConfig(
+        distances=(0.06, 0.1, 0.2),
+        phases=(Phase(scenes=("free",)),),
+        promotion="steps",
+        step_thresholds=(100, 150),
+    )
+    curriculum = Curriculum(config)
+    for steps, stage in ((60, 0), (60, 1), (60, 2), (1000, 2)):
+        curriculum.count_steps(steps)
+        assert curriculum.stage == stage
+    solve(curriculum, *[True] * 100)
+    assert curriculum.stage == 2
+
+
+def test_off_means_everything_at_once():
+    curriculum = Curriculum(CurriculumConfig(promotion="off"))
+    assert curriculum.finished
+    assert "posts" in curriculum.scenario(ScenarioConfig()).scene
+
+
+def test_state_survives_json_and_goes_on_alike():
+    one = Curriculum(SHORT)
+    solve(one, True, True, True, True, True, False)
+    two = Curriculum(SHORT)
+    two.load_state_dict(json.loads(json.dumps(one.state_dict())))
+    for curriculum in (one, two):
+        solve(curriculum, True, True)
+    assert one.state_dict() == two.state_dict()
+    assert two.stage == 2
+
+
+def test_a_state_of_a_longer_curriculum_is_refused():
+    state = {**Curriculum().state_dict(), "stage": 9}
+    with pytest.raises(ValueError, match="stage 9; this curriculum has 2 phases of 3 stages"):
+        Curriculum(SHORT).load_state_dict(state)
+
+
+@pytest.mark.parametrize(
+    ("field", "message"),
+    [
+        ({"distances": (0.2, 0.1)}, "ascending"),
+        ({"threshold": 0.0}, "threshold must be in"),
+        ({"window": 0}, "window must be >= 1"),
+        ({"phases": ()}, "phases is empty"),
+        ({"phases": (Phase(scenes=("free",), first_stage=12),)}, "first_stage must be in"),
+        ({"promotion": "luck"}, "promotion must be"),
+        ({"promotion": "steps"}, "needs step_thresholds"),
+        ({"final_distance": (0.6, 0.2)}, "final_distance must be"),
+    ],
+)
+def test_bad_configs_are_refused(field, message):
+    with pytest.raises(ValueError, match=message):
+        CurriculumConfig(**field)
+
+
+def distance_of(td):
+    return (td["goal_position"] - td["object_pose"][:, :2]).norm(dim=-1)
+
+
+def test_an_environment_draws_from_the_stage_and_its_state_has_it():
+    curriculum = Curriculum(SHORT)
+    transform = CurriculumScenes(curriculum, judged=[1])
+    env = TransformedEnv(PushEnv(2, depth=None, max_episode_steps=2, seed=0), transform)
+    td = env.reset()
+    torch.testing.assert_close(distance_of(td), torch.full((2,), 0.06), atol=1e-4, rtol=0)
+    solve(curriculum, *[True] * 4)
+    solve(curriculum, *[True] * 4)
+    td["_reset"] = torch.tensor([[True], [False]])
+    td = env.reset(td)
+    assert 0.06 <= distance_of(td)[0] <= 0.6
+    assert distance_of(td)[1] == pytest.approx(0.06, abs=1e-4)
+    assert td["curriculum_level"][0].item() == 2
+    other = TransformedEnv(PushEnv(2, depth=None, seed=0), CurriculumScenes(Curriculum(SHORT)))
+    other.load_state_dict(env.state_dict())
+    assert other.transform.curriculum.stage == 2
+    env.close()
+    other.close()
+
+
+def test_only_judged_scenes_that_began_at_this_stage_count():
+    curriculum = Curriculum(SHORT)
+    env = TransformedEnv(
+        PushEnv(2, depth=None, max_episode_steps=3, seed=0),
+        CurriculumScenes(curriculum, judged=[1]),
+    )
+    td = env.reset()
+
+    def run(td):
+        for _ in range(3):
+            action = torch.zeros(2, 3)
+            td, following = env.step_and_maybe_reset(td.set("action", action))
+            td = following
+        return td
+
+    td = run(td)
+    assert curriculum.state_dict()["judged"] == [False]
+    curriculum.stage = 1  # goes on while episodes are under way
+    td = run(td)
+    assert curriculum.state_dict()["judged"] == [False]  # they began before
+    run(td)
+    assert curriculum.state_dict()["judged"] == [False, False]
+    assert curriculum.steps == 9 * 2
+    env.close()
+
+
+def test_it_must_sit_on_a_push_env():
+    from torchrl.envs import GymEnv
+
+    env = TransformedEnv(GymEnv("Pendulum-v1"), CurriculumScenes(Curriculum()))
+    with pytest.raises(RuntimeError, match="put it directly onto a PushEnv"):
+        env.reset()
+    env.close()

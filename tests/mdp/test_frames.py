@@ -1,0 +1,94 @@
+"""The axes an agent sees and acts in."""
+
+import math
+
+import pytest
+import torch
+from tensordict import TensorDict
+from torchrl.envs import TransformedEnv, check_env_specs
+
+from modpush.envs import PushEnv
+from modpush.mdp.frames import ActionFrame, frame_yaw, rotate, wrap_angle
+
+
+def test_wrapped_angles_are_the_same_direction_within_one_turn():
+    angle = torch.linspace(-20, 20, 401)
+    wrapped = wrap_angle(angle)
+    assert (wrapped >= -math.pi - 1e-6).all()
+    assert (wrapped <= math.pi + 1e-6).all()
+    torch.testing.assert_close(wrapped.cos(), angle.cos(), atol=1e-5, rtol=0)
+
+
+def test_a_quarter_turn_takes_x_to_y():
+    turned = rotate(torch.tensor([[1.0, 0.0]]), torch.tensor([[math.pi / 2]]))
+    torch.testing.assert_close(turned, torch.tensor([[0.0, 1.0]]), atol=1e-6, rtol=0)
+
+
+def test_yaw_of_each_frame_by_hand():
+    pose, subgoal = torch.tensor([[0.4, 0.1, 0.3]]), torch.tensor([[0.4, 0.3]])
+    assert frame_yaw("base", pose).item() == 0.0
+    assert frame_yaw("object", pose).item() == pytest.approx(0.3)
+    assert frame_yaw("path", pose, subgoal).item() == pytest.approx(math.pi / 2)  # +y of the object
+
+
+def test_an_unknown_frame_is_named():
+    with pytest.raises(ValueError, match=r"ActionFrame: frame must be one of .* got 'world'"):
+        ActionFrame("world")
+
+
+def test_the_path_needs_a_subgoal():
+    with pytest.raises(ValueError, match="needs a sub-goal"):
+        frame_yaw("path", torch.zeros(1, 3))
+
+
+def acted(frame, action, yaw=0.0, subgoal=(1.0, 0.0)):
+    td = TensorDict(
+        {
+            "action": torch.tensor([action]),
+            "object_pose": torch.tensor([[0.0, 0.0, yaw]]),
+            "subgoal": torch.tensor([subgoal]),
+        },
+        [1],
+    )
+    return ActionFrame(frame).inv(td)["action"][0]
+
+
+def test_forward_in_the_path_frame_is_towards_the_subgoal():
+    torch.testing.assert_close(
+        acted("path", [1.0, 0.0, 0.2], subgoal=(0.0, -1.0)),
+        torch.tensor([0.0, -1.0, 0.2]),
+        atol=1e-6,
+        rtol=0,
+    )
+
+
+def test_forward_in_the_object_frame_turns_with_it():
+    torch.testing.assert_close(
+        acted("object", [0.5, 0.0, -1.0], yaw=math.pi), torch.tensor([-0.5, 0.0, -1.0])
+    )
+
+
+def test_a_corner_of_the_box_keeps_its_direction_and_stays_inside():
+    turned = acted("object", [1.0, 1.0, 0.0], yaw=math.pi / 4)  # (0, sqrt 2) before it is shrunk
+    torch.testing.assert_close(turned, torch.tensor([0.0, 1.0, 0.0]), atol=1e-6, rtol=0)
+
+
+def test_a_missing_key_lists_those_there_are():
+    td = TensorDict({"action": torch.zeros(1, 3)}, [1])
+    with pytest.raises(KeyError, match=r"'object_pose' is missing.*action"):
+        ActionFrame("object").inv(td)
+
+
+def test_on_an_environment_the_tool_moves_along_the_objects_axis():
+    env = TransformedEnv(PushEnv(2, depth=None, seed=3), ActionFrame("object"))
+    check_env_specs(env)
+    td = env.reset()
+    before, yaw = td["ee_pose"][:, :2].clone(), td["object_pose"][:, 2:].clone()
+    action = torch.tensor([[1.0, 0.0, 0.0]]).expand(2, 3).clone()
+    after = env.step(td.set("action", action))["next", "ee_pose"][:, :2]
+    moved = rotate(after - before, -yaw)
+    assert (moved[:, 0] > 0.01).all()  # of 20 mm at most, and the first step lags
+    assert (moved[:, 1].abs() < 0.15 * moved[:, 0]).all()
+    # What the agent chose is what is stored, not what the robot was told.
+    assert torch.equal(td["action"], action)
+    env.close()

@@ -1,0 +1,194 @@
+"""What the agent sees."""
+
+import math
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from modpush.envs import PushEnv
+from modpush.mdp.frames import rotate
+from modpush.mdp.observation import ENTRIES, PAPER_ENTRIES, Entry, PushObservation
+
+
+def make_state(batch=2, seed=0):
+    g = torch.Generator().manual_seed(seed)
+
+    def draw(*shape):
+        return torch.rand(batch, *shape, generator=g) - 0.5
+
+    return TensorDict(
+        {
+            "object_pose": draw(3),
+            "goal_position": draw(2),
+            "ee_pose": draw(3),
+            "joint_position": draw(6),
+            "object_radius": draw(1).abs(),
+            "object_contact": draw(1) > 0,
+            "path_length": draw(1).abs(),
+            "subgoal": draw(2),
+            "subgoal_past": draw(2, 2),
+            "latent": draw(32),
+        },
+        [batch],
+    )
+
+
+def moved(state, angle, shift):
+    """The whole scene turned and shifted; joints and latent are not asked to follow."""
+    state = state.clone()
+    turn = torch.full((len(state), 1), angle)
+    for key in ("goal_position", "subgoal"):
+        state[key] = rotate(state[key], turn) + shift
+    state["subgoal_past"] = rotate(state["subgoal_past"], turn.unsqueeze(-2)) + shift
+    for key in ("object_pose", "ee_pose"):
+        position = rotate(state[key][:, :2], turn) + shift
+        state[key] = torch.cat([position, state[key][:, 2:] + angle], -1)
+    return state
+
+
+def test_the_papers_observation_has_49_values_in_its_order():
+    state = make_state()
+    seen = PushObservation("object", raw=True)(state)["observation"]
+    assert seen.shape == (2, 49)
+    assert torch.equal(seen[:, :32], state["latent"])
+    assert (seen[:, 35:37] == 0).all()  # pitch and roll of a tool that points down
+    assert torch.equal(seen[:, 37:43], state["joint_position"])
+    assert torch.equal(seen[:, 47:48], state["object_contact"].float())
+    apart = (state["goal_position"] - state["object_pose"][:, :2]).norm(dim=-1)
+    torch.testing.assert_close(seen[:, 48], apart)
+
+
+def test_values_by_hand_in_the_objects_frame():
+    state = make_state(1)
+    state["object_pose"] = torch.tensor([[0.5, 0.1, math.pi / 2]])
+    state["ee_pose"] = torch.tensor(
+        [[0.5, 0.0, 0.0]]
+    )  # 0.1 m behind along -y: x = -0.1 in the frame
+    state["subgoal_past"] = torch.tensor([[[0.4, 0.1], [0.5, 0.3]]])
+    seen = PushObservation("object", entries=["ee_pose", "subgoal_past"], raw=True)(state)
+    torch.testing.assert_close(
+        seen["observation"],
+        torch.tensor([[-0.1, 0.0, -math.pi / 2, 0.0, 0.0, 0.0, 0.1, 0.2, 0.0]]),
+        atol=1e-6,
+        rtol=0,
+    )
+
+
+def test_in_the_path_frame_the_subgoal_lies_straight_ahead():
+    state = make_state(5)
+    seen = PushObservation("path", entries=["subgoal"], raw=True)(state)["observation"]
+    torch.testing.assert_close(seen[:, 1], torch.zeros(5), atol=1e-6, rtol=0)
+    assert (seen[:, 0] > 0).all()
+
+
+@pytest.mark.parametrize("frame", ["object", "path"])
+def test_turning_and_shifting_the_whole_scene_changes_nothing(frame):
+    state = make_state(8)
+    entries = [name for name in ENTRIES if name != "edges"]  # the workspace stays where it is
+    observe = PushObservation(frame, entries=entries)
+    before = observe(state.clone())["observation"]
+    after = observe(moved(state, 1.1, torch.tensor([0.2, -0.3])))["observation"]
+    torch.testing.assert_close(after, before, atol=2e-5, rtol=1e-4)
+
+
+def test_a_cube_turned_by_a_quarter_looks_the_same():
+    state = make_state(4)
+    observe = PushObservation("path", entries=["object_axis"], symmetry=4)
+    before = observe(state.clone())["observation"]
+    state["object_pose"][:, 2] += math.pi / 2
+    torch.testing.assert_close(observe(state)["observation"], before, atol=1e-5, rtol=0)
+
+
+def test_a_disc_has_no_axis_to_see():
+    observe = PushObservation("path", entries=["object_axis"], symmetry=0)
+    expected = torch.tensor([[1.0, 0.0]] * 3)
+    assert torch.equal(observe(make_state(3))["observation"], expected)
+
+
+def test_edges_of_the_workspace_by_hand():
+    # Episodes end outside x 0.15 to 0.80, y -0.40 to 0.40.
+    state = make_state(3)
+    state["object_pose"] = torch.tensor([[0.20, 0.0, 0.0], [0.75, -0.39, 0.0], [0.5, 0.0, 0.0]])
+    state["subgoal"] = state["object_pose"][:, :2] + torch.tensor([0.0, 0.1])  # ahead is +y
+    seen = PushObservation("path", entries=["edges"], raw=True)(state.clone())["observation"]
+    near = torch.tensor([[0.0, 0.10, 0.0, 0.0], [0.0, 0.0, 0.14, 0.10], [0.0, 0.0, 0.0, 0.0]])
+    torch.testing.assert_close(seen, near, atol=1e-5, rtol=0)  # ahead, left, behind, right
+    seen = PushObservation("path", entries=["edges"])(state)["observation"]
+    torch.testing.assert_close(seen, near / 0.15, atol=1e-4, rtol=0)
+
+
+def test_the_edge_is_where_the_line_ahead_meets_it():
+    state = make_state(400, seed=3)
+    spread = torch.tensor([0.6, 0.75, 1.0])
+    state["object_pose"] = state["object_pose"] * spread + torch.tensor([0.475, 0.0, 0.0])
+    seen = PushObservation("path", entries=["edges"], raw=True)(state)["observation"]
+    position, way = state["object_pose"][:, :2], state["subgoal"] - state["object_pose"][:, :2]
+    for side, turn in enumerate((0.0, math.pi / 2, math.pi, -math.pi / 2)):
+        ray = rotate(way / way.norm(dim=-1, keepdim=True), torch.full((400, 1), turn))
+        steps = torch.linspace(0, 0.15, 1501)
+        at = position[:, None] + ray[:, None] * steps[:, None]
+        inside = ((at > torch.tensor([0.15, -0.40])) & (at < torch.tensor([0.80, 0.40]))).all(-1)
+        walked = inside.int().cumprod(1).sum(1) * 1e-4
+        torch.testing.assert_close(seen[:, side], 0.15 - walked.clamp(0, 0.15), atol=3e-4, rtol=0)
+    assert (seen > 0).float().mean() > 0.1
+
+
+def test_edges_are_the_environments_and_any_batch_will_do():
+    env = PushEnv(2, scene="free", low=(0.30, -0.25), high=(0.65, 0.25), seed=0)
+    observe = PushObservation("base", entries=["edges"], bounds=env.bounds, raw=True)
+    env.close()
+    state = torch.stack([make_state(4), make_state(4)])
+    state["object_pose"] = torch.tensor([0.69, -0.28, 0.0]).expand(2, 4, 3)
+    # An episode ends outside x 0.25 to 0.70, y -0.30 to 0.30.
+    near = torch.tensor([0.14, 0.0, 0.0, 0.13]).expand(2, 4, 4)
+    torch.testing.assert_close(observe(state)["observation"], near, atol=1e-5, rtol=0)
+
+
+def test_bounds_that_are_none_are_refused():
+    with pytest.raises(ValueError, match="bounds must be a lower and an upper corner"):
+        PushObservation("path", bounds=((0.8, 0.4), (0.2, -0.4)))
+
+
+def test_scaled_values_are_the_raw_ones_shifted_and_scaled():
+    state = make_state()
+    scaled = PushObservation("object")(state.clone())["observation"]
+    raw = PushObservation("object", raw=True)(state)["observation"]
+    at = 0
+    for name in PAPER_ENTRIES:
+        entry = ENTRIES[name]
+        n = {"latent": 32, "ee_pose": 5, "joint_position": 6, "subgoal_past": 4}.get(name, 1)
+        part = (raw[:, at : at + n] - torch.tensor(entry.shift)) * torch.tensor(entry.scale)
+        torch.testing.assert_close(scaled[:, at : at + n], part)
+        at += n
+    assert at == 49
+
+
+def test_an_entry_of_ones_own():
+    doubled = ("doubled", Entry(lambda seen: seen.path_length, 2.0))
+    state = make_state()
+    seen = PushObservation(entries=["contact", doubled])(state)["observation"]
+    torch.testing.assert_close(seen[:, 1:], 2 * state["path_length"])
+
+
+def test_nested_keys():
+    state = make_state()
+    state["deep"] = TensorDict({"latent": state.pop("latent")}, [2])
+    observe = PushObservation(keys={"latent": ("deep", "latent")}, observation_key=("deep", "o"))
+    assert observe(state)["deep", "o"].shape == (2, 49)
+
+
+def test_unknown_names_are_answered_with_what_there_is():
+    with pytest.raises(ValueError, match=r"no entry 'smell', expected one of \['contact'"):
+        PushObservation(entries=["smell"])
+    with pytest.raises(ValueError, match=r"keys has no \['smell'\]"):
+        PushObservation(keys={"smell": "smell"})
+    with pytest.raises(ValueError, match="entries is empty"):
+        PushObservation(entries=[])
+    with pytest.raises(ValueError, match="frame must be one of"):
+        PushObservation("goal")
+
+
+def test_a_missing_key_is_named():
+    with pytest.raises(KeyError, match="'subgoal' is missing"):
+        PushObservation()(make_state().exclude("subgoal"))
