@@ -16,6 +16,7 @@ from torchrl.envs import EnvBase
 from modpush.envs.depth.cameras import DepthName, ImageMemory
 from modpush.envs.robot.ur5_2f85 import TOOLS, ToolName
 from modpush.envs.scenes.layouts import MAX_OBSTACLES
+from modpush.envs.scenes.objects import get_object_of
 from modpush.envs.scenes.scenario import Bounds, Scenario, ScenarioConfig, sample_scenario
 from modpush.envs.sim.batch import SceneState, make_batch
 from modpush.envs.sim.contacts import CONTACT_KEYS
@@ -57,6 +58,8 @@ class PushEnv(EnvBase):
     ee_pose                 `[B, 3]` float32     pose of the tool's tip
     joint_position          `[B, 6]` float32     the arm's joints
     object_radius           `[B, 1]` float32     circumscribed radius of the object's footprint
+    object_symmetry         `[B, 1]` float32     number of yaw angles at which the object looks the
+                                                 same: 4 for a square footprint, 0 for a disc
     object_contact          `[B, 1]` bool        tool or arm touched the object during the step
     obstacle_contact        `[B, 1]` bool        the object touched an obstacle during the step
     tool_obstacle_contact   `[B, 1]` bool        tool or arm touched an obstacle during the step
@@ -140,7 +143,8 @@ class PushEnv(EnvBase):
         self._depth, self._dynamic_obstacles = depth, dynamic_obstacles
         self._max_episode_steps, self._oob = max_episode_steps, oob
         self._step_count = np.zeros(num_envs, dtype=np.int64)
-        self._goal, self._radius = np.zeros((num_envs, 2)), np.zeros((num_envs, 1))
+        self._goal = np.zeros((num_envs, 2))
+        self._radius, self._symmetry = np.zeros((num_envs, 1)), np.zeros((num_envs, 1))
         self._images = ImageMemory(num_envs)
         self._started = False
         self._rngs = [np.random.default_rng() for _ in range(num_envs)]
@@ -163,6 +167,7 @@ class PushEnv(EnvBase):
             "ee_pose": real(3),
             "joint_position": real(6),
             "object_radius": real(1),
+            "object_symmetry": real(1),
             **{key: flag() for key in CONTACT_KEYS},
             "target_reachable": flag(),
             "success": flag(),
@@ -230,8 +235,8 @@ class PushEnv(EnvBase):
         """Take over what stays the same through the episode of one scene."""
         scenario = self._batch.scenario(index)
         self._goal[index] = scenario.goal_position
-        radii = {item.name: item.radius for item in self._task.pushed_objects}
-        self._radius[index] = radii[scenario.pushed_object]
+        item = get_object_of(self._task.pushed_objects, scenario.pushed_object)
+        self._radius[index], self._symmetry[index] = item.radius, item.symmetry
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = tensordict["action"]
@@ -277,6 +282,7 @@ class PushEnv(EnvBase):
             "ee_pose": reading.ee_pose,
             "joint_position": reading.joint_position,
             "object_radius": self._radius,
+            "object_symmetry": self._symmetry,
         }
         if self._dynamic_obstacles:
             reals["obstacle_displacement"] = self._displacements()

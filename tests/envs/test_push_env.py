@@ -63,6 +63,22 @@ def test_every_key_of_the_docstring_is_emitted_and_no_other() -> None:
     assert said == emitted
 
 
+def test_each_scene_tells_the_radius_and_the_symmetry_of_its_own_object() -> None:
+    env = PushEnv(len(OBJECTS), pushed_object=tuple(OBJECTS), depth=None)
+    td = env.reset(scenarios=[scenario((0.4, 0.1, 0.0), name=name) for name in OBJECTS])
+    for state in (td, act(env, td)):
+        # Cube, oblong, cylinder, fragment; half the diagonals of 5 x 5 and 8 x 5 cm.
+        assert state["object_symmetry"].tolist() == [[4.0], [2.0], [0.0], [1.0]]
+        torch.testing.assert_close(
+            state["object_radius"][:3], torch.tensor([[0.0353553], [0.0471699], [0.03]])
+        )
+    cylinder = env.get_state([2])
+    env.reset(scenarios=[scenario((0.4, 0.1, 0.0))] * len(OBJECTS))
+    symmetry = env.set_state(cylinder, [1])["object_symmetry"]
+    assert symmetry.tolist() == [[4.0], [0.0], [4.0], [4.0]]
+    env.close()
+
+
 @pytest.mark.parametrize("kind", [SerialEnv, ParallelEnv])
 def test_in_serial_and_parallel_envs(kind) -> None:
     env = kind(2, make_small)
