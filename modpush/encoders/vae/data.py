@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from modpush.encoders.vae.tensor_file import read_tensors, write_tensors
+from modpush.files import read_tensors, write_tensors
 from modpush.encoders.window import WINDOW_SIZE
 
 __all__ = ["WindowData"]

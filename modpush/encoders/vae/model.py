@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from torch.nn.functional import softplus
 
 from modpush.encoders.base import Encoder, check_window
-from modpush.encoders.vae.tensor_file import read_tensors, write_tensors
+from modpush.files import read_tensors, write_tensors
 
 __all__ = ["DepthVAE", "shipped_weights"]
 

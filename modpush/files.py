@@ -1,7 +1,9 @@
-"""safetensors files with a kind, a version and a config, written whole or not at all."""
+"""Writing files whole or not at all, and the tensor files that hold encoders and agents."""
 
 import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -9,30 +11,55 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-__all__ = ["read_tensors", "write_tensors"]
+__all__ = ["read_tensors", "replacing", "write_tensors", "write_text"]
+
+
+@contextmanager
+def replacing(path: Path | str) -> Iterator[Path]:
+    """Write to a temporary file that takes the place of `path` when the block ends without an error.
+
+    Until then, and after an error or a kill, `path` is as it was before. The new content is on disk
+    before the name is.
+
+    Args:
+        path: The file to replace; its folder is made.
+
+    Yields:
+        The temporary file's path, in the same folder.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        yield unfinished
+        with unfinished.open("rb+") as file:
+            os.fsync(file.fileno())
+        unfinished.replace(path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def write_text(path: Path | str, text: str) -> None:
+    """Write a text file whole or not at all."""
+    with replacing(path) as unfinished:
+        unfinished.write_text(text)
 
 
 def write_tensors(
     path: Path | str, tensors: dict[str, Tensor], kind: str, version: int, config: dict[str, Any]
 ) -> None:
-    """Write a file under another name, then put it in place, so that no half of it is ever there.
+    """Write a safetensors file with a kind, a version and a config, whole or not at all.
 
     Args:
         path: The file; its folder is made.
-        tensors: By name.
-        kind: What it is, `"modpush.<Class>"`.
-        version: Of that kind's layout.
+        tensors: The tensors by name.
+        kind: What the file holds, `"modpush.<Class>"`.
+        version: Version of this kind's layout.
         config: Anything that JSON can hold.
     """
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(f"{path.name}.{os.getpid()}.tmp")
     metadata = {"kind": kind, "version": str(version), "config": json.dumps(config)}
-    try:
+    with replacing(path) as unfinished:
         save_file({k: v.contiguous() for k, v in tensors.items()}, unfinished, metadata)
-        os.replace(unfinished, path)
-    finally:
-        unfinished.unlink(missing_ok=True)
 
 
 def read_tensors(
@@ -59,8 +86,7 @@ def read_tensors(
                 raise ValueError(
                     f"{kind}: {path} is of version {metadata.get('version')}, expected {version}."
                 )
-            return {key: file.get_tensor(key) for key in file.keys()}, json.loads(
-                metadata["config"]
-            )
+            tensors = {key: file.get_tensor(key) for key in file.keys()}
+            return tensors, json.loads(metadata["config"])
     except SafetensorError as error:
         raise ValueError(f"{kind}: {path} is cut short or damaged ({error}).") from error
