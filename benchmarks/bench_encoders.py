@@ -32,7 +32,7 @@ from modpush.encoders import (
     egocentric_window,
 )
 from modpush.encoders.vae.loss import kl_divergence
-from modpush.geometry import SEGMENT_OBJECT, SEGMENT_OBSTACLE
+from modpush.geometry import Label
 
 Clock = Callable[[], float]
 
@@ -107,9 +107,9 @@ def scene(batch: int) -> tuple[Tensor, Tensor, Tensor]:
     depth = torch.full((batch, 256, 256), 1.1)
     labels = torch.zeros(batch, 256, 256, dtype=torch.uint8)
     for rows, columns, height, label in (
-        (slice(100, 117), slice(60, 160), 0.06, SEGMENT_OBSTACLE),
-        (slice(150, 167), slice(100, 200), 0.06, SEGMENT_OBSTACLE),
-        (slice(127, 141), slice(120, 134), 0.05, SEGMENT_OBJECT),
+        (slice(100, 117), slice(60, 160), 0.06, Label.OBSTACLE),
+        (slice(150, 167), slice(100, 200), 0.06, Label.OBSTACLE),
+        (slice(127, 141), slice(120, 134), 0.05, Label.OBJECT),
     ):
         depth[:, rows, columns], labels[:, rows, columns] = 1.1 - height, label
     pose = torch.tensor([0.577, 0.002, 0.5]).repeat(batch, 1)

@@ -22,7 +22,7 @@ from torchrl.collectors import Collector, MultiSyncCollector
 from torchrl.envs import ExcludeTransform, ParallelEnv, TransformedEnv
 
 from modpush.envs import OBSTACLE_SCENES, PushEnv, find_render_device
-from modpush.envs.depth.cameras import AnalyticEye
+from modpush.envs.depth.cameras import AnalyticDepthCamera
 from modpush.envs.depth.raycast import blank_image
 from modpush.envs.sim.cpu_scene import CpuScene
 from modpush.envs.sim.task import ClutterPushEnv
@@ -148,13 +148,13 @@ def bench_maniskill(repetitions: int, steps: int = 40) -> list[Row]:
     return rows
 
 
-def bench_eye(repetitions: int) -> list[Row]:
+def bench_depth_camera(repetitions: int) -> list[Row]:
     """The image alone, per scene."""
     task = ClutterPushEnv(obs_mode="none", scene=list(OBSTACLE_SCENES))
     rng = np.random.default_rng(0)
     u, v = np.meshgrid(np.arange(64.0), np.arange(64.0))
     window = np.stack([u, v], -1) + rng.uniform(60, 130, 2)
-    bare, armed = AnalyticEye(task), AnalyticEye(task, arm_in_depth=True)
+    bare, armed = AnalyticDepthCamera(task), AnalyticDepthCamera(task, arm_in_depth=True)
     image = blank_image()
     times: dict[str, list[float]] = {}
     for seed in range(repetitions):
@@ -293,7 +293,7 @@ def main(config: Config) -> None:
         *bench_step(120, n),
         *bench_step(240, n),
         *bench_maniskill(n),
-        *bench_eye(n * 3),
+        *bench_depth_camera(n * 3),
         *bench_reset(n * 2),
         *bench_scaling(n),
         *bench_collectors(n),

@@ -24,7 +24,7 @@ from tensordict import TensorDict
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from modpush.agents import PushingCorridorController
-from modpush.geometry import SEGMENT_OBJECT, SEGMENT_OBSTACLE, GridFrame
+from modpush.geometry import Camera, Label
 from modpush.planners import (
     AStar,
     DistanceField,
@@ -194,11 +194,9 @@ def bench_replanning(queries: list[Query], steps: int = 52) -> None:
 
 
 def bench_occupancy() -> None:
-    frame = GridFrame()
-    bars = [(BAR, SEGMENT_OBSTACLE), ((0.8, 0.86, -0.3, 0.0, 0.06), SEGMENT_OBSTACLE)]
-    images = [
-        render([*bars[: 1 + k], (square(0.35, 0.1), SEGMENT_OBJECT)], frame) for k in range(2)
-    ]
+    camera = Camera()
+    bars = [(BAR, Label.OBSTACLE), ((0.8, 0.86, -0.3, 0.0, 0.06), Label.OBSTACLE)]
+    images = [render([*bars[: 1 + k], (square(0.35, 0.1), Label.OBJECT)], camera) for k in range(2)]
     views = [[torch.from_numpy(part)[None] for part in image] for image in images]
     still, changing = OccupancyMap(), OccupancyMap()
     blocked = changing(views[1][0], 0.0, views[1][1])[0]
@@ -224,15 +222,15 @@ def bench_occupancy() -> None:
     header("Occupancy, one 256x256 scene", "note")
     for name, values in times.items():
         row(name, values)
-    bench_chain(bars, frame)
+    bench_chain(bars, camera)
 
 
-def bench_chain(bars: list, frame: GridFrame, scenes: int = 8) -> None:
+def bench_chain(bars: list, camera: Camera, scenes: int = 8) -> None:
     """Depth to sub-goal through both transforms, as an env calls them, objects moving."""
     frames = []
     for k in range(10):
         images = [
-            render([*bars, (square(0.3 + 0.01 * k, 0.02 * b), SEGMENT_OBJECT)], frame)
+            render([*bars, (square(0.3 + 0.01 * k, 0.02 * b), Label.OBJECT)], camera)
             for b in range(scenes)
         ]
         pose = torch.tensor([[0.3 + 0.01 * k, 0.02 * b, 0.0] for b in range(scenes)])

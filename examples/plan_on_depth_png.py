@@ -17,7 +17,7 @@ import numpy as np
 import torch
 import tyro
 
-from modpush.geometry import GridFrame
+from modpush.geometry import Camera
 from modpush.planners import LazyThetaStar, OccupancyMap
 
 
@@ -60,12 +60,12 @@ def main(config: Config) -> float:
     # These are the ten lines.
     depth = torch.from_numpy(image.astype(np.float32) / 1000)[None]  # [1, H, W], metres
     height, width = image.shape
-    frame = GridFrame(height=height, width=width, camera_z=config.camera_height)
+    camera = Camera(height=height, width=width, z=config.camera_height)
     start, goal = torch.tensor([config.start, config.goal]).float()[:, None]
-    occupancy, _ = OccupancyMap(frame)(
-        depth, config.object_radius, object_position=frame.to_metre(start)
+    occupancy, _ = OccupancyMap(camera)(
+        depth, config.object_radius, object_position=camera.unproject(start)
     )
-    paths = LazyThetaStar(cell_size=frame.cell_size).plan(occupancy, start, goal)
+    paths = LazyThetaStar(cell_size=camera.cell_size).plan(occupancy, start, goal)
     waypoints, length = paths.waypoints[0, : paths.count[0]], paths.length.item()
 
     if paths.found:

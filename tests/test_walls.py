@@ -121,8 +121,7 @@ def test_only_the_simulator_s_folders_of_envs_import_it() -> None:
     assert {name for name in knowing if not name.startswith("sim/")} <= {"depth/cameras.py"}
     for package in set(MAY_KNOW) - {"envs"}:
         for path, names in imports_of_package(package).items():
-            allowed = path == ROOT / "geometry" / "camera.py"
-            assert allowed or not {name.split(".")[0] for name in names} & SIMULATOR, path
+            assert not {name.split(".")[0] for name in names} & SIMULATOR, path
 
 
 @pytest.mark.parametrize("package", WITHOUT_SIMULATOR)

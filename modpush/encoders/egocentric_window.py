@@ -15,7 +15,7 @@ from modpush.encoders.window import (
     check_options,
     egocentric_window,
 )
-from modpush.geometry.grid import GridFrame
+from modpush.geometry.camera import Camera
 
 __all__ = ["EgocentricWindow", "WindowFrame"]
 
@@ -57,7 +57,7 @@ class EgocentricWindow(Transform):
         max_height: float = MAX_HEIGHT,
         *,
         upright: bool = True,
-        camera: GridFrame | None = None,
+        camera: Camera | None = None,
         depth_key: NestedKey = "depth",
         segmentation_key: NestedKey | None = "segmentation",
         object_pose_key: NestedKey = "object_pose",
@@ -68,8 +68,8 @@ class EgocentricWindow(Transform):
             raise ValueError(
                 f"EgocentricWindow: frame must be one of {get_args(WindowFrame)}, got {frame!r}."
             )
-        self.camera = camera or GridFrame()
-        check_options("EgocentricWindow", size, max_height, outside, self.camera.camera_z)
+        self.camera = camera or Camera()
+        check_options("EgocentricWindow", size, max_height, outside, self.camera.z)
         self.frame, self.size, self.outside = frame, size, outside
         self.max_height, self.upright = max_height, upright
         self.depth_key, self.segmentation_key = depth_key, segmentation_key

@@ -11,7 +11,8 @@ from torch import Tensor
 
 from modpush._batching import run_batch
 from modpush.encoders.window_kernel import window_few, window_many, window_one
-from modpush.geometry.grid import SEGMENT_TABLE, GridFrame
+from modpush.geometry.camera import Camera
+from modpush.geometry.labels import Label
 
 __all__ = [
     "MAX_HEIGHT",
@@ -41,7 +42,7 @@ def egocentric_window(
     max_height: float = MAX_HEIGHT,
     outside: Outside = "free",
     upright: bool = True,
-    camera: GridFrame | None = None,
+    camera: Camera | None = None,
 ) -> Tensor:
     """Cut the local height map around a pose out of bird's-eye images.
 
@@ -77,7 +78,7 @@ def egocentric_window(
     camera = _check(depth, segmentation, pose, size, max_height, outside, camera)
     image = depth.detach().cpu().contiguous()
     if segmentation is None:
-        labels = np.full(image.shape, SEGMENT_TABLE, dtype=np.uint8)
+        labels = np.full(image.shape, Label.TABLE, dtype=np.uint8)
     else:
         labels = segmentation.detach().cpu().contiguous().numpy()
     poses = pose.detach().cpu().double().contiguous().numpy()
@@ -97,7 +98,7 @@ def egocentric_window(
 
 
 def window_pixels(
-    pose: Tensor, size: int = WINDOW_SIZE, height: float = 0.0, camera: GridFrame | None = None
+    pose: Tensor, size: int = WINDOW_SIZE, height: float = 0.0, camera: Camera | None = None
 ) -> Tensor:
     """Where in the image the window's pixels are, at a height over the table.
 
@@ -112,14 +113,14 @@ def window_pixels(
     Returns:
         `[..., size, size, 2]` (u, v) [px], float64.
     """
-    camera = camera or GridFrame()
+    camera = camera or Camera()
     pose = pose.double()
     steps = (0.5 * (size - 1) - torch.arange(size, dtype=torch.float64)) * camera.cell_size
     ahead, left = torch.meshgrid(steps, steps, indexing="ij")
     cos, sin = torch.cos(pose[..., 2, None, None]), torch.sin(pose[..., 2, None, None])
     x = pose[..., 0, None, None] + cos * ahead - sin * left
     y = pose[..., 1, None, None] + sin * ahead + cos * left
-    return camera.to_pixel(torch.stack([x, y], -1), height)
+    return camera.project(torch.stack([x, y], -1), height)
 
 
 def cast_window(
@@ -130,7 +131,7 @@ def cast_window(
     max_height: float = MAX_HEIGHT,
     outside: Outside = "free",
     upright: bool = True,
-    camera: GridFrame | None = None,
+    camera: Camera | None = None,
 ) -> Tensor:
     """The same window, cast from the scene's shapes without an image of it.
 
@@ -147,8 +148,8 @@ def cast_window(
     Returns:
         `[1, size, size]` float32, the values that `egocentric_window` reads from the full image.
     """
-    camera = camera or GridFrame()
-    depth = np.full((1, camera.height, camera.width), camera.camera_z, dtype=np.float32)
+    camera = camera or Camera()
+    depth = np.full((1, camera.height, camera.width), camera.z, dtype=np.float32)
     labels = np.zeros(depth.shape, dtype=np.uint8)
     heights = (0.0, max_height) if upright else (0.0,)
     seen = torch.cat([window_pixels(pose, size, z, camera).reshape(-1, 2) for z in heights])
@@ -172,13 +173,13 @@ def cast_window(
 
 
 @functools.cache
-def _camera_of(height: int, width: int) -> GridFrame:
-    return GridFrame(height=height, width=width)
+def _camera_of(height: int, width: int) -> Camera:
+    return Camera(height=height, width=width)
 
 
 @functools.cache
-def _numbers(camera: GridFrame) -> NDArray[np.float64]:
-    position = (camera.camera_x, camera.camera_y, camera.camera_z)
+def _numbers(camera: Camera) -> NDArray[np.float64]:
+    position = (camera.x, camera.y, camera.z)
     return np.array([*position, camera.focal_length, *camera.principal_point])
 
 
@@ -202,15 +203,15 @@ def _check(
     size: int,
     max_height: float,
     outside: str,
-    camera: GridFrame | None,
-) -> GridFrame:
+    camera: Camera | None,
+) -> Camera:
     who = "egocentric_window"
     if depth.dtype != torch.float32:
         raise TypeError(f"{who}: depth must be float32 in metres, got {depth.dtype}.")
     if depth.ndim != 3:
         raise ValueError(f"{who}: depth must be [B, H, W], got {list(depth.shape)}.")
     camera = camera or _camera_of(depth.shape[1], depth.shape[2])
-    check_options(who, size, max_height, outside, camera.camera_z)
+    check_options(who, size, max_height, outside, camera.z)
     if depth.shape[1:] != (camera.height, camera.width):
         raise ValueError(
             f"{who}: depth must be [B, {camera.height}, {camera.width}] for this camera, "

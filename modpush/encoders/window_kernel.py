@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from modpush.geometry.grid import SEGMENT_OBJECT, SEGMENT_ROBOT
+from modpush.geometry.labels import Label
 
 _HEIGHT_TOLERANCE = np.float32(0.004)
 """Two heights this near are of one surface [m]; also what counts as the bare table."""
@@ -20,7 +20,7 @@ _FLAT = np.float32(1e-5)
 """Depths of one level surface differ by rounding only [m]."""
 _MAX_LOOKS = 8
 _REMOVED, _OUTSIDE = np.float32(-1.0), np.float32(-2.0)
-_OBJECT, _ROBOT = np.uint8(SEGMENT_OBJECT), np.uint8(SEGMENT_ROBOT)
+_OBJECT, _ROBOT = np.uint8(Label.OBJECT), np.uint8(Label.ROBOT)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

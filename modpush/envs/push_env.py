@@ -177,9 +177,7 @@ class PushEnv(EnvBase):
             observation["obstacle_displacement"] = real(MAX_OBSTACLES)
         if self._depth is not None:
             image = (*B, 1, CAMERA.height, CAMERA.width)
-            observation["depth"] = Bounded(
-                0.0, CAMERA.position[2], image, device=device, dtype=torch.float32
-            )
+            observation["depth"] = Bounded(0.0, CAMERA.z, image, device=device, dtype=torch.float32)
             observation["segmentation"] = UnboundedDiscrete(image, device=device, dtype=torch.uint8)
         self.observation_spec = Composite(observation, shape=B, device=device)
         self.action_spec = Bounded(-1.0, 1.0, (*B, 3), device=device, dtype=torch.float32)

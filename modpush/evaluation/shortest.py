@@ -7,60 +7,60 @@ from numpy.typing import NDArray
 from modpush.envs.scenes.layouts import obstacle_distance
 from modpush.envs.scenes.objects import get_object
 from modpush.envs.scenes.scenario import Scenario
-from modpush.geometry import GridFrame
+from modpush.geometry import Camera
 from modpush.planners import LazyThetaStar, Planner, inflate
 
 __all__ = ["blocked_cells", "shortest_path"]
 
 
-def blocked_cells(scenario: Scenario, frame: GridFrame | None = None) -> NDArray[np.bool_]:
+def blocked_cells(scenario: Scenario, camera: Camera | None = None) -> NDArray[np.bool_]:
     """The cells that the object's centre cannot be in, as `OccupancyGrid` finds them in an image.
 
     From the layout, so that it is the same for every environment and method.
 
     Args:
         scenario: What the episode starts from.
-        frame: The grid on the table.
+        camera: The grid on the table.
 
     Returns:
         `[H, W]` bool, True within the object's circumscribed radius of a cell that an obstacle
         stands on.
     """
-    frame = frame or GridFrame()
+    camera = camera or Camera()
     v, u = torch.meshgrid(
-        torch.arange(frame.height, dtype=torch.float64),
-        torch.arange(frame.width, dtype=torch.float64),
+        torch.arange(camera.height, dtype=torch.float64),
+        torch.arange(camera.width, dtype=torch.float64),
         indexing="ij",
     )
-    centers = frame.to_metre(torch.stack([u, v], -1)).numpy()
+    centers = camera.unproject(torch.stack([u, v], -1)).numpy()
     standing = torch.from_numpy(obstacle_distance(centers, scenario.obstacles) <= 0.0)
-    radius = get_object(scenario.pushed_object).radius / frame.cell_size
+    radius = get_object(scenario.pushed_object).radius / camera.cell_size
     return inflate(standing[None], radius)[0].numpy()
 
 
 def shortest_path(
-    scenario: Scenario, planner: Planner | None = None, frame: GridFrame | None = None
+    scenario: Scenario, planner: Planner | None = None, camera: Camera | None = None
 ) -> tuple[NDArray[np.float64], float]:
     """The shortest way past the obstacles from start to goal.
 
     Args:
         scenario: What the episode starts from.
         planner: What plans; `LazyThetaStar` by default.
-        frame: The grid on the table.
+        camera: The grid on the table.
 
     Returns:
         Its corners `[n, 2]` [m], ends included, and its length [m]. Where the grid shows no way the
         straight line, as in `PlannerSubgoals` at a reset.
     """
-    frame, planner = frame or GridFrame(), planner or LazyThetaStar()
+    camera, planner = camera or Camera(), planner or LazyThetaStar()
     ends = torch.tensor([scenario.object_pose[:2], scenario.goal_position], dtype=torch.float64)
     straight = ends.numpy()
-    pixels = frame.to_pixel(ends).float()
-    occupancy = torch.from_numpy(blocked_cells(scenario, frame))[None]
+    pixels = camera.project(ends).float()
+    occupancy = torch.from_numpy(blocked_cells(scenario, camera))[None]
     paths = planner.plan(occupancy, pixels[:1], pixels[1:])
     if not paths.found[0]:
         return straight, float(np.linalg.norm(straight[1] - straight[0]))
     count = int(paths.count[0])
-    corners = frame.to_metre(paths.waypoints[0, :count].double()).numpy()
+    corners = camera.unproject(paths.waypoints[0, :count].double()).numpy()
     corners[[0, -1]] = straight  # the planner's pixels are single precision
     return corners, float(np.linalg.norm(np.diff(corners, axis=0), axis=-1).sum())

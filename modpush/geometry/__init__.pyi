@@ -1,20 +1,6 @@
 from .camera import CAMERA as CAMERA
 from .camera import Camera as Camera
-from .grid import (
-    SEGMENT_OBJECT as SEGMENT_OBJECT,
-)
-from .grid import (
-    SEGMENT_OBSTACLE as SEGMENT_OBSTACLE,
-)
-from .grid import (
-    SEGMENT_ROBOT as SEGMENT_ROBOT,
-)
-from .grid import (
-    SEGMENT_TABLE as SEGMENT_TABLE,
-)
-from .grid import (
-    GridFrame as GridFrame,
-)
+from .labels import Label as Label
 from .shapes import (
     Primitive as Primitive,
 )

@@ -1,70 +1,123 @@
-"""The bird's-eye camera: one pinhole, one place that owns pixel <-> metre (spec 1)."""
+"""The bird's-eye pinhole camera: the one place that turns pixels into metres and back."""
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, fields
+from typing import TypeVar
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    import sapien
+from torch import Tensor
 
 __all__ = ["CAMERA", "Camera"]
+
+Points = TypeVar("Points", Tensor, NDArray[np.float64])
+"""A torch tensor, or a numpy array: what comes in goes out."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Camera:
-    """A pinhole over the table that looks straight down; up in the image is +x, left is +y.
+    """A pinhole camera that looks straight down on the table, and the grid that it lays over it.
 
-    Pixels are (u, v) = (column, row) with centres at integers. Depth is along the optical axis.
+    Pixel (u, v) is (column, row) with centres at integers. The robot's left (+y) is left in the
+    image, away from the robot (+x) is up. Depth is measured along the optical axis. The grid's
+    cells are the pixels as they fall on the table plane z = 0; higher points appear in the same
+    pixels larger and further out, so that a height z goes with every conversion.
+
+    Raises:
+        ValueError: If a size is not a positive integer, a number is not finite, the camera is not
+            over the table, or the field of view is not between 0 and pi.
+    Source: The camera of the authors' released simulation.
     """
 
-    position: tuple[float, float, float] = (0.60, 0.0, 1.1)
-    """Of the pinhole, base frame [m]."""
-    width: int = 256
-    """[px]"""
     height: int = 256
-    """[px]"""
-    fov: float = math.pi / 4
-    """Vertical field of view [rad]."""
+    """Height of the image, its number of rows [px]."""
+    width: int = 256
+    """Width of the image, its number of columns [px]."""
+    x: float = 0.60
+    """Position of the pinhole along x in the robot's base frame [m]."""
+    y: float = 0.0
+    """Position of the pinhole along y in the robot's base frame [m]."""
+    z: float = 1.1
+    """Height of the pinhole over the table [m]."""
+    field_of_view: float = math.radians(45.0)
+    """Vertical opening angle [rad]."""
+
+    def __post_init__(self) -> None:
+        """Check every field."""
+        for name in ("height", "width"):
+            size = getattr(self, name)
+            if not isinstance(size, int | np.integer) or isinstance(size, bool) or size < 1:
+                raise ValueError(f"Camera: {name} must be an integer >= 1, got {size!r}.")
+        for field in fields(self)[2:]:
+            value = getattr(self, field.name)
+            if not math.isfinite(value):
+                raise ValueError(f"Camera: {field.name} must be finite, got {value}.")
+        if not self.z > 0:
+            raise ValueError(f"Camera: z must be > 0 m, got {self.z}.")
+        if not 0 < self.field_of_view < math.pi:
+            raise ValueError(
+                f"Camera: field_of_view must lie in (0, pi), got {self.field_of_view}."
+            )
 
     @property
-    def focal(self) -> float:
+    def position(self) -> tuple[float, float, float]:
+        """The pinhole (x, y, z) in the robot's base frame [m]."""
+        return self.x, self.y, self.z
+
+    @property
+    def focal_length(self) -> float:
         """Focal length [px]."""
-        return self.height / 2 / math.tan(self.fov / 2)
+        return 0.5 * self.height / math.tan(0.5 * self.field_of_view)
+
+    @property
+    def cell_size(self) -> float:
+        """Side of a pixel as it falls on the table [m]."""
+        return self.z / self.focal_length
 
     @property
     def principal_point(self) -> tuple[float, float]:
-        """(u, v) of the optical axis [px]."""
-        return (self.width - 1) / 2, (self.height - 1) / 2
+        """Where the optical axis meets the image, (u, v) [px]."""
+        return 0.5 * (self.width - 1), 0.5 * (self.height - 1)
 
-    def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Points `[..., 3]` [m] to pixels `[..., 2]` (u, v)."""
-        x, y, z = np.moveaxis(np.asarray(points, dtype=np.float64), -1, 0)
-        scale = self.focal / (self.position[2] - z)
-        cu, cv = self.principal_point
-        return np.stack(
-            [cu - (y - self.position[1]) * scale, cv - (x - self.position[0]) * scale], -1
-        )
+    def project(self, position: Points, z: float | Points = 0.0) -> Points:
+        """The pixels that points are seen at.
 
-    def unproject(
-        self, pixels: NDArray[np.float64], depth: NDArray[np.float64] | float
-    ) -> NDArray[np.float64]:
-        """Pixels `[..., 2]` (u, v) at a depth `[...]` [m] to points `[..., 3]` [m]."""
-        u, v = np.moveaxis(np.asarray(pixels, dtype=np.float64), -1, 0)
-        depth = np.broadcast_to(np.asarray(depth, dtype=np.float64), u.shape)
-        cu, cv = self.principal_point
-        x = self.position[0] - (v - cv) * depth / self.focal
-        y = self.position[1] - (u - cu) * depth / self.focal
-        return np.stack([x, y, self.position[2] - depth], -1)
+        Args:
+            position: `[..., 2]` (x, y) [m], robot's base frame.
+            z: Height of the points over the table [m], broadcast to `[...]`; 0 for the table.
 
-    def sapien_pose(self) -> "sapien.Pose":
-        """Pose for a SAPIEN camera: its x axis looks down, its z axis points along +x."""
-        import sapien
+        Returns:
+            `[..., 2]` (u, v) [px], a tensor or an array as `position` is.
+        """
+        u0, v0 = self.principal_point
+        scale = self.focal_length / (self.z - z)
+        u = u0 - (position[..., 1] - self.y) * scale
+        v = v0 - (position[..., 0] - self.x) * scale
+        return _stack(u, v)
 
-        return sapien.Pose(self.position, [math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0])
+    def unproject(self, pixel: Points, z: float | Points = 0.0) -> Points:
+        """The points that pixels see at a height.
+
+        Args:
+            pixel: `[..., 2]` (u, v) [px].
+            z: Height of the points over the table [m], broadcast to `[...]`; 0 for the table.
+
+        Returns:
+            `[..., 2]` (x, y) [m], robot's base frame, a tensor or an array as `pixel` is.
+        """
+        u0, v0 = self.principal_point
+        scale = (self.z - z) / self.focal_length
+        x = self.x - (pixel[..., 1] - v0) * scale
+        y = self.y - (pixel[..., 0] - u0) * scale
+        return _stack(x, y)
+
+
+def _stack(first: Points, second: Points) -> Points:
+    if isinstance(first, Tensor):
+        return torch.stack([first, second], -1)
+    return np.stack([first, second], -1)
 
 
 CAMERA = Camera()
-"""The one all of modpush uses."""
+"""The camera of `PushEnv`, and the default everywhere."""

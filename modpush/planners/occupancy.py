@@ -8,7 +8,7 @@ from torch import Tensor
 from torchrl.data import Binary, Bounded, TensorSpec
 from torchrl.envs import Transform
 
-from modpush.geometry.grid import GridFrame
+from modpush.geometry.camera import Camera
 from modpush.planners.kernels.bit_grid import words_per_row
 from modpush.planners.occupancy_map import OccupancyMap, radius_per_scene
 
@@ -16,7 +16,7 @@ from modpush.planners.occupancy_map import OccupancyMap, radius_per_scene
 class OccupancyGrid(Transform):
     """Writes the cells that the object's centre cannot be in, seen from above.
 
-    Cells are those of `GridFrame` on the table. Object and robot do not block; the rest does where
+    Cells are those of `Camera` on the table. Object and robot do not block; the rest does where
     it is higher than `min_height`, inflated by the circumscribed radius of the object's footprint.
     A map is inflated again only when the cells before inflation change, scene by scene.
 
@@ -28,7 +28,7 @@ class OccupancyGrid(Transform):
         object_radius: Circumscribed radius of the object's footprint [m]; the default is the small
             cube's.
         object_radius_key: Read the radius from here instead, `[..., 1]` float [m].
-        frame: The camera and its grid.
+        camera: The camera and its grid.
         min_height: What is lower does not block [m].
         upright: See `OccupancyMap`.
         depth_key: Read, `[..., 1, H, W]` float32 [m].
@@ -48,7 +48,7 @@ class OccupancyGrid(Transform):
         object_radius: float = 0.025 * math.sqrt(2.0),
         *,
         object_radius_key: NestedKey | None = None,
-        frame: GridFrame | None = None,
+        camera: Camera | None = None,
         min_height: float = 0.013,
         upright: bool = True,
         depth_key: NestedKey = "depth",
@@ -70,12 +70,12 @@ class OccupancyGrid(Transform):
         if object_radius_key is not None:
             in_keys.append(object_radius_key)
         super().__init__(in_keys=in_keys, out_keys=[occupancy_key, blocked_key])
-        self.map = OccupancyMap(frame, min_height, upright)
+        self.map = OccupancyMap(camera, min_height, upright)
 
     @property
-    def frame(self) -> GridFrame:
+    def camera(self) -> Camera:
         """The camera and its grid."""
-        return self.map.frame
+        return self.map.camera
 
     def _write(self, tensordict: TensorDictBase, previous: Tensor | None) -> TensorDictBase:
         for key in self.in_keys:
@@ -120,7 +120,7 @@ class OccupancyGrid(Transform):
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Add the two written keys."""
-        height, width = self.frame.height, self.frame.width
+        height, width = self.camera.height, self.camera.width
         lead, device = observation_spec.shape, observation_spec.device
         observation_spec[self.occupancy_key] = Binary(
             shape=(*lead, 1, height, width), dtype=torch.bool, device=device

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from modpush._batching import run_batch
-from modpush.geometry.grid import GridFrame
+from modpush.geometry.camera import Camera
 from modpush.planners.kernels.bit_grid import (
     find_blocked,
     inflate_bits,
@@ -170,7 +170,7 @@ class OccupancyMap:
     """Depth images to inflated grids, with memory of what was last inflated.
 
     Args:
-        frame: The camera and its grid.
+        camera: The camera and its grid.
         min_height: What is lower does not block [m].
         upright: Draw what is seen where it stands on the table: a point of height z, seen by the
             pixel at distance s from the image's centre, stands at s * (1 - z / camera height). For
@@ -182,13 +182,13 @@ class OccupancyMap:
     """
 
     def __init__(
-        self, frame: GridFrame | None = None, min_height: float = 0.013, upright: bool = True
+        self, camera: Camera | None = None, min_height: float = 0.013, upright: bool = True
     ) -> None:
-        self.frame = frame or GridFrame()
-        if not 0 < min_height < self.frame.camera_z:
+        self.camera = camera or Camera()
+        if not 0 < min_height < self.camera.z:
             raise ValueError(
                 f"OccupancyMap: min_height must lie between 0 and the camera's height "
-                f"{self.frame.camera_z}, got {min_height}."
+                f"{self.camera.z}, got {min_height}."
             )
         self.min_height = min_height
         self.upright = upright
@@ -229,8 +229,8 @@ class OccupancyMap:
         """
         batch, device = len(depth), depth.device
         self._check(depth, segmentation, object_position)
-        radii = radius_per_scene(radius, batch, "OccupancyMap") / self.frame.cell_size
-        height, width = self.frame.height, self.frame.width
+        radii = radius_per_scene(radius, batch, "OccupancyMap") / self.camera.cell_size
+        height, width = self.camera.height, self.camera.width
         words = words_per_row(width)
         if segmentation is None:
             segments = np.zeros((batch, 0, 0), dtype=np.uint8)
@@ -239,7 +239,7 @@ class OccupancyMap:
         if object_position is None:
             centre = np.full((batch, 2), np.inf, dtype=np.float32)
         else:
-            centre = self.frame.to_pixel(object_position.detach().float().cpu()).numpy()
+            centre = self.camera.project(object_position.detach().float().cpu()).numpy()
         if previous is None:
             before = np.zeros((batch, height, words), dtype=np.uint64)
         else:
@@ -261,7 +261,7 @@ class OccupancyMap:
             segments,
             centre,
             radii,
-            self.frame.camera_z,
+            self.camera.z,
             self.min_height,
             self.upright,
             before,
@@ -276,7 +276,7 @@ class OccupancyMap:
     def _check(
         self, depth: Tensor, segmentation: Tensor | None, object_position: Tensor | None
     ) -> None:
-        expected = (len(depth), self.frame.height, self.frame.width)
+        expected = (len(depth), self.camera.height, self.camera.width)
         if depth.dtype != torch.float32:
             raise TypeError(f"OccupancyMap: depth must be float32 metres, got {depth.dtype}.")
         if depth.shape != expected:

@@ -9,7 +9,7 @@ from torch import Tensor
 from torchrl.data import Binary, TensorSpec, Unbounded
 from torchrl.envs import Transform
 
-from modpush.geometry.grid import GridFrame
+from modpush.geometry.camera import Camera
 from modpush.planners.base import Paths, Planner, point_along
 
 SubgoalMode = Literal["fraction", "lookahead"]
@@ -62,7 +62,7 @@ class PlannerSubgoals(Transform):
 
     Args:
         planner: What plans; `DistanceField` is the fastest while map and goal stand still.
-        frame: The camera and its grid; the same as `OccupancyGrid`'s.
+        camera: The camera and its grid; the same as `OccupancyGrid`'s.
         mode: `"fraction"`, a fraction of the path's length on, or `"lookahead"`, a distance on but
             not past the first corner.
         fraction: For the first, in (0, 1].
@@ -88,7 +88,7 @@ class PlannerSubgoals(Transform):
         self,
         planner: Planner,
         *,
-        frame: GridFrame | None = None,
+        camera: Camera | None = None,
         mode: SubgoalMode = "fraction",
         fraction: float = 0.2,
         lookahead: float = 0.2,
@@ -106,7 +106,7 @@ class PlannerSubgoals(Transform):
     ) -> None:
         _check_numbers(mode, fraction, lookahead, lags, max_waypoints)
         self.planner = planner
-        self.frame = frame or GridFrame()
+        self.camera = camera or Camera()
         self.mode = mode
         self.fraction = fraction
         self.lookahead = lookahead
@@ -142,16 +142,16 @@ class PlannerSubgoals(Transform):
         lead = position.shape[:-1]
         paths = self.planner.plan(
             occupancy.reshape(-1, *occupancy.shape[-2:]),
-            self.frame.to_pixel(position).reshape(-1, 2),
-            self.frame.to_pixel(goal).reshape(-1, 2),
+            self.camera.project(position).reshape(-1, 2),
+            self.camera.project(goal).reshape(-1, 2),
         )
         if self.mode == "fraction":
             pixel = fraction_subgoal(paths, self.fraction)
         else:
-            pixel = lookahead_subgoal(paths, self.lookahead / self.frame.cell_size)
+            pixel = lookahead_subgoal(paths, self.lookahead / self.camera.cell_size)
         found = paths.found.reshape(*lead, 1)
-        length = (paths.length * (self.frame.cell_size / self.planner.cell_size)).reshape(*lead, 1)
-        subgoal = self.frame.to_metre(pixel).reshape(*lead, 2)
+        length = (paths.length * (self.camera.cell_size / self.planner.cell_size)).reshape(*lead, 1)
+        subgoal = self.camera.unproject(pixel).reshape(*lead, 2)
 
         history = None if before is None else before.get(self.history_key, None)
         if before is None or history is None:
@@ -169,7 +169,7 @@ class PlannerSubgoals(Transform):
         tensordict.set(self.path_found_key, found)
         tensordict.set(self.history_key, history)
         if self.max_waypoints:
-            path = self.frame.to_metre(_fit(paths.waypoints, self.max_waypoints))
+            path = self.camera.unproject(_fit(paths.waypoints, self.max_waypoints))
             tensordict.set(self.path_key, path.reshape(*lead, self.max_waypoints, 2))
         return tensordict
 
@@ -181,7 +181,7 @@ class PlannerSubgoals(Transform):
                     f"{sorted(map(str, tensordict.keys(True, True)))}."
                 )
         occupancy = tensordict.get(self.occupancy_key)
-        expected = (1, self.frame.height, self.frame.width)
+        expected = (1, self.camera.height, self.camera.width)
         if occupancy.shape[-3:] != expected:
             raise ValueError(
                 f"PlannerSubgoals: {self.occupancy_key!r} must be [..., 1, H, W] = "

@@ -2,7 +2,7 @@
 
 import torch
 
-from modpush.geometry.grid import GridFrame
+from modpush.geometry.camera import Camera
 from modpush.planners.a_star import AStar
 from modpush.planners.distance_field import DistanceField
 from modpush.planners.lazy_theta_star import LazyThetaStar
@@ -27,8 +27,8 @@ def warmup(height: int = 256, width: int = 256) -> None:
     planners = [AStar(), DistanceField(), LazyThetaStar(nodes="grid"), LazyThetaStar()]
     for planner in [*planners, StraightLine(), ThetaStar()]:
         planner.warmup(height, width)
-    frame = GridFrame(height=height, width=width)
+    camera = Camera(height=height, width=width)
     for batch in (1, 2):
         inflate(torch.zeros(batch, height, width, dtype=torch.bool), 1.0)
-        depth = torch.full((batch, height, width), frame.camera_z)
-        OccupancyMap(frame)(depth, 0.035)
+        depth = torch.full((batch, height, width), camera.z)
+        OccupancyMap(camera)(depth, 0.035)

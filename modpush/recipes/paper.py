@@ -108,7 +108,7 @@ class PushEnvConfig:
     sim_freq: int = 120
     """Physics steps a second."""
     depth: Literal["analytic", "sapien"] = "analytic"
-    """Which eye."""
+    """Depth camera: cast from the known shapes, or rendered by SAPIEN."""
     randomize_dynamics: bool = False
     """Draw mass, friction and centre of mass per episode."""
 

@@ -9,7 +9,7 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from modpush.geometry import SEGMENT_OBJECT, SEGMENT_OBSTACLE, GridFrame
+from modpush.geometry import Camera, Label
 
 TOOL, OBJECT = 0.01, 0.03  # radii [m]
 
@@ -19,9 +19,9 @@ class PointPusher:
 
     def __init__(self, start: Tensor, goal: Tensor, tool: Tensor, boxes=()) -> None:
         self.object, self.goal, self.tool = start.clone(), goal, tool.clone()
-        self.boxes, self.frame = boxes, GridFrame()
+        self.boxes, self.camera = boxes, Camera()
         rows, columns = torch.meshgrid(torch.arange(256), torch.arange(256), indexing="ij")
-        self.cells = self.frame.to_metre(torch.stack([columns, rows], -1))
+        self.cells = self.camera.unproject(torch.stack([columns, rows], -1))
         self.blocked = torch.zeros(256, 256, dtype=torch.bool)
         for x0, x1, y0, y1 in boxes:
             x, y = self.cells[..., 0], self.cells[..., 1]
@@ -33,11 +33,11 @@ class PointPusher:
         segments = torch.zeros(count, 1, 256, 256, dtype=torch.uint8)
         # Flat obstacles just high enough to block: then the image is the map.
         depth[:, 0, self.blocked] = 1.1 - 0.02
-        segments[:, 0, self.blocked] = SEGMENT_OBSTACLE
+        segments[:, 0, self.blocked] = Label.OBSTACLE
         for b in range(count):
             disc = (self.cells - self.object[b]).norm(dim=-1) <= OBJECT
             depth[b, 0, disc] = 1.1 - 0.05
-            segments[b, 0, disc] = SEGMENT_OBJECT
+            segments[b, 0, disc] = Label.OBJECT
         zero = torch.zeros(count, 1)
         return TensorDict(
             depth=depth,

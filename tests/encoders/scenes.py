@@ -8,7 +8,7 @@ from torch import Tensor
 
 from modpush.encoders import egocentric_window
 from modpush.envs.depth.raycast import Solids, blank_image, draw
-from modpush.geometry import SEGMENT_OBJECT, SEGMENT_OBSTACLE
+from modpush.geometry import Label
 from modpush.geometry.shapes import box
 
 Placed = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -19,9 +19,9 @@ CUBE = (0.05, 0.05, 0.05)
 def image(obstacles: list[Placed], pushed: Placed | None = None) -> tuple[Tensor, Tensor]:
     """Depth `[1, H, W]` and segmentation of boxes standing on the table."""
     depth, labels = blank_image()
-    groups = [(placed, SEGMENT_OBSTACLE) for placed in obstacles]
+    groups = [(placed, Label.OBSTACLE) for placed in obstacles]
     if pushed is not None:
-        groups.append((pushed, SEGMENT_OBJECT))
+        groups.append((pushed, Label.OBJECT))
     for (size, (x, y, yaw)), label in groups:
         pose = [x, y, size[2] / 2, math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)]
         draw(depth, labels, Solids.of([box(*size)]), np.array([pose]), label)

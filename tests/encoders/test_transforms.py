@@ -19,11 +19,11 @@ from modpush.encoders import (
     egocentric_window,
 )
 from modpush.envs import PushEnv
-from modpush.geometry import GridFrame
+from modpush.geometry import Camera
 from modpush.planners import OccupancyGrid, PlannerSubgoals, StraightLine
 from tests.planners.table_scene import TableEnv
 
-SMALL = GridFrame(height=64, width=64)
+SMALL = Camera(height=64, width=64)
 
 
 def small_transform(**options):
@@ -97,7 +97,7 @@ def test_every_step_shows_that_step(push_env, frame):
 
 def test_in_the_path_frame_the_sub_goal_is_up():
     depth = torch.full((1, 1, 64, 64), 1.1)
-    bar = SMALL.to_pixel(torch.tensor([0.60, 0.10])).round().long()
+    bar = SMALL.project(torch.tensor([0.60, 0.10])).round().long()
     depth[0, 0, bar[1], bar[0]] = 1.05
     data = TensorDict(
         depth=depth,

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 
 from modpush.encoders import cast_window, egocentric_window, window_pixels
 from modpush.envs import PushEnv
-from modpush.geometry import SEGMENT_OBSTACLE, SEGMENT_ROBOT, GridFrame
+from modpush.geometry import Camera, Label
 from tests.encoders.scenes import CUBE, image, moved, window_of
 
 MIDDLE = (0.60, 0.0, 0.0)  # under the camera
 BAR = (0.10, 0.06, 0.06)
-PIXEL = GridFrame().cell_size
+PIXEL = Camera().cell_size
 
 
 def blocked_at(window):
@@ -68,7 +68,7 @@ def test_the_robot_is_removed_and_obstacles_beside_the_object_are_not():
     pose = torch.tensor([MIDDLE])
     window = egocentric_window(depth, labels, pose)
     assert (window > 0.2).sum() == pytest.approx((0.05 / PIXEL) ** 2, rel=0.05)
-    labels[labels == SEGMENT_OBSTACLE] = SEGMENT_ROBOT
+    labels[labels == Label.OBSTACLE] = Label.ROBOT
     assert (egocentric_window(depth, labels, pose) == 0).all()
     assert egocentric_window(depth, None, pose).max() > 0.6  # nothing said, nothing removed
 
@@ -145,7 +145,7 @@ def test_the_pixels_are_those_the_window_takes(env):
     for i in range(6):
         nearest = (pixels[i] + 0.5).floor().numpy()
         depth, labels = env.cast(i, nearest)
-        height = np.where(labels == SEGMENT_OBSTACLE, 1.1 - depth, 0.0).clip(0) / 0.08
+        height = np.where(labels == Label.OBSTACLE, 1.1 - depth, 0.0).clip(0) / 0.08
         inside = ((nearest >= 0) & (nearest < 256)).all(-1)
         expected = torch.from_numpy(np.where(inside, height, 0.0)).float()
         torch.testing.assert_close(windows[i, 0], expected, atol=1e-6, rtol=0)
@@ -175,7 +175,7 @@ def test_pixels_that_saw_nothing_count_as_table():
 
 
 def test_other_sizes_and_cameras():
-    camera = GridFrame(height=120, width=100, camera_x=0.5, camera_z=0.9)
+    camera = Camera(height=120, width=100, x=0.5, z=0.9)
     depth = torch.full((2, 120, 100), 0.9)
     depth[:, :20] = 0.86
     window = egocentric_window(
@@ -206,7 +206,7 @@ def test_other_sizes_and_cameras():
         ({"size": 0}, ValueError, "size must be >= 1 px, got 0"),
         ({"max_height": 2.0}, ValueError, "between 0 and the camera's height 1.1 m, got 2.0"),
         ({"outside": "wall"}, ValueError, r"one of \('free', 'blocked'\), got 'wall'"),
-        ({"camera": GridFrame()}, ValueError, r"\[B, 256, 256\] for this camera, got \[1, 9, 9\]"),
+        ({"camera": Camera()}, ValueError, r"\[B, 256, 256\] for this camera, got \[1, 9, 9\]"),
     ],
 )
 def test_bad_input_is_refused(change, error, message):

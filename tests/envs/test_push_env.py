@@ -302,7 +302,7 @@ def test_the_object_is_where_its_pose_says_in_the_image(env) -> None:
     for i in range(3):
         v, u = np.nonzero(td["segmentation"][i, 0].numpy() == 1)
         x, y, _ = td["object_pose"][i].tolist()
-        expected = CAMERA.project(np.array([x, y, 0.04]))
+        expected = CAMERA.project(np.array([x, y]), 0.04)
         assert [u.mean(), v.mean()] == pytest.approx(expected, abs=1.5)
 
 
@@ -365,7 +365,10 @@ def test_bad_actions_are_refused_with_the_scenes_index(env, action, message) -> 
         ({"num_envs": 0}, "num_envs must be >= 1, got 0"),
         ({"scene": "volcano"}, "no family 'volcano', expected one of"),
         ({"pushed_object": "egg"}, "no object 'egg', expected one of"),
-        ({"depth": "lidar"}, r"no eye 'lidar', expected one of \['analytic', 'sapien'\] or None"),
+        (
+            {"depth": "lidar"},
+            r"no camera 'lidar', expected one of \['analytic', 'sapien'\] or None",
+        ),
         ({"tool": "hook"}, "no tool 'hook', expected one of"),
         ({"oob": "explode"}, "oob must be 'truncate' or 'terminate', got 'explode'"),
         ({"max_episode_steps": 0}, "max_episode_steps must be >= 1 or None, got 0"),

@@ -8,25 +8,25 @@ from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
-from modpush.geometry import SEGMENT_OBJECT, SEGMENT_OBSTACLE, GridFrame
+from modpush.geometry import Camera, Label
 
 Box = tuple[float, float, float, float, float]  # x from, x to, y from, y to, height [m]
 BAR: Box = (0.47, 0.53, -0.15, 0.15, 0.06)
 
 
-def render(boxes: list[tuple[Box, int]], frame: GridFrame) -> tuple[NDArray, NDArray]:
+def render(boxes: list[tuple[Box, int]], camera: Camera) -> tuple[NDArray, NDArray]:
     """Depth `[H, W]` [m] and segmentation of axis-aligned boxes, by rays against slabs."""
-    rows, columns = np.mgrid[0 : frame.height, 0 : frame.width].astype(float)
-    u0, v0 = frame.principal_point
-    ray_x, ray_y = -(rows - v0) / frame.focal_length, -(columns - u0) / frame.focal_length
-    depth = np.full(rows.shape, frame.camera_z)
+    rows, columns = np.mgrid[0 : camera.height, 0 : camera.width].astype(float)
+    u0, v0 = camera.principal_point
+    ray_x, ray_y = -(rows - v0) / camera.focal_length, -(columns - u0) / camera.focal_length
+    depth = np.full(rows.shape, camera.z)
     segments = np.zeros(rows.shape, np.uint8)
     for (x0, x1, y0, y1, height), segment in boxes:
-        near = np.full(rows.shape, frame.camera_z - height)
-        far = np.full(rows.shape, frame.camera_z)
+        near = np.full(rows.shape, camera.z - height)
+        far = np.full(rows.shape, camera.z)
         for ray, low, high in (
-            (ray_x, x0 - frame.camera_x, x1 - frame.camera_x),
-            (ray_y, y0 - frame.camera_y, y1 - frame.camera_y),
+            (ray_x, x0 - camera.x, x1 - camera.x),
+            (ray_y, y0 - camera.y, y1 - camera.y),
         ):
             a, b = low / ray, high / ray
             near, far = np.maximum(near, np.minimum(a, b)), np.minimum(far, np.maximum(a, b))
@@ -49,7 +49,7 @@ class TableEnv(EnvBase):
     def __init__(self, num_envs: int | None = None, side: int = 64) -> None:
         batch = () if num_envs is None else (num_envs,)
         super().__init__(batch_size=torch.Size(batch))
-        self.frame = GridFrame(height=side, width=side)
+        self.camera = Camera(height=side, width=side)
         self.count = num_envs or 1
         self.bars = [(BAR[0] + 0.02 * b, BAR[1] + 0.02 * b, *BAR[2:]) for b in range(self.count)]
         self.observation_spec = Composite(
@@ -71,12 +71,10 @@ class TableEnv(EnvBase):
 
     def _observe(self) -> dict[str, Tensor]:
         images = [
-            render(
-                [(bar, SEGMENT_OBSTACLE), (square(*pose[:2].tolist()), SEGMENT_OBJECT)], self.frame
-            )
+            render([(bar, Label.OBSTACLE), (square(*pose[:2].tolist()), Label.OBJECT)], self.camera)
             for bar, pose in zip(self.bars, self.pose, strict=True)
         ]
-        side = self.frame.height
+        side = self.camera.height
         observed = {
             "depth": torch.from_numpy(np.stack([depth for depth, _ in images])),
             "segmentation": torch.from_numpy(np.stack([segments for _, segments in images])),

@@ -390,8 +390,8 @@ for batch in (1, 3):
         kind().plan(blocked, start, goal)
     planners.LazyThetaStar(nodes="grid").plan(blocked, start, goal)
     planners.inflate(blocked, 2.0)
-    frame = planners.GridFrame(height=40, width=56)
-    planners.OccupancyMap(frame)(torch.full((batch, 40, 56), frame.camera_z), 0.035)
+    camera = geometry.Camera(height=40, width=56)
+    planners.OccupancyMap(camera)(torch.full((batch, 40, 56), camera.z), 0.035)
 print(warm, compiled())
 """
 

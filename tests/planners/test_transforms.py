@@ -10,7 +10,7 @@ from torchrl.data import LazyTensorStorage, ReplayBuffer
 from torchrl.envs import Compose, ParallelEnv, SerialEnv, TransformedEnv, check_env_specs
 from torchrl.envs.transforms import RenameTransform
 
-from modpush.geometry import GridFrame
+from modpush.geometry import Camera
 from modpush.planners import (
     DistanceField,
     LazyThetaStar,
@@ -23,7 +23,7 @@ from modpush.planners import (
 )
 from tests.planners.table_scene import TableEnv
 
-SMALL = GridFrame(height=64, width=64)
+SMALL = Camera(height=64, width=64)
 WRITTEN = ["path_length", "subgoal", "subgoal_past", "path_found", "subgoal_history"]
 
 
@@ -31,8 +31,8 @@ def make_env(num_envs=None, planner=None, **kwargs):
     return TransformedEnv(
         TableEnv(num_envs),
         Compose(
-            OccupancyGrid(frame=SMALL),
-            PlannerSubgoals(planner or DistanceField(), frame=SMALL, **kwargs),
+            OccupancyGrid(camera=SMALL),
+            PlannerSubgoals(planner or DistanceField(), camera=SMALL, **kwargs),
         ),
     )
 
@@ -49,11 +49,11 @@ def check_row_by_row(env, rollout):
     planner = LazyThetaStar(cell_size=SMALL.cell_size)
     paths = planner.plan(
         flat["occupancy"][:, 0],
-        SMALL.to_pixel(flat["object_pose"][:, :2]),
-        SMALL.to_pixel(flat["goal_position"]),
+        SMALL.project(flat["object_pose"][:, :2]),
+        SMALL.project(flat["goal_position"]),
     )
     torch.testing.assert_close(flat["path_length"][:, 0], paths.length)
-    subgoal = SMALL.to_metre(fraction_subgoal(paths, 0.2))
+    subgoal = SMALL.unproject(fraction_subgoal(paths, 0.2))
     torch.testing.assert_close(flat["subgoal"], subgoal, atol=1e-5, rtol=1e-5)
 
 
@@ -172,7 +172,7 @@ def test_stored_data_come_out_as_they_went_in():
         storage=LazyTensorStorage(64),
         batch_size=16,
         transform=Compose(
-            OccupancyGrid(frame=SMALL), PlannerSubgoals(LazyThetaStar(), frame=SMALL)
+            OccupancyGrid(camera=SMALL), PlannerSubgoals(LazyThetaStar(), camera=SMALL)
         ),
     )
     buffer.extend(stored.clone().set("row", torch.arange(len(stored))))
@@ -184,7 +184,7 @@ def test_stored_data_come_out_as_they_went_in():
 def test_bare_data_are_planned_as_first_steps():
     env = TableEnv(2)
     bare = env.reset().exclude("done", "terminated", "truncated")
-    transform = Compose(OccupancyGrid(frame=SMALL), PlannerSubgoals(LazyThetaStar(), frame=SMALL))
+    transform = Compose(OccupancyGrid(camera=SMALL), PlannerSubgoals(LazyThetaStar(), camera=SMALL))
     out = transform(bare.clone())
     assert (out["subgoal_past"] == out["subgoal"].unsqueeze(-2)).all()
     expected = make_env(2).reset()
@@ -194,7 +194,7 @@ def test_bare_data_are_planned_as_first_steps():
 
 def test_before_a_model_they_are_modules():
     module = torch.nn.Sequential(
-        OccupancyGrid(frame=SMALL), PlannerSubgoals(LazyThetaStar(), frame=SMALL)
+        OccupancyGrid(camera=SMALL), PlannerSubgoals(LazyThetaStar(), camera=SMALL)
     )
     out = module(TableEnv(1).reset())
     assert out["subgoal"].shape == (1, 2)
@@ -291,7 +291,7 @@ def test_keys_can_be_renamed_and_nested():
                 [("eye", "depth"), ("eye", "seg"), ("state", "pose"), ("task", "goal")],
             ),
             OccupancyGrid(
-                frame=SMALL,
+                camera=SMALL,
                 depth_key=("eye", "depth"),
                 segmentation_key=("eye", "seg"),
                 occupancy_key=("map", "occupancy"),
@@ -299,7 +299,7 @@ def test_keys_can_be_renamed_and_nested():
             ),
             PlannerSubgoals(
                 DistanceField(),
-                frame=SMALL,
+                camera=SMALL,
                 max_waypoints=5,
                 occupancy_key=("map", "occupancy"),
                 object_pose_key=("state", "pose"),
@@ -320,17 +320,17 @@ def test_keys_can_be_renamed_and_nested():
 
 def test_the_object_s_radius_can_come_from_the_tensordict():
     data = TableEnv(2).reset().set("radius", torch.tensor([[0.02], [0.06]]))
-    out = OccupancyGrid(object_radius_key="radius", frame=SMALL)(data)
-    alone = OccupancyGrid(0.06, frame=SMALL)(data.clone())
+    out = OccupancyGrid(object_radius_key="radius", camera=SMALL)(data)
+    alone = OccupancyGrid(0.06, camera=SMALL)(data.clone())
     assert torch.equal(out["occupancy"][1], alone["occupancy"][1])
     assert out["occupancy"][0].sum() < alone["occupancy"][0].sum()
 
 
 def test_occupancy_without_a_segmentation_key():
     data = TableEnv(2).reset()
-    expected = OccupancyGrid(frame=SMALL)(data.clone())["occupancy"]
+    expected = OccupancyGrid(camera=SMALL)(data.clone())["occupancy"]
     data.pop("segmentation")
-    out = OccupancyGrid(frame=SMALL, segmentation_key=None)(data)["occupancy"]
+    out = OccupancyGrid(camera=SMALL, segmentation_key=None)(data)["occupancy"]
     # The object stands clear of the bar: both ways of knowing it agree.
     assert torch.equal(out, expected)
 
@@ -359,7 +359,7 @@ def test_missing_keys_and_wrong_sizes_are_named():
             TensorDict(goal_position=torch.zeros(1, 2), batch_size=[1])
         )
     data = TableEnv(1).reset()
-    OccupancyGrid(frame=SMALL)(data)
+    OccupancyGrid(camera=SMALL)(data)
     with pytest.raises(ValueError, match=r"= \[..., 1, 256, 256\], got \[1, 1, 64, 64\]"):
         PlannerSubgoals(LazyThetaStar())(data)
     with pytest.raises(ValueError, match="OccupancyGrid: radius must be finite and >= 0"):

@@ -26,7 +26,7 @@ from modpush.agents.corridor.push_motion import direction_of, face_way, push_dir
 from modpush.agents.corridor.state import state_spec
 from modpush.agents.corridor.tool_path import clearances_at, make_room, repulsion, way_behind
 from modpush.agents.corridor.von_mises import wrap_angle, wrap_angle_faithful
-from modpush.geometry import GridFrame
+from modpush.geometry import Camera
 from modpush.planners import LazyThetaStar, OccupancyMap
 
 
@@ -45,10 +45,10 @@ class PushingCorridorController(TensorDictModuleBase):
 
     Args:
         config: Numbers; `faithful_config()` for the authors' own.
-        frame: The camera.
+        camera: The camera.
         object_radius: Circumscribed radius of the object [m], where `object_radius_key` is missing.
         depth_key: Read, `[B, 1, H, W]` float32 [m].
-        segmentation_key: Read, `[B, 1, H, W]` uint8, see `modpush.geometry.grid`.
+        segmentation_key: Read, `[B, 1, H, W]` uint8, values of `Label`.
         object_pose_key: Read, `[B, 3]` (x, y, yaw) [m, rad], robot's base frame.
         ee_pose_key: Read, `[B, 3]`, the tool's.
         goal_position_key: Read, `[B, 2]` [m].
@@ -65,7 +65,7 @@ class PushingCorridorController(TensorDictModuleBase):
         self,
         config: CorridorConfig | None = None,
         *,
-        frame: GridFrame | None = None,
+        camera: Camera | None = None,
         object_radius: float = 0.025 * math.sqrt(2.0),
         depth_key: NestedKey = "depth",
         segmentation_key: NestedKey = "segmentation",
@@ -79,7 +79,7 @@ class PushingCorridorController(TensorDictModuleBase):
     ) -> None:
         super().__init__()
         self.config = config or CorridorConfig()
-        self.frame = frame or GridFrame()
+        self.camera = camera or Camera()
         self.object_radius = object_radius
         self.depth_key, self.segmentation_key = depth_key, segmentation_key
         self.object_pose_key, self.ee_pose_key = object_pose_key, ee_pose_key
@@ -96,7 +96,7 @@ class PushingCorridorController(TensorDictModuleBase):
             goal_position_key,
         ]
         self.out_keys = [action_key, state_key, ("next", state_key)]
-        self._obstacles = OccupancyMap(self.frame)
+        self._obstacles = OccupancyMap(self.camera)
         self._navigator = LazyThetaStar()
         self._known: dict[int, tuple[NDArray[Any], NDArray[Any]]] = {}
 
@@ -200,7 +200,7 @@ class PushingCorridorController(TensorDictModuleBase):
         if not len(rows):
             return
         distance = torch.from_numpy(np.stack([distances[b] for b in rows.tolist()]))
-        cells = radius[rows] / self.frame.cell_size
+        cells = radius[rows] / self.camera.cell_size
         cost = corridor_cost(
             distance,
             self.config.inner_zone * cells,
@@ -208,17 +208,17 @@ class PushingCorridorController(TensorDictModuleBase):
             self.config.weights,
         )
         if self.config.workspace is not None:
-            beyond = outside(self.frame, *self.config.workspace)
+            beyond = outside(self.camera, *self.config.workspace)
             cost = torch.where(beyond, self.config.weights[2], cost)
         path = corridor_path(
             distance,
             cost,
-            self.frame.to_pixel(position[rows]),
-            self.frame.to_pixel(goal[rows]),
+            self.camera.project(position[rows]),
+            self.camera.project(goal[rows]),
             self.config.path_points,
             self.config.neighbours,
         )
-        state["path"][rows] = self.frame.to_metre(path)
+        state["path"][rows] = self.camera.unproject(path)
         state["goal"][rows] = goal[rows]
         state["target"][rows] = goal[rows]
         state["object_position"][rows] = position[rows]
@@ -284,17 +284,17 @@ class PushingCorridorController(TensorDictModuleBase):
                     inner=config.inner_zone * cells,
                     touch=config.touch_zone * cells,
                 )
-                for cells in (radius / self.frame.cell_size).tolist()
+                for cells in (radius / self.camera.cell_size).tolist()
             ],
             not config.faithful,
             config.tool_room,
             config.path_step,
-            self.frame,
+            self.camera,
         )
         if config.contact == 0:
             return target
         return make_room(
-            distances, position, target, radius, config.contact, config.tool_room, self.frame
+            distances, position, target, radius, config.contact, config.tool_room, self.camera
         )
 
     def _navigate(
@@ -308,7 +308,7 @@ class PushingCorridorController(TensorDictModuleBase):
         radius: Tensor,
     ) -> Tensor:
         """The planned way behind the object, in place of the circle, where the tool must go."""
-        clear = clearances_at(distances, position, self.frame)
+        clear = clearances_at(distances, position, self.camera)
         tight = (clear < self.config.navigate) & (relocate >= self.config.inversion)
         rows = tight.nonzero().squeeze(-1)
         if not len(rows):
@@ -321,7 +321,7 @@ class PushingCorridorController(TensorDictModuleBase):
             tool[rows],
             radius[rows] + self.config.near,
             self.config.tool_room,
-            self.frame,
+            self.camera,
         )
         velocity = velocity.clone()
         velocity[rows] = ahead - tool[rows]
@@ -338,7 +338,7 @@ class PushingCorridorController(TensorDictModuleBase):
     ) -> Tensor:
         """Keep the tool off obstacles, and back off from where nothing moves; updates the state."""
         config = self.config
-        push_off = repulsion(distances, tool, config.avoid, self.frame)
+        push_off = repulsion(distances, tool, config.avoid, self.camera)
         velocity = unit(velocity) + 2.0 * relocate[:, None] * push_off
         if not config.patience:
             return velocity

@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush.geometry import GridFrame
+from modpush.geometry import Camera
 from modpush.planners import AStar, point_along
 
 
@@ -68,16 +68,16 @@ def corridor_cost(
     return cost
 
 
-def outside(frame: GridFrame, low: tuple[float, float], high: tuple[float, float]) -> Tensor:
+def outside(camera: Camera, low: tuple[float, float], high: tuple[float, float]) -> Tensor:
     """Which cells lie outside of a rectangle on the table, `[H, W]` bool.
 
     Args:
-        frame: The grid's frame.
+        camera: The camera, whose pixels are the grid's cells.
         low: Lower corner (x, y) [m].
         high: Upper corner (x, y) [m].
     """
-    grid = torch.meshgrid(torch.arange(frame.width), torch.arange(frame.height), indexing="xy")
-    position = frame.to_metre(torch.stack(grid, -1).float())
+    grid = torch.meshgrid(torch.arange(camera.width), torch.arange(camera.height), indexing="xy")
+    position = camera.unproject(torch.stack(grid, -1).float())
     return ((position < torch.tensor(low)) | (position > torch.tensor(high))).any(-1)
 
 
@@ -307,7 +307,7 @@ def to_targets(
     relative: bool,
     room: float,
     step: int,
-    frame: GridFrame,
+    camera: Camera,
 ) -> Tensor:
     """`look_ahead` for a batch, in metres.
 
@@ -323,23 +323,23 @@ def to_targets(
         relative: See `look_ahead`.
         room: What the tool needs to either side [m].
         step: See `look_ahead`.
-        frame: The grid's frame.
+        camera: The camera, whose pixels are the grid's cells.
 
     Returns:
         `[B, 2]` (x, y) [m].
     """
-    pixels = [frame.to_pixel(value.double()).numpy() for value in (path, position, tool, previous)]
+    pixels = [camera.project(value.double()).numpy() for value in (path, position, tool, previous)]
     targets = [
         look_ahead(
             distance[b],
             *(value[b] for value in pixels),
             bool(first[b]),
-            behind / frame.cell_size,
+            behind / camera.cell_size,
             (clearances[b].outer, clearances[b].inner, clearances[b].touch),
             relative,
-            room / frame.cell_size,
+            room / camera.cell_size,
             step,
         )
         for b in range(len(distance))
     ]
-    return frame.to_metre(torch.tensor(targets, dtype=torch.float64)).to(position.dtype)
+    return camera.unproject(torch.tensor(targets, dtype=torch.float64)).to(position.dtype)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from modpush.agents.corridor.corridor import least_clearance
-from modpush.geometry import GridFrame
+from modpush.geometry import Camera
 from modpush.planners import Planner, point_along
 
 
@@ -46,30 +46,30 @@ def away_from_obstacles(distance: NDArray, u: float, v: float) -> tuple[float, f
     return du / length, dv / length, here
 
 
-def clearances_at(distance: list[NDArray], position: Tensor, frame: GridFrame) -> Tensor:
+def clearances_at(distance: list[NDArray], position: Tensor, camera: Camera) -> Tensor:
     """How far obstacles are from a point of each scene, `[B]` [m]; the image's rim beyond it."""
-    pixel = frame.to_pixel(position).round().int().tolist()
+    pixel = camera.project(position).round().int().tolist()
     cells = [_clearance_at(distance[b], u, v) for b, (u, v) in enumerate(pixel)]
-    return torch.tensor(cells, dtype=position.dtype) * frame.cell_size
+    return torch.tensor(cells, dtype=position.dtype) * camera.cell_size
 
 
-def repulsion(distance: list[NDArray], position: Tensor, reach: float, frame: GridFrame) -> Tensor:
+def repulsion(distance: list[NDArray], position: Tensor, reach: float, camera: Camera) -> Tensor:
     """A push away from obstacles that grows from 0 at `reach` to 1 at contact.
 
     Args:
         distance: For each scene `[H, W]` float32 [cells].
         position: `[B, 2]` (x, y) [m].
         reach: [m]; 0 for none at all.
-        frame: The grid's frame.
+        camera: The camera, whose pixels are the grid's cells.
 
     Returns:
         `[B, 2]`.
     """
-    pixel = frame.to_pixel(position.double()).tolist()
+    pixel = camera.project(position.double()).tolist()
     pushes = []
     for b, (u, v) in enumerate(pixel):
         du, dv, cells = away_from_obstacles(distance[b], u, v)
-        share = max(0.0, 1.0 - cells * frame.cell_size / reach) if reach > 0 else 0.0
+        share = max(0.0, 1.0 - cells * camera.cell_size / reach) if reach > 0 else 0.0
         pushes.append([-dv * share, -du * share])  # up in the image is +x, left is +y
     return torch.tensor(pushes, dtype=position.dtype).reshape(-1, 2)
 
@@ -82,7 +82,7 @@ def way_behind(
     tool: Tensor,
     keep_off: Tensor,
     room: float,
-    frame: GridFrame,
+    camera: Camera,
 ) -> Tensor:
     """Where the tool should go to get behind the object, past obstacles and the object itself.
 
@@ -94,25 +94,25 @@ def way_behind(
         tool: `[B, 2]` [m].
         keep_off: `[B]` how far the tool's centre stays away from the object's [m].
         room: The same from obstacles [m].
-        frame: The grid's frame.
+        camera: The camera, whose pixels are the grid's cells.
 
     Returns:
         `[B, 2]` a point 2 cm further on the tool's way [m]; straight on where there is no way.
     """
     back = position - target
     back = back / back.norm(dim=-1, keepdim=True).clamp_min(1e-9)
-    goal = frame.to_pixel(position + (keep_off[:, None] + 0.005) * back)
-    here, centre = frame.to_pixel(tool), frame.to_pixel(position).numpy()
-    v, u = np.ogrid[: frame.height, : frame.width]
-    blocked = np.empty((len(distance), frame.height, frame.width), dtype=bool)
+    goal = camera.project(position + (keep_off[:, None] + 0.005) * back)
+    here, centre = camera.project(tool), camera.project(position).numpy()
+    v, u = np.ogrid[: camera.height, : camera.width]
+    blocked = np.empty((len(distance), camera.height, camera.width), dtype=bool)
     for b, cells in enumerate(distance):
         away = (u - centre[b, 0]) ** 2 + (v - centre[b, 1]) ** 2
-        blocked[b] = (cells <= room / frame.cell_size) | (
-            away <= (float(keep_off[b]) / frame.cell_size) ** 2
+        blocked[b] = (cells <= room / camera.cell_size) | (
+            away <= (float(keep_off[b]) / camera.cell_size) ** 2
         )
     paths = planner.plan(torch.from_numpy(blocked), here, goal)
-    ahead = point_along(paths.waypoints, torch.full((len(here),), 0.02 / frame.cell_size))
-    return frame.to_metre(torch.where(paths.found[:, None], ahead, goal))
+    ahead = point_along(paths.waypoints, torch.full((len(here),), 0.02 / camera.cell_size))
+    return camera.unproject(torch.where(paths.found[:, None], ahead, goal))
 
 
 @njit(cache=True, nogil=True)
@@ -167,7 +167,7 @@ def make_room(
     radius: Tensor,
     contact: float,
     room: float,
-    frame: GridFrame,
+    camera: Camera,
 ) -> Tensor:
     """`turn_to_room` for a batch, in metres.
 
@@ -178,13 +178,13 @@ def make_room(
         radius: `[B]` the object's [m].
         contact: The tool stands so far from the object's circumscribed circle when it pushes [m].
         room: How far obstacles have to be from it there [m].
-        frame: The grid's frame.
+        camera: The camera, whose pixels are the grid's cells.
 
     Returns:
         `[B, 2]` (x, y) [m].
     """
-    places, targets = (frame.to_pixel(value.double()).numpy() for value in (position, target))
-    cell = frame.cell_size
+    places, targets = (camera.project(value.double()).numpy() for value in (position, target))
+    cell = camera.cell_size
     turned = [
         turn_to_room(
             distance[b],
@@ -197,4 +197,4 @@ def make_room(
         )
         for b, size in enumerate(radius.tolist())
     ]
-    return frame.to_metre(torch.tensor(turned, dtype=torch.float64)).to(position.dtype)
+    return camera.unproject(torch.tensor(turned, dtype=torch.float64)).to(position.dtype)

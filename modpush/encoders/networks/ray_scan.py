@@ -7,7 +7,7 @@ from torch import Tensor
 
 from modpush.encoders.base import Encoder, check_window
 from modpush.encoders.window import MAX_HEIGHT, WINDOW_SIZE
-from modpush.geometry.grid import GridFrame
+from modpush.geometry.camera import Camera
 
 __all__ = ["RayScan"]
 
@@ -41,7 +41,7 @@ class RayScan(Encoder):
         pixel_size: float | None = None,
     ) -> None:
         super().__init__()
-        pixel_size = pixel_size if pixel_size is not None else GridFrame().cell_size
+        pixel_size = pixel_size if pixel_size is not None else Camera().cell_size
         max_range = max_range if max_range is not None else 0.5 * window_size * pixel_size
         if num_rays < 1:
             raise ValueError(f"RayScan: num_rays must be >= 1, got {num_rays}.")

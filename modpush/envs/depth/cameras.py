@@ -1,4 +1,4 @@
-"""The bird's-eye depth image, one interface and two eyes: cast from the known shapes, or rendered."""
+"""The bird's-eye depth cameras: one interface, cast from the known shapes or rendered."""
 
 import sys
 from abc import ABC, abstractmethod
@@ -9,7 +9,6 @@ import sapien
 from numpy.typing import NDArray
 
 from modpush.envs.depth.raycast import (
-    LABELS,
     Solids,
     blank_image,
     cast_pixels,
@@ -18,20 +17,28 @@ from modpush.envs.depth.raycast import (
 )
 from modpush.envs.robot.ur5_2f85 import LINKS
 from modpush.envs.sim.obstacle_bodies import obstacle_part
-from modpush.envs.sim.rendering import NO_RENDERER
+from modpush.envs.sim.rendering import NO_RENDERER, camera_pose
 from modpush.geometry.camera import CAMERA
+from modpush.geometry.labels import Label
 
 if TYPE_CHECKING:
     from modpush.envs.sim.task import ClutterPushEnv
 
-__all__ = ["AnalyticEye", "DepthName", "Eye", "ImageMemory", "SapienEye", "make_eye"]
+__all__ = [
+    "AnalyticDepthCamera",
+    "DepthCamera",
+    "DepthName",
+    "ImageMemory",
+    "RenderedDepthCamera",
+    "make_depth_camera",
+]
 
 DepthName = Literal["analytic", "sapien"]
 Placed = tuple[Solids, NDArray[np.float64], int]
 """Solids, their poses and their label, as `raycast.draw` takes them."""
 
 
-class Eye(ABC):
+class DepthCamera(ABC):
     """Looks at the scenes of one task. `reset` when a scene's layout changes, then `capture`."""
 
     def __init__(self, task: "ClutterPushEnv", arm_in_depth: bool) -> None:
@@ -49,7 +56,7 @@ class Eye(ABC):
         """Write the present image of scene `index` into `[H, W]` arrays [m] and labels."""
 
 
-class AnalyticEye(Eye):
+class AnalyticDepthCamera(DepthCamera):
     """Casts rays at the known shapes. Fixed obstacles are drawn once an episode."""
 
     def __init__(self, task: "ClutterPushEnv", arm_in_depth: bool = False) -> None:
@@ -66,8 +73,8 @@ class AnalyticEye(Eye):
     def reset(self, index: int) -> None:
         """Draw the table and, where they are fixed, the obstacles."""
         depth, labels = self._background[index]
-        depth.fill(CAMERA.position[2])
-        labels.fill(LABELS["table"])
+        depth.fill(CAMERA.z)
+        labels.fill(Label.TABLE)
         self._fixed[index] = [] if self.task.dynamic_obstacles else [self._obstacles(index)]
         for solids, poses, label in self._fixed[index]:
             draw(depth, labels, solids, poses, label)
@@ -93,18 +100,18 @@ class AnalyticEye(Eye):
         task = self.task
         name = task.scenarios[index].pushed_object
         pose = task.object_transform_of(index)[None]
-        groups = [(self._objects[name], pose, LABELS["object"])]
+        groups: list[Placed] = [(self._objects[name], pose, Label.OBJECT)]
         if task.dynamic_obstacles:
             groups.append(self._obstacles(index))
         if self.arm_in_depth:
             poses = task.link_transforms_of(index, self._link_names)[self._link_of_part]
-            groups.append((self._robot, poses, LABELS["robot"]))
+            groups.append((self._robot, poses, Label.ROBOT))
         return groups
 
     def _obstacles(self, index: int) -> Placed:
         obstacles = self.task.scenarios[index].obstacles
         solids = Solids.of(obstacle_part(o) for o in obstacles)
-        return solids, self.task.obstacles.transforms(index), LABELS["obstacle"]
+        return solids, self.task.obstacles.transforms(index), Label.OBSTACLE
 
 
 class ImageMemory:
@@ -140,7 +147,7 @@ class ImageMemory:
         return pair
 
 
-class SapienEye(Eye):
+class RenderedDepthCamera(DepthCamera):
     """SAPIEN's own rendered camera: slow without a GPU, and the guard of the analytic one.
 
     Raises:
@@ -158,9 +165,9 @@ class SapienEye(Eye):
         # ManiSkill's cameras use another shader, whose depth is whole millimetres.
         sapien.render.set_camera_shader_dir("default")
         camera = scene.add_camera(
-            "bird_eye_raw", CAMERA.width, CAMERA.height, CAMERA.fov, near=0.01, far=10.0
+            "bird_eye_raw", CAMERA.width, CAMERA.height, CAMERA.field_of_view, near=0.01, far=10.0
         )
-        camera.entity.pose = CAMERA.sapien_pose()
+        camera.entity.pose = camera_pose(CAMERA)
         return camera
 
     def reset(self, index: int) -> None:
@@ -180,7 +187,7 @@ class SapienEye(Eye):
         camera.take_picture()
         np.copyto(depth, -camera.get_picture("Position")[..., 2])
         ids = camera.get_picture("Segmentation")[..., 1]
-        segmentation[:] = LABELS["table"]
+        segmentation[:] = Label.TABLE
         for label, entities in self._entities(index).items():
             segmentation[np.isin(ids, [entity.per_scene_id for entity in entities])] = label
         self._show_robot(index, True)
@@ -189,9 +196,9 @@ class SapienEye(Eye):
         task = self.task
         name = task.scenarios[index].pushed_object
         return {
-            LABELS["object"]: [task._actors[name]._objs[index]],
-            LABELS["obstacle"]: task.obstacles.entities(index),
-            LABELS["robot"]: [link._objs[index].entity for link in task.agent.robot.links],
+            Label.OBJECT: [task._actors[name]._objs[index]],
+            Label.OBSTACLE: task.obstacles.entities(index),
+            Label.ROBOT: [link._objs[index].entity for link in task.agent.robot.links],
         }
 
     def _show_robot(self, index: int, visible: bool) -> None:
@@ -203,13 +210,18 @@ class SapienEye(Eye):
                 drawn.visibility = float(visible)
 
 
-def make_eye(name: DepthName, task: "ClutterPushEnv", arm_in_depth: bool = False) -> Eye:
-    """The eye of this name.
+def make_depth_camera(
+    name: DepthName, task: "ClutterPushEnv", arm_in_depth: bool = False
+) -> DepthCamera:
+    """The depth camera of this name.
 
     Raises:
         ValueError: If there is none; the message lists those there are.
     """
-    eyes: dict[str, type[Eye]] = {"analytic": AnalyticEye, "sapien": SapienEye}
-    if name not in eyes:
-        raise ValueError(f"depth: no eye {name!r}, expected one of {sorted(eyes)} or None.")
-    return eyes[name](task, arm_in_depth)
+    cameras: dict[str, type[DepthCamera]] = {
+        "analytic": AnalyticDepthCamera,
+        "sapien": RenderedDepthCamera,
+    }
+    if name not in cameras:
+        raise ValueError(f"depth: no camera {name!r}, expected one of {sorted(cameras)} or None.")
+    return cameras[name](task, arm_in_depth)

@@ -16,19 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modpush.geometry.camera import CAMERA, Camera
+from modpush.geometry.labels import Label
 from modpush.geometry.shapes import KINDS, Primitive
 
 __all__ = [
-    "LABELS",
     "Solids",
     "blank_image",
     "cast_pixels",
     "draw",
     "warmup",
 ]
-
-LABELS = {"table": 0, "object": 1, "obstacle": 2, "robot": 3}
-"""What the segmentation says of a pixel."""
 
 _BOX, _CYLINDER, _CAPSULE, _PRISM = range(len(KINDS))
 _MAX_SIDES = 16  # of a prism
@@ -89,7 +86,7 @@ def _side_planes(part: Primitive) -> NDArray[np.float64]:
 
 def blank_image(camera: Camera = CAMERA) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """Depth and segmentation of the bare table, `[H, W]` each."""
-    depth = np.full((camera.height, camera.width), camera.position[2], dtype=np.float32)
+    depth = np.full((camera.height, camera.width), camera.z, dtype=np.float32)
     return depth, np.zeros((camera.height, camera.width), dtype=np.uint8)
 
 
@@ -109,10 +106,10 @@ def draw(
         solids: `n` primitives.
         poses: Of the body they all belong to, `[1, 7]`, or of each one's own, `[n, 7]`, float64:
             position [m] and quaternion (w, x, y, z) in the base frame.
-        label: Written where the solids are in front, see `LABELS`.
+        label: Written where the solids are in front, see `Label`.
         camera: The pinhole the image belongs to.
     """
-    _draw(depth, segmentation, *_arrays(solids), poses, label, _pinhole(camera))
+    _draw(depth, segmentation, *_arrays(solids), poses, int(label), _pinhole(camera))
 
 
 def cast_pixels(
@@ -131,10 +128,10 @@ def cast_pixels(
         Depth `[...]` float32 [m] and label `[...]` uint8.
     """
     flat = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 2)
-    depth = np.full(len(flat), camera.position[2], dtype=np.float32)
+    depth = np.full(len(flat), camera.z, dtype=np.float32)
     labels = np.zeros(len(flat), dtype=np.uint8)
     for solids, poses, label in groups:
-        _cast(flat, depth, labels, *_arrays(solids), poses, label, _pinhole(camera))
+        _cast(flat, depth, labels, *_arrays(solids), poses, int(label), _pinhole(camera))
     shape = pixels.shape[:-1]
     return depth.reshape(shape), labels.reshape(shape)
 
@@ -146,7 +143,7 @@ def _arrays(solids: Solids) -> tuple[NDArray[Any], ...]:
 @functools.cache
 def _pinhole(camera: Camera) -> NDArray[np.float64]:
     """Position, focal length and principal point as the kernels read them, `[6]`."""
-    return np.array([*camera.position, camera.focal, *camera.principal_point])
+    return np.array([*camera.position, camera.focal_length, *camera.principal_point])
 
 
 def warmup() -> None:
@@ -154,8 +151,8 @@ def warmup() -> None:
     solids = Solids.of([Primitive(kind="box", size=(0.01, 0.01, 0.01))])
     depth, segmentation = blank_image()
     pose = np.array([[0.5, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]])
-    draw(depth, segmentation, solids, pose, LABELS["object"])
-    cast_pixels(np.zeros((1, 2)), [(solids, pose, LABELS["object"])])
+    draw(depth, segmentation, solids, pose, Label.OBJECT)
+    cast_pixels(np.zeros((1, 2)), [(solids, pose, Label.OBJECT)])
 
 
 @numba.njit(cache=True, error_model="numpy")

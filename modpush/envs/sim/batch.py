@@ -10,7 +10,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush.envs.depth.cameras import AnalyticEye, DepthName, Eye, make_eye
+from modpush.envs.depth.cameras import (
+    AnalyticDepthCamera,
+    DepthCamera,
+    DepthName,
+    make_depth_camera,
+)
 from modpush.envs.robot.control import plan_motion_cpu
 from modpush.envs.scenes.objects import get_object_of
 from modpush.envs.scenes.scenario import Scenario
@@ -108,11 +113,11 @@ class CpuBatch(Batch):
     ) -> None:
         self.device = torch.device("cpu")
         self.tasks = [ClutterPushEnv(obs_mode="none", **task) for _ in range(num_envs)]
-        self._casters = [AnalyticEye(task, arm_in_depth) for task in self.tasks]
-        self._eyes: Sequence[Eye] = (
+        self._casters = [AnalyticDepthCamera(task, arm_in_depth) for task in self.tasks]
+        self._cameras: Sequence[DepthCamera] = (
             self._casters
             if depth in ("analytic", None)
-            else [make_eye(depth, task, arm_in_depth) for task in self.tasks]
+            else [make_depth_camera(depth, task, arm_in_depth) for task in self.tasks]
         )
         self._scenes = [task.cpu_scene for task in self.tasks if task.cpu_scene is not None]
         first = self.tasks[0]
@@ -130,14 +135,14 @@ class CpuBatch(Batch):
             self._reachable[i] = True
 
     def _settle(self, i: int, scenario: Scenario, target: Sequence[float]) -> None:
-        """Point the controller and the eyes at a scene that has just changed."""
+        """Point the controller and the cameras at a scene that has just changed."""
         task = self.tasks[i]
         item = get_object_of(task.pushed_objects, scenario.pushed_object)
         self._target[i] = target
         self._height[i] = item.tool_height + task.agent.tool.length
         self._casters[i].reset(0)
-        if self._eyes[i] is not self._casters[i]:
-            self._eyes[i].reset(0)
+        if self._cameras[i] is not self._casters[i]:
+            self._cameras[i].reset(0)
         self._ee_pose[i] = _planar(self._scenes[i].link_transforms(("tip",)))[0]
 
     def step(self, action: Tensor) -> None:
@@ -172,7 +177,7 @@ class CpuBatch(Batch):
 
     def capture(self, index: int, depth: np.ndarray, segmentation: np.ndarray) -> None:
         """See `Batch`."""
-        self._eyes[index].capture(0, depth, segmentation)
+        self._cameras[index].capture(0, depth, segmentation)
 
     def cast(self, index: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See `Batch`."""
@@ -228,11 +233,11 @@ class CudaBatch(Batch):
         )
         self.tasks = [self._task]
         self.device = self._task.device
-        self._caster = AnalyticEye(self._task, arm_in_depth)
-        self._eye = (
+        self._caster = AnalyticDepthCamera(self._task, arm_in_depth)
+        self._camera = (
             self._caster
             if depth in ("analytic", None)
-            else make_eye(depth, self._task, arm_in_depth)
+            else make_depth_camera(depth, self._task, arm_in_depth)
         )
 
     def start(self, indices: Sequence[int], scenarios: Sequence[Scenario]) -> None:
@@ -240,7 +245,7 @@ class CudaBatch(Batch):
         rows = torch.as_tensor(indices, device=self.device)
         self._task.reset(options={"env_idx": rows, "scenarios": list(scenarios)})
         for i in indices:
-            self._eye.reset(i)
+            self._camera.reset(i)
             self._caster.reset(i)
 
     def step(self, action: Tensor) -> None:
@@ -261,7 +266,7 @@ class CudaBatch(Batch):
 
     def capture(self, index: int, depth: np.ndarray, segmentation: np.ndarray) -> None:
         """See `Batch`."""
-        self._eye.capture(index, depth, segmentation)
+        self._camera.capture(index, depth, segmentation)
 
     def cast(self, index: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See `Batch`."""

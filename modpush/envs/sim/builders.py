@@ -12,6 +12,7 @@ from transforms3d.quaternions import mat2quat
 
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.sim import bodies
+from modpush.envs.sim.rendering import camera_pose
 from modpush.geometry.camera import CAMERA
 from modpush.geometry.shapes import box
 
@@ -34,10 +35,10 @@ def camera_from_above() -> CameraConfig:
     """The observing camera, as ManiSkill's."""
     return CameraConfig(
         uid="bird_eye",
-        pose=CAMERA.sapien_pose(),
+        pose=camera_pose(CAMERA),
         width=CAMERA.width,
         height=CAMERA.height,
-        fov=CAMERA.fov,
+        fov=CAMERA.field_of_view,
         near=0.01,
         far=10.0,
     )

@@ -1,11 +1,21 @@
-"""Is there a renderer? Asked in a subprocess, since a broken Vulkan driver can take a process down."""
+"""What rendering needs: whether there is a renderer, and where SAPIEN's camera stands.
+
+The renderer is looked for in a subprocess, since a broken Vulkan driver can take a process down.
+"""
 
 import functools
+import math
 import os
 import subprocess
 import sys
+from typing import TYPE_CHECKING
 
-__all__ = ["NO_RENDERER", "find_render_device"]
+from modpush.geometry.camera import Camera
+
+if TYPE_CHECKING:
+    import sapien
+
+__all__ = ["NO_RENDERER", "camera_pose", "find_render_device"]
 
 NO_RENDERER = (
     "No Vulkan device that SAPIEN can render with was found. Without one physics, "
@@ -30,6 +40,13 @@ if device is not None:
     sapien.Scene([sapien.physx.PhysxCpuSystem(), sapien.render.RenderSystem(sapien.Device(device))])
     print("found", device)
 """
+
+
+def camera_pose(camera: Camera) -> "sapien.Pose":
+    """Pose of a SAPIEN camera at the pinhole: its x axis looks down, its z axis points along +x."""
+    import sapien
+
+    return sapien.Pose(camera.position, [math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0])
 
 
 def find_render_device() -> str | None:

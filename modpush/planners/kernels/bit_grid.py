@@ -4,7 +4,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from modpush.geometry.grid import SEGMENT_OBJECT, SEGMENT_ROBOT
+from modpush.geometry.labels import Label
+
+_OBJECT, _ROBOT = int(Label.OBJECT), int(Label.ROBOT)
 
 # Tall enough for all that may stand hidden behind the object or the arm [m].
 _TALLEST = 0.08
@@ -67,9 +69,7 @@ def find_blocked(
             d = row[u]
             if not 0.0 < d < deepest:
                 continue
-            if segmented and (
-                segmentation[v, u] == SEGMENT_OBJECT or segmentation[v, u] == SEGMENT_ROBOT
-            ):
+            if segmented and (segmentation[v, u] == _OBJECT or segmentation[v, u] == _ROBOT):
                 # Hidden is the line of sight from the table up to the tallest thing.
                 shift = max(abs(u - u0), abs(v - v0)) * _TALLEST / camera_z
                 steps = int(np.ceil(shift)) if upright else 0

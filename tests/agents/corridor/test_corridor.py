@@ -20,7 +20,7 @@ from modpush.agents.corridor.tool_path import (
     turn_to_room,
     way_behind,
 )
-from modpush.geometry import GridFrame
+from modpush.geometry import Camera
 from modpush.planners import LazyThetaStar
 
 
@@ -84,15 +84,15 @@ def test_away_from_obstacles_by_hand():
 
 
 def test_repulsion_turns_pixels_into_metres():
-    frame = GridFrame(height=40, width=60)
+    camera = Camera(height=40, width=60)
     distance = obstacle_distance(wall())
-    above = frame.to_metre(torch.tensor([[10.0, 14.0]]))  # 4 cells above the wall
-    push = repulsion([distance], above, 8 * frame.cell_size, frame)
+    above = camera.unproject(torch.tensor([[10.0, 14.0]]))  # 4 cells above the wall
+    push = repulsion([distance], above, 8 * camera.cell_size, camera)
     torch.testing.assert_close(push, torch.tensor([[0.5, 0.0]]), atol=1e-3, rtol=0)  # up is +x
-    right = frame.to_metre(torch.tensor([[43.0, 20.0]]))  # 4 cells to the wall's right
-    push = repulsion([distance], right, 8 * frame.cell_size, frame)
+    right = camera.unproject(torch.tensor([[43.0, 20.0]]))  # 4 cells to the wall's right
+    push = repulsion([distance], right, 8 * camera.cell_size, camera)
     torch.testing.assert_close(push, torch.tensor([[0.0, -0.5]]), atol=0.02, rtol=0)  # right is -y
-    assert repulsion([distance], above, 0.0, frame).tolist() == [[0.0, 0.0]]
+    assert repulsion([distance], above, 0.0, camera).tolist() == [[0.0, 0.0]]
 
 
 LIMITS = (5.0, 2.0, 1.0)
@@ -214,18 +214,18 @@ def test_a_turned_target_does_not_lead_into_an_obstacle():
 
 
 def test_the_tool_s_way_behind_leads_round_the_object():
-    frame = GridFrame(height=40, width=60)
-    size, none = frame.cell_size, np.full((40, 60), np.inf, np.float32)
-    position = frame.to_metre(torch.tensor([[30.0, 20.0]]))
-    target = frame.to_metre(torch.tensor([[50.0, 20.0]]))
-    tool = frame.to_metre(torch.tensor([[45.0, 20.0]]))  # on the wrong side
+    camera = Camera(height=40, width=60)
+    size, none = camera.cell_size, np.full((40, 60), np.inf, np.float32)
+    position = camera.unproject(torch.tensor([[30.0, 20.0]]))
+    target = camera.unproject(torch.tensor([[50.0, 20.0]]))
+    tool = camera.unproject(torch.tensor([[45.0, 20.0]]))  # on the wrong side
     keep_off = torch.tensor([8 * size])
     trail = []
     for _ in range(40):
-        ahead = way_behind(LazyThetaStar(), [none], position, target, tool, keep_off, 0.0, frame)
+        ahead = way_behind(LazyThetaStar(), [none], position, target, tool, keep_off, 0.0, camera)
         step = ahead - tool
         tool = tool + step * (1.5 * size / step.norm().clamp_min(1.5 * size))
-        trail.append(frame.to_pixel(tool)[0])
+        trail.append(camera.project(tool)[0])
     away = (torch.stack(trail) - torch.tensor([30.0, 20.0])).norm(dim=-1)
     assert away.min() > 6.5
     assert trail[-1][0] < 30 - 6
@@ -233,16 +233,16 @@ def test_the_tool_s_way_behind_leads_round_the_object():
 
 
 def test_clearances_in_metres():
-    frame = GridFrame(height=40, width=60)
-    spots = frame.to_metre(torch.tensor([[10.0, 14.0], [10.0, -30.0]]))
-    clear = clearances_at([obstacle_distance(wall())] * 2, spots, frame)
-    assert clear.tolist() == pytest.approx([4 * frame.cell_size, 18 * frame.cell_size], rel=1e-3)
+    camera = Camera(height=40, width=60)
+    spots = camera.unproject(torch.tensor([[10.0, 14.0], [10.0, -30.0]]))
+    clear = clearances_at([obstacle_distance(wall())] * 2, spots, camera)
+    assert clear.tolist() == pytest.approx([4 * camera.cell_size, 18 * camera.cell_size], rel=1e-3)
 
 
 def test_cells_outside_of_a_rectangle():
-    frame = GridFrame()
-    beyond = outside(frame, (0.20, -0.35), (0.75, 0.35))
-    inside = frame.to_pixel(torch.tensor([[0.21, -0.34], [0.74, 0.34], [0.5, 0.0]])).round().int()
-    off = frame.to_pixel(torch.tensor([[0.19, 0.0], [0.76, 0.0], [0.5, 0.36], [0.5, -0.36]]))
+    camera = Camera()
+    beyond = outside(camera, (0.20, -0.35), (0.75, 0.35))
+    inside = camera.project(torch.tensor([[0.21, -0.34], [0.74, 0.34], [0.5, 0.0]])).round().int()
+    off = camera.project(torch.tensor([[0.19, 0.0], [0.76, 0.0], [0.5, 0.36], [0.5, -0.36]]))
     assert not any(beyond[v, u] for u, v in inside)
     assert all(beyond[v, u] for u, v in off.round().int())

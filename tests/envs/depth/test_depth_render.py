@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from modpush.envs import OBJECTS, SCENES, PushEnv
-from modpush.envs.depth.cameras import AnalyticEye, SapienEye
-from modpush.envs.depth.raycast import LABELS, blank_image
+from modpush.envs.depth.cameras import AnalyticDepthCamera, RenderedDepthCamera
+from modpush.envs.depth.raycast import blank_image
 from modpush.envs.sim.task import ClutterPushEnv, choose_render_backend
+from modpush.geometry.labels import Label
 
 NUM_SCENES = 200
 OUT = Path(__file__).parents[3] / "build" / "depth"
@@ -38,7 +39,7 @@ def view(depth: np.ndarray) -> np.ndarray:
 def test_analytic_equals_rendered_on_200_scenes(rendered_task) -> None:
     """At least 99.9 % of pixels within 2 mm, and the masks of object and robot likewise."""
     task = rendered_task
-    analytic, rendered = AnalyticEye(task, True), SapienEye(task, True)
+    analytic, rendered = AnalyticDepthCamera(task, True), RenderedDepthCamera(task, True)
     rng = np.random.default_rng(0)
     rows, seen, worst = [], set(), (1.1, None)
     for k in range(NUM_SCENES):
@@ -53,7 +54,7 @@ def test_analytic_equals_rendered_on_200_scenes(rendered_task) -> None:
         analytic.capture(0, *ours)
         rendered.capture(0, *theirs)
         error = np.abs(ours[0] - theirs[0])
-        same = {name: ((ours[1] == n) == (theirs[1] == n)).mean() for name, n in LABELS.items()}
+        same = {n.name: ((ours[1] == n) == (theirs[1] == n)).mean() for n in Label}
         off = (error > 0.002) & ~at_an_edge(theirs[0])
         rows.append({"within_2mm": (error <= 0.002).mean(), "off_edges": off.mean(), **same})
         if rows[-1]["within_2mm"] < worst[0]:
@@ -66,7 +67,7 @@ def test_analytic_equals_rendered_on_200_scenes(rendered_task) -> None:
     (OUT / "agreement.json").write_text(json.dumps(summary, indent=1))
     assert len({scene for scene, _ in seen}) == len(SCENES)
     assert len({item for _, item in seen}) == len(OBJECTS)
-    for key in ("within_2mm", *LABELS):
+    for key in ("within_2mm", *(label.name for label in Label)):
         assert summary[key]["mean"] >= 0.999, (key, summary[key])
     # All differences lie at edges: a rasteriser snaps vertices to a part of a pixel (a sixteenth on
     # SwiftShader), so that where a straight edge runs along pixel centres a whole row may fall on
@@ -97,11 +98,11 @@ def test_without_the_arm_the_rendered_eye_hides_it(rendered_task) -> None:
     task.reset(seed=0)
     for arm in (False, True):
         image = blank_image()
-        SapienEye(task, arm).capture(0, *image)
-        assert (image[1] == LABELS["robot"]).any() == arm
+        RenderedDepthCamera(task, arm).capture(0, *image)
+        assert (image[1] == Label.ROBOT).any() == arm
 
 
-def test_push_env_with_the_rendered_eye(render_device) -> None:
+def test_push_env_with_the_rendered_camera(render_device) -> None:
     envs = [PushEnv(1, scene="posts", depth=depth, seed=1) for depth in ("sapien", "analytic")]
     first, second = (env.reset() for env in envs)
     near = (first["depth"] - second["depth"]).abs() <= 0.002
