@@ -58,7 +58,7 @@ def test_every_method_is_known_by_its_name_and_settings(example, tmp_path: Path)
     methods = example("methods")
     found = [methods.get_method(name) for name in ("corridor", "corridor_faithful", "scripted")]
     assert len({method.label for method in found}) == 3
-    assert found[1].make_policy().config.faithful
+    assert found[1].make_policy().config.rules == "faithful"
     with pytest.raises(
         ValueError, match=r"no 'nobody', expected corridor, .*training run's folder"
     ):

@@ -1,101 +1,119 @@
-"""Numbers of the pushing-corridor controller."""
+"""Settings of the pushing-corridor controller."""
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 Corner = tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
 class CorridorConfig:
-    """Numbers of `PushingCorridorController`; `faithful_config` gives the authors' own."""
+    """Settings of `PushingCorridorController`; `faithful_config` gives those of the authors.
 
+    Raises:
+        ValueError: If a number is out of its range, or there are no such rules.
+    """
+
+    rules: Literal["mended", "faithful"] = "mended"
+    """Whether the mistakes in the authors' code are mended, or kept as they are."""
     prior_strength: float = 5.84
-    """R0 of the prior on (mu, kappa)."""
+    """Parameter R0 of the prior on (mu, kappa): length of the sum of the unit vectors that it stands
+    for."""
     prior_count: float = 7.0
-    """c of the prior; with R0 its mode is kappa = 3.37."""
+    """Parameter c of the prior: number of angles that it stands for; with R0 the mode is kappa 3.37."""
     prior_direction: float = 0.0
-    """phi of the prior [rad]."""
+    """Parameter phi of the prior: the angle that it expects to be best [rad]."""
     inversion: float = 0.4
-    """psi_relocate from which on the tool goes round the object instead of pushing it.
+    """Value of psi_relocate from which on the tool goes round the object instead of pushing it.
 
     At the prior's kappa of 3.37 it is reached 13 degrees off, the paper's 0.6 only 21 degrees off;
     the authors' own code ran at a kappa of 50, where 0.6 is reached 5 degrees off. What either
     does to success and contact is in `docs/evaluation.md`."""
     approach_gain: float = 1.0
-    """Speed towards the object while going round it from afar."""
+    """Speed towards the object while the tool goes round it from afar, 1 is full speed."""
     retreat_gain: float = 0.1
-    """Speed away from it, times psi_relocate, while going round it nearby."""
-    near: float = 0.035
-    """Nearby begins so far from the object's circumscribed circle [m]."""
+    """Speed away from the object while the tool goes round it nearby; it is multiplied by
+    psi_relocate."""
+    near_distance: float = 0.035
+    """Distance from the object's circumscribed circle at which the tool counts as near it [m]."""
     mean_gain: float = 0.05
-    """K_mu: share of the mean deviation that is steered against."""
+    """Gain K_mu: share of the object's mean deviation that the controller steers against."""
     last_gain: float = 0.1
-    """K_gamma: share of the last deviation that is steered against."""
-    success: float = 0.15
-    """A push that deviated by more is none to learn from, though the one before was worse [rad]."""
-    moved: float = 1e-4
-    """A step in which the object moved by more counts [m]."""
+    """Gain K_gamma: share of the object's last deviation that the controller steers against."""
+    learnable_deviation: float = 0.15
+    """Largest deviation of the object in a push that the controller learns from [rad]."""
+    moved_distance: float = 1e-4
+    """Least distance by which the object must move in a step for the step to count [m]."""
     inner_zone: float = 1.2
-    """Width of the inner zone in circumscribed radii of the object."""
+    """Width of the inner zone around obstacles, in circumscribed radii of the object."""
     outer_zone: float = 2.4
-    """Width of the outer zone in the same."""
+    """Width of the outer zone around obstacles, in circumscribed radii of the object."""
     touch_zone: float = 1.0
-    """Room that the object needs, in the same."""
-    weights: tuple[float, float, float] = (1.0, 50.0, 200.0)
-    """Cost of a free cell, of the outer zone, of the inner zone."""
-    workspace: tuple[tuple[float, float], tuple[float, float]] | None = (
-        (0.20, -0.35),
-        (0.75, 0.35),
-    )
-    """Lower and upper corner (x, y) of where the object should stay: beyond, cells cost as in the
-    inner zone; None: no such place [m]."""
-    neighbours: int = 8
-    """Of a cell, for A*."""
+    """Distance from an obstacle at which the object touches it, in circumscribed radii of the
+    object."""
+    zone_costs: tuple[float, float, float] = (1.0, 50.0, 200.0)
+    """Cost of a free cell, of one in the outer zone, and of one in the inner zone."""
+    workspace: tuple[Corner, Corner] | None = ((0.20, -0.35), (0.75, 0.35))
+    """Lower and upper corner (x, y) of the rectangle in which the object should stay; cells outside
+    of it cost as much as the inner zone. None for no such rectangle [m]."""
+    neighbours: Literal[4, 8] = 8
+    """Number of neighbours of a cell in the search for the path."""
     path_points: int = 256
-    """Points that the path is held by."""
-    behind: float = 0.0816
-    """How far behind the object the place to push it from is looked for [m]."""
-    tool_room: float = 0.03
-    """Room that the tool needs to either side on its way behind the object [m]."""
+    """Number of points of the planned path."""
+    behind_distance: float = 0.0816
+    """Distance behind the object's centre at which the look-ahead expects the tool to push [m]."""
+    tool_clearance: float = 0.03
+    """Distance that the tool's centre keeps from obstacles on its way behind the object [m]."""
     path_step: int = 20
-    """Points of the path that the target is ahead where none is seen that suits."""
-    window: int = 200
-    """How many successful angles are remembered, and at most."""
-    step: float = 1.0
-    """Length of an action, 1 is the most the environment allows in an axis."""
-    contact: float = 0.015
-    """Without room for the tool so far behind the object the target is turned; 0: not [m]."""
-    navigate: float = 0.08
-    """Where the object is nearer to an obstacle, the tool's way round it is planned; 0: not [m]."""
-    avoid: float = 0.05
-    """While it goes round the object the tool is pushed off nearer obstacles; 0: not [m]."""
+    """Number of points of the path by which the target is ahead of the object where the look-ahead
+    finds no better one."""
+    max_angles: int = 200
+    """Largest number of angles of successful pushes that are remembered."""
+    action_length: float = 1.0
+    """Length of the action in the plane; 1 is the largest that the environment allows in an axis."""
+    contact_distance: float = 0.015
+    """Distance of the pushing tool's centre from the object's circumscribed circle: where obstacles
+    leave no room for it there, the target is turned; 0 to never turn it [m]."""
+    navigate_distance: float = 0.08
+    """Distance of the object from an obstacle below which the tool's path around the object is
+    planned; 0 to never plan it [m]."""
+    avoid_distance: float = 0.05
+    """Distance from an obstacle below which a tool that goes round the object is pushed away from
+    it; 0 to never do so [m]."""
     patience: int = 5
-    """After so many steps in which nothing moved the tool backs off; 0: never."""
-    escape: int = 8
-    """For so many steps."""
+    """Number of steps in which nothing moves after which the tool backs off; 0 to never do so."""
+    escape_steps: int = 8
+    """Number of steps for which the tool backs off."""
     max_turn: float = 0.05
-    """What an action of 1 turns the tool by, whose wide side follows the way; 0: never turn [rad]."""
-    faithful: bool = False
-    """Keep the authors' mistakes: posterior, angle wrapping, means, condition to invert."""
+    """Angle by which an action of 1 turns the tool, whose wide side is turned towards the push; 0
+    to never turn it [rad]."""
 
     def __post_init__(self) -> None:
+        if self.rules not in ("mended", "faithful"):
+            raise ValueError(
+                f"CorridorConfig: rules must be 'mended' or 'faithful', got {self.rules!r}."
+            )
         if not self.prior_count > self.prior_strength >= 0:
             raise ValueError(
                 "CorridorConfig: prior_count must exceed prior_strength >= 0, got "
                 f"{self.prior_count} and {self.prior_strength}."
             )
-        if not 0 < self.step <= 1:
-            raise ValueError(f"CorridorConfig: step must lie in (0, 1], got {self.step}.")
-        if self.path_points < 2 or self.window < 1:
+        if self.neighbours not in (4, 8):
+            raise ValueError(f"CorridorConfig: neighbours must be 4 or 8, got {self.neighbours}.")
+        if not 0 < self.action_length <= 1:
             raise ValueError(
-                "CorridorConfig: path_points must be >= 2 and window >= 1, got "
-                f"{self.path_points} and {self.window}."
+                f"CorridorConfig: action_length must lie in (0, 1], got {self.action_length}."
+            )
+        if self.path_points < 2 or self.max_angles < 1:
+            raise ValueError(
+                "CorridorConfig: path_points must be >= 2 and max_angles >= 1, got "
+                f"{self.path_points} and {self.max_angles}."
             )
 
 
 def faithful_config() -> CorridorConfig:
-    """The authors' numbers: zones of 4.24 and 8.49 cm for an object of radius 3.54 cm.
+    """Settings of the authors: zones of 4.24 and 8.49 cm for an object of radius 3.54 cm.
 
     Their loop decides anew every 1.5 mm (240 times a second). Fifteen times a second at full speed
     is every 2 cm, and a controller that goes round the object from 5.4 degrees on then steps over
@@ -104,14 +122,15 @@ def faithful_config() -> CorridorConfig:
     """
     radius = 0.025 * math.sqrt(2.0)
     return CorridorConfig(
-        near=0.07 - radius,
+        rules="faithful",
+        near_distance=0.07 - radius,
         inversion=0.6,
-        success=math.inf,
-        tool_room=0.0,
+        learnable_deviation=math.inf,
+        tool_clearance=0.0,
         path_step=5,
-        contact=0.0,
-        navigate=0.0,
-        avoid=0.0,
+        contact_distance=0.0,
+        navigate_distance=0.0,
+        avoid_distance=0.0,
         patience=0,
         max_turn=0.0,
         inner_zone=0.03 * math.sqrt(2.0) / radius,
@@ -119,6 +138,5 @@ def faithful_config() -> CorridorConfig:
         touch_zone=7 * 0.00354 / radius,
         workspace=None,
         neighbours=4,
-        step=0.25,
-        faithful=True,
+        action_length=0.25,
     )

@@ -1,79 +1,102 @@
-"""What the corridor controller learns within an episode, and how it acts upon it.
+"""What the corridor controller learns within an episode, and how it uses it.
 
-All functions read and write its state, see `state_spec`.
+All functions read the controller's state, see `state_spec`; `learn` updates it.
 """
+
+import math
+from typing import NamedTuple
 
 import torch
 from tensordict import TensorDict
 from torch import Tensor
 
 from modpush.agents.corridor.config import CorridorConfig
-from modpush.agents.corridor.push_motion import direction_of
-from modpush.agents.corridor.von_mises import (
-    activations,
-    posterior,
-    posterior_faithful,
-    preferred_angle,
-    wrap_angle,
-    wrap_angle_faithful,
-)
+from modpush.agents.corridor.rules import Rules
+from modpush.agents.corridor.scene import direction_of
+from modpush.agents.corridor.von_mises import wrap_angle
 
 
-def activate(
-    state: TensorDict, alpha: Tensor, config: CorridorConfig
-) -> tuple[Tensor, Tensor, Tensor]:
-    """How much to push and to go round the object, and where it pays to stand.
+class Stance(NamedTuple):
+    """How well the tool stands to push the object, `[B]` each."""
+
+    alpha: Tensor
+    """Angle between "tool to object" and "object to target" [rad]; 0 is straight behind it."""
+    alpha_p: Tensor
+    """The angle at which pushes went well [rad]."""
+    push: Tensor
+    """Activation psi_push in [0, 1]."""
+    relocate: Tensor
+    """Activation psi_relocate in [0, 1]."""
+
+
+def activations(
+    alpha: Tensor, alpha_p: Tensor, mu: Tensor, kappa: Tensor, rules: Rules
+) -> tuple[Tensor, Tensor]:
+    """How much to push and how much to go round the object.
 
     Args:
-        state: Of B scenes.
-        alpha: `[B]` [rad], see `activations`.
-        config: Numbers.
+        alpha: Where the tool stands now, `[B]` [rad]; 0 is straight behind the object.
+        alpha_p: Where it stood when pushes went well, `[B]` [rad].
+        mu: `[B]` [rad].
+        kappa: `[B]`.
+        rules: How the deviation from the best place is measured.
 
     Returns:
-        psi_push, psi_relocate and alpha_p [rad], each `[B]`.
+        psi_push `[B]` in [0, 1], the density relative to its peak, and
+        psi_relocate = sqrt(1 - psi_push^2).
+    """
+    apart = wrap_angle(alpha_p - alpha)
+    near = (apart.abs() < math.pi / 8) & (apart.abs() < wrap_angle(alpha).abs())
+    deviation = rules.deviation(alpha, near, apart, mu)
+    push = (kappa * (deviation.cos() - 1)).exp()
+    return push, (1 - push.square()).clamp_min(0).sqrt()
+
+
+def judge_stance(state: TensorDict, alpha: Tensor, config: CorridorConfig, rules: Rules) -> Stance:
+    """Compare where the tool stands with where pushes went well.
+
+    Args:
+        state: State of `B` scenes.
+        alpha: See `Stance`, `[B]` [rad].
+        config: Settings.
+        rules: Rules.
     """
     alphas = state["alphas"].double()
-    valid = torch.arange(config.window) < state["alpha_count"]
-    if config.faithful:
-        mu, kappa = posterior_faithful(alphas, valid, config.prior_strength, config.prior_direction)
-    else:
-        mu, kappa = posterior(
-            alphas, valid, config.prior_strength, config.prior_count, config.prior_direction
-        )
-    alpha_p = preferred_angle(alphas, valid, mu, kappa, circular=not config.faithful)
-    push, relocate = activations(alpha.double(), alpha_p, mu, kappa, config.faithful)
-    return push.float(), relocate.float(), alpha_p.float()
+    valid = torch.arange(config.max_angles) < state["alpha_count"]
+    mu, kappa = rules.fit_angles(alphas, valid, config)
+    alpha_p = rules.preferred_angle(alphas, valid, mu, kappa)
+    push, relocate = activations(alpha.double(), alpha_p, mu, kappa, rules)
+    return Stance(alpha, alpha_p.float(), push.float(), relocate.float())
 
 
-def learn(state: TensorDict, position: Tensor, config: CorridorConfig) -> None:
-    """Note how the object went, and the angle if it went straighter than before."""
+def learn(state: TensorDict, position: Tensor, config: CorridorConfig, rules: Rules) -> None:
+    """Note how the object moved in the last step, and the angle if it moved straighter than before.
+
+    Args:
+        state: State of `B` scenes, updated in place.
+        position: Position of the object now, `[B, 2]` [m].
+        config: Settings.
+        rules: Rules.
+    """
     moved_by = position - state["object_position"]
-    moved = (moved_by.norm(dim=-1) > config.moved) & state["started"].squeeze(-1)
+    moved = (moved_by.norm(dim=-1) > config.moved_distance) & state["started"].squeeze(-1)
     wanted = state["target"] - state["object_position"]
-    wrap = wrap_angle_faithful if config.faithful else wrap_angle
-    gamma = wrap(direction_of(moved_by) - direction_of(wanted))
+    gamma = rules.wrap_angle(direction_of(moved_by) - direction_of(wanted))
     before, count = state["gamma"].squeeze(-1), state["gamma_count"].squeeze(-1)
-    success = moved & (count > 0) & (gamma.abs() < before.abs().clamp_max(config.success))
-    rows = success.nonzero().squeeze(-1)
-    slot = state["alpha_count"].squeeze(-1).long().clamp_max(config.window - 1)
+    limit = before.abs().clamp_max(config.learnable_deviation)
+    rows = (moved & (count > 0) & (gamma.abs() < limit)).nonzero().squeeze(-1)
+    slot = state["alpha_count"].squeeze(-1).long().clamp_max(config.max_angles - 1)
     state["alphas"][rows, slot[rows]] = state["alpha"][rows, 0]
     state["alpha_count"][rows] += 1
-    state["alpha_count"].clamp_(max=config.window)
+    state["alpha_count"].clamp_(max=config.max_angles)
     rows = moved.nonzero().squeeze(-1)
     state["gamma"][rows, 0] = gamma[rows]
     state["gamma_count"][rows] += 1
-    terms = torch.stack([gamma.cos(), gamma.sin()], -1)
-    if config.faithful:
-        terms = torch.stack([torch.ones_like(gamma), gamma], -1)  # numbers, not directions
-    state["gamma_sum"][rows] += terms[rows]
+    state["gamma_sum"][rows] += rules.deviation_terms(gamma)[rows]
 
 
-def correction(state: TensorDict, config: CorridorConfig) -> Tensor:
-    """What to steer against, `[B]` [rad]."""
-    total, count = state["gamma_sum"], state["gamma_count"].squeeze(-1)
-    if config.faithful:
-        mean = total[:, 1] / count.clamp_min(1)
-    else:
-        mean = torch.atan2(total[:, 1], total[:, 0])
+def correction(state: TensorDict, config: CorridorConfig, rules: Rules) -> Tensor:
+    """The angle to steer against, `[B]` [rad]."""
+    mean = rules.mean_deviation(state["gamma_sum"], state["gamma_count"].squeeze(-1))
     last = state["gamma"].squeeze(-1)
     return config.mean_gain * mean + config.last_gain * last

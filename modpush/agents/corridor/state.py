@@ -9,12 +9,12 @@ from modpush.agents.corridor.config import CorridorConfig
 
 
 def state_spec(config: CorridorConfig, batch: tuple[int, ...]) -> Composite:
-    """Spec of the state of a batch of scenes; all zero is a scene that has not begun.
+    """Spec of the state of a batch of scenes; a scene whose episode has not begun is all zero.
 
     Keys, each `[*batch, ...]` float32 unless said: `started` (1) bool; `path` (path_points, 2) and
     `goal` (2) of the episode [m]; of the last step `target` (2), `object_position` (2),
     `tool_position` (2) [m], `alpha` (1) and the object's deviation `gamma` (1) [rad]; `alphas`
-    (window) of pushes that went well, `alpha_count` (1) of them; `gamma_sum` (2) and `gamma_count`
+    (max_angles) of pushes that went well, `alpha_count` (1) of them; `gamma_sum` (2) and `gamma_count`
     (1) over the steps in which the object moved; `still` (1), steps in which nothing moved, and
     `escape` (1), steps left to back off.
     """
@@ -26,7 +26,7 @@ def state_spec(config: CorridorConfig, batch: tuple[int, ...]) -> Composite:
         "tool_position": (2,),
         "alpha": (1,),
         "gamma": (1,),
-        "alphas": (config.window,),
+        "alphas": (config.max_angles,),
         "alpha_count": (1,),
         "gamma_sum": (2,),
         "gamma_count": (1,),

@@ -5,21 +5,19 @@ import pytest
 import scipy.ndimage as ndi
 import torch
 
-from modpush.agents.corridor.corridor import (
-    corridor_cost,
-    corridor_path,
-    least_clearance,
-    look_ahead,
-    obstacle_distance,
-    outside,
-)
-from modpush.agents.corridor.tool_path import (
+from modpush.agents.corridor.clearance import (
     away_from_obstacles,
-    clearances_at,
-    repulsion,
-    turn_to_room,
-    way_behind,
+    least_clearance,
+    object_clearance,
+    tool_repulsion,
 )
+from modpush.agents.corridor.config import CorridorConfig
+from modpush.agents.corridor.corridor_path import cells_outside, corridor_cost, least_cost_path
+from modpush.agents.corridor.look_ahead import Limits, View, look_ahead
+from modpush.agents.corridor.obstacle_distance import ObstacleDistances, obstacle_distance
+from modpush.agents.corridor.scene import CorridorScene
+from modpush.agents.corridor.tool_path import next_tool_position
+from modpush.agents.corridor.turn_target import RoomNeeded, turn_target
 from modpush.geometry import Camera
 from modpush.planners import LazyThetaStar
 
@@ -48,7 +46,19 @@ def plan(blocked, start, goal, inner=2.0, outer=5.0, points=64):
     distance = torch.from_numpy(obstacle_distance(blocked))[None]
     cost = corridor_cost(distance, torch.tensor([inner]), torch.tensor([outer]), (1.0, 50.0, 200.0))
     ends = torch.tensor([start], dtype=torch.float32), torch.tensor([goal], dtype=torch.float32)
-    return corridor_path(distance, cost, *ends, points)[0].numpy()
+    return least_cost_path(distance, cost, ends, points)[0].numpy()
+
+
+def scene(distance, camera, object_position=(0.0, 0.0), tool_position=(0.0, 0.0), radius=0.0):
+    return CorridorScene(
+        camera=camera,
+        obstacle_distance=distance,
+        object_position=torch.as_tensor(object_position).reshape(-1, 2),
+        object_radius=torch.full((len(distance),), radius),
+        tool_position=torch.as_tensor(tool_position).reshape(-1, 2),
+        tool_yaw=torch.zeros(len(distance)),
+        goal=torch.zeros(len(distance), 2),
+    )
 
 
 def test_the_path_keeps_out_of_the_zones_where_it_can():
@@ -87,12 +97,13 @@ def test_repulsion_turns_pixels_into_metres():
     camera = Camera(height=40, width=60)
     distance = obstacle_distance(wall())
     above = camera.unproject(torch.tensor([[10.0, 14.0]]))  # 4 cells above the wall
-    push = repulsion([distance], above, 8 * camera.cell_size, camera)
+    push = tool_repulsion(scene([distance], camera, tool_position=above), 8 * camera.cell_size)
     torch.testing.assert_close(push, torch.tensor([[0.5, 0.0]]), atol=1e-3, rtol=0)  # up is +x
     right = camera.unproject(torch.tensor([[43.0, 20.0]]))  # 4 cells to the wall's right
-    push = repulsion([distance], right, 8 * camera.cell_size, camera)
+    push = tool_repulsion(scene([distance], camera, tool_position=right), 8 * camera.cell_size)
     torch.testing.assert_close(push, torch.tensor([[0.0, -0.5]]), atol=0.02, rtol=0)  # right is -y
-    assert repulsion([distance], above, 0.0, camera).tolist() == [[0.0, 0.0]]
+    none = tool_repulsion(scene([distance], camera, tool_position=above), 0.0)
+    assert none.tolist() == [[0.0, 0.0]]
 
 
 LIMITS = (5.0, 2.0, 1.0)
@@ -111,19 +122,10 @@ def ahead(
     room=0.0,
     step=5,
 ):
-    return look_ahead(
-        obstacle_distance(blocked),
-        np.asarray(path, float),
-        np.asarray(position, float),
-        np.asarray(tool, float),
-        np.asarray(previous, float),
-        first,
-        behind,
-        limits,
-        relative,
-        room,
-        step,
-    )
+    spots = (np.asarray(spot, float) for spot in (path, position, tool, previous))
+    view = View(obstacle_distance(blocked), *spots, first)
+    outer, inner, touch = limits
+    return look_ahead(view, Limits(outer, inner, touch, room, behind, relative, step))
 
 
 def test_without_obstacles_the_target_is_the_goal():
@@ -195,34 +197,39 @@ def test_a_target_without_room_behind_is_turned_just_so_far_that_there_is():
     # 2.5 down, 3.5 off.
     distance = obstacle_distance(wall())
     position, target = np.array([20.0, 12.0]), np.array([20.0, 2.0])
-    u, v = turn_to_room(distance, position, target, 5.0, 3.0, 4.0, 2.0)
+    u, v = turn_target(distance, position, target, RoomNeeded(5.0, 3.0, 4.0, 2.0))
     assert np.hypot(u - 20, v - 12) == pytest.approx(10)
     assert abs(np.degrees(np.arctan2(u - 20, 12 - v))) == pytest.approx(60)
     # Away from walls nothing is turned; nor where no turn makes room.
-    assert turn_to_room(distance, position, target, 3.0, 3.0, 4.0, 2.0) == pytest.approx((20, 2))
-    assert turn_to_room(distance, position, target, 5.0, 30.0, 4.0, 2.0) == pytest.approx((20, 2))
+    assert turn_target(distance, position, target, RoomNeeded(3.0, 3.0, 4.0, 2.0)) == pytest.approx(
+        (20, 2)
+    )
+    assert turn_target(
+        distance, position, target, RoomNeeded(5.0, 30.0, 4.0, 2.0)
+    ) == pytest.approx((20, 2))
 
 
 def test_a_turned_target_does_not_lead_into_an_obstacle():
     distance = obstacle_distance(wall())
     # To be pushed down into the wall: turned until 4 cells ahead keep 2 cells off it.
     position, target = np.array([20.0, 14.0]), np.array([20.0, 24.0])
-    _, v = turn_to_room(distance, position, target, 5.0, 1.0, 4.0, 2.0)
+    _, v = turn_target(distance, position, target, RoomNeeded(5.0, 1.0, 4.0, 2.0))
     ahead = 14 + 0.4 * (v - 14)
     assert distance[round(ahead), 20] >= 2
     assert ahead > 14
 
 
-def test_the_tool_s_way_behind_leads_round_the_object():
+def test_the_tool_s_path_leads_round_the_object():
     camera = Camera(height=40, width=60)
     size, none = camera.cell_size, np.full((40, 60), np.inf, np.float32)
     position = camera.unproject(torch.tensor([[30.0, 20.0]]))
     target = camera.unproject(torch.tensor([[50.0, 20.0]]))
     tool = camera.unproject(torch.tensor([[45.0, 20.0]]))  # on the wrong side
-    keep_off = torch.tensor([8 * size])
+    config = CorridorConfig(near_distance=8 * size, tool_clearance=0.0)
     trail = []
     for _ in range(40):
-        ahead = way_behind(LazyThetaStar(), [none], position, target, tool, keep_off, 0.0, camera)
+        now = scene([none], camera, position, tool)
+        ahead = next_tool_position(now, target, config, LazyThetaStar())
         step = ahead - tool
         tool = tool + step * (1.5 * size / step.norm().clamp_min(1.5 * size))
         trail.append(camera.project(tool)[0])
@@ -232,17 +239,32 @@ def test_the_tool_s_way_behind_leads_round_the_object():
     assert abs(trail[-1][1] - 20) < 3
 
 
-def test_clearances_in_metres():
+def test_the_object_s_clearance_in_metres():
     camera = Camera(height=40, width=60)
     spots = camera.unproject(torch.tensor([[10.0, 14.0], [10.0, -30.0]]))
-    clear = clearances_at([obstacle_distance(wall())] * 2, spots, camera)
+    clear = object_clearance(scene([obstacle_distance(wall())] * 2, camera, spots))
     assert clear.tolist() == pytest.approx([4 * camera.cell_size, 18 * camera.cell_size], rel=1e-3)
 
 
 def test_cells_outside_of_a_rectangle():
     camera = Camera()
-    beyond = outside(camera, (0.20, -0.35), (0.75, 0.35))
+    beyond = cells_outside(camera, (0.20, -0.35), (0.75, 0.35))
     inside = camera.project(torch.tensor([[0.21, -0.34], [0.74, 0.34], [0.5, 0.0]])).round().int()
     off = camera.project(torch.tensor([[0.19, 0.0], [0.76, 0.0], [0.5, 0.36], [0.5, -0.36]]))
     assert not any(beyond[v, u] for u, v in inside)
     assert all(beyond[v, u] for u, v in off.round().int())
+
+
+def test_distances_depend_on_the_images_alone():
+    camera = Camera(height=40, width=60)
+    remembering = ObstacleDistances(camera)
+    depth = torch.full((2, 40, 60), camera.z)
+    labels = torch.zeros(2, 40, 60, dtype=torch.uint8)
+    for columns in (slice(0, 40), slice(0, 40), slice(20, 60)):
+        depth[:] = camera.z
+        depth[0, torch.from_numpy(wall(columns=columns))] = camera.z - 0.02
+        got = remembering(depth, labels)
+        for one, expected in zip(got, ObstacleDistances(camera)(depth, labels), strict=True):
+            np.testing.assert_allclose(one, expected, rtol=1e-6)  # OpenCV rounds by alignment
+        assert (got[0][20, 50] == 0) == (columns.stop > 50)  # the wall has moved, and so did they
+        assert np.isinf(got[1]).all()

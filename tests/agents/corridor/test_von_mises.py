@@ -11,16 +11,19 @@ from scipy import stats
 from scipy.integrate import quad
 from scipy.special import i0
 
+from modpush.agents import CorridorConfig
+from modpush.agents.corridor import authors_code
+from modpush.agents.corridor.push_learning import activations
+from modpush.agents.corridor.rules import FAITHFUL, MENDED
 from modpush.agents.corridor.von_mises import (
-    activations,
     bessel_ratio,
     concentration,
-    posterior,
-    posterior_faithful,
+    fit_angles,
     preferred_angle,
     wrap_angle,
-    wrap_angle_faithful,
 )
+
+PRIOR = CorridorConfig()
 
 
 def d(*values):
@@ -37,7 +40,7 @@ def test_wrapping_keeps_the_direction_and_lands_in_the_circle(angle):
 
 def test_the_authors_wrapping_is_wrong_on_both_sides():
     # 3.5 should become 3.5 - 2 pi = -2.783 and becomes pi - 3.5 = -0.358; -4 is right by luck.
-    out = wrap_angle_faithful(d(1.0, -1.0, 3.5, -4.0, -7.0))
+    out = authors_code.wrap_angle(d(1.0, -1.0, 3.5, -4.0, -7.0))
     expected = d(1.0, -1.0, math.pi - 3.5, 2 * math.pi - 4, 7 - 2 * math.pi)
     torch.testing.assert_close(out, expected)
 
@@ -56,7 +59,7 @@ def test_concentration_at_the_ends():
 
 def test_the_prior_s_mode_is_kappa_3_37():
     # I1(k) / I0(k) = 5.84 / 7 = 0.8343 at k = 3.37.
-    mu, kappa = posterior(torch.zeros(1, 4).double(), torch.zeros(1, 4).bool(), 5.84, 7.0, 0.0)
+    mu, kappa = fit_angles(torch.zeros(1, 4).double(), torch.zeros(1, 4).bool(), PRIOR)
     assert mu.item() == 0
     assert kappa.item() == pytest.approx(3.37, abs=0.01)
 
@@ -64,7 +67,7 @@ def test_the_prior_s_mode_is_kappa_3_37():
 def test_the_posterior_by_hand():
     # Seen 0.2 twice and a third that does not count: R = |5.84 + 2 e^{0.2 i}|, c = 9.
     alphas, valid = d(0.2, 0.2, 1.9)[None], torch.tensor([[True, True, False]])
-    mu, kappa = posterior(alphas, valid, 5.84, 7.0, 0.0)
+    mu, kappa = fit_angles(alphas, valid, PRIOR)
     x, y = 5.84 + 2 * math.cos(0.2), 2 * math.sin(0.2)
     assert mu.item() == pytest.approx(math.atan2(y, x))
     assert bessel_ratio(kappa).item() == pytest.approx(math.hypot(x, y) / 9)
@@ -72,7 +75,7 @@ def test_the_posterior_by_hand():
 
 def test_the_posterior_is_the_peak_of_prior_times_likelihood():
     alphas = torch.tensor([[0.3, 0.1, -0.2, 0.5]], dtype=torch.float64)
-    mu, kappa = posterior(alphas, torch.ones(1, 4).bool(), 5.84, 7.0, 0.1)
+    mu, kappa = fit_angles(alphas, torch.ones(1, 4).bool(), CorridorConfig(prior_direction=0.1))
 
     def log_density(m, k):
         prior = 5.84 * k * math.cos(0.1 - m) - 7 * math.log(i0(k))
@@ -86,17 +89,17 @@ def test_the_posterior_is_the_peak_of_prior_times_likelihood():
 def test_much_evidence_outweighs_the_prior():
     rng = np.random.default_rng(0)
     alphas = torch.from_numpy(stats.vonmises(8.0, loc=0.6).rvs(3000, random_state=rng))[None]
-    mu, kappa = posterior(alphas, torch.ones_like(alphas).bool(), 5.84, 7.0, 0.0)
+    mu, kappa = fit_angles(alphas, torch.ones_like(alphas).bool(), PRIOR)
     assert mu.item() == pytest.approx(0.6, abs=0.03)
     assert kappa.item() == pytest.approx(8.0, rel=0.08)
 
 
 def test_the_authors_posterior_is_pinned():
     none = torch.zeros(1, 3).bool()
-    mu, kappa = posterior_faithful(torch.zeros(1, 3).double(), none, 5.84, 0.0)
+    mu, kappa = authors_code.fit_angles(torch.zeros(1, 3).double(), none, PRIOR)
     assert (mu.item() % (2 * math.pi), kappa.item()) == (0.0, 50.0)
     alphas = torch.tensor([[0.3, 0.3, 0.3]], dtype=torch.float64)
-    mu, kappa = posterior_faithful(alphas, ~none, 5.84, 0.0)
+    mu, kappa = authors_code.fit_angles(alphas, ~none, PRIOR)
     # d/dmu of 50 cos(0.3 - mu) + 292 cos(mu) is 0 at mu = atan2(50 sin 0.3, 292 + 50 cos 0.3)
     # = 0.0435, that is 2.49 degrees; the grid has whole ones.
     assert math.degrees(mu.item()) == pytest.approx(2.0, abs=0.51)
@@ -111,22 +114,22 @@ def test_preferred_angles_by_hand():
     circular = math.atan2(
         w[0] * math.sin(0.2) - w[1] * math.sin(0.1), w[0] * math.cos(0.2) + w[1] * math.cos(0.1)
     )
-    assert preferred_angle(alphas, valid, mu, kappa, circular=False).item() == pytest.approx(linear)
+    assert authors_code.preferred_angle(alphas, valid, mu, kappa).item() == pytest.approx(linear)
     assert preferred_angle(alphas, valid, mu, kappa).item() == pytest.approx(circular)
-    for kind in (True, False):
-        assert preferred_angle(alphas, ~valid & False, mu, kappa, circular=kind).item() == 0
+    for mean in (preferred_angle, authors_code.preferred_angle):
+        assert mean(alphas, ~valid & False, mu, kappa).item() == 0
 
 
 def test_the_mean_of_angles_across_the_cut_is_on_the_right_side():
     alphas, valid = d(math.pi - 0.1, -math.pi + 0.1)[None], torch.ones(1, 2).bool()
     mu, kappa = d(math.pi), d(3.0)
     assert abs(preferred_angle(alphas, valid, mu, kappa).item()) == pytest.approx(math.pi)
-    assert preferred_angle(alphas, valid, mu, kappa, circular=False).item() == pytest.approx(0.0)
+    assert authors_code.preferred_angle(alphas, valid, mu, kappa).item() == pytest.approx(0.0)
 
 
 def test_activations_by_hand():
     # kappa 3.37, mu 0: at 0.5 rad psi_push = exp(3.37 (cos 0.5 - 1)) = 0.66196.
-    push, relocate = activations(d(0.5, 0.0), d(-2.0, 0.0), d(0.0, 0.0), d(3.37, 3.37))
+    push, relocate = activations(d(0.5, 0.0), d(-2.0, 0.0), d(0.0, 0.0), d(3.37, 3.37), MENDED)
     assert push.tolist() == pytest.approx([0.66196, 1.0], abs=1e-5)
     assert relocate.tolist() == pytest.approx([math.sqrt(1 - 0.66196**2), 0.0], abs=1e-4)
 
@@ -136,17 +139,17 @@ def test_relocation_begins_at_the_published_angles():
     for kappa, degrees in ((3.5, 20.6), (50.0, 5.4)):
         around = d(math.radians(degrees - 0.1), math.radians(degrees + 0.1))
         far = d(3.0, 3.0)  # nothing preferred nearby
-        _, relocate = activations(around, far, d(0.0, 0.0), d(kappa, kappa))
+        _, relocate = activations(around, far, d(0.0, 0.0), d(kappa, kappa), MENDED)
         assert relocate[0] < 0.6 < relocate[1]
 
 
 def test_near_the_preferred_angle_the_way_to_it_counts():
     # alpha 0.5, alpha_p 0.4: within pi/8, and nearer than straight behind.
-    push, _ = activations(d(0.5), d(0.4), d(0.3), d(4.0))
+    push, _ = activations(d(0.5), d(0.4), d(0.3), d(4.0), MENDED)
     assert push.item() == pytest.approx(math.exp(4 * (math.cos(0.1) - 1)))
-    push, _ = activations(d(0.5), d(0.4), d(0.3), d(4.0), faithful=True)
+    push, _ = activations(d(0.5), d(0.4), d(0.3), d(4.0), FAITHFUL)
     assert push.item() == pytest.approx(math.exp(4 * (math.cos(-0.1 - 0.3) - 1)))
-    push, _ = activations(d(0.5), d(1.0), d(0.3), d(4.0))  # too far from alpha_p
+    push, _ = activations(d(0.5), d(1.0), d(0.3), d(4.0), MENDED)  # too far from alpha_p
     assert push.item() == pytest.approx(math.exp(4 * (math.cos(0.5 - 0.3) - 1)))
 
 

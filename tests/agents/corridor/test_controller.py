@@ -11,24 +11,30 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase, InitTracker, TransformedEnv, check_env_specs
 
 from modpush.agents import CorridorConfig, PushingCorridorController, faithful_config
-from modpush.agents.corridor.push_motion import face_way, push_direction
+from modpush.agents.corridor.push_learning import Stance
+from modpush.agents.corridor.push_motion import push_velocity, turn_wide_side
+from modpush.agents.corridor.rules import RULES
+from modpush.agents.corridor.scene import CorridorScene
+from modpush.geometry import Camera
 from tests.agents.point_pusher import PointPusher
 
 GAP = [(0.44, 0.50, -0.40, -0.06), (0.44, 0.50, 0.06, 0.40)]
 
 
-def motion(push, relocate, near, touched, tool=(0.3, 0.0), alpha=0.3, alpha_p=0.0, config=None):
-    return push_direction(
-        torch.tensor([[0.4, 0.0]]),
-        torch.tensor([tool]),
-        torch.tensor([alpha]),
-        torch.tensor([alpha_p]),
-        torch.tensor([push]),
-        torch.tensor([relocate]),
-        torch.tensor([near]),
-        torch.tensor([touched]),
-        config or CorridorConfig(inversion=0.6),
-    )[0].tolist()
+def motion(push, relocate, near, has_moved, alpha=0.3, alpha_p=0.0, config=None):
+    config = config or CorridorConfig(inversion=0.6)
+    now = CorridorScene(
+        camera=Camera(),
+        obstacle_distance=[],
+        object_position=torch.tensor([[0.4, 0.0]]),
+        object_radius=torch.tensor([0.08 if near else 0.02]),  # the tool is 10 cm away
+        tool_position=torch.tensor([[0.3, 0.0]]),
+        tool_yaw=torch.zeros(1),
+        goal=torch.zeros(1, 2),
+    )
+    numbers = (torch.tensor([value]) for value in (alpha, alpha_p, push, relocate))
+    moved = torch.tensor([has_moved])
+    return push_velocity(now, Stance(*numbers), moved, config, RULES[config.rules])[0].tolist()
 
 
 def test_moves_by_hand():
@@ -219,6 +225,7 @@ def test_nested_keys():
             "eye": {"depth": plain["depth"], "seg": plain["segmentation"]},
             "pose": {"object": plain["object_pose"], "tool": plain["ee_pose"]},
             "task": {"goal": plain["goal_position"], "radius": plain["object_radius"]},
+            "episode": {"first": torch.ones(2, 1, dtype=torch.bool)},
         },
         batch_size=[2],
     )
@@ -229,12 +236,14 @@ def test_nested_keys():
         ee_pose_key=("pose", "tool"),
         goal_position_key=("task", "goal"),
         object_radius_key=("task", "radius"),
-        state_key="memory",
+        is_init_key=("episode", "first"),
+        state_key=("agent", "memory"),
         action_key=("agent", "action"),
     )(nested)
     expected = PushingCorridorController()(plain)
+    assert set(out.keys(True, True)) >= {("agent", "action"), ("agent", "memory", "path")}
     assert torch.equal(out["agent", "action"], expected["action"])
-    assert torch.equal(out["next", "memory", "path"], expected["next", "corridor", "path"])
+    assert torch.equal(out["next", "agent", "memory", "path"], expected["next", "corridor", "path"])
 
 
 def test_the_object_may_be_anywhere():
@@ -252,7 +261,7 @@ def test_the_object_may_be_anywhere():
 
 
 def test_missing_keys_are_named():
-    with pytest.raises(KeyError, match="'segmentation' is missing; there is"):
+    with pytest.raises(KeyError, match="'segmentation' is missing; there are"):
         PushingCorridorController()(random_world(1, 0).observe().exclude("segmentation"))
 
 
@@ -260,8 +269,10 @@ def test_missing_keys_are_named():
     ("kwargs", "message"),
     [
         ({"prior_count": 5.0}, r"prior_count must exceed prior_strength >= 0, got 5\.0 and 5\.84"),
-        ({"step": 0.0}, r"step must lie in \(0, 1\], got 0\.0"),
-        ({"window": 0}, "path_points must be >= 2 and window >= 1, got 256 and 0"),
+        ({"action_length": 0.0}, r"action_length must lie in \(0, 1\], got 0\.0"),
+        ({"max_angles": 0}, "path_points must be >= 2 and max_angles >= 1, got 256 and 0"),
+        ({"neighbours": 6}, "neighbours must be 4 or 8, got 6"),
+        ({"rules": "strict"}, "rules must be 'mended' or 'faithful', got 'strict'"),
     ],
 )
 def test_bad_numbers_are_refused(kwargs, message):
@@ -273,6 +284,8 @@ def test_the_wide_side_faces_the_way_the_shorter_way_round():
     # The wide side lies along x at yaw 0, so that it faces a way along y; any half turn is the same.
     way = torch.tensor([math.pi / 2, math.pi / 2, 0.0, 0.0])
     yaw = torch.tensor([0.0, math.pi, math.pi / 2 - 0.02, -math.pi / 2 + 0.02])
-    turn = face_way(way, yaw, 0.05)
+    turn = turn_wide_side(way, yaw, 0.05)
     assert turn.tolist() == pytest.approx([0.0, 0.0, 0.4, -0.4], abs=1e-5)
-    assert face_way(torch.zeros(1), torch.ones(1), 0.05).item() == pytest.approx(1.0)  # clipped
+    assert turn_wide_side(torch.zeros(1), torch.ones(1), 0.05).item() == pytest.approx(
+        1.0
+    )  # clipped
