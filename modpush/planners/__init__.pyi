@@ -9,17 +9,12 @@ from .base import (
     point_along as point_along,
 )
 from .distance_field import DistanceField as DistanceField
+from .inflation import circumscribed_radius as circumscribed_radius
+from .inflation import inflate as inflate
+from .inflation import inscribed_radius as inscribed_radius
 from .lazy_theta_star import LazyThetaStar as LazyThetaStar
 from .occupancy import OccupancyGrid as OccupancyGrid
-from .occupancy_map import (
-    OccupancyMap as OccupancyMap,
-)
-from .occupancy_map import (
-    circumscribed_radius as circumscribed_radius,
-)
-from .occupancy_map import (
-    inflate as inflate,
-)
+from .occupancy_map import OccupancyMap as OccupancyMap
 from .straight_line import StraightLine as StraightLine
 from .subgoals import (
     PlannerSubgoals as PlannerSubgoals,

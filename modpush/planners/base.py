@@ -1,13 +1,16 @@
 """The planners' common interface: a map, a start and a goal in, paths out."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from modpush._checks import check_dtype
 from modpush.planners.kernels.visibility import MAX_SIDE
 
 
@@ -109,9 +112,11 @@ class Planner(ABC):
     """
 
     def __init__(self, cell_size: float = 1.0) -> None:
-        if not cell_size > 0:
-            raise ValueError(f"{type(self).__name__}: cell_size must be > 0, got {cell_size}.")
-        self.cell_size = cell_size
+        if not (cell_size > 0 and math.isfinite(cell_size)):
+            raise ValueError(
+                f"{type(self).__name__}: cell_size must be > 0 and finite, got {cell_size}."
+            )
+        self.cell_size = float(cell_size)
 
     def plan(self, occupancy: Tensor, start: Tensor, goal: Tensor) -> Paths:
         """Plan one path a scene.
@@ -128,12 +133,12 @@ class Planner(ABC):
             TypeError: If the occupancy is not bool, or an end is not floating point.
             ValueError: If shapes do not fit each other, or an end is not finite.
         """
+        return self._plan_checked(occupancy, start, goal)
+
+    def _plan_checked(self, occupancy: Tensor, start: Tensor, goal: Tensor, *options: Any) -> Paths:
+        """Check and convert the arguments of `plan`, then call `_plan` with the options as well."""
         name = type(self).__name__
-        if occupancy.dtype != torch.bool:
-            raise TypeError(
-                f"{name}: occupancy must be bool, got {occupancy.dtype}; compare it with a "
-                "threshold first."
-            )
+        check_dtype(name, "occupancy", occupancy, torch.bool)
         if occupancy.ndim != 3 or not all(1 <= side <= MAX_SIDE for side in occupancy.shape[1:]):
             raise ValueError(
                 f"{name}: occupancy must be [B, H, W] with H and W from 1 to {MAX_SIDE}, got "
@@ -142,13 +147,14 @@ class Planner(ABC):
         ends = [self._check_end("start", start, len(occupancy))]
         ends.append(self._check_end("goal", goal, len(occupancy)))
         if occupancy.device.type == "cpu":
-            return self._plan(occupancy.contiguous(), *ends)
-        return self._plan(occupancy.cpu().contiguous(), *ends).to(occupancy.device)
+            return self._plan(occupancy.contiguous(), *ends, *options)
+        return self._plan(occupancy.cpu().contiguous(), *ends, *options).to(occupancy.device)
 
     def _check_end(self, what: str, point: Tensor, batch: int) -> Tensor:
         name = type(self).__name__
-        if not point.is_floating_point():
-            raise TypeError(f"{name}: {what} must be floating point, got {point.dtype}.")
+        if not (isinstance(point, Tensor) and point.is_floating_point()):
+            got = point.dtype if isinstance(point, Tensor) else type(point).__name__
+            raise TypeError(f"{name}: {what} must be a floating point tensor, got {got}.")
         if point.shape != (batch, 2):
             raise ValueError(
                 f"{name}: {what} must be [B, 2] = [{batch}, 2], got {list(point.shape)}."

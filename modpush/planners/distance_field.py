@@ -1,183 +1,41 @@
-"""A field of shortest ways to one goal, built once and asked again as the object moves."""
-
-from typing import Any, NamedTuple
-
-import numpy as np
-from numba import njit, prange
-from numpy.typing import NDArray
+"""A field of shortest ways to one goal, built once and read again as the object moves."""
 
 from modpush._batching import run_batch
-from modpush.planners.kernels.scene_maps import (
-    MAX_CORNERS,
-    GridPlanner,
-    Maps,
-    PathArrays,
-    corner_count,
-    place_ends,
-    refresh_map,
-    write_path,
-)
-from modpush.planners.kernels.taut_search import length_of, stays_taut, taut_search, touches
-from modpush.planners.kernels.visibility import line_of_sight
-from modpush.planners.lazy_theta_star import solve_scene
+from modpush.planners.grid_planner import GridPlanner
+from modpush.planners.kernels.distance_field import Fields, empty_fields, plan_many, plan_one
+from modpush.planners.kernels.maps import Maps
+from modpush.planners.kernels.paths import PathArrays, Queries
+from modpush.planners.per_thread import PerThread
 
-
-class Fields(NamedTuple):
-    """For each scene the shortest ways from all corners to the goal.
-
-    Attributes:
-        goal: `[B, 2]` int64, the goal in the vertex frame, fixed point; -1 if nothing is built.
-        cost: `[B, MAX_CORNERS + 1]` float64, each corner's way to the goal [px]; the goal is last.
-        parent: `[B, MAX_CORNERS + 1]` int32, the next corner on it.
-        builds: `[B]` int64, how often a field was built.
-    """
-
-    goal: NDArray
-    cost: NDArray
-    parent: NDArray
-    builds: NDArray
-
-
-def _empty_fields(batch: int) -> Fields:
-    return Fields(
-        goal=np.full((batch, 2), -1, dtype=np.int64),
-        cost=np.empty((batch, MAX_CORNERS + 1)),
-        parent=np.empty((batch, MAX_CORNERS + 1), dtype=np.int32),
-        builds=np.zeros(batch, dtype=np.int64),
-    )
-
-
-@njit(cache=True, nogil=True)
-def _build(b: int, maps: Maps, fields: Fields, x: int, y: int, count: int) -> None:
-    nodes = maps.corners[b, : count + 1]
-    nodes[count, 0], nodes[count, 1] = x, y
-    nodes[count, 2] = nodes[count, 3] = 0
-    cost, parent = fields.cost[b, : count + 1], fields.parent[b, : count + 1]
-    taut_search(maps.codes[b], nodes, count, -1, cost, parent)
-    fields.goal[b, 0], fields.goal[b, 1] = x, y
-    fields.builds[b] += 1
-
-
-@njit(cache=True, nogil=True)
-def _first_corner(b: int, maps: Maps, fields: Fields, x: int, y: int, count: int) -> int:
-    """The corner that the shortest path from (x, y) bends at first, -1 if there is no path."""
-    nodes, codes = maps.corners[b, : count + 1], maps.codes[b]
-    parent = fields.parent[b]
-    length = np.full(count, np.inf)
-    for v in range(count):
-        after = parent[v]
-        if after < 0:
-            continue
-        dx, dy = nodes[v, 0] - x, nodes[v, 1] - y
-        bx, by = nodes[v, 2], nodes[v, 3]
-        ox, oy = nodes[after, 0] - nodes[v, 0], nodes[after, 1] - nodes[v, 1]
-        if touches(dx, dy, bx, by) and stays_taut(dx, dy, ox, oy, bx, by):
-            length[v] = length_of(dx, dy) + fields.cost[b, v]
-    while True:  # by length of the whole path: the first that is seen is the shortest
-        best = -1
-        for v in range(count):
-            if length[v] < np.inf and (best < 0 or length[v] < length[best]):
-                best = v
-        if best < 0 or line_of_sight(codes, x, y, nodes[best, 0], nodes[best, 1]):
-            return best
-        length[best] = np.inf
-
-
-@njit(cache=True, nogil=True)
-def _plan_one(
-    b: int,
-    maps: Maps,
-    fields: Fields,
-    cells: NDArray,
-    start: NDArray,
-    goal: NDArray,
-    scale: float,
-    paths: PathArrays,
-) -> None:
-    x, y = np.empty(2, dtype=np.int64), np.empty(2, dtype=np.int64)
-    if refresh_map(maps, b, cells[b]):
-        fields.goal[b, 0] = -1
-    if not place_ends(maps, b, start[b], goal[b], x, y, paths):
-        return
-    if line_of_sight(maps.codes[b], x[0], y[0], x[1], y[1]):
-        write_path(paths, b, start[b], goal[b], x, y, scale)
-        return
-    count = corner_count(maps, b)
-    if count > MAX_CORNERS:
-        solve_scene(b, maps, start, goal, x, y, True, scale, paths)
-        return
-    if fields.goal[b, 0] != x[1] or fields.goal[b, 1] != y[1]:
-        _build(b, maps, fields, x[1], y[1], count)
-    first = _first_corner(b, maps, fields, x[0], y[0], count)
-    if first < 0:
-        return
-    node, steps = first, 2
-    while node != count:
-        node = fields.parent[b, node]
-        steps += 1
-    path_x, path_y = np.empty(steps, dtype=np.int64), np.empty(steps, dtype=np.int64)
-    path_x[0], path_y[0] = x[0], y[0]
-    node = first
-    for k in range(1, steps):
-        path_x[k], path_y[k] = maps.corners[b, node, 0], maps.corners[b, node, 1]
-        node = fields.parent[b, node]
-    write_path(paths, b, start[b], goal[b], path_x, path_y, scale)
-
-
-@njit(cache=True, nogil=True, parallel=True)
-def _plan_many(
-    batch: int,
-    maps: Maps,
-    fields: Fields,
-    cells: NDArray,
-    start: NDArray,
-    goal: NDArray,
-    scale: float,
-    paths: PathArrays,
-) -> None:
-    for b in prange(batch):
-        _plan_one(b, maps, fields, cells, start, goal, scale, paths)
+__all__ = ["DistanceField"]
 
 
 class DistanceField(GridPlanner):
     """Exact paths to a goal that stays, on a map that stays, for an object that moves.
 
     The first query of a scene that has no straight line to its goal builds the field: the shortest
-    ways from every corner to the goal. Every later one only looks for the corner to begin with. A
-    changed map or goal is noticed by comparison and the field built anew, scene by scene, so that
-    the answers are those of `LazyThetaStar` whatever is asked in whatever order. On a map with more
-    than 2048 corners it searches the grid at each query, as `LazyThetaStar` does.
+    ways from every corner to the goal. Every later query only looks for the first corner of its
+    path. A changed map or goal is noticed by comparison and the field is built anew, scene by scene,
+    so that the paths are always those of `LazyThetaStar`. A map with more than 2048 corners is
+    searched over the grid at each query, as in `LazyThetaStar`.
 
     Args:
-        cell_size: Metres a pixel; lengths are given in pixels times this.
+        cell_size: Metres per pixel; lengths are given in pixels times this.
     """
 
     def __init__(self, cell_size: float = 1.0) -> None:
         super().__init__(cell_size)
-        self._fields: Fields | None = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**super().__getstate__(), "_fields": None}
+        self._fields: PerThread[Fields] = PerThread()
 
     @property
     def builds(self) -> int:
-        """How many fields were built for the batch as it is."""
-        return 0 if self._fields is None else int(self._fields.builds.sum())
+        """How many fields the calling thread has built since its batch size last changed."""
+        fields = self._fields.value
+        return 0 if fields is None else int(fields.builds.sum())
 
-    def _run(
-        self, maps: Maps, cells: NDArray, start: NDArray, goal: NDArray, paths: PathArrays
-    ) -> None:
-        if self._fields is None or len(self._fields.goal) != len(cells):
-            self._fields = _empty_fields(len(cells))
-        run_batch(
-            _plan_one,
-            _plan_many,
-            len(cells),
-            maps,
-            self._fields,
-            cells,
-            start,
-            goal,
-            self.cell_size,
-            paths,
-        )
+    def _run(self, maps: Maps, queries: Queries, paths: PathArrays) -> None:
+        batch = len(queries.cells)
+        fields = self._fields.value
+        if fields is None or len(fields.goal) != batch:
+            fields = self._fields.value = empty_fields(batch)
+        run_batch(plan_one, plan_many, batch, maps, queries, paths, fields)

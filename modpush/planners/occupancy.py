@@ -9,8 +9,9 @@ from torchrl.data import Binary, Bounded, TensorSpec
 from torchrl.envs import Transform
 
 from modpush.geometry.camera import Camera
+from modpush.planners.inflation import radius_per_scene
 from modpush.planners.kernels.bit_grid import words_per_row
-from modpush.planners.occupancy_map import OccupancyMap, radius_per_scene
+from modpush.planners.occupancy_map import OccupancyMap
 
 
 class OccupancyGrid(Transform):

@@ -5,8 +5,9 @@ import torch
 from modpush.geometry.camera import Camera
 from modpush.planners.a_star import AStar
 from modpush.planners.distance_field import DistanceField
+from modpush.planners.inflation import inflate
 from modpush.planners.lazy_theta_star import LazyThetaStar
-from modpush.planners.occupancy_map import OccupancyMap, inflate
+from modpush.planners.occupancy_map import OccupancyMap
 from modpush.planners.straight_line import StraightLine
 from modpush.planners.theta_star import ThetaStar
 

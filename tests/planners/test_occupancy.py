@@ -69,15 +69,35 @@ def test_inflation_takes_a_radius_for_each_scene():
     assert out.sum((1, 2)).tolist() == [1, 5, 9]
 
 
+@pytest.mark.parametrize("radius", [100.0, 1e6, 1e19, 1e300])
+def test_a_radius_beyond_the_grid_blocks_it_all(radius):
+    blocked = torch.zeros(2, 20, 30, dtype=torch.bool)
+    blocked[0, 0, 0] = True
+    out = inflate(blocked, radius)
+    assert out[0].all()
+    assert not out[1].any()
+
+
 @pytest.mark.parametrize(
     ("blocked", "radius", "error", "message"),
     [
-        (torch.zeros(1, 4, 4), 1.0, TypeError, "blocked must be bool, got torch.float32"),
+        (
+            np.zeros((1, 4, 4), dtype=bool),
+            1.0,
+            TypeError,
+            "blocked must be a torch.bool tensor, got numpy.ndarray",
+        ),
+        (
+            torch.zeros(1, 4, 4),
+            1.0,
+            TypeError,
+            "blocked must be a torch.bool tensor, got torch.float32",
+        ),
         (
             torch.zeros(4, 4, dtype=torch.bool),
             1.0,
             ValueError,
-            r"must be \[B, H, W\], got \[4, 4\]",
+            r"must be \[B, H, W\] with H and W up to 4096, got \[4, 4\]",
         ),
         (torch.zeros(1, 4, 4, dtype=torch.bool), -1.0, ValueError, "finite and >= 0, got"),
         (torch.zeros(1, 4, 4, dtype=torch.bool), math.inf, ValueError, "finite and >= 0, got"),
@@ -192,12 +212,16 @@ def test_copies_and_pickles_see_alike():
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        ((torch.ones(1, 256, 256).double(), 0.03), TypeError, "depth must be float32 metres"),
+        (
+            (torch.ones(1, 256, 256).double(), 0.03),
+            TypeError,
+            "depth must be a torch.float32 tensor",
+        ),
         ((torch.ones(1, 64, 64), 0.03), ValueError, r"depth must be \[B, H, W\] = \[1, 256, 256\]"),
         (
             (torch.ones(1, 256, 256), 0.03, torch.ones(1, 256, 256)),
             TypeError,
-            "segmentation must be uint8, got torch.float32",
+            "segmentation must be a torch.uint8 tensor, got torch.float32",
         ),
         (
             (torch.ones(1, 256, 256), 0.03, torch.ones(1, 4, 4, dtype=torch.uint8)),
@@ -208,6 +232,16 @@ def test_copies_and_pickles_see_alike():
             (torch.ones(1, 256, 256), 0.03, None, torch.ones(2, 2)),
             ValueError,
             r"object_position must be \[B, 2\] = \[1, 2\], got \[2, 2\]",
+        ),
+        (
+            (torch.ones(4, 256, 256), 0.03, None, None, torch.zeros(1, 256, 32).byte()),
+            ValueError,
+            r"previous must be \[B, H, 8 \* ceil\(W / 64\)\] = \[4, 256, 32\], got \[1, 256, 32\]",
+        ),
+        (
+            (torch.ones(1, 256, 256), 0.03, None, None, torch.zeros(1, 256, 4)),
+            TypeError,
+            "previous must be a torch.uint8 tensor, got torch.float32",
         ),
         ((torch.ones(1, 256, 256), -0.1), ValueError, "radius must be finite and >= 0"),
     ],

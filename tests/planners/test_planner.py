@@ -61,7 +61,13 @@ def test_every_public_name_resolves():
 @pytest.mark.parametrize(
     ("occupancy", "start", "goal", "error", "message"),
     [
-        (torch.zeros(1, 4, 4), xy(0, 0), xy(1, 1), TypeError, "must be bool, got torch.float32"),
+        (
+            torch.zeros(1, 4, 4),
+            xy(0, 0),
+            xy(1, 1),
+            TypeError,
+            "occupancy must be a torch.bool tensor, got torch.float32",
+        ),
         (
             torch.zeros(4, 4, dtype=torch.bool),
             xy(0, 0),
@@ -88,7 +94,7 @@ def test_every_public_name_resolves():
             xy(0, 0),
             torch.zeros(1, 2, dtype=torch.int64),
             TypeError,
-            "goal must be floating point, got torch.int64",
+            "goal must be a floating point tensor, got torch.int64",
         ),
         (
             torch.zeros(1, 4, 4, dtype=torch.bool),
@@ -96,6 +102,20 @@ def test_every_public_name_resolves():
             xy(1, 1),
             ValueError,
             r"start is not finite in scene\(s\) \[0\]",
+        ),
+        (
+            np.zeros((1, 4, 4), dtype=bool),
+            xy(0, 0),
+            xy(1, 1),
+            TypeError,
+            "occupancy must be a torch.bool tensor, got numpy.ndarray",
+        ),
+        (
+            torch.zeros(1, 4, 4, dtype=torch.bool),
+            np.zeros((1, 2)),
+            xy(1, 1),
+            TypeError,
+            "start must be a floating point tensor, got ndarray",
         ),
     ],
 )
@@ -106,7 +126,7 @@ def test_bad_input_is_named(make, occupancy, start, goal, error, message):
 
 @every_planner
 def test_cell_size_must_be_positive_and_scales_lengths(make):
-    with pytest.raises(ValueError, match="cell_size must be > 0, got 0"):
+    with pytest.raises(ValueError, match="cell_size must be > 0 and finite, got 0"):
         make(cell_size=0)
     paths = make(cell_size=0.5).plan(wall_map(), xy(0, 0), xy(3, 4))
     assert paths.length.item() >= 2.5
@@ -284,7 +304,7 @@ def test_a_process_that_torch_has_one_thread_in_plans_on_one(monkeypatch):
     def refuse(*arguments):
         raise AssertionError("the parallel kernel was called")
 
-    monkeypatch.setattr("modpush.planners.lazy_theta_star._plan_many", refuse)
+    monkeypatch.setattr("modpush.planners.lazy_theta_star.plan_many", refuse)
     maps = wall_map().repeat(4, 1, 1)
     ends = xy(2, 2).repeat(4, 1), xy(2, 17).repeat(4, 1)
     assert LazyThetaStar().plan(maps, *ends).found.all()

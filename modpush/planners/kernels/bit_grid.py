@@ -1,5 +1,7 @@
 """Grids as rows of bits: finding the blocked cells in a depth image and inflating them, fast."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -30,33 +32,43 @@ def _set_cell(bits: NDArray, u: float, v: float, height: int, width: int) -> Non
         bits[j, i >> 6] |= np.uint64(1) << np.uint64(i & 63)
 
 
-@njit(cache=True, nogil=True)
-def find_blocked(
-    depth: NDArray,
-    segmentation: NDArray,
-    object_uv: NDArray,
-    object_radius: float,
-    camera_z: float,
-    min_height: float,
-    upright: bool,
-    previous: NDArray,
-    bits: NDArray,
-) -> None:
-    """Mark the cells over which something stands that is neither object nor robot.
+class View(NamedTuple):
+    """What the camera sees of one scene.
 
-    Args:
-        depth: `[H, W]` float32 [m]; values that are not positive and finite see nothing.
+    Attributes:
+        depth: `[H, W]` float32 [m]; where it is not positive and finite, nothing is seen.
         segmentation: `[H, W]` uint8, or `[0, 0]`: then what is seen within the object's radius
             around its centre counts as the object.
         object_uv: `[2]` float32, the object's centre on the table grid [px]; read without a
             segmentation.
         object_radius: [px], read without a segmentation.
-        camera_z: [m].
+        previous: `[H, ceil(W / 64)]` uint64: what is kept where object or robot hide the view.
+        camera_z: Height of the camera [m].
         min_height: Lower things do not block [m].
         upright: Draw each point where it stands on the table, rather than where it is seen.
-        previous: `[H, ceil(W / 64)]` uint64: what is kept where object or robot hide the view.
+    """
+
+    depth: NDArray
+    segmentation: NDArray
+    object_uv: NDArray
+    object_radius: float
+    previous: NDArray
+    camera_z: float
+    min_height: float
+    upright: bool
+
+
+@njit(cache=True, nogil=True)
+def find_blocked(view: View, bits: NDArray) -> None:
+    """Mark the cells over which something stands that is neither object nor robot.
+
+    Args:
+        view: What the camera sees.
         bits: `[H, ceil(W / 64)]` uint64, overwritten.
     """
+    depth, segmentation, object_uv = view.depth, view.segmentation, view.object_uv
+    object_radius, previous = view.object_radius, view.previous
+    camera_z, min_height, upright = view.camera_z, view.min_height, view.upright
     height, width = depth.shape
     u0, v0 = 0.5 * (width - 1), 0.5 * (height - 1)
     segmented = segmentation.size > 0

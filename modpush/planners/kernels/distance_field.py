@@ -1,0 +1,117 @@
+"""Fields of shortest ways to a goal, and paths read from them, for a batch of scenes."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from modpush.planners.kernels.lazy_theta_star import solve_scene
+from modpush.planners.kernels.maps import MAX_CORNERS, Maps, corner_count, refresh_map
+from modpush.planners.kernels.paths import PathArrays, Queries, place_ends, write_path
+from modpush.planners.kernels.taut_search import length_of, stays_taut, taut_search, touches
+from modpush.planners.kernels.visibility import line_of_sight
+
+__all__ = ["Fields", "empty_fields", "plan_many", "plan_one"]
+
+
+class Fields(NamedTuple):
+    """For each scene the shortest ways from all corners to the goal.
+
+    Attributes:
+        goal: `[B, 2]` int64, the goal in the vertex frame, fixed point; -1 if nothing is built.
+        cost: `[B, MAX_CORNERS + 1]` float64, each corner's way to the goal [px]; the goal is last.
+        parent: `[B, MAX_CORNERS + 1]` int32, the next corner on it.
+        builds: `[B]` int64, how often a field was built.
+    """
+
+    goal: NDArray
+    cost: NDArray
+    parent: NDArray
+    builds: NDArray
+
+
+def empty_fields(batch: int) -> Fields:
+    """Room for the fields of a batch, none built yet."""
+    return Fields(
+        goal=np.full((batch, 2), -1, dtype=np.int64),
+        cost=np.empty((batch, MAX_CORNERS + 1)),
+        parent=np.empty((batch, MAX_CORNERS + 1), dtype=np.int32),
+        builds=np.zeros(batch, dtype=np.int64),
+    )
+
+
+@njit(cache=True, nogil=True)
+def _build(b: int, maps: Maps, fields: Fields, x: int, y: int, count: int) -> None:
+    nodes = maps.corners[b, : count + 1]
+    nodes[count, 0], nodes[count, 1] = x, y
+    nodes[count, 2] = nodes[count, 3] = 0
+    cost, parent = fields.cost[b, : count + 1], fields.parent[b, : count + 1]
+    taut_search(maps.codes[b], nodes, count, -1, cost, parent)
+    fields.goal[b, 0], fields.goal[b, 1] = x, y
+    fields.builds[b] += 1
+
+
+@njit(cache=True, nogil=True)
+def _first_corner(b: int, maps: Maps, fields: Fields, x: int, y: int, count: int) -> int:
+    """The corner that the shortest path from (x, y) bends at first, -1 if there is no path."""
+    nodes, codes = maps.corners[b, : count + 1], maps.codes[b]
+    parent = fields.parent[b]
+    length = np.full(count, np.inf)
+    for v in range(count):
+        after = parent[v]
+        if after < 0:
+            continue
+        dx, dy = nodes[v, 0] - x, nodes[v, 1] - y
+        bx, by = nodes[v, 2], nodes[v, 3]
+        ox, oy = nodes[after, 0] - nodes[v, 0], nodes[after, 1] - nodes[v, 1]
+        if touches(dx, dy, bx, by) and stays_taut(dx, dy, ox, oy, bx, by):
+            length[v] = length_of(dx, dy) + fields.cost[b, v]
+    while True:  # by length of the whole path: the first that is seen is the shortest
+        best = -1
+        for v in range(count):
+            if length[v] < np.inf and (best < 0 or length[v] < length[best]):
+                best = v
+        if best < 0 or line_of_sight(codes, x, y, nodes[best, 0], nodes[best, 1]):
+            return best
+        length[best] = np.inf
+
+
+@njit(cache=True, nogil=True)
+def plan_one(b: int, maps: Maps, queries: Queries, paths: PathArrays, fields: Fields) -> None:
+    """Plan scene b, building its field if map or goal are new."""
+    x, y = np.empty(2, dtype=np.int64), np.empty(2, dtype=np.int64)
+    if refresh_map(maps, b, queries.cells[b]):
+        fields.goal[b, 0] = -1
+    if not place_ends(maps, b, queries, x, y, paths):
+        return
+    if line_of_sight(maps.codes[b], x[0], y[0], x[1], y[1]):
+        write_path(paths, b, queries, x, y)
+        return
+    count = corner_count(maps, b)
+    if count > MAX_CORNERS:
+        solve_scene(b, maps, queries, x, y, True, paths)
+        return
+    if fields.goal[b, 0] != x[1] or fields.goal[b, 1] != y[1]:
+        _build(b, maps, fields, x[1], y[1], count)
+    first = _first_corner(b, maps, fields, x[0], y[0], count)
+    if first < 0:
+        return
+    node, steps = first, 2
+    while node != count:
+        node = fields.parent[b, node]
+        steps += 1
+    path_x, path_y = np.empty(steps, dtype=np.int64), np.empty(steps, dtype=np.int64)
+    path_x[0], path_y[0] = x[0], y[0]
+    node = first
+    for k in range(1, steps):
+        path_x[k], path_y[k] = maps.corners[b, node, 0], maps.corners[b, node, 1]
+        node = fields.parent[b, node]
+    write_path(paths, b, queries, path_x, path_y)
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def plan_many(batch: int, maps: Maps, queries: Queries, paths: PathArrays, fields: Fields) -> None:
+    """Plan all scenes, on several threads."""
+    for b in prange(batch):
+        plan_one(b, maps, queries, paths, fields)

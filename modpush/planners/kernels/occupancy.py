@@ -1,0 +1,141 @@
+"""From depth images to inflated grids, for a batch of scenes."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from modpush.planners.kernels.bit_grid import (
+    View,
+    find_blocked,
+    inflate_bits,
+    pack_cells,
+    unpack_cells,
+    words_per_row,
+)
+
+__all__ = [
+    "Inflated",
+    "Views",
+    "empty_inflated",
+    "inflate_many",
+    "inflate_one",
+    "observe_many",
+    "observe_one",
+]
+
+
+class Views(NamedTuple):
+    """What a camera sees of a batch of scenes; fields as in `bit_grid.View`, `[B, ...]` where arrays.
+
+    Attributes:
+        depth: `[B, H, W]` float32 [m].
+        segmentation: `[B, H, W]` uint8, or `[B, 0, 0]`.
+        object_uv: `[B, 2]` float32 [px].
+        object_radius: `[B]` float64 [px].
+        inflation: `[B]` float64, by how much blocked cells are inflated [px].
+        previous: `[B, H, ceil(W / 64)]` uint64.
+        camera_z: Height of the camera [m].
+        min_height: Lower things do not block [m].
+        upright: Draw each point where it stands on the table, rather than where it is seen.
+    """
+
+    depth: NDArray
+    segmentation: NDArray
+    object_uv: NDArray
+    object_radius: NDArray
+    inflation: NDArray
+    previous: NDArray
+    camera_z: float
+    min_height: float
+    upright: bool
+
+
+class Inflated(NamedTuple):
+    """What was inflated last in each row of the batch.
+
+    Attributes:
+        bits: `[B, H, ceil(W / 64)]` uint64, the cells before inflation.
+        radius: `[B]` float64, by how much they were inflated [px]; -1 before the first time.
+        cells: `[B, H, W]` uint8, the cells after inflation.
+    """
+
+    bits: NDArray
+    radius: NDArray
+    cells: NDArray
+
+
+def empty_inflated(batch: int, height: int, width: int) -> Inflated:
+    """Room for the grids of a batch, none inflated yet."""
+    return Inflated(
+        bits=np.zeros((batch, height, words_per_row(width)), dtype=np.uint64),
+        radius=np.full(batch, -1.0),
+        cells=np.zeros((batch, height, width), dtype=np.uint8),
+    )
+
+
+@njit(cache=True, nogil=True)
+def inflate_one(b: int, cells: NDArray, radius: NDArray, out: NDArray) -> None:
+    """Inflate scene b: `[B, H, W]` uint8 cells by `[B]` radii [px]."""
+    words = (cells.shape[2] + 63) // 64
+    bits = np.empty((cells.shape[1], words), dtype=np.uint64)
+    inflated = np.empty_like(bits)
+    pack_cells(cells[b], bits)
+    inflate_bits(bits, radius[b], inflated)
+    unpack_cells(inflated, out[b])
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def inflate_many(batch: int, cells: NDArray, radius: NDArray, out: NDArray) -> None:
+    """Inflate all scenes, on several threads."""
+    for b in prange(batch):
+        inflate_one(b, cells, radius, out)
+
+
+@njit(cache=True, nogil=True)
+def observe_one(
+    b: int, views: Views, last: Inflated, bits: NDArray, changed: NDArray, out: NDArray
+) -> None:
+    """Scene b from depth to inflated cells; what was inflated last is used again if it still holds.
+
+    Args:
+        b: Scene.
+        views: What the camera sees.
+        last: What was inflated last, kept up to date.
+        bits: `[B, H, ceil(W / 64)]` uint64, overwritten with the cells before inflation.
+        changed: `[B]` bool, overwritten: whether the cells had to be inflated anew.
+        out: `[B, H, W]` uint8, overwritten with the inflated cells.
+    """
+    view = View(
+        views.depth[b],
+        views.segmentation[b],
+        views.object_uv[b],
+        views.object_radius[b],
+        views.previous[b],
+        views.camera_z,
+        views.min_height,
+        views.upright,
+    )
+    find_blocked(view, bits[b])
+    same = last.radius[b] == views.inflation[b]
+    for v in range(bits.shape[1]):
+        for w in range(bits.shape[2]):
+            same = same and last.bits[b, v, w] == bits[b, v, w]
+    changed[b] = not same
+    if not same:
+        last.bits[b] = bits[b]
+        last.radius[b] = views.inflation[b]
+        scratch, inflated = bits[b].copy(), np.empty_like(bits[b])
+        inflate_bits(scratch, views.inflation[b], inflated)
+        unpack_cells(inflated, last.cells[b])
+    out[b] = last.cells[b]
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def observe_many(
+    batch: int, views: Views, last: Inflated, bits: NDArray, changed: NDArray, out: NDArray
+) -> None:
+    """All scenes from depth to inflated cells, on several threads; arguments as in `observe_one`."""
+    for b in prange(batch):
+        observe_one(b, views, last, bits, changed, out)

@@ -1,0 +1,92 @@
+"""One planner or map, shared by several threads."""
+
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
+
+import numpy as np
+import pytest
+import torch
+
+from modpush.geometry import Camera
+from modpush.planners import AStar, OccupancyMap
+from tests.planners.test_planner import every_planner
+
+BATCHES = (1, 7, 30, 64)
+SMALL = Camera(height=48, width=48)
+
+
+@pytest.fixture(params=[1, 2])
+def torch_threads(request):
+    torch.set_num_threads(request.param)
+    yield
+    torch.set_num_threads(1)
+
+
+def some_queries(batch):
+    rng = np.random.default_rng(batch)
+    occupancy = torch.from_numpy(rng.random((batch, 12, 12)) < 0.25)
+    occupancy = occupancy.repeat_interleave(4, 1).repeat_interleave(4, 2)
+    start, goal = torch.from_numpy(rng.uniform(-1, 48, (2, batch, 2)).astype(np.float32))
+    return occupancy, start, goal
+
+
+def hammer(call, inputs, rounds=25):
+    """Each of four threads calls with inputs of all sizes, beginning with another one."""
+    expected = [call(*given) for given in inputs]
+    barrier = Barrier(len(inputs))
+
+    def work(first):
+        barrier.wait()
+        for k in range(rounds):
+            which = (first + k) % len(inputs)
+            results = call(*inputs[which])
+            for got, true in zip(results, expected[which], strict=True):
+                assert torch.equal(got, true)
+
+    with ThreadPoolExecutor(len(inputs)) as pool:
+        list(pool.map(work, range(len(inputs))))
+
+
+@every_planner
+def test_a_planner_shared_by_threads_plans_as_on_one(make, torch_threads):
+    planner = make()
+
+    def call(*query):
+        return tuple(vars(planner.plan(*query)).values())
+
+    hammer(call, [some_queries(batch) for batch in BATCHES])
+
+
+@every_planner
+def test_threads_with_batches_of_one_size_do_not_meet(make, torch_threads):
+    planner = make()
+
+    def call(*query):
+        return tuple(vars(planner.plan(*query)).values())
+
+    occupancy, start, goal = some_queries(28)
+    hammer(call, [(occupancy[k::4], start[k::4], goal[k::4]) for k in range(4)], rounds=50)
+
+
+def test_an_occupancy_map_shared_by_threads_sees_as_on_one(torch_threads):
+    occupancy_map = OccupancyMap(SMALL)
+    inputs = []
+    for batch in BATCHES:
+        depth = torch.full((batch, 48, 48), SMALL.z)
+        depth[some_queries(batch)[0]] -= 0.06
+        inputs.append((depth, torch.linspace(0.0, 0.05, batch)))
+    hammer(occupancy_map, inputs)
+
+
+def test_weights_of_one_thread_stay_its_own():
+    planner = AStar()
+    occupancy, start, goal = some_queries(30)
+    heavy = torch.ones(30, 48, 48)
+    heavy[:, :, 24:] = 5.0
+
+    def call(weight):
+        paths = planner.plan_weighted(occupancy, weight, start, goal)
+        return paths.length, paths.waypoints
+
+    weights = [torch.ones(30, 48, 48), heavy, heavy.flip(2), heavy.transpose(1, 2).contiguous()]
+    hammer(call, [(weight,) for weight in weights])
