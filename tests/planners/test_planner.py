@@ -392,6 +392,7 @@ NOTHING_LEFT_TO_COMPILE = """
 import sys
 import torch
 from numba.core.dispatcher import Dispatcher
+import modpush.geometry as geometry
 import modpush.planners as planners
 
 def compiled():

@@ -8,8 +8,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from modpush.files import read_tensors, write_tensors
 from modpush.encoders.window import WINDOW_SIZE
+from modpush.files import read_tensors, write_tensors
 
 __all__ = ["WindowData"]
 
