@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
-from modpush.agents.tqc.build import TQCConfig
+from modpush.agents.tqc.config import TQCConfig
 from modpush.mdp.curriculum import CurriculumConfig, Phase
 from modpush.recipes.paper import PushEnvConfig
 from modpush.replay import ReplayConfig

@@ -1,26 +1,28 @@
-"""TQC's loss: TorchRL's results at little more than the price of their matrix products."""
+"""`TQCLoss`: TorchRL's results at little more than the cost of their matrix products."""
 
-import logging
+import warnings
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any, NoReturn
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import TensorDictModule
+from tensordict.nn import TensorDictModule, dispatch
+from tensordict.utils import NestedKey, unravel_key
 from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.modules import TanhNormal
+from torchrl.objectives import LossModule
 from torchrl.objectives import TQCLoss as _TorchRLTQCLoss
 from torchrl.objectives.sac import compute_rsample_log_prob
-from torchrl.objectives.value import TD0Estimator
+from torchrl.objectives.utils import ValueEstimators
+from torchrl.objectives.value import TD0Estimator, ValueEstimatorBase
 
+from modpush._keys import read_key
 from modpush.agents.tqc.ensemble import BatchedEnsemble, NotBatchableError
 from modpush.agents.tqc.quantiles import quantile_huber, truncate_atoms
 from modpush.agents.tqc.tanh_normal import tanh_normal_rsample
 
 __all__ = ["TQCLoss"]
-
-_logger = logging.getLogger(__name__)
 
 
 class TQCLoss(_TorchRLTQCLoss):
@@ -33,13 +35,14 @@ class TQCLoss(_TorchRLTQCLoss):
     gradient in closed form, in compiled code on CPU.
 
     Critics that `BatchedEnsemble` cannot batch (anything but a multilayer perceptron) take
-    TorchRL's path, which one log line (`INFO`, at construction) says. So do target computations
-    with `skip_done_states` or with another value estimator than a plain TD(0): exact, but slower.
+    TorchRL's path, about which one `UserWarning` is given at construction. So do target computations
+    with `skip_done_states` or with averaged rewards: exact, but slower.
 
     `loss_qvalue` is a mean over atoms and a *sum* over critics, as in TorchRL; sb3-contrib takes
     the mean over both.
 
     Raises:
+        KeyError: In a call, if the batch lacks a key, with those it has.
         ValueError: At construction, if as many or more atoms are dropped than the critics hold. In the
             first call, if the actor's lowest action is not below its highest. In a call on CPU, if
             the loss is not finite because the batch holds NaN or infinite values (TorchRL returns
@@ -56,7 +59,14 @@ class TQCLoss(_TorchRLTQCLoss):
         try:
             self._ensemble = BatchedEnsemble(self.qvalue_network)
         except NotBatchableError as reason:
-            _logger.info("TQCLoss: critics cannot be batched (%s); using TorchRL's path.", reason)
+            if "_warned" not in self.__dict__:
+                warnings.warn(
+                    f"TQCLoss: these critics cannot be batched ({reason}), so TorchRL's own loss is "
+                    "computed: the same, but slower.",
+                    UserWarning,
+                    stacklevel=4,
+                )
+            self.__dict__["_warned"] = True
             return
         self._vmap_qnetworkN0 = self._ensemble
         if self.top_quantiles_to_drop_per_net >= self._ensemble.num_atoms:
@@ -65,6 +75,43 @@ class TQCLoss(_TorchRLTQCLoss):
                 f"of quantiles (its last dimension, {self._ensemble.num_atoms}), got "
                 f"{self.top_quantiles_to_drop_per_net}."
             )
+
+    def make_value_estimator(self, value_type: Any = None, **hyperparams: Any) -> LossModule | None:
+        """Set the value estimator, which must be TD(0).
+
+        Args:
+            value_type: TorchRL's `ValueEstimators.TD0`, or a `TD0Estimator`.
+            **hyperparams: The estimator's, such as `gamma`.
+
+        Raises:
+            NotImplementedError: For any other estimator: targets are atoms, of which only TD(0)
+                takes several per transition. `NStepTransform` makes n-step returns.
+        """
+        if isinstance(value_type, ValueEstimatorBase):
+            supported = isinstance(value_type, TD0Estimator)
+        elif isinstance(value_type, type) and issubclass(value_type, ValueEstimatorBase):
+            supported = issubclass(value_type, TD0Estimator)
+        else:
+            supported = value_type in (None, ValueEstimators.TD0, ValueEstimators.TD0.name)
+        if not supported:
+            raise NotImplementedError(
+                f"TQCLoss: the value estimator must be TD(0), got {value_type!r}. For n-step "
+                "returns, let the replay buffer sum the rewards (ReplayConfig(n_steps=...))."
+            )
+        return super().make_value_estimator(value_type, **hyperparams)
+
+    @dispatch
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Losses of a batch `[*B]`; the priorities are written into it."""
+        for key in self._required_keys():
+            read_key("TQCLoss", tensordict, key)
+        return super().forward(tensordict)
+
+    def _required_keys(self) -> list[NestedKey]:
+        keys = self.tensor_keys
+        inputs = {*self.actor_network.in_keys, *self.qvalue_network.in_keys}
+        following = [*(inputs - {keys.action}), keys.reward, keys.terminated]
+        return [*inputs, keys.action, *(unravel_key(("next", key)) for key in following)]
 
     def qvalue_v2_loss(self, tensordict: TensorDictBase) -> tuple[Tensor, dict[str, Tensor]]:
         """Critic loss, and under `"td_error"` the priorities `[*B]`."""

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 from torchrl.data import Bounded
 from torchrl.modules import MLP, ProbabilisticActor, TanhNormal, ValueOperator
 
+from modpush.agents.tqc.encoder import LATENT_KEY, EncodedNetwork
 from modpush.agents.tqc.relu_mlp import ReluMLP
 
 __all__ = ["make_actor", "make_critic"]
@@ -31,6 +32,8 @@ def make_actor(
     *,
     observation_key: NestedKey = "observation",
     action_key: NestedKey = "action",
+    encoder: nn.Module | None = None,
+    image_key: NestedKey = "window",
     device: torch.device | str | None = None,
 ) -> ProbabilisticActor:
     """A Gaussian policy squashed by tanh into the action's bounds.
@@ -41,6 +44,9 @@ def make_actor(
         hidden_sizes: Widths of the hidden layers, ReLU after each.
         observation_key: Where the observation is read, `[*B, observation_dim]`.
         action_key: Where the action is written, `[*B, A]`.
+        encoder: Encoder whose latent is read beside the observation, without gradient; see
+            `encode_images`.
+        image_key: Where the encoder's images are read, `[*B, C, H, W]`.
         device: Where the parameters live.
 
     Returns:
@@ -54,12 +60,18 @@ def make_actor(
         raise ValueError(
             f"make_actor: action_spec must be a Bounded spec of shape [A], got {action_spec}."
         )
-    network = nn.Sequential(
-        ReluMLP(observation_dim, 2 * action_spec.shape[-1], hidden_sizes, device=device),
+    latent_dim = 0 if encoder is None else int(encoder.latent_dim)  # type: ignore[arg-type]
+    in_features, out_features = observation_dim + latent_dim, 2 * action_spec.shape[-1]
+    network: nn.Module = nn.Sequential(
+        ReluMLP(in_features, out_features, hidden_sizes, device=device),
         NormalParamExtractor(scale_mapping="modpush_clamped_exp", scale_lb=1e-6),
     )
+    in_keys = [observation_key]
+    if encoder is not None:
+        network = EncodedNetwork(encoder, network)
+        in_keys.append(image_key)
     return ProbabilisticActor(
-        TensorDictModule(network, in_keys=[observation_key], out_keys=["loc", "scale"]),
+        TensorDictModule(network, in_keys=in_keys, out_keys=["loc", "scale"]),
         in_keys=["loc", "scale"],
         out_keys=[action_key],
         spec=action_spec.to(device) if device is not None else action_spec,
@@ -75,6 +87,7 @@ def make_critic(
     hidden_sizes: Sequence[int],
     *,
     layer_norm: bool = False,
+    latent_dim: int = 0,
     observation_key: NestedKey = "observation",
     action_key: NestedKey = "action",
     device: torch.device | str | None = None,
@@ -87,6 +100,7 @@ def make_critic(
         num_quantiles: Number of atoms, the output's last dimension.
         hidden_sizes: Widths of the hidden layers, ReLU after each.
         layer_norm: Normalise each hidden layer before its ReLU.
+        latent_dim: Width of an image's latent, which is read under `"image_latent"`; 0 for none.
         observation_key: Where the observation is read, `[*B, observation_dim]`.
         action_key: Where the action is read, `[*B, action_dim]`.
         device: Where the parameters live.
@@ -94,7 +108,7 @@ def make_critic(
     Returns:
         A critic that writes `state_action_value`, `[*B, num_quantiles]`.
     """
-    in_features = observation_dim + action_dim
+    in_features = observation_dim + latent_dim + action_dim
     network: MLP
     if layer_norm:
         network = MLP(
@@ -108,4 +122,5 @@ def make_critic(
         )
     else:
         network = ReluMLP(in_features, num_quantiles, hidden_sizes, device=device)
-    return ValueOperator(network, in_keys=[observation_key, action_key])
+    latent_keys = [LATENT_KEY] if latent_dim else []
+    return ValueOperator(network, in_keys=[observation_key, *latent_keys, action_key])

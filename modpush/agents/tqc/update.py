@@ -23,7 +23,8 @@ class TQCUpdate:
     Args:
         loss: A loss whose outputs named `loss_*` are to be minimised.
         optimizer: Over the loss's parameters; `capturable` for CUDA graphs.
-        target_updater: Steps after the optimizer.
+        target_updater: Moves the loss's target networks after the optimizer's step; None for a
+            loss that has none.
         execution: `"eager"`; `"compile"` with `torch.compile`; `"cudagraph"`, compiled and
             recorded as one CUDA graph: batches must keep their shape, and a batch's tensors are
             copied into the graph's own.
@@ -36,7 +37,7 @@ class TQCUpdate:
         self,
         loss: LossModule,
         optimizer: torch.optim.Optimizer,
-        target_updater: TargetNetUpdater,
+        target_updater: TargetNetUpdater | None,
         *,
         execution: Execution = "eager",
     ) -> None:
@@ -66,19 +67,29 @@ class TQCUpdate:
                 CUDA graph: read them from the result).
 
         Returns:
-            The losses and what else the loss reports, detached, and the priorities under the
-            loss's priority key, `[B]`.
+            The losses and what else the loss reports, detached, and, if the loss writes them, the
+            priorities under its priority key, `[B]`.
+
+        Raises:
+            KeyError: If the loss returns nothing that is named `loss_*`.
         """
         return self._step(batch)
 
     def step(self, batch: TensorDictBase) -> TensorDict:
-        """The same, always eager."""
+        """Take one step, always eager."""
         output = self.loss(batch)
         losses = [value for key, value in output.items() if key.startswith("loss_")]
+        if not losses:
+            raise KeyError(
+                f"TQCUpdate: {type(self.loss).__name__} must return outputs named loss_*, it "
+                f"returned {sorted(map(str, output.keys()))}."
+            )
         torch.stack(losses).sum().backward()
         self.optimizer.step()
         self.optimizer.zero_grad()
-        self.target_updater.step()
+        if self.target_updater is not None:
+            self.target_updater.step()
         result = output.detach()
-        priority = self.loss.tensor_keys.priority
-        return result.set(priority, batch.get(priority))
+        key = getattr(self.loss.tensor_keys, "priority", None)
+        priority = None if key is None else batch.get(key, None)
+        return result if priority is None else result.set(key, priority)

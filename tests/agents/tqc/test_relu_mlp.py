@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from modpush.agents.tqc.relu_mlp import ReluMLP, relu_mlp
-from tests.agents.tqc.test_tqc_loss_parity import assert_same_as_torchrl, relu_mlp_critic
+from tests.agents.tqc.test_loss_parity import assert_same_as_torchrl, relu_mlp_critic
 from tests.agents.tqc.tqc_builders import make_batch
 
 module = importlib.import_module("modpush.agents.tqc.relu_mlp")

@@ -84,3 +84,14 @@ def make_batch(
         },
     }
     return TensorDict(batch, batch_size=batch_size)
+
+
+def make_pendulum_batch(seed: int, size: int = 8) -> TensorDict:
+    """Random transitions with the widths of `Pendulum-v1`."""
+    generator = torch.Generator().manual_seed(seed)
+    after = {"observation": torch.randn(size, 3, generator=generator)}
+    after |= {"reward": torch.randn(size, 1, generator=generator)}
+    after |= {key: torch.zeros(size, 1, dtype=torch.bool) for key in ("done", "terminated")}
+    now = {"observation": torch.randn(size, 3, generator=generator)}
+    now |= {"action": torch.rand(size, 1, generator=generator) * 4 - 2}
+    return TensorDict({**now, "next": after}, batch_size=[size])

@@ -2,8 +2,8 @@
 
 import copy
 import inspect
-import logging
 import pickle
+import warnings
 
 import pytest
 import torch
@@ -12,6 +12,7 @@ from torchrl.modules import ValueOperator
 from torchrl.objectives import HardUpdate, SoftUpdate
 from torchrl.objectives import TQCLoss as TorchRLTQCLoss
 from torchrl.objectives.utils import ValueEstimators
+from torchrl.objectives.value import TD0Estimator, TDLambdaEstimator
 
 from modpush.agents import TQCLoss
 from tests.agents.tqc.tqc_builders import (
@@ -23,6 +24,8 @@ from tests.agents.tqc.tqc_builders import (
     make_critic,
     make_loss,
 )
+
+pytestmark = pytest.mark.filterwarnings("ignore:TQCLoss. these critics cannot be batched")
 
 
 def total(output):
@@ -210,22 +213,15 @@ def test_plain_tensors_are_dispatched():
         torch.testing.assert_close(value, expected[key])
 
 
-def test_unbatchable_critics_are_said_once(caplog):
-    with caplog.at_level(logging.INFO, logger="modpush"):
+def test_critics_that_cannot_be_batched_are_warned_of_once():
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
         loss = make_loss(TQCLoss, critic=two_headed_critic)
+        loss.set_vmap_randomness("different")
         loss(make_batch(3))
-        loss(make_batch(3))
-    messages = [r.message for r in caplog.records if r.name.startswith("modpush")]
-    assert messages == [
-        "TQCLoss: critics cannot be batched (a TwoHeads does not concatenate its inputs); "
-        "using TorchRL's path."
-    ]
-
-
-def test_batchable_critics_say_nothing(caplog):
-    with caplog.at_level(logging.INFO, logger="modpush"):
-        make_loss(TQCLoss)(make_batch(3))
-    assert not [r for r in caplog.records if r.name.startswith("modpush")]
+    messages = [str(w.message) for w in caught if "TQCLoss" in str(w.message)]
+    assert len(messages) == 1
+    assert "(a TwoHeads does not concatenate its inputs)" in messages[0]
 
 
 def hooked_critic():
@@ -242,10 +238,9 @@ def dropout_critic():
     ("critic", "reason"),
     [(hooked_critic, "it has forward hooks"), (dropout_critic, "it holds a Dropout")],
 )
-def test_what_is_not_batched(caplog, critic, reason):
-    with caplog.at_level(logging.INFO, logger="modpush"):
+def test_what_is_not_batched(critic, reason):
+    with pytest.warns(UserWarning, match=reason):
         make_loss(TQCLoss, critic=critic, deactivate_vmap=True)
-    assert reason in caplog.text
 
 
 @pytest.mark.parametrize("dropped", [ATOMS, ATOMS + 3])
@@ -303,9 +298,44 @@ def test_diverged_parameters_are_not_blamed_on_the_batch():
     assert loss(make_batch(3))["loss_qvalue"].isnan()
 
 
-def test_unsupported_value_estimators_are_refused_as_by_torchrl():
-    with pytest.raises(NotImplementedError, match="TDLambda"):
-        make_loss(TQCLoss).make_value_estimator(ValueEstimators.TDLambda)
+@pytest.mark.parametrize(
+    "estimator",
+    [
+        ValueEstimators.TDLambda,
+        "td1",
+        TDLambdaEstimator,
+        TDLambdaEstimator(gamma=0.9, lmbda=0.9, value_network=None),
+    ],
+)
+def test_other_value_estimators_are_refused(estimator):
+    with pytest.raises(NotImplementedError, match=r"the value estimator must be TD\(0\), got"):
+        make_loss(TQCLoss).make_value_estimator(estimator)
+
+
+@pytest.mark.parametrize("estimator", [ValueEstimators.TD0, TD0Estimator, None])
+def test_td0_is_taken_in_every_form(estimator):
+    loss = make_loss(TQCLoss)
+    arguments = {"value_network": None} if estimator is TD0Estimator else {}
+    loss.make_value_estimator(estimator, gamma=0.5, **arguments)
+    assert loss.value_estimator.gamma == 0.5
+
+
+@pytest.mark.parametrize("critic", [make_critic, two_headed_critic])
+@pytest.mark.parametrize(
+    "key",
+    [
+        "observation",
+        "action",
+        ("next", "observation"),
+        ("next", "reward"),
+        ("next", "terminated"),
+    ],
+)
+def test_a_missing_key_is_named(critic, key):
+    loss = make_loss(TQCLoss, critic=critic)
+    with pytest.raises(KeyError) as error:
+        loss(make_batch(3).exclude(key))
+    assert error.value.args[0].startswith(f"TQCLoss: key {key!r} is missing; there are [")
 
 
 def test_compiled_loss_equals_the_eager_one():

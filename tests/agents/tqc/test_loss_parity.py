@@ -19,6 +19,8 @@ from tests.agents.tqc.tqc_builders import (
     make_loss,
 )
 
+pytestmark = pytest.mark.filterwarnings("ignore:TQCLoss. these critics cannot be batched")
+
 TOLERANCE = {torch.float32: 1e-6, torch.float64: 1e-10}
 
 

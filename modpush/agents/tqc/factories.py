@@ -1,0 +1,113 @@
+"""The parts of an agent by name: actor networks, critic networks and losses.
+
+An own part is a function of the same signature, given as an object or as "module:name".
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from tensordict.nn import TensorDictModule
+from torchrl.modules import ProbabilisticActor, ValueOperator
+from torchrl.objectives import LossModule
+
+from modpush.agents.tqc.config import TQCConfig
+from modpush.agents.tqc.encoder import EncoderTQCLoss
+from modpush.agents.tqc.loss import TQCLoss
+from modpush.agents.tqc.networks import make_actor, make_critic
+from modpush.agents.tqc.specs import LearnerSpecs
+
+__all__ = [
+    "ACTORS",
+    "CRITICS",
+    "LOSSES",
+    "ActorFactory",
+    "CriticFactory",
+    "LossFactory",
+    "mlp_actor",
+    "mlp_critic",
+    "tqc_loss",
+]
+
+ActorFactory = Callable[[TQCConfig, LearnerSpecs], ProbabilisticActor]
+"""Makes the policy. It must write the action within its bounds; it may read any observed key."""
+CriticFactory = Callable[[TQCConfig, LearnerSpecs], TensorDictModule]
+"""Makes one critic; called once per critic. It reads any observed key and the action, and writes
+`state_action_value`: return quantiles `[*B, n]`, or for losses with scalar critics `[*B, 1]`."""
+LossFactory = Callable[
+    [TQCConfig, ProbabilisticActor, list[TensorDictModule], LearnerSpecs], LossModule
+]
+"""Makes the loss from the config, the actor, the critics and the specs. Its outputs named `loss_*`
+are minimised. It must have its value estimator and its keys set. Parameters whose names begin with
+`actor` or `policy` learn at `actor_lr`, those of a name with `alpha` at `alpha_lr`, all others at
+`critic_lr`. Target parameters, if there are any, are moved by `SoftUpdate`."""
+
+
+def mlp_actor(config: TQCConfig, specs: LearnerSpecs) -> ProbabilisticActor:
+    """A multilayer perceptron over the observation and, if there is an encoder, its latent."""
+    return make_actor(
+        specs.observation_dim,
+        specs.action,
+        config.hidden_sizes,
+        observation_key=specs.observation_key,
+        action_key=specs.action_key,
+        encoder=specs.encoder,
+        image_key=specs.image_key,
+        device=config.device,
+    )
+
+
+def mlp_critic(config: TQCConfig, specs: LearnerSpecs) -> ValueOperator:
+    """A multilayer perceptron over observation, action and, if there is an encoder, its latent."""
+    return make_critic(
+        specs.observation_dim,
+        specs.action.shape[-1],
+        config.num_quantiles,
+        config.hidden_sizes,
+        layer_norm=config.layer_norm,
+        latent_dim=specs.latent_dim,
+        observation_key=specs.observation_key,
+        action_key=specs.action_key,
+        device=config.device,
+    )
+
+
+def tqc_loss(
+    config: TQCConfig,
+    actor: ProbabilisticActor,
+    critics: list[TensorDictModule],
+    specs: LearnerSpecs,
+) -> TQCLoss:
+    """`TQCLoss`, or `EncoderTQCLoss` where there is an encoder to train."""
+    settings: dict[str, Any] = {
+        "num_qvalue_nets": len(critics),
+        "top_quantiles_to_drop_per_net": config.top_quantiles_to_drop_per_net,
+        "alpha_init": config.alpha_init,
+        "min_alpha": config.min_alpha,
+        "max_alpha": config.max_alpha,
+        "fixed_alpha": config.fixed_alpha,
+        "action_spec": specs.action,
+        "target_entropy": (
+            -float(specs.action.shape[-1])
+            if config.target_entropy == "auto"
+            else config.target_entropy
+        ),
+        "skip_done_states": config.skip_done_states,
+    }
+    loss = (
+        TQCLoss(actor, critics, **settings)
+        if specs.encoder is None
+        else EncoderTQCLoss(
+            actor, critics, encoder=specs.encoder, image_key=specs.image_key, **settings
+        )
+    )
+    loss.set_keys(action=specs.action_key)
+    loss.make_value_estimator(gamma=config.gamma)
+    return loss
+
+
+ACTORS: Mapping[str, ActorFactory] = {"mlp": mlp_actor}
+"""Actor networks by name."""
+CRITICS: Mapping[str, CriticFactory] = {"mlp": mlp_critic}
+"""Critic networks by name."""
+LOSSES: Mapping[str, LossFactory] = {"tqc": tqc_loss}
+"""Losses by name."""

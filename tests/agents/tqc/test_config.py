@@ -1,0 +1,57 @@
+"""`TQCConfig`: presets and ranges."""
+
+import inspect
+from dataclasses import fields, replace
+
+import pytest
+
+from modpush.agents import TQCConfig
+
+
+@pytest.mark.parametrize("name", ["paper", "cpu", "gpu"])
+def test_presets_take_overrides(name):
+    preset = TQCConfig.preset(name)
+    assert TQCConfig.preset(name, gamma=0.9) == replace(preset, gamma=0.9)
+
+
+def test_the_defaults_are_the_paper_s_preset():
+    assert TQCConfig.preset("paper") == TQCConfig()
+
+
+def test_an_unknown_preset_lists_those_there_are():
+    with pytest.raises(ValueError, match=r"must be one of \['cpu', 'gpu', 'paper'\], got 'tpu'."):
+        TQCConfig.preset("tpu")
+
+
+def test_every_field_is_documented():
+    source = inspect.getsource(TQCConfig)
+    for field in fields(TQCConfig):
+        line = source.split(f"    {field.name}: ")[1].split("\n")[1]
+        assert line.strip().startswith('"""'), field.name
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "message"),
+    [
+        ({"num_critics": 0}, "num_critics must be > 0, got 0."),
+        ({"critic_lr": -1.0}, "critic_lr must be > 0, got -1.0."),
+        ({"exploration_sigma": -0.1}, "exploration_sigma must be >= 0, got -0.1."),
+        ({"hidden_sizes": ()}, r"hidden_sizes must hold widths >= 1, got \(\)."),
+        ({"gamma": 1.1}, r"gamma must be in \[0, 1\], got 1.1."),
+        ({"tau": 2.0}, r"tau must be in \(0, 1\], got 2.0."),
+        (
+            {"num_quantiles": 3, "top_quantiles_to_drop_per_net": 3},
+            r"top_quantiles_to_drop_per_net must be < num_quantiles \(3\), got 3.",
+        ),
+        ({"max_alpha": 0.0}, "max_alpha must be > 0, or None for no bound, got 0.0."),
+        ({"critic_lr": float("inf")}, "critic_lr must be finite, got inf."),
+        ({"alpha_init": float("nan")}, "alpha_init must be finite, got nan."),
+        ({"alpha_init": float("inf")}, "alpha_init must be finite, got inf."),
+        ({"target_entropy": float("nan")}, "target_entropy must be finite, got nan."),
+        ({"target_entropy": "low"}, "target_entropy must be a number or 'auto', got 'low'."),
+        ({"min_alpha": 2.0}, "alpha_init must lie between min_alpha and max_alpha, got 2.0 <= 1.0"),
+    ],
+)
+def test_bad_configs(kwargs, message):
+    with pytest.raises(ValueError, match=message):
+        TQCConfig(**kwargs)
