@@ -81,7 +81,7 @@ def bench_step(sim_freq: int, repetitions: int, steps: int = 40) -> list[Row]:
         start = time.perf_counter()
         for step in recorded[:steps]:
             for scene, position, velocity in step:
-                px, joints = scene._task.scene.px, scene.joints
+                px, joints = scene.physics, scene.joints
                 last = None
                 for angles, rates in zip(position, velocity, strict=True):
                     for joint, angle in zip(joints, angles, strict=True):

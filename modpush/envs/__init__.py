@@ -22,7 +22,7 @@ if "ClutterPush-v1" not in registry:
         disable_env_checker=True,
         additional_wrappers=(
             WrapperSpec(
-                "EpisodeEnd", "modpush.envs.sim.task:EpisodeEnd", {"max_episode_steps": 200}
+                "EpisodeEnd", "modpush.envs.sim.episode_end:EpisodeEnd", {"max_episode_steps": 200}
             ),
         ),
     )

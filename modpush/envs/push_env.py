@@ -14,12 +14,16 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded, UnboundedDiscret
 from torchrl.envs import EnvBase
 
 from modpush.envs.depth.cameras import DepthName, ImageMemory
+from modpush.envs.outcome import is_at_goal, is_out_of_bounds
 from modpush.envs.robot.ur5_2f85 import TOOLS, ToolName
 from modpush.envs.scenes.layouts import MAX_OBSTACLES
 from modpush.envs.scenes.objects import get_object_of
 from modpush.envs.scenes.scenario import Bounds, Scenario, ScenarioConfig, sample_scenario
-from modpush.envs.sim.batch import SceneState, make_batch
+from modpush.envs.sim.batch import SceneBatch, SceneState
 from modpush.envs.sim.contacts import CONTACT_KEYS
+from modpush.envs.sim.cpu_batch import CpuBatch
+from modpush.envs.sim.cuda_batch import CudaBatch
+from modpush.envs.sim.rendering import choose_render_backend
 from modpush.geometry.camera import CAMERA
 
 __all__ = ["PushEnv", "PushState"]
@@ -127,19 +131,20 @@ class PushEnv(EnvBase):
                 f"PushEnv: give either scenario or its fields, got both: {sorted(fields)}."
             )
         self.scenario = scenario if scenario is not None else _scenario_config(fields)
-        self._batch = make_batch(
+        batch = CudaBatch if torch.device(device).type == "cuda" else CpuBatch
+        self._batch: SceneBatch = batch(
             num_envs,
-            torch.device(device),
             depth,
             arm_in_depth,
-            pictures,
             scenario=self.scenario,
             robot_uids=f"ur5_{tool}",
             dynamic_obstacles=dynamic_obstacles,
             sim_freq=sim_freq,
             control_freq=control_freq,
+            render_backend=choose_render_backend() if pictures or depth == "sapien" else "none",
         )
-        self._task = self._batch.tasks[0]
+        self._objects = self.scenario.objects
+        self._tool = TOOLS[tool]
         self._depth, self._dynamic_obstacles = depth, dynamic_obstacles
         self._max_episode_steps, self._oob = max_episode_steps, oob
         self._step_count = np.zeros(num_envs, dtype=np.int64)
@@ -212,7 +217,7 @@ class PushEnv(EnvBase):
             raise RuntimeError("PushEnv.reset: the first reset must be of all scenes.")
         indices = torch.nonzero(mask).flatten().tolist()
         if scenarios is None:
-            extents = TOOLS[self._task.agent.tool_name].tip_half_extents
+            extents = self._tool.tip_half_extents
             scenarios = [
                 sample_scenario(self._rngs[i], self.scenario, tool_half_extents=extents)
                 for i in indices
@@ -233,7 +238,7 @@ class PushEnv(EnvBase):
         """Take over what stays the same through the episode of one scene."""
         scenario = self._batch.scenario(index)
         self._goal[index] = scenario.goal_position
-        item = get_object_of(self._task.pushed_objects, scenario.pushed_object)
+        item = get_object_of(self._objects, scenario.pushed_object)
         self._radius[index], self._symmetry[index] = item.radius, item.symmetry
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -253,21 +258,20 @@ class PushEnv(EnvBase):
 
     def _emit(self, after_step: bool = False) -> TensorDictBase:
         """What all scenes show now."""
-        reading = self._batch.read()
-        position = reading.object_pose[:, :2]
+        measured = self._batch.measure()
+        position = measured.object_pose[:, :2]
         if not np.isfinite(position).all():
             index = int(np.argmax(~np.isfinite(position).all(-1)))
             raise RuntimeError(f"PushEnv: physics gave a non-finite object pose in scene {index}.")
         # In numpy: on a few numbers it is several times quicker than torch.
-        success = np.hypot(*(position - self._goal).T) <= self._task.goal_threshold
-        low, high = self.bounds
-        outside = ((position < low) | (position > high)).any(-1)
+        success = is_at_goal(position, self._goal)
+        outside = is_out_of_bounds(position, self.bounds)
         limit = self._max_episode_steps
         terminated = success | outside if self._oob == "terminate" else success
         truncated = outside if limit is None else outside | (self._step_count >= limit)
         flags = {
-            **{key: reading.contacts[:, i] for i, key in enumerate(CONTACT_KEYS)},
-            "target_reachable": reading.reachable,
+            **{key: measured.contacts[:, i] for i, key in enumerate(CONTACT_KEYS)},
+            "target_reachable": measured.target_reachable,
             "success": success,
             "out_of_bounds": outside,
             "terminated": terminated,
@@ -275,10 +279,10 @@ class PushEnv(EnvBase):
             "done": terminated | truncated,
         }
         reals = {
-            "object_pose": reading.object_pose,
+            "object_pose": measured.object_pose,
             "goal_position": self._goal,
-            "ee_pose": reading.ee_pose,
-            "joint_position": reading.joint_position,
+            "ee_pose": measured.ee_pose,
+            "joint_position": measured.joint_position,
             "object_radius": self._radius,
             "object_symmetry": self._symmetry,
         }
@@ -320,7 +324,7 @@ class PushEnv(EnvBase):
     @property
     def bounds(self) -> Bounds:
         """Lower and upper corner of where the object may be, base frame [m]."""
-        return self.scenario.bounds(self._task.bounds_margin)
+        return self.scenario.bounds()
 
     def cast(self, index: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Depth [m] and label at single pixels `[..., 2]` (u, v) of one scene's image.
@@ -335,11 +339,7 @@ class PushEnv(EnvBase):
         Raises:
             RuntimeError: Without `pictures=True`.
         """
-        task = self._batch.tasks[index if len(self._batch.tasks) > 1 else 0]
-        if not task.scene.can_render():
-            raise RuntimeError("PushEnv.render: build the environment with pictures=True.")
-        frames = task.render_rgb_array()
-        return frames[index if len(self._batch.tasks) == 1 else 0].cpu().numpy()
+        return self._batch.render(index)
 
     def get_state(self, indices: Sequence[int] | None = None) -> PushState:
         """A copy of the state of some scenes (default: all), to go back to with `set_state`."""

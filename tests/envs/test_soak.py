@@ -22,7 +22,7 @@ def deepest(env: PushEnv) -> tuple[float, str]:
     """Deepest overlap of a pushed object with an obstacle or the table now [m], and where."""
     worst = (0.0, "")
     for task in env._batch.tasks:
-        body = task._actors[task.scenarios[0].pushed_object]._bodies[0]
+        body = task.objects.actors[task.scenarios[0].pushed_object]._bodies[0]
         robot = {link._objs[0] for link in task.agent.robot.links}
         for contact in task.scene.px.get_contacts():
             if body in contact.bodies and not robot.intersection(contact.bodies):

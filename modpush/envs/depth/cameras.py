@@ -180,8 +180,7 @@ class RenderedDepthCamera(DepthCamera):
         task, camera = self.task, self._cameras[index]
         if task.gpu_sim_enabled:
             task.scene.px.sync_poses_gpu_to_cpu()
-        for marker in task._hidden_objects:
-            marker.hide_visual()
+        task.hide_goal_marker()
         self._show_robot(index, self.arm_in_depth)
         task.scene.sub_scenes[index].update_render()
         camera.take_picture()
@@ -196,7 +195,7 @@ class RenderedDepthCamera(DepthCamera):
         task = self.task
         name = task.scenarios[index].pushed_object
         return {
-            Label.OBJECT: [task._actors[name]._objs[index]],
+            Label.OBJECT: [task.objects.actors[name]._objs[index]],
             Label.OBSTACLE: task.obstacles.entities(index),
             Label.ROBOT: [link._objs[index].entity for link in task.agent.robot.links],
         }

@@ -1,5 +1,6 @@
 """The ManiSkill agents `ur5_2f85` and `ur5_rod`, and the planar controller that drives them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,6 +14,7 @@ from mani_skill.agents.registration import register_agent
 from torch import Tensor
 
 from modpush.envs.robot.control import MotionConfig, plan_motion, ramp
+from modpush.envs.robot.kinematics import planar_inverse_kinematics
 from modpush.envs.robot.ur5_2f85 import (
     FORCE_LIMIT,
     JOINT_NAMES,
@@ -144,6 +146,27 @@ class UR5(BaseAgent):
     def tool(self) -> Tool:
         """What is mounted on the flange."""
         return TOOLS[self.tool_name]
+
+    def place_tip(
+        self, tip_pose: Sequence[tuple[float, float, float]], tip_height: Sequence[float]
+    ) -> None:
+        """Put the arms of the scenes that are being reset to where their tips have these poses.
+
+        Args:
+            tip_pose: x, y, yaw for each of the scenes [m, m, rad].
+            tip_height: Height over the table for each of them [m].
+
+        Raises:
+            ValueError: If a pose is out of the arm's reach.
+        """
+        height = [z + self.tool.length for z in tip_height]
+        joints, reachable = planar_inverse_kinematics(
+            torch.tensor(tip_pose, dtype=torch.float64), torch.tensor(height, dtype=torch.float64)
+        )
+        if not reachable.all():
+            bad = tip_pose[int(torch.argmin(reachable.int()))]
+            raise ValueError(f"Scenario: tool_pose {bad} is out of the arm's reach.")
+        self.reset(joints.float().to(self.device))
 
     @property
     def _controller_configs(self) -> dict[str, Any]:

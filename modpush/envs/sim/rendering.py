@@ -15,7 +15,7 @@ from modpush.geometry.camera import Camera
 if TYPE_CHECKING:
     import sapien
 
-__all__ = ["NO_RENDERER", "camera_pose", "find_render_device"]
+__all__ = ["NO_RENDERER", "camera_pose", "choose_render_backend", "find_render_device"]
 
 NO_RENDERER = (
     "No Vulkan device that SAPIEN can render with was found. Without one physics, "
@@ -47,6 +47,18 @@ def camera_pose(camera: Camera) -> "sapien.Pose":
     import sapien
 
     return sapien.Pose(camera.position, [math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0])
+
+
+def choose_render_backend() -> str:
+    """ManiSkill's name for the renderer of this machine.
+
+    Raises:
+        RuntimeError: If there is none; the message says how to get one.
+    """
+    device = find_render_device()
+    if device is None:
+        raise RuntimeError(NO_RENDERER)
+    return "gpu" if device == "cuda" else device
 
 
 def find_render_device() -> str | None:

@@ -10,7 +10,8 @@ import pytest
 from modpush.envs import OBJECTS, SCENES, PushEnv
 from modpush.envs.depth.cameras import AnalyticDepthCamera, RenderedDepthCamera
 from modpush.envs.depth.raycast import blank_image
-from modpush.envs.sim.task import ClutterPushEnv, choose_render_backend
+from modpush.envs.sim.rendering import choose_render_backend
+from modpush.envs.sim.task import ClutterPushEnv
 from modpush.geometry.labels import Label
 
 NUM_SCENES = 200

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
@@ -7,6 +8,7 @@ import torch
 
 import modpush.envs  # noqa: F401 (registers the task)
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES, SCENES, Obstacle
+from modpush.envs.scenes.objects import OBJECTS
 from modpush.envs.scenes.scenario import Dynamics, ScenarioConfig
 from modpush.envs.sim.obstacle_bodies import DYNAMIC_MASS
 from modpush.envs.sim.rendering import NO_RENDERER, find_render_device
@@ -106,7 +108,7 @@ def test_the_object_begins_to_slide_at_its_friction(fraction) -> None:
     start(task, (0.3, 0.3, 0.0), (0.5, -0.1, 0.0))
     for _ in range(3):
         task.step(STILL)  # settle
-    body = task.object_actor._bodies[0]
+    body = task.objects.actors["small_cube"]._bodies[0]
     before = task.object_pose[0, 0].item()
     force = np.array([fraction * 0.5 * 9.81, 0.0, 0.0], np.float32)
     for _ in range(task.sim_freq):  # one second
@@ -119,16 +121,28 @@ def test_the_object_begins_to_slide_at_its_friction(fraction) -> None:
     task.close()
 
 
+def test_two_objects_of_one_name_are_refused() -> None:
+    cube = OBJECTS["small_cube"]
+    twice = (cube, replace(cube, mass=2.0), "fragment")
+    with pytest.raises(ValueError, match=r"different names, got \['small_cube'\] several times"):
+        ClutterPushEnv(obs_mode="none", pushed_object=twice)
+
+
+def test_several_scenes_in_one_task_without_cuda_say_what_to_use_instead() -> None:
+    with pytest.raises(ValueError, match=r"num_envs=4 in one task needs CUDA.*PushEnv\(4\)"):
+        gym.make("ClutterPush-v1", num_envs=4, sim_backend="physx_cpu")
+
+
 def test_randomised_dynamics_reach_physics() -> None:
     task = ClutterPushEnv(obs_mode="none", scenario=ScenarioConfig(randomize_dynamics=True))
     start(
         task, (0.4, 0.1, 0.0), dynamics=Dynamics(mass=0.4, friction=0.8, center_of_mass=(0.01, 0))
     )
-    body = task.object_actor._bodies[0]
+    body = task.objects.actors["small_cube"]._bodies[0]
     assert body.mass == pytest.approx(0.4)
     assert body.inertia == pytest.approx([0.4 * 0.05**2 / 6] * 3, rel=1e-3)  # of a solid cube
     assert body.cmass_local_pose.p == pytest.approx([0.01, 0, 0])
-    assert task._object_material.static_friction == pytest.approx(0.8)
+    assert task.objects.material.static_friction == pytest.approx(0.8)
     start(task, (0.4, 0.1, 0.0))
     assert body.mass == pytest.approx(1.0)
     task.close()

@@ -1,0 +1,105 @@
+"""Scenes in one batched simulation on CUDA. Experimental: it has never been run."""
+
+import functools
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from modpush.envs.depth.cameras import DepthName
+from modpush.envs.scenes.scenario import Scenario
+from modpush.envs.sim.batch import Measurement, SceneBatch, SceneState
+from modpush.envs.sim.task import ClutterPushEnv
+
+__all__ = ["CudaBatch"]
+
+
+class CudaBatch(SceneBatch):
+    """One task that holds all scenes on a GPU. Images are still made on the CPU.
+
+    Args:
+        num_envs: Number of scenes.
+        depth: The depth camera, or None.
+        arm_in_depth: Whether the depth camera sees the arm.
+        **task: Arguments of `ClutterPushEnv`.
+
+    Raises:
+        RuntimeError: If there is no CUDA device.
+    """
+
+    def __init__(
+        self, num_envs: int, depth: DepthName | None, arm_in_depth: bool, **task: Any
+    ) -> None:
+        warn_experimental()
+        if not torch.cuda.is_available():
+            raise RuntimeError("PushEnv: device='cuda' needs a CUDA device, and torch finds none.")
+        self._task = ClutterPushEnv(
+            obs_mode="none", num_envs=num_envs, sim_backend="physx_cuda", **task
+        )
+        super().__init__([self._task], depth, arm_in_depth)
+
+    def start(self, indices: Sequence[int], scenarios: Sequence[Scenario]) -> None:
+        """See `SceneBatch`."""
+        rows = torch.as_tensor(indices, device=self._task.device)
+        self._task.reset(options={"env_idx": rows, "scenarios": list(scenarios)})
+        for i in indices:
+            self._reset_cameras(i)
+
+    def step(self, action: Tensor) -> None:
+        """See `SceneBatch`."""
+        self._task.step(action.float())
+
+    def measure(self) -> Measurement:
+        """See `SceneBatch`."""
+        task = self._task
+        tensors = (
+            task.object_pose,
+            task.ee_pose,
+            task.agent.robot.get_qpos().double(),
+            task.contacts.flags(),
+            task.agent.controller.reachable,
+        )
+        return Measurement(*(tensor.cpu().numpy() for tensor in tensors))
+
+    def get_state(self, index: int) -> SceneState:
+        """See `SceneBatch`."""
+        task = self._task
+        controller = task.agent.controller
+        x, y, yaw = controller.target[index].tolist()
+        first, second, third = task.contacts.flags()[index].tolist()
+        physics = {k: v for k, v in task.get_state_dict().items() if k != "controller"}
+        return SceneState(
+            scenario=task.scenarios[index],
+            physics=_select_scene(physics, index),
+            target=(x, y, yaw),
+            contacts=(first, second, third),
+            target_reachable=bool(controller.reachable[index]),
+        )
+
+    def set_state(self, index: int, state: SceneState) -> None:
+        """See `SceneBatch`. Contacts are those of the simulation, not of the state."""
+        self.start([index], [state.scenario])
+        task, controller = self._task, self._task.agent.controller
+        task.set_state_dict(state.physics, torch.tensor([index], device=task.device))
+        controller.target[index] = controller.target.new_tensor(state.target)
+        controller.reachable[index] = state.target_reachable
+
+
+def _select_scene(state: Any, index: int) -> Any:
+    """One scene's rows of a nested dictionary of tensors, copied."""
+    if isinstance(state, dict):
+        return {key: _select_scene(value, index) for key, value in state.items()}
+    return state[index : index + 1].clone()
+
+
+@functools.cache
+def warn_experimental() -> None:
+    """Warn, once per process, that the CUDA simulation is untested."""
+    warnings.warn(
+        "PushEnv on CUDA is experimental: its batched simulation has never been run. Check it with "
+        "`pytest -m gpu tests/envs/sim/test_cuda.py` first, or use device='cpu'.",
+        UserWarning,
+        stacklevel=2,
+    )

@@ -1,0 +1,105 @@
+"""The bodies of the objects that may be pushed, one of each kind in every scene."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import sapien
+import torch
+from mani_skill.envs.scene import ManiSkillScene
+from mani_skill.utils.structs import Actor, Pose
+from sapien import physx
+from torch import Tensor
+
+from modpush.envs.scenes.objects import PushedObject, get_object_of
+from modpush.envs.scenes.scenario import Scenario
+from modpush.envs.sim import bodies
+
+__all__ = ["ObjectBodies"]
+
+_PARKED = (20.0, 0.0)  # objects that are not in play stand in a row from here on [m]
+
+
+class ObjectBodies:
+    """Builds the objects with the mass and inertia of homogeneous solids, parked far away.
+
+    Args:
+        scene: The scenes that they are built in.
+        items: The objects, each with a name of its own.
+        material: Their common material; a CPU scene sets its friction at every reset.
+
+    Raises:
+        ValueError: If two objects have one name.
+    """
+
+    def __init__(
+        self, scene: ManiSkillScene, items: Sequence[PushedObject], material: physx.PhysxMaterial
+    ) -> None:
+        names = [item.name for item in items]
+        if repeated := sorted({name for name in names if names.count(name) > 1}):
+            raise ValueError(
+                f"pushed_object: the objects must have different names, got {repeated} several times."
+            )
+        self.items = items
+        self.material = material
+        self._poses = {item.name: _parking_pose(item, i) for i, item in enumerate(items)}
+        self.actors = {item.name: self._build(scene, item) for item in items}
+        """ManiSkill's actors, by the object's name."""
+
+    def _build(self, scene: ManiSkillScene, item: PushedObject) -> Actor:
+        entities, pose = [], self._poses[item.name]
+        for i, sub_scene in enumerate(scene.sub_scenes):
+            entity = bodies.rigid_body(item.parts, self.material, mass=item.mass)
+            if scene.can_render():
+                bodies.attach_visuals(entity, item.parts)
+            entity.name = f"scene-{i}_{item.name}"
+            entity.pose = pose
+            sub_scene.add_entity(entity)
+            entities.append(entity)
+        actor = Actor.create_from_entities(
+            entities, scene, torch.arange(len(entities)), shared_name=item.name
+        )
+        actor.initial_pose = Pose.create(pose, device=scene.device)
+        scene.actors[item.name] = actor
+        scene.add_to_state_dict_registry(actor)
+        return actor
+
+    def item(self, name: str) -> PushedObject:
+        """The object of this name.
+
+        Raises:
+            ValueError: If it was not built; the message lists those that were.
+        """
+        return get_object_of(self.items, name)
+
+    def place(self, scenarios: Sequence[Scenario]) -> None:
+        """Put the pushed objects at their starts, and all others to where they are parked.
+
+        Mass, centre of mass and friction stay as they were built: a running GPU simulation does not
+        take others.
+
+        Args:
+            scenarios: One for each scene that is being reset.
+        """
+        for name, actor in self.actors.items():
+            item = self.item(name)
+            poses = [
+                bodies.yaw_pose(*s.object_pose[:2], item.height / 2, s.object_pose[2])
+                if s.pushed_object == name
+                else self._poses[name]
+                for s in scenarios
+            ]
+            rows = np.array([[*pose.p, *pose.q] for pose in poses], dtype=np.float32)
+            actor.set_pose(Pose.create(torch.from_numpy(rows).to(actor.device)))
+
+    def transforms(self, names: Sequence[str]) -> Tensor:
+        """Position and quaternion (w, x, y, z) of one object in each scene, `[num_envs, 7]` [m].
+
+        Args:
+            names: The name of the pushed object of every scene.
+        """
+        poses = {name: actor.pose.raw_pose for name, actor in self.actors.items()}
+        return torch.stack([poses[name][i] for i, name in enumerate(names)])
+
+
+def _parking_pose(item: PushedObject, index: int) -> sapien.Pose:
+    return bodies.yaw_pose(_PARKED[0], _PARKED[1] + index, item.height / 2, 0.0)
