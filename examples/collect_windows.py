@@ -29,6 +29,7 @@ from tqdm import tqdm
 
 from modpush.encoders import WindowData, egocentric_window
 from modpush.envs import OBJECTS, OBSTACLE_SCENES, PushEnv
+from modpush.geometry import WORKSPACE
 
 _FREE_RADIUS_PX = 7  # of the disc that the small cube needs, 2.5 cm
 
@@ -81,7 +82,7 @@ def other_poses(
     depth: Tensor, segmentation: Tensor, count: int, generator: torch.Generator
 ) -> Tensor:
     """Windows `[n, 1, 64, 64]`, n <= count, at free poses of one scene with something in view."""
-    low, high = torch.tensor([0.20, -0.35, -torch.pi]), torch.tensor([0.75, 0.35, torch.pi])
+    low, high = torch.tensor([*WORKSPACE.low, -torch.pi]), torch.tensor([*WORKSPACE.high, torch.pi])
     poses = low + (high - low) * torch.rand(4 * count, 3, generator=generator)
     windows = torch.cat([egocentric_window(depth, segmentation, pose[None]) for pose in poses])
     steps = torch.arange(64) - 31.5

@@ -8,6 +8,8 @@ from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
+from modpush.geometry.angles import wrap_angle
+
 __all__ = ["ScriptedPusher", "ScriptedPusherConfig", "scripted_push"]
 
 
@@ -68,7 +70,7 @@ def scripted_push(
     to_target = target - object_position
     distance = torch.linalg.vector_norm(to_object, dim=-1)
     bearing, way = _angle(to_object), _angle(to_target)
-    off = _wrap(bearing - way)  # 0: the tool is right behind the object
+    off = wrap_angle(bearing - way)  # 0: the tool is right behind the object
     behind = off.abs() < torch.where(contact[:, 0], config.push_angle, config.approach_angle)
 
     push = _unit(way + (1 + config.steer_gain) * off)
@@ -82,7 +84,7 @@ def scripted_push(
 
     move = torch.where(behind[:, None], push, round_about)
     # The wide side of the gripper faces the way; it looks the same turned by half a turn.
-    turn = _wrap(2 * (way + math.pi / 2 - ee_pose[:, 2])) / 2
+    turn = wrap_angle(2 * (way + math.pi / 2 - ee_pose[:, 2])) / 2
     action = torch.cat([move, (turn / config.max_turn)[:, None]], -1)
     return action.clamp(-1.0, 1.0)
 
@@ -93,10 +95,6 @@ def _angle(vector: Tensor) -> Tensor:
 
 def _unit(angle: Tensor) -> Tensor:
     return torch.stack([torch.cos(angle), torch.sin(angle)], -1)
-
-
-def _wrap(angle: Tensor) -> Tensor:
-    return torch.remainder(angle + math.pi, 2 * math.pi) - math.pi
 
 
 class ScriptedPusher(TensorDictModuleBase):

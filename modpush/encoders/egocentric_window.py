@@ -1,7 +1,5 @@
 """`EgocentricWindow`: the local window around the object, as a TorchRL transform."""
 
-from typing import Literal, get_args
-
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
@@ -16,10 +14,9 @@ from modpush.encoders.window import (
     egocentric_window,
 )
 from modpush.geometry.camera import Camera
+from modpush.geometry.frames import Frame, check_frame, frame_yaw
 
-__all__ = ["EgocentricWindow", "WindowFrame"]
-
-WindowFrame = Literal["object", "path", "base"]
+__all__ = ["EgocentricWindow"]
 
 
 class EgocentricWindow(Transform):
@@ -51,7 +48,7 @@ class EgocentricWindow(Transform):
 
     def __init__(
         self,
-        frame: WindowFrame = "object",
+        frame: Frame = "object",
         size: int = WINDOW_SIZE,
         outside: Outside = "free",
         max_height: float = MAX_HEIGHT,
@@ -64,10 +61,7 @@ class EgocentricWindow(Transform):
         subgoal_key: NestedKey = "subgoal",
         window_key: NestedKey = "window",
     ) -> None:
-        if frame not in get_args(WindowFrame):
-            raise ValueError(
-                f"EgocentricWindow: frame must be one of {get_args(WindowFrame)}, got {frame!r}."
-            )
+        check_frame("EgocentricWindow", frame)
         self.camera = camera or Camera()
         check_options("EgocentricWindow", size, max_height, outside, self.camera.z)
         self.frame, self.size, self.outside = frame, size, outside
@@ -85,12 +79,10 @@ class EgocentricWindow(Transform):
     def _pose(self, tensordict: TensorDictBase) -> Tensor:
         """`[B, 3]` of the window's frame."""
         pose = tensordict.get(self.object_pose_key).reshape(-1, 3)
-        if self.frame == "object":
-            return pose
-        if self.frame == "base":
-            return torch.cat([pose[:, :2], torch.zeros_like(pose[:, 2:])], -1)
-        way = tensordict.get(self.subgoal_key).reshape(-1, 2) - pose[:, :2]
-        return torch.cat([pose[:, :2], torch.atan2(way[:, 1:], way[:, :1])], -1)
+        subgoal = None
+        if self.frame == "path":
+            subgoal = tensordict.get(self.subgoal_key).reshape(-1, 2)
+        return torch.cat([pose[:, :2], frame_yaw(self.frame, pose, subgoal)], -1)
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         for key in self.in_keys:

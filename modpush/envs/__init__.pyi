@@ -10,11 +10,10 @@ from .scenes.layouts import (
 from .scenes.layouts import (
     SCENES as SCENES,
 )
-from .scenes.layouts import (
-    Obstacle as Obstacle,
-)
 from .scenes.objects import OBJECTS as OBJECTS
 from .scenes.objects import PushedObject as PushedObject
+from .scenes.obstacle import Obstacle as Obstacle
+from .scenes.sampling import sample_scenario as sample_scenario
 from .scenes.scenario import (
     Dynamics as Dynamics,
 )
@@ -23,9 +22,6 @@ from .scenes.scenario import (
 )
 from .scenes.scenario import (
     ScenarioConfig as ScenarioConfig,
-)
-from .scenes.scenario import (
-    sample_scenario as sample_scenario,
 )
 from .sim.rendering import find_render_device as find_render_device
 from .sim.task import ClutterPushEnv as ClutterPushEnv

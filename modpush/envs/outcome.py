@@ -7,7 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush.envs.scenes.scenario import Bounds
+from modpush.geometry.workspace import Rectangle
 
 __all__ = ["GOAL_THRESHOLD", "is_at_goal", "is_out_of_bounds"]
 
@@ -33,7 +33,7 @@ def is_at_goal(position: Array, goal: Array, threshold: float = GOAL_THRESHOLD) 
     return hypot(x, y) <= threshold
 
 
-def is_out_of_bounds(position: Array, bounds: Bounds) -> Array:
+def is_out_of_bounds(position: Array, bounds: Rectangle) -> Array:
     """Whether the object has left the workspace by more than the margin of `bounds`.
 
     Args:

@@ -16,15 +16,17 @@ from torchrl.envs import EnvBase
 from modpush.envs.depth.cameras import DepthName, ImageMemory
 from modpush.envs.outcome import is_at_goal, is_out_of_bounds
 from modpush.envs.robot.ur5_2f85 import TOOLS, ToolName
-from modpush.envs.scenes.layouts import MAX_OBSTACLES
 from modpush.envs.scenes.objects import get_object_of
-from modpush.envs.scenes.scenario import Bounds, Scenario, ScenarioConfig, sample_scenario
+from modpush.envs.scenes.obstacle import MAX_OBSTACLES
+from modpush.envs.scenes.sampling import sample_scenario
+from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.envs.sim.batch import SceneBatch, SceneState
 from modpush.envs.sim.contacts import CONTACT_KEYS
 from modpush.envs.sim.cpu_batch import CpuBatch
 from modpush.envs.sim.cuda_batch import CudaBatch
 from modpush.envs.sim.rendering import choose_render_backend
 from modpush.geometry.camera import CAMERA
+from modpush.geometry.workspace import Rectangle
 
 __all__ = ["PushEnv", "PushState"]
 
@@ -217,10 +219,8 @@ class PushEnv(EnvBase):
             raise RuntimeError("PushEnv.reset: the first reset must be of all scenes.")
         indices = torch.nonzero(mask).flatten().tolist()
         if scenarios is None:
-            extents = self._tool.tip_half_extents
             scenarios = [
-                sample_scenario(self._rngs[i], self.scenario, tool_half_extents=extents)
-                for i in indices
+                sample_scenario(self._rngs[i], self.scenario, tool=self._tool.name) for i in indices
             ]
         elif len(scenarios) != len(indices):
             raise ValueError(
@@ -322,7 +322,7 @@ class PushEnv(EnvBase):
         return [self._batch.scenario(i) for i in range(self.batch_size[0])]
 
     @property
-    def bounds(self) -> Bounds:
+    def bounds(self) -> Rectangle:
         """Lower and upper corner of where the object may be, base frame [m]."""
         return self.scenario.bounds()
 

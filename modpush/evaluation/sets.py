@@ -20,7 +20,8 @@ import numpy as np
 
 from modpush.envs.scenes.layouts import HARD_SCENES, OBSTACLE_SCENES, SCENES
 from modpush.envs.scenes.objects import OBJECTS
-from modpush.envs.scenes.scenario import Scenario, ScenarioConfig, sample_scenario
+from modpush.envs.scenes.sampling import sample_scenario
+from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 
 __all__ = ["SET_NAMES", "SET_VERSION", "EvaluationSet", "generate_set", "load_set"]
 

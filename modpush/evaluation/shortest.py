@@ -4,8 +4,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from modpush.envs.scenes.layouts import obstacle_distance
 from modpush.envs.scenes.objects import get_object
+from modpush.envs.scenes.rectangles import obstacle_distance
 from modpush.envs.scenes.scenario import Scenario
 from modpush.geometry import Camera
 from modpush.planners import LazyThetaStar, Planner, inflate

@@ -1,5 +1,20 @@
+from .angles import (
+    rotate as rotate,
+)
+from .angles import (
+    wrap_angle as wrap_angle,
+)
 from .camera import CAMERA as CAMERA
 from .camera import Camera as Camera
+from .frames import (
+    Frame as Frame,
+)
+from .frames import (
+    check_frame as check_frame,
+)
+from .frames import (
+    frame_yaw as frame_yaw,
+)
 from .labels import Label as Label
 from .shapes import (
     Primitive as Primitive,
@@ -15,4 +30,13 @@ from .shapes import (
 )
 from .shapes import (
     prism as prism,
+)
+from .workspace import (
+    BOUNDS_MARGIN as BOUNDS_MARGIN,
+)
+from .workspace import (
+    WORKSPACE as WORKSPACE,
+)
+from .workspace import (
+    Rectangle as Rectangle,
 )

@@ -11,7 +11,6 @@ from .curriculum import (
     Phase as Phase,
 )
 from .frames import ActionFrame as ActionFrame
-from .frames import Frame as Frame
 from .observation import (
     ENTRIES as ENTRIES,
 )

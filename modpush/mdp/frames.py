@@ -1,68 +1,14 @@
-"""The axes in which an agent sees and acts: the base's, the object's, or those of the planned path."""
-
-from typing import Literal, get_args
+"""`ActionFrame`: the axes in which an agent acts, as a TorchRL transform."""
 
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.envs import Transform
 
-__all__ = ["ActionFrame", "Frame", "frame_yaw", "rotate", "wrap_angle"]
+from modpush.geometry.angles import rotate
+from modpush.geometry.frames import Frame, check_frame, frame_yaw
 
-Frame = Literal["base", "object", "path"]
-"""`"base"`: the robot's. `"object"`: turned with the object (the paper). `"path"`: x towards the
-present sub-goal, as seen from the object."""
-
-
-def wrap_angle(angle: Tensor) -> Tensor:
-    """The same angle in [-pi, pi) [rad]."""
-    return torch.remainder(angle + torch.pi, 2 * torch.pi) - torch.pi
-
-
-def rotate(vectors: Tensor, angle: Tensor) -> Tensor:
-    """Turn vectors counter-clockwise.
-
-    Args:
-        vectors: `[..., 2]`.
-        angle: `[..., 1]` [rad].
-
-    Returns:
-        `[..., 2]`.
-    """
-    cos, sin = angle.cos(), angle.sin()
-    x, y = vectors[..., :1], vectors[..., 1:]
-    return torch.cat([cos * x - sin * y, sin * x + cos * y], -1)
-
-
-def frame_yaw(frame: Frame, object_pose: Tensor, subgoal: Tensor | None = None) -> Tensor:
-    """Angle of a frame's x axis in the robot's base frame.
-
-    Args:
-        frame: Which.
-        object_pose: `[..., 3]` (x, y, yaw) [m, rad].
-        subgoal: `[..., 2]` [m], base frame; needed for `"path"`.
-
-    Returns:
-        `[..., 1]` [rad]; 0 for `"path"` with a sub-goal at the object itself.
-
-    Raises:
-        ValueError: If the frame is unknown, or is `"path"` without a sub-goal.
-    """
-    check_frame("frame_yaw", frame)
-    if frame == "base":
-        return torch.zeros_like(object_pose[..., :1])
-    if frame == "object":
-        return object_pose[..., 2:]
-    if subgoal is None:
-        raise ValueError("frame_yaw: frame 'path' needs a sub-goal, got None.")
-    ahead = subgoal - object_pose[..., :2]
-    return torch.atan2(ahead[..., 1:], ahead[..., :1])
-
-
-def check_frame(who: str, frame: str) -> None:
-    """Raise a ValueError unless there is such a frame."""
-    if frame not in get_args(Frame):
-        raise ValueError(f"{who}: frame must be one of {get_args(Frame)}, got {frame!r}.")
+__all__ = ["ActionFrame"]
 
 
 class ActionFrame(Transform):

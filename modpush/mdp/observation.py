@@ -10,8 +10,9 @@ from torch import Tensor
 from torchrl.data import TensorSpec, Unbounded
 from torchrl.envs import Transform
 
-from modpush.envs.scenes.scenario import Bounds, ScenarioConfig
-from modpush.mdp.frames import Frame, check_frame, frame_yaw, rotate, wrap_angle
+from modpush.geometry.angles import rotate, wrap_angle
+from modpush.geometry.frames import Frame, check_frame, frame_yaw
+from modpush.geometry.workspace import WORKSPACE, Rectangle
 
 __all__ = ["ENTRIES", "PAPER_ENTRIES", "PATH_ENTRIES", "Entry", "PushObservation", "Seen"]
 
@@ -184,7 +185,7 @@ class PushObservation(Transform):
         *,
         entries: Sequence[str | tuple[str, Entry]] | None = None,
         symmetry: int = 4,
-        bounds: Bounds | None = None,
+        bounds: Rectangle | None = None,
         raw: bool = False,
         keys: Mapping[str, NestedKey] | None = None,
         observation_key: NestedKey = "observation",
@@ -195,7 +196,7 @@ class PushObservation(Transform):
         self.frame = frame
         self.entries = _look_up(entries)
         self.symmetry = symmetry
-        self.bounds = ScenarioConfig().bounds() if bounds is None else bounds
+        self.bounds = WORKSPACE.bounds() if bounds is None else bounds
         if not all(low < high for low, high in zip(*self.bounds, strict=True)):
             raise ValueError(
                 f"PushObservation: bounds must be a lower and an upper corner, got {bounds}."

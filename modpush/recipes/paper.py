@@ -26,8 +26,9 @@ from modpush.encoders import DepthVAE, EgocentricWindow, Encode, RayScan
 from modpush.envs.push_env import PushEnv
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES
 from modpush.envs.scenes.objects import get_object
+from modpush.geometry.frames import Frame
 from modpush.mdp.curriculum import Curriculum, CurriculumScenes
-from modpush.mdp.frames import ActionFrame, Frame
+from modpush.mdp.frames import ActionFrame
 from modpush.mdp.observation import (
     ENTRIES,
     PAPER_ENTRIES,

@@ -16,8 +16,8 @@ from torchrl.data import Bounded, Composite
 from torchrl.envs import ExplorationType, set_exploration_type
 
 from modpush.agents import make_tqc, quantile_huber
-from modpush.envs.robot.ur5_2f85 import TOOLS
-from modpush.envs.scenes.scenario import Scenario, ScenarioConfig, sample_scenario
+from modpush.envs.scenes.sampling import sample_scenario
+from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.evaluation import run_episodes
 from modpush.mdp.curriculum import Curriculum
 from modpush.mdp.observation import PushObservation
@@ -70,7 +70,6 @@ def held_out_scenarios(config: TrainConfig) -> list[Scenario]:
     Difficulty and distance are those of the evaluation sets, whatever the curriculum draws.
     """
     scenes = config.curriculum.phases[-1].scenes
-    extents = TOOLS[config.env.tool].tip_half_extents
     base = ScenarioConfig(
         pushed_object=config.env.pushed_object,
         difficulty=config.env.difficulty,
@@ -80,7 +79,7 @@ def held_out_scenarios(config: TrainConfig) -> list[Scenario]:
         sample_scenario(
             np.random.default_rng([_HELD_OUT_SEED, n]),
             replace(base, scene=scenes[n % len(scenes)]),
-            tool_half_extents=extents,
+            tool=config.env.tool,
         )
         for n in range(config.evaluation_episodes)
     ]

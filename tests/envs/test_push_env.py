@@ -16,7 +16,8 @@ from torchrl.envs import (
 from torchrl.envs.utils import check_env_specs
 
 from modpush.envs import OBJECTS, PushEnv, ScenarioConfig
-from modpush.envs.scenes.layouts import OBSTACLE_SCENES, Obstacle
+from modpush.envs.scenes.layouts import OBSTACLE_SCENES
+from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.sim.task import ClutterPushEnv
 from modpush.geometry.camera import CAMERA
 from tests.envs.sim.test_agent import scenario
@@ -363,8 +364,8 @@ def test_bad_actions_are_refused_with_the_scenes_index(env, action, message) -> 
     ("kwargs", "message"),
     [
         ({"num_envs": 0}, "num_envs must be >= 1, got 0"),
-        ({"scene": "volcano"}, "no family 'volcano', expected one of"),
-        ({"pushed_object": "egg"}, "no object 'egg', expected one of"),
+        ({"scene": "volcano"}, "there is no 'volcano', expected one of"),
+        ({"pushed_object": "egg"}, "there is no 'egg', expected one of"),
         (
             {"depth": "lidar"},
             r"no camera 'lidar', expected one of \['analytic', 'sapien'\] or None",

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from modpush.envs.scenes.layouts import obstacle_distance
 from modpush.envs.scenes.objects import get_object
+from modpush.envs.scenes.rectangles import obstacle_distance
 from modpush.evaluation import sets
 from modpush.evaluation.sets import SET_NAMES, EvaluationSet, generate_set, load_set
 

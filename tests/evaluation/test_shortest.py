@@ -3,8 +3,8 @@ import pytest
 from torchrl.envs import TransformedEnv
 
 from modpush.envs import Obstacle, PushEnv, Scenario
-from modpush.envs.scenes.layouts import obstacle_distance
 from modpush.envs.scenes.objects import get_object
+from modpush.envs.scenes.rectangles import obstacle_distance
 from modpush.evaluation.sets import load_set
 from modpush.evaluation.shortest import shortest_path
 from modpush.planners import LazyThetaStar, OccupancyGrid, PlannerSubgoals

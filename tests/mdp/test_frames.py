@@ -8,37 +8,13 @@ from tensordict import TensorDict
 from torchrl.envs import TransformedEnv, check_env_specs
 
 from modpush.envs import PushEnv
-from modpush.mdp.frames import ActionFrame, frame_yaw, rotate, wrap_angle
-
-
-def test_wrapped_angles_are_the_same_direction_within_one_turn():
-    angle = torch.linspace(-20, 20, 401)
-    wrapped = wrap_angle(angle)
-    assert (wrapped >= -math.pi - 1e-6).all()
-    assert (wrapped <= math.pi + 1e-6).all()
-    torch.testing.assert_close(wrapped.cos(), angle.cos(), atol=1e-5, rtol=0)
-
-
-def test_a_quarter_turn_takes_x_to_y():
-    turned = rotate(torch.tensor([[1.0, 0.0]]), torch.tensor([[math.pi / 2]]))
-    torch.testing.assert_close(turned, torch.tensor([[0.0, 1.0]]), atol=1e-6, rtol=0)
-
-
-def test_yaw_of_each_frame_by_hand():
-    pose, subgoal = torch.tensor([[0.4, 0.1, 0.3]]), torch.tensor([[0.4, 0.3]])
-    assert frame_yaw("base", pose).item() == 0.0
-    assert frame_yaw("object", pose).item() == pytest.approx(0.3)
-    assert frame_yaw("path", pose, subgoal).item() == pytest.approx(math.pi / 2)  # +y of the object
+from modpush.geometry import rotate
+from modpush.mdp.frames import ActionFrame
 
 
 def test_an_unknown_frame_is_named():
     with pytest.raises(ValueError, match=r"ActionFrame: frame must be one of .* got 'world'"):
         ActionFrame("world")
-
-
-def test_the_path_needs_a_subgoal():
-    with pytest.raises(ValueError, match="needs a sub-goal"):
-        frame_yaw("path", torch.zeros(1, 3))
 
 
 def acted(frame, action, yaw=0.0, subgoal=(1.0, 0.0)):

@@ -7,7 +7,7 @@ import torch
 from tensordict import TensorDict
 
 from modpush.envs import PushEnv
-from modpush.mdp.frames import rotate
+from modpush.geometry import rotate
 from modpush.mdp.observation import ENTRIES, PAPER_ENTRIES, Entry, PushObservation
 
 

@@ -14,8 +14,8 @@ from torchrl.envs import ParallelEnv, check_env_specs
 from torchrl.envs.utils import step_mdp
 
 from modpush.agents.tqc.networks import make_actor
+from modpush.geometry import rotate
 from modpush.mdp import Curriculum
-from modpush.mdp.frames import rotate
 from modpush.mdp.observation import Entry
 from modpush.mdp.rewards import RewardConfig
 from modpush.planners import StraightLine
@@ -133,7 +133,7 @@ def test_unknown_names_are_answered_with_what_there_is():
         PushEnvConfig(encoder="eyes")
     with pytest.raises(ValueError, match=r"planner must be one of .*'a_star'.* got 'luck'"):
         PushEnvConfig(planner="luck")
-    with pytest.raises(ValueError, match="no object 'duck'"):
+    with pytest.raises(ValueError, match="there is no 'duck'"):
         PushEnvConfig(pushed_object="duck")
     with pytest.raises(ValueError, match="preset must be one of"):
         PushEnvConfig.preset("gpu")

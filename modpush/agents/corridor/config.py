@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-Corner = tuple[float, float]
+from modpush.geometry.workspace import WORKSPACE, Rectangle
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +54,7 @@ class CorridorConfig:
     object."""
     zone_costs: tuple[float, float, float] = (1.0, 50.0, 200.0)
     """Cost of a free cell, of one in the outer zone, and of one in the inner zone."""
-    workspace: tuple[Corner, Corner] | None = ((0.20, -0.35), (0.75, 0.35))
+    workspace: Rectangle | None = WORKSPACE
     """Lower and upper corner (x, y) of the rectangle in which the object should stay; cells outside
     of it cost as much as the inner zone. None for no such rectangle [m]."""
     neighbours: Literal[4, 8] = 8

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from modpush.agents.corridor.config import Corner, CorridorConfig
+from modpush.agents.corridor.config import CorridorConfig
 from modpush.agents.corridor.scene import CorridorScene
 from modpush.geometry import Camera
 from modpush.planners import AStar, point_along
@@ -37,7 +37,7 @@ def corridor_cost(
     return cost
 
 
-def cells_outside(camera: Camera, low: Corner, high: Corner) -> Tensor:
+def cells_outside(camera: Camera, low: tuple[float, float], high: tuple[float, float]) -> Tensor:
     """The cells that lie outside of a rectangle on the table, `[H, W]` bool.
 
     Args:

@@ -13,7 +13,7 @@ from torch import Tensor
 from modpush.agents.corridor.config import CorridorConfig
 from modpush.agents.corridor.rules import Rules
 from modpush.agents.corridor.scene import direction_of
-from modpush.agents.corridor.von_mises import wrap_angle
+from modpush.geometry.angles import wrap_angle
 
 
 class Stance(NamedTuple):

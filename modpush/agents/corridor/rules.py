@@ -8,6 +8,7 @@ from torch import Tensor
 
 from modpush.agents.corridor import authors_code, von_mises
 from modpush.agents.corridor.config import CorridorConfig
+from modpush.geometry.angles import wrap_angle
 
 
 class Rules(NamedTuple):
@@ -33,7 +34,7 @@ class Rules(NamedTuple):
 
 
 MENDED = Rules(
-    wrap_angle=von_mises.wrap_angle,
+    wrap_angle=wrap_angle,
     fit_angles=von_mises.fit_angles,
     preferred_angle=von_mises.preferred_angle,
     deviation=lambda alpha, near, apart, mu: torch.where(near, apart, alpha - mu),

@@ -16,11 +16,6 @@ from torch import Tensor
 from modpush.agents.corridor.config import CorridorConfig
 
 
-def wrap_angle(angle: Tensor) -> Tensor:
-    """The same angle in [-pi, pi) [rad]."""
-    return torch.remainder(angle + math.pi, 2 * math.pi) - math.pi
-
-
 def bessel_ratio(kappa: Tensor) -> Tensor:
     """I1(kappa) / I0(kappa), the length of the mean of VM(0, kappa)'s unit vectors."""
     return torch.special.i1e(kappa) / torch.special.i0e(kappa)

@@ -10,7 +10,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush.envs.robot.kinematics import DH_A, DH_D, planar_inverse_kinematics, wrap_angle
+from modpush.envs.robot.kinematics import DH_A, DH_D, planar_inverse_kinematics
+from modpush.geometry.angles import wrap_angle
 
 __all__ = [
     "MotionConfig",

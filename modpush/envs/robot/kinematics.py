@@ -12,6 +12,8 @@ import math
 import torch
 from torch import Tensor
 
+from modpush.geometry.angles import wrap_angle
+
 __all__ = [
     "DH_A",
     "DH_ALPHA",
@@ -23,7 +25,6 @@ __all__ = [
     "planar_forward_kinematics",
     "planar_inverse_kinematics",
     "tool_down_rotation",
-    "wrap_angle",
 ]
 
 DH_D = (0.089159, 0.0, 0.0, 0.10915, 0.09465, 0.0823)
@@ -40,11 +41,6 @@ there. Fixed, so that no step of a push can jump to another one."""
 
 _D1, _, _, _D4, _D5, _D6 = DH_D
 _, _A2, _A3, _, _, _ = DH_A
-
-
-def wrap_angle(angle: Tensor) -> Tensor:
-    """Wrap angles [rad] of any shape into [-pi, pi)."""
-    return torch.remainder(angle + math.pi, 2 * math.pi) - math.pi
 
 
 def forward_kinematics(joint_position: Tensor) -> Tensor:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from modpush.envs.robot.ur5_2f85 import TOOLS, ToolName
 from modpush.envs.scenes.objects import get_object
 from modpush.envs.scenes.scenario import Scenario
+from modpush.geometry.workspace import WORKSPACE
 
 __all__ = ["TopView", "draw_top_view"]
 
@@ -94,8 +95,7 @@ def draw_top_view(
     """
     view = view or TopView()
     image = np.full((*view.shape, 3), _COLORS["table"], dtype=np.uint8)
-    workspace = np.array([[0.20, -0.35], [0.75, -0.35], [0.75, 0.35], [0.20, 0.35]])
-    _outline(image, view, workspace, "workspace", 2)
+    _outline(image, view, WORKSPACE.corners(), "workspace", 2)
     poses = obstacle_poses if obstacle_poses is not None else [o.pose for o in scenario.obstacles]
     outlines = [
         _placed(_rectangle(obstacle.size[0] / 2, obstacle.size[1] / 2), pose)

@@ -1,52 +1,36 @@
 """Scene families: pure functions `(rng, difficulty) -> obstacles`.
 
 All coordinates are in the robot's base frame; the authors' are turned by +90 degrees about z.
-Source: paper Sec. V and the facts of the authors' code (spec 2).
+Source: paper Sec. V and the authors' released simulation.
 """
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 
-import numba
 import numpy as np
+
+from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
+from modpush.geometry.workspace import WORKSPACE
+from modpush.parts import find_part, part_name
 
 __all__ = [
     "BAR_SECTION",
     "CUBE_SIDE",
     "HARD_SCENES",
-    "MAX_OBSTACLES",
     "OBSTACLE_SCENES",
     "SCENES",
-    "Obstacle",
     "SceneFn",
     "get_scene",
-    "nearest_rectangle",
-    "obstacle_distance",
     "random_clutter",
-    "rectangles",
-    "turned_rectangles",
 ]
 
 BAR_SECTION = 0.06
 """Width and height of a bar [m]."""
 CUBE_SIDE = 0.05
-"""Of an obstacle cube [m]."""
-MAX_OBSTACLES = 24
-"""The most obstacles a layout may have."""
+"""Side of an obstacle cube [m]."""
 
 _CENTER = (0.475, 0.0)
 _ACROSS = math.pi / 2  # a bar's long axis along y, across the way out from the robot
-
-
-@dataclass(frozen=True)
-class Obstacle:
-    """An upright box on the table."""
-
-    size: tuple[float, float, float]
-    """Length, width, height [m]."""
-    pose: tuple[float, float, float]
-    """x, y of the centre and yaw of the long axis [m, m, rad]."""
 
 
 SceneFn = Callable[[np.random.Generator, float], list[Obstacle]]
@@ -161,7 +145,7 @@ def random_clutter(
 
     Args:
         rng: Source of randomness.
-        difficulty: Not used; the number says it all.
+        difficulty: Not used: `num_cubes` says how hard it is.
         num_cubes: How many, up to `MAX_OBSTACLES`.
         spacing: Least distance between the cubes' circumscribed circles [m].
 
@@ -175,7 +159,7 @@ def random_clutter(
     centers = np.empty((0, 2))
     apart = CUBE_SIDE * math.sqrt(2) + spacing
     for _ in range(num_cubes):
-        tries = rng.uniform((0.20, -0.35), (0.75, 0.35), (100, 2))
+        tries = rng.uniform(WORKSPACE.low, WORKSPACE.high, (100, 2))
         distance = np.linalg.norm(tries[:, None] - centers, axis=-1).min(1, initial=np.inf)
         if not (distance >= apart).any():
             raise ValueError(
@@ -208,70 +192,21 @@ HARD_SCENES = ("diagonal_walls", "maze")
 
 
 def get_scene(scene: str | SceneFn) -> tuple[str, SceneFn]:
-    """Look a family up by name, or pass a function of your own through.
+    """Look a scene family up by name or by `"module:function"`, or pass a function through.
 
     Returns:
-        Its name and its function.
+        Its name and its function. The name of a function of your own is `"module:function"`, by
+        which it is found again; that of one which cannot be imported is the function's own.
 
     Raises:
-        ValueError: If there is no family of that name; the message lists those there are.
+        ValueError: If there is no such family, with those there are; or if it is no function.
     """
-    if callable(scene):
-        return getattr(scene, "__name__", type(scene).__name__), scene
-    if scene not in SCENES:
-        raise ValueError(f"scene: no family {scene!r}, expected one of {sorted(SCENES)}.")
-    return scene, SCENES[scene]
-
-
-def obstacle_distance(points: np.ndarray, obstacles: Sequence[Obstacle]) -> np.ndarray:
-    """Distance from points to the nearest obstacle seen from above [m]; 0 inside one, inf for none.
-
-    Args:
-        points: `[..., 2]` [m].
-        obstacles: Any number.
-
-    Returns:
-        `[...]` [m].
-    """
-    rows = rectangles(obstacles)
-    flat = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 2)
-    return _rectangle_distance(flat, rows).reshape(points.shape[:-1])
-
-
-def rectangles(obstacles: Sequence[Obstacle]) -> np.ndarray:
-    """Footprints (x, y, yaw, length, width), `[n, 5]` [m, m, rad, m, m]."""
-    return np.array([(*o.pose, *o.size[:2]) for o in obstacles], dtype=np.float64).reshape(-1, 5)
-
-
-@numba.njit(cache=True)
-def _rectangle_distance(points: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Per point the distance to the nearest of the rectangles (x, y, yaw, length, width)."""
-    turned, nearest = turned_rectangles(rows), np.empty(len(points))
-    for i in range(len(points)):
-        nearest[i] = nearest_rectangle(points[i, 0], points[i, 1], turned)
-    return nearest
-
-
-@numba.njit(cache=True)
-def turned_rectangles(rows: np.ndarray) -> np.ndarray:
-    """Rectangles (x, y, yaw, length, width) as `nearest_rectangle` reads them, `[n, 6]`."""
-    turned = np.empty((len(rows), 6))
-    for k in range(len(rows)):
-        x, y, yaw, length, width = rows[k]
-        turned[k, 0], turned[k, 1] = x, y
-        turned[k, 2], turned[k, 3] = math.cos(yaw), math.sin(yaw)
-        turned[k, 4], turned[k, 5] = length / 2, width / 2
-    return turned
-
-
-@numba.njit(cache=True)
-def nearest_rectangle(x: float, y: float, turned: np.ndarray) -> float:
-    """Distance from one point to the nearest rectangle [m]: 0 inside one, inf for none."""
-    least = np.inf
-    for k in range(len(turned)):
-        dx, dy = x - turned[k, 0], y - turned[k, 1]
-        c, s = turned[k, 2], turned[k, 3]
-        u = max(abs(dx * c + dy * s) - turned[k, 4], 0.0)
-        v = max(abs(dy * c - dx * s) - turned[k, 5], 0.0)
-        least = min(least, u * u + v * v)
-    return math.sqrt(least)
+    found = find_part("scene", scene, SCENES)
+    if not callable(found):
+        raise ValueError(
+            f"scene: {scene!r} is no function (rng, difficulty) -> list[Obstacle], got {found!r}."
+        )
+    try:
+        return part_name("scene", scene, SCENES), found
+    except ValueError:
+        return getattr(found, "__name__", type(found).__name__), found

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from modpush.geometry.shapes import Primitive, box, cylinder, prism
+from modpush.parts import find_part
 
 __all__ = ["OBJECTS", "PushedObject", "get_object", "get_object_of"]
 
@@ -105,16 +106,20 @@ OBJECTS: dict[str, PushedObject] = {
 
 
 def get_object(name: str | PushedObject) -> PushedObject:
-    """Look a pushed object up by name, or pass one of your own through.
+    """Look a pushed object up by name or by `"module:name"`, or pass one of your own through.
+
+    An object that is found by `"module:name"` is called so: that text is its `name`, by which
+    evaluation and drawing find it again.
 
     Raises:
-        ValueError: If there is no object of that name; the message lists those there are.
+        ValueError: If there is no such object, with those there are; or if it is no `PushedObject`.
     """
-    if isinstance(name, PushedObject):
-        return replace(name)
-    if name not in OBJECTS:
-        raise ValueError(f"pushed_object: no object {name!r}, expected one of {sorted(OBJECTS)}.")
-    return OBJECTS[name]
+    found = find_part("pushed_object", name, OBJECTS)
+    if not isinstance(found, PushedObject):
+        raise ValueError(f"pushed_object: {name!r} must be a PushedObject, got {found!r}.")
+    if isinstance(name, str) and name not in OBJECTS:
+        return replace(found, name=name)
+    return found
 
 
 def get_object_of(items: Sequence[PushedObject], name: str) -> PushedObject:

@@ -10,7 +10,8 @@ import torch
 from mani_skill.utils.structs import Actor, Pose
 from sapien import physx
 
-from modpush.envs.scenes.layouts import BAR_SECTION, CUBE_SIDE, Obstacle
+from modpush.envs.scenes.layouts import BAR_SECTION, CUBE_SIDE
+from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.sim import bodies
 from modpush.geometry.shapes import Primitive, box
 

@@ -21,7 +21,8 @@ from sapien import physx
 from torch import Tensor
 
 from modpush.envs.outcome import GOAL_THRESHOLD, is_at_goal, is_out_of_bounds
-from modpush.envs.scenes.scenario import BOUNDS_MARGIN, Scenario, ScenarioConfig, sample_scenario
+from modpush.envs.scenes.sampling import sample_scenario
+from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.envs.sim.agent import UR5, tip_yaw
 from modpush.envs.sim.builders import (
     build_goal_marker,
@@ -34,6 +35,7 @@ from modpush.envs.sim.cpu_scene import CpuScene
 from modpush.envs.sim.object_bodies import ObjectBodies
 from modpush.envs.sim.obstacle_bodies import ObstaclePool, ObstacleSwapper
 from modpush.envs.sim.rendering import choose_render_backend
+from modpush.geometry.workspace import BOUNDS_MARGIN
 
 __all__ = ["FRICTION", "MAX_EPISODE_STEPS", "ClutterPushEnv"]
 
@@ -237,9 +239,7 @@ class ClutterPushEnv(BaseEnv):
 
     def draw_scenario(self, rng: np.random.Generator) -> Scenario:
         """An episode's start from this task's configuration."""
-        return sample_scenario(
-            rng, self.scenario_config, tool_half_extents=self.agent.tool.tip_half_extents
-        )
+        return sample_scenario(rng, self.scenario_config, tool=self.agent.tool_name)
 
     def _before_control_step(self) -> None:
         self.contacts.clear()

@@ -20,7 +20,6 @@ from modpush.agents.corridor.von_mises import (
     concentration,
     fit_angles,
     preferred_angle,
-    wrap_angle,
 )
 
 PRIOR = CorridorConfig()
@@ -28,14 +27,6 @@ PRIOR = CorridorConfig()
 
 def d(*values):
     return torch.tensor(values, dtype=torch.float64)
-
-
-@given(st.floats(-50, 50))
-def test_wrapping_keeps_the_direction_and_lands_in_the_circle(angle):
-    wrapped = wrap_angle(d(angle)).item()
-    assert -math.pi <= wrapped < math.pi
-    assert math.cos(wrapped) == pytest.approx(math.cos(angle), abs=1e-9)
-    assert math.sin(wrapped) == pytest.approx(math.sin(angle), abs=1e-9)
 
 
 def test_the_authors_wrapping_is_wrong_on_both_sides():

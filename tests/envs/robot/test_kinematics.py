@@ -14,9 +14,9 @@ from modpush.envs.robot.kinematics import (
     planar_forward_kinematics,
     planar_inverse_kinematics,
     tool_down_rotation,
-    wrap_angle,
 )
 from modpush.envs.robot.ur5_2f85 import JOINT_NAMES, TOOLS, urdf_path
+from modpush.geometry import wrap_angle
 
 HEIGHT = 0.02 + 0.163
 

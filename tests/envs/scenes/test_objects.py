@@ -37,5 +37,7 @@ def test_radius_is_that_of_the_circumscribed_circle(name) -> None:
 
 
 def test_an_unknown_object_is_answered_with_the_list() -> None:
-    with pytest.raises(ValueError, match=r"no object 'ball', expected one of \['fragment', 'large"):
+    with pytest.raises(
+        ValueError, match=r"there is no 'ball', expected one of \['fragment', 'large"
+    ):
         get_object("ball")

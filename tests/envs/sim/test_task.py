@@ -7,8 +7,9 @@ import pytest
 import torch
 
 import modpush.envs  # noqa: F401 (registers the task)
-from modpush.envs.scenes.layouts import OBSTACLE_SCENES, SCENES, Obstacle
+from modpush.envs.scenes.layouts import OBSTACLE_SCENES, SCENES
 from modpush.envs.scenes.objects import OBJECTS
+from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.scenario import Dynamics, ScenarioConfig
 from modpush.envs.sim.obstacle_bodies import DYNAMIC_MASS
 from modpush.envs.sim.rendering import NO_RENDERER, find_render_device
@@ -237,8 +238,8 @@ def test_nan_actions_are_refused(task) -> None:
 @pytest.mark.parametrize(
     ("kwargs", "message"),
     [
-        ({"scene": "volcano"}, "no family 'volcano'"),
-        ({"pushed_object": "egg"}, "no object 'egg'"),
+        ({"scene": "volcano"}, "there is no 'volcano'"),
+        ({"pushed_object": "egg"}, "there is no 'egg'"),
         ({"sim_freq": 100}, "sim_freq must be a multiple of control_freq, got 100 and 15"),
         ({"scenario": ScenarioConfig(), "scene": "slot"}, "either scenario or its fields"),
     ],

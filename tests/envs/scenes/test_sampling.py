@@ -1,11 +1,69 @@
 import json
+import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from modpush.envs.scenes.layouts import SCENES, Obstacle, obstacle_distance
+from modpush.envs.scenes.layouts import SCENES
 from modpush.envs.scenes.objects import OBJECTS
-from modpush.envs.scenes.scenario import Scenario, ScenarioConfig, sample_scenario
+from modpush.envs.scenes.obstacle import Obstacle
+from modpush.envs.scenes.rectangles import obstacle_distance
+from modpush.envs.scenes.sampling import sample_scenario
+from modpush.envs.scenes.scenario import ScenarioConfig
+
+GOLDEN = json.loads((Path(__file__).parent / "golden_scenarios.json").read_text())
+"""Drawn at commit 2cd1fa5: two episodes of each family, then twenty of three families at once."""
+
+
+def assert_same(drawn, golden) -> None:
+    """Equal but for the last bits of sine and cosine, which differ between machines."""
+    if isinstance(golden, dict):
+        assert drawn.keys() == golden.keys()
+        for key in golden:
+            assert_same(drawn[key], golden[key])
+    elif isinstance(golden, list):
+        assert len(drawn) == len(golden)
+        for one, other in zip(drawn, golden, strict=True):
+            assert_same(one, other)
+    elif isinstance(golden, float):
+        assert drawn == pytest.approx(golden, abs=1e-14)
+    else:
+        assert drawn == golden
+
+
+def test_a_seed_gives_the_scenario_that_it_always_gave() -> None:
+    names = list(OBJECTS)
+    drawn = [
+        (
+            np.random.default_rng([k, j]),
+            ScenarioConfig(
+                scene=scene, pushed_object=names[(k + j) % 4], randomize_dynamics=j == 1
+            ),
+        )
+        for k, scene in enumerate(SCENES)
+        for j in range(2)
+    ]
+    several = ScenarioConfig(
+        scene=["free", "slot", "maze"], pushed_object=names, difficulty=0.5, distance=(0.3, 0.5)
+    )
+    drawn += [(np.random.default_rng([99, j]), several) for j in range(20)]
+    for (rng, config), golden in zip(drawn, GOLDEN, strict=True):
+        assert_same(json.loads(json.dumps(sample_scenario(rng, config).to_dict())), golden)
+
+
+def test_a_distance_may_be_one_number() -> None:
+    for seed in range(5):
+        s = sample_scenario(np.random.default_rng(seed), ScenarioConfig(distance=0.3))
+        assert math.dist(s.object_pose[:2], s.goal_position) == pytest.approx(0.3)
+
+
+def test_a_small_tool_may_stand_where_a_large_one_may_not() -> None:
+    config = ScenarioConfig(pushed_object="large_cube", tool_distance=(0.062, 0.064))
+    rod = sample_scenario(np.random.default_rng(0), config, tool="rod")
+    assert 0.062 <= math.dist(rod.object_pose[:2], rod.tool_pose[:2]) <= 0.064
+    with pytest.raises(ValueError, match="tool touches the object"):
+        sample_scenario(np.random.default_rng(0), config, tool="2f85")
 
 
 @pytest.mark.parametrize("scene", sorted(SCENES))
@@ -77,20 +135,6 @@ def test_too_many_obstacles_are_refused() -> None:
         sample_scenario(np.random.default_rng(0), ScenarioConfig(scene=many))
 
 
-def test_one_seed_one_scenario_and_it_survives_json() -> None:
-    config = ScenarioConfig(scene=tuple(SCENES), pushed_object=tuple(OBJECTS))
-    first, second = (sample_scenario(np.random.default_rng(7), config) for _ in range(2))
-    assert first == second
-    assert Scenario.from_dict(json.loads(json.dumps(first.to_dict()))) == first
-
-
-def test_a_scenario_of_other_fields_is_refused() -> None:
-    data = sample_scenario(np.random.default_rng(0), ScenarioConfig()).to_dict()
-    data["gaol"] = data.pop("goal_position")
-    with pytest.raises(ValueError, match=r"missing \['goal_position'\], unknown \['gaol'\]"):
-        Scenario.from_dict(data)
-
-
 def test_dynamics_are_drawn_only_when_asked_for() -> None:
     rng = np.random.default_rng(0)
     fixed = {sample_scenario(rng, ScenarioConfig()).dynamics for _ in range(5)}
@@ -102,19 +146,3 @@ def test_dynamics_are_drawn_only_when_asked_for() -> None:
     assert (masses <= config.mass[1]).all()
     assert np.median(masses) == pytest.approx(np.sqrt(0.2 * 2.0), rel=0.3)  # log-uniform
     assert max(abs(c) for d in drawn for c in d.center_of_mass) <= config.center_of_mass
-
-
-@pytest.mark.parametrize(
-    ("fields", "message"),
-    [
-        ({"difficulty": 1.5}, r"difficulty must be a range within \[0, 1\], got \(1.5, 1.5\)"),
-        ({"distance": (0.6, 0.2)}, r"distance must be a range"),
-        ({"scene": ()}, "scene is empty"),
-        ({"scene": "nowhere"}, "no family 'nowhere'"),
-        ({"pushed_object": ("small_cube", "egg")}, "no object 'egg'"),
-        ({"low": (1.0, 0.0)}, "low must be < high"),
-    ],
-)
-def test_a_bad_config_fails_at_once(fields, message) -> None:
-    with pytest.raises(ValueError, match=message):
-        ScenarioConfig(**fields)

@@ -1,19 +1,19 @@
 import math
+from functools import partial
 
 import numpy as np
 import pytest
 
 from modpush.envs.scenes.layouts import (
     HARD_SCENES,
-    MAX_OBSTACLES,
     OBSTACLE_SCENES,
     SCENES,
-    Obstacle,
     get_scene,
-    obstacle_distance,
     random_clutter,
 )
 from modpush.envs.scenes.objects import get_object
+from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
+from modpush.envs.scenes.rectangles import obstacle_distance
 
 
 def build(name: str, difficulty: float, seed: int = 0) -> list[Obstacle]:
@@ -96,19 +96,29 @@ def test_families_are_functions_of_generator_and_difficulty_alone() -> None:
         assert build(name, 0.3, seed=5) == build(name, 0.3, seed=5)
 
 
-def test_unknown_scene_is_answered_with_the_list_and_a_function_passes_through() -> None:
-    with pytest.raises(ValueError, match=r"no family 'desert', expected one of \['bar_across'"):
+def one_cube(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
+    return [Obstacle((0.05, 0.05, 0.05), (0.475, 0.0, difficulty))]
+
+
+def test_an_unknown_scene_is_answered_with_the_list() -> None:
+    with pytest.raises(ValueError, match=r"there is no 'desert', expected one of \['bar_across'"):
         get_scene("desert")
 
+
+def test_a_function_is_found_again_by_the_name_it_is_recorded_under() -> None:
+    name, found = get_scene(one_cube)
+    assert name == f"{__name__}:one_cube"
+    assert found is one_cube
+    assert get_scene(name) == (name, one_cube)
+
+
+def test_a_family_given_as_its_function_keeps_its_name() -> None:
+    assert get_scene(SCENES["slot"]) == ("slot", SCENES["slot"])
+
+
+def test_a_function_that_cannot_be_imported_is_recorded_by_its_own_name() -> None:
     def mine(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
         return []
 
     assert get_scene(mine) == ("mine", mine)
-
-
-def test_obstacle_distance_by_hand() -> None:
-    bar = Obstacle((0.4, 0.06, 0.06), (0.5, 0.0, math.pi / 2))  # 40 cm along y
-    points = np.array([[0.5, 0.0], [0.63, 0.0], [0.5, 0.3], [0.56, 0.24]])
-    expected = [0.0, 0.10, 0.10, math.hypot(0.03, 0.04)]
-    assert obstacle_distance(points, [bar]) == pytest.approx(expected)
-    assert np.isinf(obstacle_distance(points, [])).all()
+    assert get_scene(partial(one_cube))[0] == "partial"

@@ -1,0 +1,65 @@
+"""Distances between points and the footprints of obstacles, compiled."""
+
+import math
+from collections.abc import Sequence
+
+import numba
+import numpy as np
+
+from modpush.envs.scenes.obstacle import Obstacle
+
+__all__ = ["nearest_rectangle", "obstacle_distance", "rectangles", "turned_rectangles"]
+
+
+def obstacle_distance(points: np.ndarray, obstacles: Sequence[Obstacle]) -> np.ndarray:
+    """Distance from points to the nearest obstacle seen from above [m]; 0 inside one, inf for none.
+
+    Args:
+        points: `[..., 2]` [m].
+        obstacles: Any number.
+
+    Returns:
+        `[...]` [m].
+    """
+    rows = rectangles(obstacles)
+    flat = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 2)
+    return _rectangle_distance(flat, rows).reshape(points.shape[:-1])
+
+
+def rectangles(obstacles: Sequence[Obstacle]) -> np.ndarray:
+    """Footprints (x, y, yaw, length, width), `[n, 5]` [m, m, rad, m, m]."""
+    return np.array([(*o.pose, *o.size[:2]) for o in obstacles], dtype=np.float64).reshape(-1, 5)
+
+
+@numba.njit(cache=True)
+def _rectangle_distance(points: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Per point the distance to the nearest of the rectangles (x, y, yaw, length, width)."""
+    turned, nearest = turned_rectangles(rows), np.empty(len(points))
+    for i in range(len(points)):
+        nearest[i] = nearest_rectangle(points[i, 0], points[i, 1], turned)
+    return nearest
+
+
+@numba.njit(cache=True)
+def turned_rectangles(rows: np.ndarray) -> np.ndarray:
+    """Rectangles (x, y, yaw, length, width) as `nearest_rectangle` reads them, `[n, 6]`."""
+    turned = np.empty((len(rows), 6))
+    for k in range(len(rows)):
+        x, y, yaw, length, width = rows[k]
+        turned[k, 0], turned[k, 1] = x, y
+        turned[k, 2], turned[k, 3] = math.cos(yaw), math.sin(yaw)
+        turned[k, 4], turned[k, 5] = length / 2, width / 2
+    return turned
+
+
+@numba.njit(cache=True)
+def nearest_rectangle(x: float, y: float, turned: np.ndarray) -> float:
+    """Distance from one point to the nearest rectangle [m]: 0 inside one, inf for none."""
+    least = np.inf
+    for k in range(len(turned)):
+        dx, dy = x - turned[k, 0], y - turned[k, 1]
+        c, s = turned[k, 2], turned[k, 3]
+        u = max(abs(dx * c + dy * s) - turned[k, 4], 0.0)
+        v = max(abs(dy * c - dx * s) - turned[k, 5], 0.0)
+        least = min(least, u * u + v * v)
+    return math.sqrt(least)

@@ -1,0 +1,259 @@
+"""`sample_scenario`: draws an episode's start, and sees to it that it can be solved."""
+
+import functools
+import math
+from collections import Counter
+from typing import NamedTuple
+
+import cv2
+import numba
+import numpy as np
+
+from modpush.envs.robot.control import MotionConfig
+from modpush.envs.robot.ur5_2f85 import TOOLS, ToolName
+from modpush.envs.scenes.objects import PushedObject
+from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
+from modpush.envs.scenes.rectangles import (
+    nearest_rectangle,
+    obstacle_distance,
+    rectangles,
+    turned_rectangles,
+)
+from modpush.envs.scenes.scenario import Dynamics, Scenario, ScenarioConfig
+
+__all__ = ["sample_scenario"]
+
+_CELL = 0.01  # of the grid that decides whether a path exists [m]
+_LOW, _SHAPE = (0.145, -0.455), (91, 91)  # its lower corner [m] and its cells
+_BATCH = 256  # candidates drawn at a time
+_BATCHES = 40
+_LAYOUTS = 4
+
+_CONDITIONS = (
+    "start beyond reach",
+    "goal outside the workspace",
+    "goal beyond reach",
+    "start too close to an obstacle",
+    "goal too close to an obstacle",
+    "tool beyond reach",
+    "tool touches the object",
+    "tool touches an obstacle",
+    "no path",
+)
+"""What a candidate must not be, in the order in which it is checked."""
+
+
+class _Limits(NamedTuple):
+    """The numbers that candidates are checked against; all lengths in metres."""
+
+    low_x: float
+    low_y: float
+    high_x: float
+    high_y: float
+    max_start_radius: float
+    max_goal_radius: float
+    min_tool_radius: float
+    max_tool_radius: float
+    object_to_obstacle: float
+    """Least distance of the object's centre, at start and goal, from obstacles."""
+    tool_to_object: float
+    """Least distance of the tool's tip from the object's centre."""
+    tool_to_obstacle: float
+    """Least distance of the tool's tip from obstacles."""
+
+
+class _Candidates(NamedTuple):
+    """Starts of `n` episodes that may be good; metres and radians."""
+
+    start: np.ndarray
+    """`[n, 2]`"""
+    yaw: np.ndarray
+    """`[n]`"""
+    goal: np.ndarray
+    """`[n, 2]`"""
+    tool: np.ndarray
+    """`[n, 2]`"""
+    tool_yaw: np.ndarray
+    """`[n]`"""
+    tool_distance: np.ndarray
+    """From the object's centre to the tool's tip, `[n]`."""
+
+
+class _FreeSpace(NamedTuple):
+    """Where the object fits, and between which places it can be slid."""
+
+    turned: np.ndarray
+    """The obstacles, as `nearest_rectangle` reads them, `[n, 6]`."""
+    labels: np.ndarray
+    """Equal positive labels are joined, `[91, 91]`; empty where nothing stands."""
+
+
+def sample_scenario(
+    rng: np.random.Generator, config: ScenarioConfig, *, tool: ToolName = "2f85"
+) -> Scenario:
+    """Draw an episode's start.
+
+    Start and goal keep their distance from obstacles, a path joins them on the grid inflated by the
+    object's radius, and the tool stands free and within reach. The number of tries is bounded.
+
+    Args:
+        rng: Source of randomness; the result depends on nothing else.
+        config: What to draw from.
+        tool: Name of the tool that the arm holds.
+
+    Raises:
+        ValueError: If no start is found; the message counts which condition failed how often.
+    """
+    scenes, objects = config.scenes, config.objects
+    failed: Counter[str] = Counter()
+    name = ""
+    for _ in range(_LAYOUTS):
+        name, scene = scenes[rng.integers(len(scenes))]
+        item = objects[rng.integers(len(objects))]
+        difficulty = float(rng.uniform(*config.difficulty_range))
+        obstacles = scene(rng, difficulty)
+        if len(obstacles) > MAX_OBSTACLES:
+            raise ValueError(
+                f"scene: {name!r} placed {len(obstacles)} obstacles, at most {MAX_OBSTACLES} fit."
+            )
+        free, limits = _free_space(obstacles, item.radius, config), _limits(config, item, tool)
+        for _ in range(_BATCHES):
+            candidates = _draw_candidates(rng, config)
+            i, counts = _first_good(candidates, free, limits)
+            if i < 0:
+                failed.update(dict(zip(_CONDITIONS, counts.tolist(), strict=True)))
+                continue
+            (x, y), (tool_x, tool_y) = candidates.start[i].tolist(), candidates.tool[i].tolist()
+            goal_x, goal_y = candidates.goal[i].tolist()
+            return Scenario(
+                scene=name,
+                difficulty=difficulty,
+                obstacles=tuple(obstacles),
+                pushed_object=item.name,
+                object_pose=(x, y, float(candidates.yaw[i])),
+                goal_position=(goal_x, goal_y),
+                tool_pose=(tool_x, tool_y, float(candidates.tool_yaw[i])),
+                dynamics=_sample_dynamics(rng, config, item),
+            )
+    reasons = ", ".join(f"{reason}: {n}" for reason, n in failed.most_common())
+    raise ValueError(
+        f"sample_scenario: no start found in scene {name!r} after {_LAYOUTS} layouts of "
+        f"{_BATCH * _BATCHES} tries each. Failed conditions: {reasons}."
+    )
+
+
+def _limits(config: ScenarioConfig, item: PushedObject, tool: ToolName) -> _Limits:
+    """Clearances are taken from circumscribed circles: a little more than asked for, never less."""
+    tool_radius, motion = math.hypot(*TOOLS[tool].tip_half_extents), MotionConfig()
+    numbers = (
+        *config.low,
+        *config.high,
+        config.max_start_radius,
+        config.max_goal_radius,
+        motion.min_radius,
+        motion.max_radius,
+        item.radius + config.clearance,
+        item.radius + tool_radius + 0.002,
+        tool_radius + 0.005,
+    )
+    return _Limits(*map(float, numbers))
+
+
+def _draw_candidates(rng: np.random.Generator, config: ScenarioConfig) -> _Candidates:
+    n = _BATCH
+    start = rng.uniform(config.low, config.high, (n, 2))
+    yaw = rng.uniform(-np.pi, np.pi, n)
+    goal = start + _polar(rng.uniform(*config.distance_range, n), rng.uniform(-np.pi, np.pi, n))
+    tool_distance = rng.uniform(*config.tool_distance, n)
+    tool = start + _polar(tool_distance, rng.uniform(-np.pi, np.pi, n))
+    tool_yaw = rng.uniform(-np.pi / 2, np.pi / 2, n)
+    return _Candidates(start, yaw, goal, tool, tool_yaw, tool_distance)
+
+
+def _polar(radius: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    return radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
+
+
+@numba.njit(cache=True)
+def _first_good(
+    candidates: _Candidates, free: _FreeSpace, limits: _Limits
+) -> tuple[int, np.ndarray]:
+    """Index of the first candidate that meets every condition, or -1.
+
+    With it how many failed which condition first, in the order of `_CONDITIONS`.
+    """
+    counts = np.zeros(9, np.int64)
+    for i in range(len(candidates.start)):
+        (sx, sy), (gx, gy) = candidates.start[i], candidates.goal[i]
+        tx, ty = candidates.tool[i]
+        reach = math.sqrt(tx * tx + ty * ty)
+        if math.sqrt(sx * sx + sy * sy) > limits.max_start_radius:
+            counts[0] += 1
+        elif not (limits.low_x <= gx <= limits.high_x and limits.low_y <= gy <= limits.high_y):
+            counts[1] += 1
+        elif math.sqrt(gx * gx + gy * gy) > limits.max_goal_radius:
+            counts[2] += 1
+        elif nearest_rectangle(sx, sy, free.turned) < limits.object_to_obstacle:
+            counts[3] += 1
+        elif nearest_rectangle(gx, gy, free.turned) < limits.object_to_obstacle:
+            counts[4] += 1
+        elif reach < limits.min_tool_radius or reach > limits.max_tool_radius:
+            counts[5] += 1
+        elif candidates.tool_distance[i] < limits.tool_to_object:
+            counts[6] += 1
+        elif nearest_rectangle(tx, ty, free.turned) < limits.tool_to_obstacle:
+            counts[7] += 1
+        elif not _joined(sx, sy, gx, gy, free.labels):
+            counts[8] += 1
+        else:
+            return i, counts
+    return -1, counts
+
+
+@numba.njit(cache=True)
+def _joined(sx: float, sy: float, gx: float, gy: float, labels: np.ndarray) -> bool:
+    """Whether a path joins two points; no labels mean that nothing stands in the way."""
+    if len(labels) == 0:
+        return True
+    first = _label(sx, sy, labels)
+    return first > 0 and first == _label(gx, gy, labels)
+
+
+@numba.njit(cache=True)
+def _label(x: float, y: float, labels: np.ndarray) -> int:
+    i, j = int((x - _LOW[0]) / _CELL), int((y - _LOW[1]) / _CELL)
+    return labels[min(max(i, 0), _SHAPE[0] - 1), min(max(j, 0), _SHAPE[1] - 1)]
+
+
+def _free_space(obstacles: list[Obstacle], radius: float, config: ScenarioConfig) -> _FreeSpace:
+    """Which free places an object can be slid between without ending the episode.
+
+    On a grid over what the camera sees, and hardly out of the workspace.
+    """
+    labels = np.zeros((0, 0), np.int32)
+    if obstacles:
+        centers, margin = _cell_centers(), config.path_margin
+        passable = obstacle_distance(centers, obstacles) > radius
+        passable &= (centers >= np.subtract(config.low, margin)).all(-1)
+        passable &= (centers <= np.add(config.high, margin)).all(-1)
+        _, labels = cv2.connectedComponents(passable.astype(np.uint8), connectivity=4)
+    return _FreeSpace(turned_rectangles(rectangles(obstacles)), labels)
+
+
+@functools.cache
+def _cell_centers() -> np.ndarray:
+    x, y = np.indices(_SHAPE)
+    return np.array(_LOW) + (np.stack([x, y], -1) + 0.5) * _CELL
+
+
+def _sample_dynamics(
+    rng: np.random.Generator, config: ScenarioConfig, item: PushedObject
+) -> Dynamics:
+    if not config.randomize_dynamics:
+        return Dynamics(mass=item.mass)
+    x, y = rng.uniform(-config.center_of_mass, config.center_of_mass, 2)
+    return Dynamics(
+        mass=float(np.exp(rng.uniform(*np.log(config.mass)))),
+        friction=float(rng.uniform(*config.friction)),
+        center_of_mass=(float(x), float(y)),
+    )

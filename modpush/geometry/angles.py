@@ -1,0 +1,26 @@
+"""Angles and rotations in the plane."""
+
+import torch
+from torch import Tensor
+
+__all__ = ["rotate", "wrap_angle"]
+
+
+def wrap_angle(angle: Tensor) -> Tensor:
+    """The same angle in [-pi, pi) [rad], for a tensor of any shape."""
+    return torch.remainder(angle + torch.pi, 2 * torch.pi) - torch.pi
+
+
+def rotate(vectors: Tensor, angle: Tensor) -> Tensor:
+    """Turn vectors counter-clockwise.
+
+    Args:
+        vectors: `[..., 2]`.
+        angle: `[..., 1]` [rad].
+
+    Returns:
+        `[..., 2]`.
+    """
+    cos, sin = angle.cos(), angle.sin()
+    x, y = vectors[..., :1], vectors[..., 1:]
+    return torch.cat([cos * x - sin * y, sin * x + cos * y], -1)

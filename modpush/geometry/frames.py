@@ -1,0 +1,47 @@
+"""The axes in which an agent sees and acts: the base's, the object's, or those of the planned path."""
+
+from typing import Literal, get_args
+
+import torch
+from torch import Tensor
+
+__all__ = ["Frame", "check_frame", "frame_yaw"]
+
+Frame = Literal["base", "object", "path"]
+"""`"base"`: the axes of the robot's base. `"object"`: turned with the object, as in the paper.
+`"path"`: x points from the object to the present sub-goal."""
+
+
+def frame_yaw(frame: Frame, object_pose: Tensor, subgoal: Tensor | None = None) -> Tensor:
+    """Angle of a frame's x axis in the robot's base frame.
+
+    Args:
+        frame: Name of the frame.
+        object_pose: `[..., 3]` (x, y, yaw) [m, rad].
+        subgoal: `[..., 2]` [m], base frame; needed for `"path"`.
+
+    Returns:
+        `[..., 1]` [rad]; 0 for `"path"` with a sub-goal at the object itself.
+
+    Raises:
+        ValueError: If the frame is unknown, or is `"path"` without a sub-goal.
+    """
+    check_frame("frame_yaw", frame)
+    if frame == "base":
+        return torch.zeros_like(object_pose[..., :1])
+    if frame == "object":
+        return object_pose[..., 2:]
+    if subgoal is None:
+        raise ValueError("frame_yaw: frame 'path' needs a sub-goal, got None.")
+    ahead = subgoal - object_pose[..., :2]
+    return torch.atan2(ahead[..., 1:], ahead[..., :1])
+
+
+def check_frame(who: str, frame: str) -> None:
+    """Check a frame's name.
+
+    Raises:
+        ValueError: If there is no such frame, with those there are.
+    """
+    if frame not in get_args(Frame):
+        raise ValueError(f"{who}: frame must be one of {get_args(Frame)}, got {frame!r}.")

@@ -1,0 +1,41 @@
+import json
+
+import numpy as np
+import pytest
+
+from modpush.envs.scenes.layouts import SCENES
+from modpush.envs.scenes.objects import OBJECTS
+from modpush.envs.scenes.sampling import sample_scenario
+from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
+
+
+def test_one_seed_one_scenario_and_it_survives_json() -> None:
+    config = ScenarioConfig(scene=tuple(SCENES), pushed_object=tuple(OBJECTS))
+    first, second = (sample_scenario(np.random.default_rng(7), config) for _ in range(2))
+    assert first == second
+    assert Scenario.from_dict(json.loads(json.dumps(first.to_dict()))) == first
+
+
+def test_a_scenario_of_other_fields_is_refused() -> None:
+    data = sample_scenario(np.random.default_rng(0), ScenarioConfig()).to_dict()
+    data["gaol"] = data.pop("goal_position")
+    with pytest.raises(ValueError, match=r"missing \['goal_position'\], unknown \['gaol'\]"):
+        Scenario.from_dict(data)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"difficulty": 1.5}, r"difficulty must be a range within \[0, 1\], got \(1.5, 1.5\)"),
+        ({"distance": (0.6, 0.2)}, r"distance must be a range"),
+        ({"distance": 3.0}, r"distance must be a range within \[0, 2\], got \(3, 3\)"),
+        ({"scene": ()}, "scene is empty"),
+        ({"scene": "nowhere"}, r"scene: there is no 'nowhere', expected one of \['bar_across'"),
+        ({"scene": 3}, "scene: 3 is no function"),
+        ({"pushed_object": ("small_cube", "egg")}, "there is no 'egg'"),
+        ({"low": (1.0, 0.0)}, "low must be < high"),
+    ],
+)
+def test_a_bad_config_fails_at_once(fields, message) -> None:
+    with pytest.raises(ValueError, match=message):
+        ScenarioConfig(**fields)
