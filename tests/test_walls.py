@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import pkgutil
 import subprocess
 import sys
 from pathlib import Path
@@ -143,6 +144,14 @@ def test_every_public_name_resolves_and_is_listed(package: str) -> None:
     for name in module.__all__:
         assert getattr(module, name) is not None
         assert name in dir(module)
+
+
+@pytest.mark.parametrize("package", ["", *sorted(MAY_KNOW)])
+def test_no_public_name_is_a_module_s_too(package: str) -> None:
+    """Importing `package.name` would put the module where the name is looked up."""
+    module = importlib.import_module(f"modpush.{package}".rstrip("."))
+    modules = {found.name for found in pkgutil.iter_modules(module.__path__)}
+    assert not modules & set(module.__all__)
 
 
 def test_importing_the_top_level_loads_nothing_heavy() -> None:

@@ -1,6 +1,6 @@
 from .base import Encoder as Encoder
 from .base import check_window as check_window
-from .egocentric_window import EgocentricWindow as EgocentricWindow
+from .window_transform import EgocentricWindow as EgocentricWindow
 from .encode import Encode as Encode
 from .networks.conv_encoder import ConvEncoder as ConvEncoder
 from .networks.ray_scan import RayScan as RayScan

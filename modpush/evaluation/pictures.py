@@ -92,7 +92,7 @@ def write_picture(path: Path, picture: Picture) -> None:
 
 def write_video(path: Path, frames: Iterable[Picture], fps: int = 15) -> None:
     """Write an MP4; frames need even sides, as `draw_episode`'s have."""
-    import imageio  # an extra, and only this function needs it
+    import imageio  # heavy, and only this function needs it
 
     path.parent.mkdir(parents=True, exist_ok=True)
     with imageio.get_writer(path, fps=fps, macro_block_size=2) as writer:

@@ -1,22 +1,17 @@
 """The example plans on its own picture and on one that is given."""
 
-import importlib.util
 import math
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "plan_on_depth_png.py"
+from tests.examples import load_example
 
 
 @pytest.fixture(scope="module")
 def example():
-    spec = importlib.util.spec_from_file_location("plan_on_depth_png", EXAMPLE)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_example("plan_on_depth_png")
 
 
 def test_plans_on_a_picture_of_its_own(example, tmp_path, capsys):

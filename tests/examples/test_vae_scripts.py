@@ -2,37 +2,26 @@
 
 import csv
 import dataclasses
-import importlib.util
 import json
-import sys
-from pathlib import Path
 
 import pytest
 import torch
 
 from modpush.encoders import DepthVAE
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
-
-
-def example(name):
-    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look their annotations up there
-    spec.loader.exec_module(module)
-    return module
+from tests.examples import load_example
 
 
 @pytest.fixture(scope="module")
 def collect():
-    module = example("collect_windows")
+    module = load_example("collect_windows")
     yield module
     module.make_env.cache_clear()
 
 
 @pytest.fixture(scope="module")
 def train():
-    return example("train_vae")
+    return load_example("train_vae")
 
 
 @pytest.fixture(scope="module")
@@ -123,14 +112,8 @@ def test_training_needs_windows(train, data, config, tmp_path):
     assert not (tmp_path / "log.csv").exists()
 
 
-def test_presets_are_the_paper_s(train):
-    paper = train.PRESETS["paper"][1]
-    assert (paper.images, paper.batch_size, paper.kl_weight) == (7_000_000, 256, 0.5)
-    assert (paper.lr, paper.schedule, paper.augment) == (1e-4, "constant", False)
-
-
 def test_the_report_is_written(data, config, tmp_path, capsys):
-    report = example("report_vae")
+    report = load_example("report_vae")
     seen = dataclasses.replace(data, config={**data.config, "families": ["a", "blank"]})
     seen.save(tmp_path / "unseen.safetensors")
     DepthVAE(4, (2, 2, 2, 2), (2, 2, 2, 2)).save(tmp_path / "vae.safetensors")

@@ -1,17 +1,13 @@
-import importlib.util
-from pathlib import Path
+"""The example of a whole TorchRL training script runs, and learns."""
 
 import pytest
 
-PATH = Path(__file__).parents[2] / "examples" / "custom_pipeline.py"
+from tests.examples import load_example
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def pipeline():
-    spec = importlib.util.spec_from_file_location("custom_pipeline", PATH)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_example("custom_pipeline")
 
 
 @pytest.mark.parametrize(
@@ -29,10 +25,6 @@ def test_the_example_runs(pipeline, loss, sampler, capsys):
     )
     assert -4000 < pipeline.main(config) < 0
     assert "80 frames" in capsys.readouterr().out
-
-
-def test_the_example_is_as_short_as_promised():
-    assert 60 <= len(PATH.read_text().splitlines()) <= 150
 
 
 @pytest.mark.slow

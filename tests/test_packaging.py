@@ -1,0 +1,189 @@
+"""The files that are published: nothing is missing, and nothing is imported that is not declared."""
+
+import email.message
+import importlib.metadata
+import re
+import subprocess
+import sys
+import tarfile
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+import yaml
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+import modpush
+from tests.test_docs import python_blocks
+
+ROOT = Path(__file__).resolve().parents[1]
+DATA = {".pyi", ".typed", ".safetensors", ".gz", ".urdf", ".md"}
+"""Endings of the files beside the code that the library needs or explains itself with."""
+
+
+def run(*command: str | Path, cwd: Path) -> str:
+    """What a command prints; it must succeed."""
+    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the wheel and the source archive."""
+    folder = tmp_path_factory.mktemp("dist")
+    run(sys.executable, "-m", "hatchling", "build", "-d", folder, cwd=ROOT)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def wheel(published: Path) -> Path:
+    return next(published.glob("*.whl"))
+
+
+def dependency_closure(requirements: list[str]) -> set[str]:
+    """Names of all distributions that pip would install for requirements, as they are here.
+
+    Only those whose marker holds and that no extra asks for, unless the requirement names it.
+    """
+    found: set[tuple[str, str]] = set()
+    waiting = [(Requirement(text), "") for text in requirements]
+    while waiting:
+        requirement, extra = waiting.pop()
+        if requirement.marker is not None and not requirement.marker.evaluate({"extra": extra}):
+            continue
+        for wanted in ("", *requirement.extras):
+            name = canonicalize_name(requirement.name)
+            if (name, wanted) not in found:
+                found.add((name, wanted))
+                needs = importlib.metadata.requires(name) or []
+                waiting += [(Requirement(text), wanted) for text in needs]
+    return {name for name, _ in found}
+
+
+def metadata(wheel: Path) -> email.message.Message:
+    with zipfile.ZipFile(wheel) as archive:
+        name = next(name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+        return email.message_from_bytes(archive.read(name))
+
+
+@pytest.fixture(scope="module")
+def bare(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Python of an environment that holds the wheel and its declared dependencies, nothing else.
+
+    The dependencies are links to those installed here, so that nothing is downloaded.
+    """
+    folder = tmp_path_factory.mktemp("bare")
+    venv.create(folder, with_pip=False)
+    site = next(folder.glob("lib/python*/site-packages"))
+    for name in dependency_closure(metadata(wheel).get_all("Requires-Dist") or []):
+        distribution = importlib.metadata.distribution(name)
+        here = Path(str(distribution.locate_file("")))
+        for top in {path.parts[0] for path in distribution.files or ()} - {"..", "__pycache__"}:
+            if not (site / top).exists():
+                (site / top).symlink_to(here / top)
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "install", "--quiet"]
+    run(*pip, "--no-index", "--no-deps", "--target", site, wheel, cwd=folder)
+    return folder / "bin" / "python"
+
+
+def test_the_version_stands_in_one_place(wheel: Path) -> None:
+    assert metadata(wheel)["Version"] == modpush.__version__
+    assert yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"] == modpush.__version__
+
+
+def test_the_wheel_holds_types_weights_and_data(wheel: Path) -> None:
+    packaged = set(zipfile.ZipFile(wheel).namelist())
+    needed = {
+        path.relative_to(ROOT).as_posix()
+        for path in (ROOT / "modpush").rglob("*")
+        if path.suffix in DATA or path.name == "py.typed"
+    }
+    assert "modpush/weights/agent_small_cube.safetensors" in needed
+    assert needed <= packaged
+
+
+def test_the_source_archive_holds_what_its_tests_read(published: Path, tmp_path: Path) -> None:
+    with tarfile.open(next(published.glob("*.tar.gz"))) as archive:
+        archive.extractall(tmp_path, filter="data")
+    (root,) = tmp_path.iterdir()
+    for name in ("benchmarks", "docs", "examples", "tests", "tools", ".ci"):
+        for path in (ROOT / name).rglob("*"):
+            if path.is_file() and "__pycache__" not in path.parts:
+                assert (root / path.relative_to(ROOT)).is_file(), path
+    tests = ["tests/test_docs.py", "tests/test_walls.py", "-k", "names or imports"]
+    quiet = ["-q", "-p", "no:cacheprovider"]
+    assert "passed" in run(sys.executable, "-m", "pytest", *quiet, *tests, cwd=root)
+
+
+def test_every_module_imports_in_a_bare_environment(bare: Path, tmp_path: Path) -> None:
+    code = """
+import importlib, importlib.util, pkgutil, warnings
+warnings.filterwarnings("ignore")
+assert importlib.util.find_spec("pytest") is None  # it is bare
+import modpush
+names = [found.name for found in pkgutil.walk_packages(modpush.__path__, "modpush.")]
+for name in names:
+    importlib.import_module(name)
+print(len(names), modpush.__file__)
+"""
+    count, file = run(bare, "-I", "-c", code, cwd=tmp_path).split()
+    assert int(count) > 100
+    assert Path(file).is_relative_to(bare.parents[1])
+
+
+def test_a_run_s_log_and_a_video_work_in_a_bare_environment(bare: Path, tmp_path: Path) -> None:
+    code = """
+import warnings
+warnings.filterwarnings("ignore")
+from pathlib import Path
+import numpy as np
+from torchrl.record.loggers import get_logger
+from modpush.evaluation.pictures import write_video
+from modpush.training import TrainConfig
+for name in TrainConfig().loggers:
+    get_logger(name, logger_name=f"logs/{name}", experiment_name="run").log_scalar("a", 1.0, step=0)
+write_video(Path("video.mp4"), [np.zeros((64, 64, 3), np.uint8)] * 3)
+"""
+    run(bare, "-I", "-c", code, cwd=tmp_path)
+    assert (tmp_path / "video.mp4").stat().st_size > 0
+    assert {path.name for path in (tmp_path / "logs").iterdir()} == {"csv", "tensorboard"}
+
+
+@pytest.mark.slow
+def test_the_readme_runs_in_a_bare_environment(bare: Path, tmp_path: Path) -> None:
+    for number, block in enumerate(python_blocks(ROOT / "README.md")):
+        script = tmp_path / f"block_{number}.py"
+        script.write_text(block)
+        run(bare, "-I", script, cwd=tmp_path)
+
+
+def test_type_checkers_see_the_public_names(bare: Path, tmp_path: Path) -> None:
+    (tmp_path / "user.py").write_text(
+        "import modpush\n"
+        "from modpush.agents import TQCLoss\n"
+        "from modpush.planners import LazyThetaStar\n"
+        "reveal_type(modpush.load_agent)\n"
+        "reveal_type(modpush.PushEnv)\n"
+        "reveal_type(modpush.Trainer)\n"
+        "reveal_type(TQCLoss)\n"
+        "reveal_type(LazyThetaStar().plan)\n"
+        "modpush.no_such_name\n"
+    )
+    mypy = [sys.executable, "-m", "mypy", "--config-file=", "--python-executable", bare]
+    options = ["--ignore-missing-imports", "--cache-dir", tmp_path / "cache"]
+    done = subprocess.run(
+        [*mypy, *options, "user.py"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    revealed = re.findall(r'user\.py:(\d+): note: Revealed type is "(.*)"', done.stdout)
+    assert [int(line) for line, _ in revealed] == [4, 5, 6, 7, 8], done.stdout + done.stderr
+    for (_, kind), result in zip(
+        revealed,
+        ("Agent", "PushEnv", "Trainer", "TQCLoss", "Paths"),
+        strict=True,
+    ):
+        assert kind.startswith("def ("), kind
+        assert kind.rpartition("-> ")[2].endswith(result), kind
+    assert 'user.py:9: error: Module has no attribute "no_such_name"' in done.stdout
