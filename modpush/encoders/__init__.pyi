@@ -1,6 +1,5 @@
 from .base import Encoder as Encoder
 from .base import check_window as check_window
-from .window_transform import EgocentricWindow as EgocentricWindow
 from .encode import Encode as Encode
 from .networks.conv_encoder import ConvEncoder as ConvEncoder
 from .networks.ray_scan import RayScan as RayScan
@@ -36,3 +35,4 @@ from .window import (
 from .window import (
     window_pixels as window_pixels,
 )
+from .window_transform import EgocentricWindow as EgocentricWindow

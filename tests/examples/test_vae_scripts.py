@@ -8,7 +8,6 @@ import pytest
 import torch
 
 from modpush.encoders import DepthVAE
-
 from tests.examples import load_example
 
 
