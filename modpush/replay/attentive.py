@@ -1,4 +1,4 @@
-"""Attentive experience replay: train on what resembles the present situation."""
+"""Attentive experience replay: train on transitions that resemble the present situation."""
 
 import json
 from collections import OrderedDict
@@ -6,26 +6,34 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from tensordict import TensorDict, is_tensor_collection
+from tensordict import TensorDict
 from tensordict.utils import NestedKey
 from torch import Tensor
 from torchrl.data.replay_buffers.samplers import Sampler
-from torchrl.data.replay_buffers.storages import Storage, TensorStorage
+from torchrl.data.replay_buffers.storages import Storage
 
+from modpush.parts import find_part
 from modpush.replay.similarity import SIMILARITIES, Similarity
+from modpush.replay.storage_access import draw_distinct, read_entries, valid_shape
+from modpush.replay.write_cursor import WriteCursor
 
 __all__ = ["AttentiveSampler"]
 
 Index = Tensor | tuple[Tensor, ...]
+_STATE_FILE = "attentive_sampler.json"
 
 
 class AttentiveSampler(Sampler):
-    """Draws `k` times the batch uniformly and keeps what is most similar to the query.
+    """Draws `k` times the batch uniformly and keeps the entries most similar to the query.
 
     The query is the present state: what `set_query` was given, else the newest written entries.
     With `Q` queries the batch is split evenly between them (a remainder goes to queries drawn at
     random), and each chooses from candidates of its own. Only the candidates' observations are
     read, so that the cost does not grow with the storage.
+
+    The newest entries are one per environment only if the buffer is extended step by step or with
+    steps outermost, `[time, env].reshape(-1)`. Of `[env, time].reshape(-1)` they are all the last
+    environment's: use a storage of two dimensions or `set_query` there.
 
     Works on any storage of tensordicts (`LazyTensorStorage`, `LazyMemmapStorage`, `ListStorage`,
     several dimensions, prefetching, several processes, `RayReplayBuffer`). Beside the index, a
@@ -35,13 +43,13 @@ class AttentiveSampler(Sampler):
     Args:
         k: Candidates per kept entry, >= 1; 1 is uniform sampling. TorchRL's replay schedulers may
             set it, too.
-        key: The observation that is compared, flattened to `[*, D]`.
-        similarity: `"cosine"`, `"negative_l2"`, or a callable `(candidates [Q, C, D],
-            queries [Q, D]) -> [Q, C]`, larger is more alike.
+        key: The observation that is compared, flattened to `[*, D]`; bytes are compared as floats.
+        similarity: `"cosine"`, `"negative_l2"`, `"module:name"`, or a callable
+            `(candidates [Q, C, D], queries [Q, D]) -> [Q, C]`, larger is more alike.
         num_queries: How many of the newest entries are the default query. By default one, or in
             a storage of several dimensions the newest row, one entry per environment.
-        query_key: What is read of the newest entries, by default `key`. `("next", key)` is one
-            step newer, but after an episode's end it is not where the environment is now.
+        query_key: Which key of the newest entries is the query, by default `key`. `("next", key)`
+            is one step newer, but after an episode's end it is not where the environment is now.
         candidate_replacement: Whether a candidate may be drawn twice.
         k_end: Where `k` is annealed to, linearly; by default it stays.
         annealing_num_samples: Over how many calls of `sample`.
@@ -66,13 +74,6 @@ class AttentiveSampler(Sampler):
         annealing_num_samples: int = 0,
     ) -> None:
         super().__init__()
-        if isinstance(similarity, str):
-            if similarity not in SIMILARITIES:
-                raise ValueError(
-                    f"AttentiveSampler: similarity must be one of {sorted(SIMILARITIES)} or a "
-                    f"callable, got {similarity!r}."
-                )
-            similarity = SIMILARITIES[similarity]
         if num_queries is not None and num_queries < 1:
             raise ValueError(f"AttentiveSampler: num_queries must be >= 1, got {num_queries}.")
         if k_end is not None and annealing_num_samples < 1:
@@ -84,13 +85,15 @@ class AttentiveSampler(Sampler):
         self.k_end = _checked_k("k_end", k_end) if k_end is not None else None
         self.key = key
         self.query_key = key if query_key is None else query_key
-        self.similarity = similarity
+        self.similarity: Similarity = find_part(
+            "AttentiveSampler: similarity", similarity, SIMILARITIES
+        )
         self.num_queries = num_queries
         self.candidate_replacement = candidate_replacement
         self.annealing_num_samples = annealing_num_samples
         self._num_samples = 0
         self._query: Tensor | None = None
-        self._newest: Tensor | None = None  # last written index, for storages that keep no cursor
+        self._cursor = WriteCursor()
 
     @property
     def k(self) -> float:
@@ -110,7 +113,7 @@ class AttentiveSampler(Sampler):
         return self.k + (self.k_end - self.k) * done
 
     def set_query(self, query: Tensor | None) -> None:
-        """Say what the present states are, until the next call.
+        """Set the present states, until the next call.
 
         Args:
             query: Observations `[Q, D]` or `[D]`, or None for the newest written ones.
@@ -164,7 +167,7 @@ class AttentiveSampler(Sampler):
         index = torch.cat([index for index, _ in parts])  # [batch, ndim]
         similarity = torch.cat([similarity for _, similarity in parts])
         self._num_samples += 1
-        info = {"similarity": similarity, "age": self._age(storage, index[:, 0])}
+        info = {"similarity": similarity, "age": self._cursor.age(storage, index[:, 0])}
         return index[:, 0] if storage.ndim == 1 else index.unbind(-1), info
 
     def _choose(self, storage: Storage, queries: Tensor, share: int) -> tuple[Tensor, Tensor]:
@@ -172,7 +175,7 @@ class AttentiveSampler(Sampler):
         num_queries, width = queries.shape
         num_candidates = self.num_candidates(share)
         index = self._draw(storage, num_queries * num_candidates)  # [Q * C, ndim]
-        candidates = _read(storage, index, self.key)
+        candidates = read_entries(storage, index, self.key)
         if candidates.shape[-1] != width:
             raise ValueError(
                 f"AttentiveSampler: the query is {width} wide, {self.key!r} is "
@@ -190,8 +193,8 @@ class AttentiveSampler(Sampler):
         if self.candidate_replacement:
             index = storage._rand_given_ndim(size)
             return index.unsqueeze(-1) if storage.ndim == 1 else torch.stack(index, -1)
-        shape = _valid_shape(storage)
-        flat = _distinct(shape.numel(), size, storage._rng)
+        shape = valid_shape(storage)
+        flat = draw_distinct(shape.numel(), size, storage._rng)
         index = torch.stack(torch.unravel_index(flat, shape), -1)
         return index.to(getattr(storage, "device", None) or "cpu")
 
@@ -199,67 +202,53 @@ class AttentiveSampler(Sampler):
         """The present states, `[Q, D]`."""
         if self._query is not None:
             return self._query
-        newest = self._newest_row(storage)
-        if newest is None:
+        index = self._cursor.newest(storage, self.num_queries)
+        if index is None:
             raise RuntimeError(
                 "AttentiveSampler: there is no query yet: nothing was written since the storage "
                 "was filled or restored. Call set_query first."
             )
-        shape = _valid_shape(storage)
-        row = shape[1:].numel()
-        num_queries = min(self.num_queries or row, shape.numel())
-        flat = (newest * row + row - 1 - torch.arange(num_queries).flip(0)) % shape.numel()
-        index = torch.stack(torch.unravel_index(flat, shape), -1)
-        index = index.to(getattr(storage, "device", None) or "cpu")
-        queries = _read(storage, index, self.query_key)
+        queries = read_entries(storage, index, self.query_key)
         _check_no_nan(queries, f"{self.query_key!r} of the newest entries, the query")
         return queries
 
-    def _newest_row(self, storage: Storage) -> int | None:
-        """Index along the first dimension of what was written last."""
-        cursor = storage._last_cursor_index  # shared between processes
-        if cursor is None and self._newest is not None:
-            cursor = int(self._newest)
-        return None if cursor is None else int(cursor)
-
-    def _age(self, storage: Storage, row: Tensor) -> Tensor:
-        newest = self._newest_row(storage)
-        if newest is None:  # restored and not written since: ages are unknown
-            return torch.full_like(row, -1)
-        return (newest - row) % _valid_shape(storage)[0]
-
     def add(self, index: int | Tensor) -> None:
-        """Told by the buffer where an entry was written."""
-        self._newest = torch.as_tensor(index).reshape(-1)[0]
+        """Note where the buffer wrote an entry."""
+        self._cursor.note(torch.as_tensor(index).reshape(1, -1))
 
     def extend(self, index: Tensor) -> None:
-        """Told by the buffer where entries were written."""
-        index = torch.as_tensor(index)
-        if index.numel():
-            self._newest = index[-1].reshape(-1)[0]
+        """Note where the buffer wrote entries."""
+        self._cursor.note(torch.as_tensor(index))
 
     def update_priority(self, *args: Any, **kwargs: Any) -> None:
-        """Nothing: similarity is the only priority."""
+        """Do nothing: similarity is the only priority."""
 
     def _empty(self) -> None:
-        self._newest = None
+        self._cursor.last = None
         self._query = None
 
     def state_dict(self) -> dict[str, Any]:
-        """Annealing and query; decoupled from the sampler."""
+        """Annealing and query, as copies."""
         return OrderedDict(
             k=self.k,
             num_samples=self._num_samples,
             query=None if self._query is None else self._query.clone(),
-            newest=None if self._newest is None else int(self._newest),
+            newest=self._cursor.last,
         )
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Continue where the other sampler was."""
+        """Continue where the other sampler was.
+
+        Raises:
+            ValueError: If the state is that of another kind of sampler.
+        """
+        if "num_samples" not in state_dict:
+            raise ValueError(
+                f"AttentiveSampler: the state is another sampler's, it holds {sorted(state_dict)}."
+            )
         self.k = state_dict["k"]
         self._num_samples = int(state_dict["num_samples"])
-        newest = state_dict["newest"]
-        self._newest = None if newest is None else torch.tensor(newest)
+        self._cursor.last = state_dict["newest"]
         self.set_query(state_dict["query"])
 
     def dumps(self, path: str | Path) -> None:
@@ -269,14 +258,23 @@ class AttentiveSampler(Sampler):
         state = self.state_dict()
         query = state.pop("query")
         state["has_query"] = query is not None
-        (path / "attentive_sampler.json").write_text(json.dumps(state))
+        (path / _STATE_FILE).write_text(json.dumps(state))
         if query is not None:
             TensorDict({"query": query}).memmap(path / "query")
 
     def loads(self, path: str | Path) -> None:
-        """Read the state from a directory."""
+        """Read the state from a directory.
+
+        Raises:
+            FileNotFoundError: If no attentive sampler was saved there.
+        """
         path = Path(path)
-        state = json.loads((path / "attentive_sampler.json").read_text())
+        if not (path / _STATE_FILE).exists():
+            raise FileNotFoundError(
+                f"AttentiveSampler: {path} holds no {_STATE_FILE}: the buffer was saved with "
+                "another sampler. Load it with that one, or only its storage."
+            )
+        state = json.loads((path / _STATE_FILE).read_text())
         has_query = state.pop("has_query")
         query = TensorDict.load_memmap(path / "query")["query"].clone() if has_query else None
         self.load_state_dict({**state, "query": query})
@@ -300,53 +298,3 @@ def _check_no_nan(x: Tensor, what: str) -> None:
         rows = x.isnan().reshape(x.shape[0], -1).any(-1).nonzero().flatten().tolist()
         if rows:
             raise ValueError(f"AttentiveSampler: NaN in {what}, rows {rows[:8]}.")
-
-
-def _valid_shape(storage: Storage) -> torch.Size:
-    """Shape of the part that has been written."""
-    return torch.Size([len(storage)]) if storage.ndim == 1 else storage.shape
-
-
-def _read(storage: Storage, index: Tensor, key: NestedKey) -> Tensor:
-    """One key of the entries at `index [P, ndim]`, flattened to `[P, D]`."""
-    coordinates = tuple(index.unbind(-1))
-    backing = getattr(storage, "_storage", None)
-    column = None
-    if isinstance(storage, TensorStorage) and backing is not None:
-        if not is_tensor_collection(backing):
-            raise TypeError(
-                "AttentiveSampler: the storage must hold tensordicts, got "
-                f"{type(backing).__name__}."
-            )
-        column = backing.get(key, None)  # spares gathering the other keys
-    if column is not None:
-        if len(coordinates) == 1:
-            values = column.index_select(0, coordinates[0])
-        else:
-            values = column[coordinates]
-    else:
-        entries = storage.get(coordinates[0] if len(coordinates) == 1 else coordinates)
-        if not is_tensor_collection(entries):
-            entries = torch.stack(list(entries))
-        values = entries.get(key, None)
-        if values is None:
-            keys = sorted(map(str, entries.keys(True, True)))
-            raise KeyError(f"AttentiveSampler: key {key!r} not found, the storage has {keys}.")
-    return values.reshape(len(index), -1)
-
-
-def _distinct(total: int, size: int, generator: torch.Generator | None) -> Tensor:
-    """A uniform subset of `size` out of `range(total)`, in time that depends on `size` only."""
-    if 2 * size > total:
-        return torch.randperm(total, generator=generator)[:size]
-    chosen = torch.empty(0, dtype=torch.long)
-    while len(chosen) < size:
-        # A few more than are missing and will collide; then seldom is there a second round.
-        missing = size - len(chosen)
-        draws = missing * total // (total - size) + missing // 8 + 8
-        more = torch.randint(total, (draws,), generator=generator)
-        chosen = torch.cat([chosen, more]).unique()
-    if len(chosen) == size:
-        return chosen
-    # `unique` sorts: drop at random, or the largest would be drawn too seldom.
-    return chosen[torch.randperm(len(chosen), generator=generator)[:size]]

@@ -1,9 +1,11 @@
 """A replay buffer in one call."""
 
-from dataclasses import dataclass
-from typing import Any, Literal
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import torch
+from tensordict import TensorDictBase
+from tensordict.utils import NestedKey
 from torchrl.data import (
     LazyMemmapStorage,
     LazyTensorStorage,
@@ -14,126 +16,133 @@ from torchrl.data import (
 )
 from torchrl.data.replay_buffers.samplers import Sampler
 from torchrl.data.replay_buffers.storages import Storage
-from torchrl.envs.transforms import MultiStepTransform
 
+from modpush._keys import read_key
+from modpush.parts import find_part
 from modpush.replay.attentive import AttentiveSampler
 from modpush.replay.compact import CompactStorage
-from modpush.replay.similarity import SIMILARITIES
+from modpush.replay.config import ReplayConfig
+from modpush.replay.n_step import NStepTransform
+from modpush.replay.similarity import SIMILARITIES, Similarity
 
-__all__ = ["ReplayConfig", "make_replay_buffer"]
+__all__ = ["SAMPLERS", "make_replay_buffer", "update_priorities"]
 
-
-@dataclass(frozen=True, kw_only=True)
-class ReplayConfig:
-    """Everything that defines a replay buffer; the defaults are the paper's."""
-
-    capacity: int = 1_000_000
-    """Transitions held."""
-    batch_size: int = 512
-    """Transitions a sample."""
-    sampler: Literal["attentive", "uniform", "prioritized"] = "attentive"
-    """How transitions are chosen."""
-    k: float = 4
-    """Attentive: candidates per kept transition."""
-    k_end: float | None = None
-    """Attentive: where k is annealed to; None keeps it."""
-    k_annealing_samples: int = 0
-    """Attentive: samples over which k is annealed."""
-    similarity: Literal["cosine", "negative_l2"] = "cosine"
-    """Attentive: what similar means."""
-    num_queries: int = 1
-    """Attentive: newest transitions taken as the present states, one per environment."""
-    priority_alpha: float = 0.6
-    """Prioritized: exponent of the priorities."""
-    priority_beta: float = 0.4
-    """Prioritized: exponent of the importance weights."""
-    storage: Literal["tensor", "memmap", "compact"] = "tensor"
-    """In memory, on disk, or in memory with each observation stored once."""
-    observation_key: str = "observation"
-    """The observation that is compared and stored once."""
-    n_steps: int = 1
-    """Steps a target looks ahead, through TorchRL's `MultiStepTransform`; extend the buffer with
-    whole stretches `[num_envs, time]` of trajectories then."""
-    gamma: float = 0.98
-    """Discount of the steps in between [per step]."""
-    prefetch: int = 0
-    """Batches prepared ahead in threads."""
-    device: str = "cpu"
-    """Where the transitions are kept."""
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        for name in ("capacity", "batch_size", "k", "num_queries", "n_steps"):
-            if not getattr(self, name) >= 1:
-                raise ValueError(f"ReplayConfig: {name} must be >= 1, got {getattr(self, name)}.")
-        for name in ("priority_alpha", "priority_beta", "prefetch", "k_annealing_samples"):
-            if not getattr(self, name) >= 0:
-                raise ValueError(f"ReplayConfig: {name} must be >= 0, got {getattr(self, name)}.")
-        for name, choices in (
-            ("sampler", ("attentive", "uniform", "prioritized")),
-            ("storage", ("tensor", "memmap", "compact")),
-            ("similarity", tuple(SIMILARITIES)),
-        ):
-            if getattr(self, name) not in choices:
-                raise ValueError(
-                    f"ReplayConfig: {name} must be one of {choices}, got {getattr(self, name)!r}."
-                )
-        drawn = self.batch_size * (self.k if self.sampler == "attentive" else 1)
-        if drawn > self.capacity:
-            raise ValueError(
-                f"ReplayConfig: k * batch_size must be <= capacity, got {drawn:g} > "
-                f"{self.capacity}."
-            )
+SamplerFactory = Callable[[ReplayConfig], Sampler]
+"""Makes a sampler from the config."""
 
 
-def make_replay_buffer(config: ReplayConfig, **kwargs: Any) -> TensorDictReplayBuffer:
+def make_replay_buffer(
+    config: ReplayConfig,
+    *,
+    sampler: str | Sampler | SamplerFactory | None = None,
+    similarity: str | Similarity | None = None,
+    **kwargs: Any,
+) -> TensorDictReplayBuffer:
     """Build a replay buffer of transitions.
 
     Args:
         config: The buffer's settings.
+        sampler: A name, "module:name", a sampler, or a callable that makes one from the config,
+            in place of `config.sampler`.
+        similarity: A name, "module:name" or a `Similarity`, in place of `config.similarity`.
         **kwargs: Further arguments of TorchRL's `TensorDictReplayBuffer`, such as `transform`.
 
     Returns:
         The buffer, empty. Its priority key is the loss's, `"td_error"`.
 
     Raises:
+        ValueError: If a part cannot be found, or a similarity is given for another sampler than an
+            attentive one.
+        TypeError: If the sampler's callable returns no sampler.
         RuntimeError: For `sampler="prioritized"` where TorchRL's C++ extension does not load.
     """
     if config.storage == "compact":
         kwargs.setdefault("writer", RoundRobinWriter())  # TorchRL's default stores the index, too
     buffer = TensorDictReplayBuffer(
         storage=_make_storage(config),
-        sampler=_make_sampler(config),
+        sampler=_make_sampler(config, sampler, similarity),
         batch_size=config.batch_size,
         prefetch=config.prefetch or None,
         priority_key="td_error",
         **kwargs,
     )
     if config.n_steps > 1:
-        buffer.append_transform(MultiStepTransform(config.n_steps, config.gamma))
+        buffer.append_transform(NStepTransform(config.n_steps, config.gamma))
     return buffer
+
+
+def update_priorities(
+    buffer: TensorDictReplayBuffer,
+    batch: TensorDictBase,
+    result: TensorDictBase,
+    key: NestedKey = "td_error",
+) -> None:
+    """Tell the buffer's sampler how wrong the loss was about a batch; others than prioritized ignore it.
+
+    Args:
+        buffer: Where the batch was sampled.
+        batch: The sample, with its `"index"`, `[B]`.
+        result: What `TQCUpdate` returned.
+        key: Key of the priorities in the result, `[B]`, positive.
+
+    Raises:
+        KeyError: If a prioritized sampler is used and the result has no priorities.
+    """
+    if type(buffer.sampler).update_priority is Sampler.update_priority:
+        return
+    priority = read_key("update_priorities", result, key)
+    buffer.update_priority(read_key("update_priorities", batch, "index"), priority)
 
 
 def _make_storage(config: ReplayConfig) -> Storage:
     device = torch.device(config.device)
     if config.storage == "compact":
-        return CompactStorage(config.capacity, keys=[config.observation_key], device=device)
+        keys = [config.observation_key, *config.extra_observation_keys]
+        return CompactStorage(config.capacity, keys=keys, device=device)
     storage = LazyTensorStorage if config.storage == "tensor" else LazyMemmapStorage
     return storage(config.capacity, device=device)
 
 
-def _make_sampler(config: ReplayConfig) -> Sampler:
-    if config.sampler == "uniform":
-        return RandomSampler()
-    if config.sampler == "attentive":
-        return AttentiveSampler(
-            config.k,
-            key=config.observation_key,
-            similarity=config.similarity,
-            num_queries=config.num_queries,
-            k_end=config.k_end,
-            annealing_num_samples=config.k_annealing_samples,
+def _make_sampler(
+    config: ReplayConfig,
+    sampler: str | Sampler | SamplerFactory | None,
+    similarity: str | Similarity | None,
+) -> Sampler:
+    given = config.sampler if sampler is None else sampler
+    made: Any = find_part("make_replay_buffer: sampler", given, SAMPLERS)
+    if not isinstance(made, Sampler):
+        made = made(config)
+    if not isinstance(made, Sampler):
+        raise TypeError(
+            "make_replay_buffer: sampler must be a TorchRL Sampler or make one from a ReplayConfig,"
+            f" {given!r} made a {type(made).__name__}."
         )
+    if similarity is not None:
+        if not isinstance(made, AttentiveSampler):
+            raise ValueError(
+                "make_replay_buffer: similarity is for attentive samplers, got a "
+                f"{type(made).__name__}."
+            )
+        made.similarity = find_part("make_replay_buffer: similarity", similarity, SIMILARITIES)
+    return made
+
+
+def _attentive(config: ReplayConfig) -> AttentiveSampler:
+    return AttentiveSampler(
+        config.k,
+        key=config.observation_key,
+        similarity=config.similarity,
+        num_queries=config.num_queries,
+        k_end=config.k_end,
+        annealing_num_samples=config.k_annealing_samples,
+    )
+
+
+def _uniform(config: ReplayConfig) -> RandomSampler:
+    return RandomSampler()
+
+
+def _prioritized(config: ReplayConfig) -> PrioritizedSampler:
     try:
         return PrioritizedSampler(
             config.capacity, alpha=config.priority_alpha, beta=config.priority_beta
@@ -144,3 +153,11 @@ def _make_sampler(config: ReplayConfig) -> Sampler:
             f"not load with torch {torch.__version__} ({error}). Install a torchrl built for this "
             "torch, or use sampler='attentive' or 'uniform'."
         ) from error
+
+
+SAMPLERS: Mapping[str, SamplerFactory] = {
+    "attentive": _attentive,
+    "uniform": _uniform,
+    "prioritized": _prioritized,
+}
+"""Samplers by name."""

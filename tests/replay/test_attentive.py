@@ -422,7 +422,7 @@ def test_repr_says_what_it_does():
         ({"k_end": 0, "annealing_num_samples": 3}, "k_end must be >= 1, got 0."),
         ({"k_end": 1}, "annealing_num_samples must be >= 1 where k_end is given, got 0."),
         ({"num_queries": 0}, "num_queries must be >= 1, got 0."),
-        ({"similarity": "dot"}, r"must be one of \['cosine', 'negative_l2'\] or a callable, got"),
+        ({"similarity": "dot"}, r"there is no 'dot', expected one of \['cosine', 'negative_l2'\]"),
     ],
 )
 def test_bad_arguments(kwargs, message):
@@ -531,3 +531,46 @@ def test_a_ray_buffer():
         assert len(buffer.sample()) == 8
     finally:
         buffer.close()
+
+
+def test_bytes_are_compared_as_floats():
+    data = transitions(60)
+    window = torch.randint(0, 256, (60, 1, 4, 4), dtype=torch.uint8)
+    samples = []
+    for values in (window, window.float()):
+        buffer = make_buffer(AttentiveSampler(2, key="window"))
+        buffer.set_rng(torch.Generator().manual_seed(0))
+        buffer.extend(TensorDict({**data, "window": values}, batch_size=[60]))
+        samples.append(buffer.sample())
+    assert torch.equal(samples[0]["index"], samples[1]["index"])
+    assert torch.equal(samples[0]["similarity"], samples[1]["similarity"])
+
+
+@pytest.mark.parametrize("reshaped", ["steps outermost", "two dimensions"])
+def test_the_newest_are_one_per_environment(reshaped):
+    """As the docstring promises: for `[time, env].reshape(-1)`, and for two dimensions."""
+    data = transitions(3, 10)  # 3 environments, 10 steps
+    sampler = Recording(2, num_queries=3 if reshaped == "steps outermost" else None)
+    if reshaped == "steps outermost":
+        buffer = make_buffer(sampler)
+        buffer.extend(data.transpose(0, 1).reshape(-1))
+    else:
+        buffer = make_buffer(sampler, LazyTensorStorage(60, ndim=2), dim_extend=1)
+        buffer.extend(data)
+    served = []
+    sampler.similarity = lambda c, q: served.append(q) or cosine(c, q)
+    buffer.sample()
+    queries = torch.cat(served)
+    expected = data["observation"][:, -1]
+    assert {tuple(row) for row in queries.tolist()} == {tuple(row) for row in expected.tolist()}
+
+
+def test_a_buffer_that_was_saved_with_another_sampler_is_refused(tmp_path):
+    other = make_buffer(RandomSampler())
+    other.extend(transitions(20))
+    other.dumps(tmp_path)
+    buffer = make_buffer(AttentiveSampler(2))
+    with pytest.raises(FileNotFoundError, match="the buffer was saved with another sampler"):
+        buffer.loads(tmp_path)
+    with pytest.raises(ValueError, match=r"the state is another sampler's, it holds \[\]"):
+        buffer.sampler.load_state_dict(other.sampler.state_dict())

@@ -6,7 +6,13 @@ import torch
 from tensordict import TensorDict
 from torchrl.data import LazyMemmapStorage, LazyTensorStorage, PrioritizedSampler, RandomSampler
 
-from modpush.replay import AttentiveSampler, CompactStorage, ReplayConfig, make_replay_buffer
+from modpush.replay import (
+    AttentiveSampler,
+    CompactStorage,
+    ReplayConfig,
+    make_replay_buffer,
+    update_priorities,
+)
 
 SMALL = {"capacity": 100, "batch_size": 8}
 
@@ -45,17 +51,6 @@ def test_the_sampler_takes_its_settings_from_the_config():
     assert (sampler.similarity.__name__, sampler.num_queries) == ("negative_l2", 2)
 
 
-@pytest.mark.parametrize("storage", ["tensor", "compact"])
-def test_n_step_rewards(storage):
-    config = ReplayConfig(**SMALL, sampler="uniform", storage=storage, n_steps=3, gamma=0.5)
-    buffer = make_replay_buffer(config)
-    for part in trajectory(60).split(20):
-        buffer.extend(part)
-    sample = buffer.sample()
-    torch.testing.assert_close(sample["next", "reward"], torch.full((8, 1), 1 + 0.5 + 0.25))
-    assert (sample["steps_to_next_obs"] == 3).all()
-
-
 def extension_loads() -> bool:
     try:
         PrioritizedSampler(8, alpha=0.6, beta=0.4)
@@ -90,6 +85,12 @@ def test_prioritized_without_its_extension_says_what_to_do(monkeypatch):
         ({"sampler": "best"}, r"sampler must be one of \('attentive', .*, got 'best'."),
         ({"storage": "disk"}, r"storage must be one of \('tensor', .*, got 'disk'."),
         ({"similarity": "dot"}, r"similarity must be one of \('cosine', .*, got 'dot'."),
+        ({"sampler": ":name"}, r"or 'module:name', got ':name'."),
+        ({"gamma": 1.5}, r"gamma must be in \[0, 1\], got 1.5."),
+        ({"gamma": float("nan")}, "gamma must be finite, got nan."),
+        ({"num_queries": 0}, "num_queries must be >= 1, got 0."),
+        ({"k_end": 0.5}, "k_end must be >= 1, got 0.5."),
+        ({"k_end": 1.0}, "k_annealing_samples must be >= 1 where k_end is given, got 0."),
         (
             {"capacity": 100, "batch_size": 26},
             r"k \* batch_size must be <= capacity, got 104 > 100.",
@@ -112,3 +113,110 @@ def test_learner_imports_without_simulators():
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     ).stdout
     assert output.strip() == "[]"
+
+
+class Recorder(RandomSampler):
+    """Keeps the priorities that it is told."""
+
+    def __init__(self):
+        super().__init__()
+        self.told = []
+
+    def update_priority(self, index, priority, **kwargs):
+        self.told.append((index, priority))
+
+
+def recorder(config):
+    sampler = Recorder()
+    sampler.config = config
+    return sampler
+
+
+def dot_product(candidates, queries):
+    return (candidates * queries.unsqueeze(1)).sum(-1)
+
+
+@pytest.mark.parametrize("where", ["config", "factory", "object"])
+def test_own_samplers(where):
+    own = {"config": f"{__name__}:recorder", "factory": recorder, "object": Recorder()}[where]
+    config = ReplayConfig(**SMALL, sampler=own) if where == "config" else ReplayConfig(**SMALL)
+    buffer = make_replay_buffer(config, sampler=None if where == "config" else own)
+    assert type(buffer.sampler) is Recorder
+    if where != "object":
+        assert buffer.sampler.config is config
+    buffer.extend(trajectory(60))
+    assert len(buffer.sample()) == 8
+
+
+@pytest.mark.parametrize("where", ["config", "argument"])
+def test_own_similarities(where):
+    similarity = f"{__name__}:dot_product"
+    config = ReplayConfig(**SMALL, **({"similarity": similarity} if where == "config" else {}))
+    given = None if where == "config" else dot_product
+    buffer = make_replay_buffer(config, similarity=given)
+    buffer.extend(trajectory(60))
+    query = torch.randn(5)
+    buffer.sampler.set_query(query)
+    sample = buffer.sample()
+    torch.testing.assert_close(sample["similarity"], sample["observation"] @ query)
+
+
+def test_a_similarity_for_another_sampler_is_refused():
+    with pytest.raises(ValueError, match="similarity is for attentive samplers, got a Random"):
+        make_replay_buffer(ReplayConfig(**SMALL, sampler="uniform"), similarity="cosine")
+
+
+def test_what_makes_no_sampler_is_refused():
+    with pytest.raises(TypeError, match="must be a TorchRL Sampler or make one"):
+        make_replay_buffer(ReplayConfig(**SMALL), sampler=lambda config: 3)
+
+
+def test_priorities_are_written_back():
+    buffer = make_replay_buffer(ReplayConfig(**SMALL), sampler=Recorder())
+    buffer.extend(trajectory(60))
+    batch = buffer.sample()
+    result = TensorDict({"td_error": torch.arange(1.0, 9.0)}, batch_size=[])
+    update_priorities(buffer, batch, result)
+    index, priority = buffer.sampler.told[-1]
+    assert torch.equal(index, batch["index"])
+    assert torch.equal(priority, result["td_error"])
+    with pytest.raises(KeyError, match=r"update_priorities: key \W*td_error\W* is missing"):
+        update_priorities(buffer, batch, TensorDict())
+
+
+@pytest.mark.parametrize("sampler", ["attentive", "uniform"])
+def test_priorities_are_ignored_by_other_samplers(sampler):
+    buffer = make_replay_buffer(ReplayConfig(**SMALL, sampler=sampler))
+    buffer.extend(trajectory(60))
+    batch = buffer.sample()
+    update_priorities(buffer, batch, TensorDict({"td_error": torch.ones(8)}))
+
+
+@pytest.mark.skipif(not extension_loads(), reason="TorchRL's C++ extension does not load")
+def test_large_priorities_are_drawn_more_often():
+    buffer = make_replay_buffer(ReplayConfig(**SMALL, sampler="prioritized"))
+    buffer.extend(trajectory(60))
+    batch = buffer.sample()
+    priority = torch.full((8,), 1e-3)
+    update_priorities(buffer, batch, TensorDict({"td_error": priority}))
+    drawn = torch.cat([buffer.sample()["index"].flatten() for _ in range(50)])
+    assert torch.isin(drawn, batch["index"].flatten()).float().mean() < 0.05
+
+
+def test_the_compact_storage_holds_each_extra_observation_once():
+    config = ReplayConfig(
+        capacity=400,
+        batch_size=8,
+        sampler="uniform",
+        storage="compact",
+        extra_observation_keys=("window",),
+    )
+    data = trajectory(390)
+    window = torch.randint(0, 256, (391, 1, 16, 16), dtype=torch.uint8)
+    data["window"], data["next", "window"] = window[:-1], window[1:]
+    buffer = make_replay_buffer(config)
+    buffer.extend(data.clone())
+    assert torch.equal(buffer[:]["window"], window[:-1])
+    assert torch.equal(buffer[:]["next", "window"], window[1:])
+    two_windows = 400 * 2 * 256
+    assert buffer.storage.nbytes() < 0.75 * two_windows

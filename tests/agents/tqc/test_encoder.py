@@ -12,6 +12,7 @@ from torchrl.envs import ExplorationType, set_exploration_type
 from modpush.agents import TQCConfig, encode_images, make_tqc_from_specs
 from modpush.agents.tqc.encoder import make_encoder
 from modpush.encoders.networks.conv_encoder import ConvEncoder
+from modpush.replay import ReplayConfig, make_replay_buffer
 
 SIDE = 16
 CONFIG = TQCConfig(
@@ -178,6 +179,20 @@ def test_the_actor_acts_on_floats_as_the_environment_gives_them():
     with torch.no_grad():
         action = agent.exploration_policy(TensorDict(data, batch_size=[4]))["action"]
     assert action.shape == (4, 1)
+
+
+def test_it_trains_from_a_compact_buffer_of_bytes():
+    agent = make_agent()
+    buffer = make_replay_buffer(
+        ReplayConfig(
+            capacity=200, batch_size=16, storage="compact", extra_observation_keys=("window",)
+        )
+    )
+    for seed in range(3):
+        buffer.extend(make_batch(seed))
+    sample = buffer.sample()
+    assert sample["next", "window"].dtype == torch.uint8
+    assert agent.update(sample)["loss_qvalue"].isfinite()
 
 
 def test_conv_encoder_trains():

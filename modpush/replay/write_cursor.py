@@ -1,0 +1,56 @@
+"""`WriteCursor`: which entries of a storage were written last."""
+
+import torch
+from torch import Tensor
+from torchrl.data.replay_buffers.storages import Storage
+
+from modpush.replay.storage_access import valid_shape
+
+__all__ = ["WriteCursor"]
+
+
+class WriteCursor:
+    """The newest entries of a storage, and how long ago the others were written."""
+
+    def __init__(self) -> None:
+        self.last: int | None = None
+        """First coordinate of the entry written last, for storages that keep no cursor."""
+
+    def note(self, index: Tensor) -> None:
+        """Note where entries were written, `[n]` or `[n, ndim]`."""
+        if index.numel():
+            self.last = int(index[-1].reshape(-1)[0])
+
+    def newest(self, storage: Storage, count: int | None) -> Tensor | None:
+        """Index of the newest entries, the oldest of them first.
+
+        Args:
+            storage: The storage that was written to.
+            count: How many; None for one row of the storage, which is one entry if it has one
+                dimension.
+
+        Returns:
+            `[count, ndim]`; None if nothing was written since the storage was filled or restored.
+        """
+        newest = self._row(storage)
+        if newest is None:
+            return None
+        shape = valid_shape(storage)
+        row = shape[1:].numel()
+        count = min(count or row, shape.numel())
+        flat = (newest * row + row - 1 - torch.arange(count).flip(0)) % shape.numel()
+        index = torch.stack(torch.unravel_index(flat, shape), -1)
+        return index.to(getattr(storage, "device", None) or "cpu")
+
+    def age(self, storage: Storage, row: Tensor) -> Tensor:
+        """How many writes ago rows along the first dimension were written; -1 if unknown."""
+        newest = self._row(storage)
+        if newest is None:
+            return torch.full_like(row, -1)
+        return (newest - row) % valid_shape(storage)[0]
+
+    def _row(self, storage: Storage) -> int | None:
+        cursor = storage._last_cursor_index  # shared between processes
+        if cursor is None:
+            return self.last
+        return int(cursor)
