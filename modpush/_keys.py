@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
-__all__ = ["check_spec_has", "read_key"]
+__all__ = ["check_spec_has", "read_key", "stored_next"]
 
 
 def read_key(who: str, tensordict: TensorDictBase, key: NestedKey) -> Tensor:
@@ -45,3 +45,39 @@ def check_spec_has(who: str, spec: "TensorDictBase", keys: Iterable[NestedKey]) 
             f"{who}: the environment does not emit {missing}; it emits "
             f"{sorted(map(str, spec.keys(True, True)))}."
         )
+
+
+def stored_next(
+    who: str,
+    tensordict: TensorDictBase,
+    in_keys: Iterable[NestedKey],
+    out_keys: Iterable[NestedKey],
+) -> TensorDictBase | None:
+    """The `"next"` of stored transitions, which a transform has to rewrite along with the root.
+
+    Args:
+        who: What rewrites, for the error message.
+        tensordict: Stored data.
+        in_keys: What the transform reads.
+        out_keys: What it writes.
+
+    Returns:
+        None if there is no `"next"`, or if it has neither all that is read nor any of what is
+        written: then nothing in it can be out of date.
+
+    Raises:
+        KeyError: If it has some of what is written, but not all that is read.
+    """
+    after = tensordict.get("next", None)
+    if after is None:
+        return None
+    missing = [key for key in in_keys if after.get(key, None) is None]
+    if not missing:
+        return after
+    stale = [key for key in out_keys if after.get(key, None) is not None]
+    if stale:
+        raise KeyError(
+            f"{who}: {missing} are missing in 'next', so that {stale} there cannot be written "
+            f"anew; there are {sorted(map(str, after.keys(True, True)))}."
+        )
+    return None

@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from modpush._batching import run_batch
-from modpush.planners.base import Paths
 from modpush.planners.grid_planner import GridPlanner
 from modpush.planners.kernels.a_star import plan_many, plan_one
 from modpush.planners.kernels.maps import Maps
 from modpush.planners.kernels.paths import PathArrays, Queries
+from modpush.planners.paths import Paths
 
 __all__ = ["AStar"]
 
@@ -54,9 +54,13 @@ class AStar(GridPlanner):
             goal: `[B, 2]` float (u, v) [px].
 
         Raises:
+            TypeError: As `plan`.
             ValueError: If the weight is not positive, or not of the occupancy's shape; and as
                 `plan`.
         """
+        for name, value in (("occupancy", occupancy), ("weight", weight)):
+            if not isinstance(value, Tensor):
+                raise TypeError(f"AStar: {name} must be a tensor, got {type(value).__name__}.")
         if weight.shape != occupancy.shape:
             raise ValueError(
                 f"AStar: weight must have the occupancy's shape {list(occupancy.shape)}, got "
@@ -65,7 +69,7 @@ class AStar(GridPlanner):
         if not (weight > 0).all():
             raise ValueError(f"AStar: weight must be > 0, its least is {weight.min().item()}.")
         weights = weight.detach().float().cpu().contiguous().numpy()
-        return self._plan_checked(occupancy, start, goal, weights)
+        return self._plan(occupancy, start, goal, weights)
 
     def _run(
         self,

@@ -3,12 +3,17 @@
 from abc import abstractmethod
 from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush.planners.base import Paths, Planner
+from modpush._checks import check_dtype, check_shape
+from modpush.planners.base import Planner
 from modpush.planners.kernels.maps import Maps, empty_maps
 from modpush.planners.kernels.paths import PathArrays, Queries, empty_paths
+from modpush.planners.kernels.visibility import MAX_SIDE
+from modpush.planners.paths import Paths
 from modpush.planners.per_thread import PerThread
 
 __all__ = ["GridPlanner"]
@@ -30,12 +35,52 @@ class GridPlanner(Planner):
         self._maps: PerThread[Maps] = PerThread()
         self._capacity = 64  # waypoints; grows with the first path that needs more
 
+    def plan(self, occupancy: Tensor, start: Tensor, goal: Tensor) -> Paths:
+        """Plan one path per scene.
+
+        Args:
+            occupancy: `[B, H, W]` bool, True where blocked; H and W from 1 to 4096.
+            start: `[B, 2]` float (u, v) [px]; any finite point, see `Paths` for ends that are not
+                free.
+            goal: `[B, 2]` float (u, v) [px]; the same.
+
+        Returns:
+            The paths, on the occupancy's device.
+
+        Raises:
+            TypeError: If the occupancy is not a bool tensor, or an end not a floating point one.
+            ValueError: If shapes do not fit each other, or an end is not finite.
+        """
+        return self._plan(occupancy, start, goal)
+
     def _plan(self, occupancy: Tensor, start: Tensor, goal: Tensor, *options: Any) -> Paths:
+        """`plan`, with further arguments for `_run`."""
+        name = type(self).__name__
+        check_dtype(name, "occupancy", occupancy, torch.bool)
+        if occupancy.ndim != 3 or not all(1 <= side <= MAX_SIDE for side in occupancy.shape[1:]):
+            raise ValueError(
+                f"{name}: occupancy must be [B, H, W] with H and W from 1 to {MAX_SIDE}, got "
+                f"{list(occupancy.shape)}."
+            )
+        ends = [_checked_end(name, "start", start, len(occupancy))]
+        ends.append(_checked_end(name, "goal", goal, len(occupancy)))
+        if occupancy.device.type == "cpu":
+            return self._search(occupancy.contiguous(), *ends, *options)
+        return self._search(occupancy.cpu().contiguous(), *ends, *options).to(occupancy.device)
+
+    def _search(
+        self,
+        occupancy: Tensor,
+        start: NDArray[np.float32],
+        goal: NDArray[np.float32],
+        *options: Any,
+    ) -> Paths:
+        """Run the kernels, again with more room where a path turns out to be too long."""
         maps = self._maps.value
         if maps is None or maps.cells.shape != occupancy.shape:
             maps = self._maps.value = empty_maps(*occupancy.shape)
         cells = occupancy.view(torch.uint8).numpy()
-        queries = Queries(cells, start.numpy(), goal.numpy(), self.cell_size)
+        queries = Queries(cells, start, goal, self.cell_size)
         capacity = self._capacity
         while True:
             paths = empty_paths(len(cells), capacity)
@@ -44,6 +89,20 @@ class GridPlanner(Planner):
             if needed <= capacity:
                 return _to_paths(paths, max(2, needed))
             capacity = self._capacity = 2 * needed
+
+    def warmup(self, height: int = 256, width: int = 256) -> None:
+        """Compile the planner's kernels, or load them from the cache on disk, before their first use.
+
+        Args:
+            height: Rows of the grid used for compiling; the kernels serve grids of any size.
+            width: Columns of that grid.
+        """
+        for batch in (1, 2):  # one scene and several run through different kernels
+            occupancy = torch.zeros(batch, height, width, dtype=torch.bool)
+            occupancy[:, height // 2, : width // 2 + 1] = True
+            start = torch.zeros(batch, 2)
+            goal = torch.tensor([[0.0, height - 1.0]]).repeat(batch, 1)
+            self.plan(occupancy, start, goal)
 
     @abstractmethod
     def _run(self, maps: Maps, queries: Queries, paths: PathArrays) -> None:
@@ -54,6 +113,20 @@ class GridPlanner(Planner):
             queries: Cells and ends of B scenes.
             paths: Where to write.
         """
+
+
+def _checked_end(who: str, name: str, point: Tensor, batch: int) -> NDArray[np.float32]:
+    """Starts or goals as `[B, 2]` float32, all finite."""
+    if not (isinstance(point, Tensor) and point.is_floating_point()):
+        got = point.dtype if isinstance(point, Tensor) else type(point).__name__
+        raise TypeError(f"{who}: {name} must be a floating point tensor, got {got}.")
+    check_shape(who, name, point, "B, 2", (batch, 2))
+    values = point.detach().to("cpu", torch.float32).contiguous().numpy()
+    finite = np.isfinite(values)  # several times faster than torch on so few numbers
+    if not finite.all():
+        scenes = (~finite).any(-1).nonzero()[0].tolist()
+        raise ValueError(f"{who}: {name} is not finite in scene(s) {scenes}.")
+    return values
 
 
 def _to_paths(arrays: PathArrays, longest: int) -> Paths:

@@ -1,6 +1,8 @@
 """`OccupancyGrid`: from a depth image to the cells that the object's centre cannot be in."""
 
 import math
+from collections.abc import Sequence
+from typing import Literal
 
 import torch
 from tensordict import NestedKey, TensorDictBase
@@ -8,100 +10,136 @@ from torch import Tensor
 from torchrl.data import Binary, Bounded, TensorSpec
 from torchrl.envs import Transform
 
+from modpush._keys import check_spec_has, read_key, stored_next
 from modpush.geometry.camera import Camera
 from modpush.planners.inflation import radius_per_scene
 from modpush.planners.kernels.bit_grid import words_per_row
 from modpush.planners.occupancy_map import OccupancyMap
 
+__all__ = ["Corners", "Inflation", "OccupancyGrid"]
+
+Inflation = Literal["circumscribed", "inscribed"] | float
+Corners = tuple[Sequence[float], Sequence[float]]
+"""Lower and upper corner (x, y) of a rectangle in the robot's base frame [m]."""
+
 
 class OccupancyGrid(Transform):
     """Writes the cells that the object's centre cannot be in, seen from above.
 
-    Cells are those of `Camera` on the table. Object and robot do not block; the rest does where
-    it is higher than `min_height`, inflated by the circumscribed radius of the object's footprint.
-    A map is inflated again only when the cells before inflation change, scene by scene.
+    Cells are the camera's pixels as they fall on the table. Object and robot do not block;
+    everything else does where it is higher than `min_height`, and is inflated. A map is inflated
+    again only when the cells before inflation change, scene by scene.
 
     What stands where object or robot hide the view is remembered from the step before, in
     `blocked_key`. Only what is lower than the object can hide behind it. If a later transform drops
     that key, nothing is remembered and such cells count as free while they are hidden.
 
     Args:
-        object_radius: Circumscribed radius of the object's footprint [m]; the default is the small
-            cube's.
-        object_radius_key: Read the radius from here instead, `[..., 1]` float [m].
+        object_radius: Radius of the circle around the object's footprint [m]; the default is the
+            small cube's.
+        inscribed_radius: Radius of the circle inside the object's footprint [m]; the default is the
+            small cube's.
+        inflation: By how much obstacles are inflated. `"circumscribed"`: by `object_radius`, so that
+            the object has room at any yaw. `"inscribed"`: by `inscribed_radius`, half the side of a
+            square object. A number: by so much [m].
+        bounds: Lower and upper corner (x, y) of the workspace in the robot's base frame [m]; cells
+            whose centre lies outside are blocked. By default none are.
+        margin: By how much the workspace is made smaller (or larger, if negative) for that [m].
         camera: The camera and its grid.
         min_height: What is lower does not block [m].
         upright: See `OccupancyMap`.
+        object_radius_key: Read `object_radius` from here instead, `[..., 1]` float [m].
+        inscribed_radius_key: Read `inscribed_radius` from here instead, `[..., 1]` float [m].
         depth_key: Read, `[..., 1, H, W]` float32 [m].
-        segmentation_key: Read, `[..., 1, H, W]` uint8. None: the object is what stands within its
-            radius of its pose, and a robot in the image blocks.
+        segmentation_key: Read, `[..., 1, H, W]` uint8. None: the object is what stands within
+            `object_radius` of its pose, and a robot in the image blocks.
         object_pose_key: Read without a segmentation, `[..., 3]` (x, y, yaw) [m, rad].
         occupancy_key: Written, `[..., 1, H, W]` bool, True where blocked.
         blocked_key: Written and read back, `[..., H, 8 * ceil(W / 64)]` uint8: cells before
             inflation, as bits.
 
     Raises:
-        ValueError: If `object_radius` is negative or not finite.
+        ValueError: If a radius is negative or not finite, `inflation` is unknown, or nothing is left
+            within `bounds`.
     """
 
     def __init__(
         self,
         object_radius: float = 0.025 * math.sqrt(2.0),
         *,
-        object_radius_key: NestedKey | None = None,
+        inscribed_radius: float = 0.025,
+        inflation: Inflation = "circumscribed",
+        bounds: Corners | None = None,
+        margin: float = 0.0,
         camera: Camera | None = None,
         min_height: float = 0.013,
         upright: bool = True,
+        object_radius_key: NestedKey | None = None,
+        inscribed_radius_key: NestedKey | None = None,
         depth_key: NestedKey = "depth",
         segmentation_key: NestedKey | None = "segmentation",
         object_pose_key: NestedKey = "object_pose",
         occupancy_key: NestedKey = "occupancy",
         blocked_key: NestedKey = "blocked_bits",
     ) -> None:
-        radius_per_scene(object_radius, 1, "OccupancyGrid")
-        self.object_radius = object_radius
+        for value in (object_radius, inscribed_radius):
+            radius_per_scene(value, 1, "OccupancyGrid")
+        self.object_radius, self.inscribed_radius = object_radius, inscribed_radius
+        self.inflation = _checked_inflation(inflation)
         self.object_radius_key = object_radius_key
+        self.inscribed_radius_key = inscribed_radius_key
         self.depth_key = depth_key
         self.segmentation_key = segmentation_key
         self.object_pose_key = object_pose_key
         self.occupancy_key = occupancy_key
         self.blocked_key = blocked_key
-        optional = segmentation_key if segmentation_key is not None else object_pose_key
-        in_keys = [depth_key, optional]
-        if object_radius_key is not None:
-            in_keys.append(object_radius_key)
+        in_keys = [depth_key, object_pose_key if segmentation_key is None else segmentation_key]
+        if inflation == "circumscribed" or segmentation_key is None:
+            in_keys += [object_radius_key]
+        if inflation == "inscribed":
+            in_keys += [inscribed_radius_key]
+        in_keys = [key for key in in_keys if key is not None]
         super().__init__(in_keys=in_keys, out_keys=[occupancy_key, blocked_key])
         self.map = OccupancyMap(camera, min_height, upright)
+        outside = None if bounds is None else cells_outside(self.map.camera, bounds, margin)
+        self.register_buffer("_outside", outside, persistent=False)
 
     @property
     def camera(self) -> Camera:
         """The camera and its grid."""
         return self.map.camera
 
+    def _radius(self, tensordict: TensorDictBase, name: str) -> float | Tensor:
+        """`object_radius` or `inscribed_radius`, one number or `[B]` [m]."""
+        key = getattr(self, f"{name}_key")
+        if key is None:
+            return getattr(self, name)
+        return read_key("OccupancyGrid", tensordict, key).reshape(-1)
+
     def _write(self, tensordict: TensorDictBase, previous: Tensor | None) -> TensorDictBase:
-        for key in self.in_keys:
-            if tensordict.get(key, None) is None:
-                raise KeyError(
-                    f"OccupancyGrid: {key!r} is missing; there is "
-                    f"{sorted(map(str, tensordict.keys(True, True)))}."
-                )
-        depth = tensordict.get(self.depth_key)
-        lead = depth.shape[:-3]
-        segmentation = position = None
+        depth = read_key("OccupancyGrid", tensordict, self.depth_key)
+        lead, image = depth.shape[:-3], depth.shape[-2:]
+        segmentation = position = own = None
         if self.segmentation_key is not None:
-            segmentation = tensordict.get(self.segmentation_key).reshape(-1, *depth.shape[-2:])
+            labels = read_key("OccupancyGrid", tensordict, self.segmentation_key)
+            segmentation = labels.reshape(-1, *image)
         else:
-            position = tensordict.get(self.object_pose_key)[..., :2].reshape(-1, 2)
-        radius: float | Tensor = self.object_radius
-        if self.object_radius_key is not None:
-            radius = tensordict.get(self.object_radius_key).reshape(-1)
+            pose = read_key("OccupancyGrid", tensordict, self.object_pose_key)
+            position = pose[..., :2].reshape(-1, 2)
+            own = self._radius(tensordict, "object_radius")
+        if self.inflation == "circumscribed":
+            radius = self._radius(tensordict, "object_radius")
+        elif self.inflation == "inscribed":
+            radius = self._radius(tensordict, "inscribed_radius")
+        else:
+            radius = self.inflation
+        if previous is not None:
+            previous = previous.reshape(-1, *previous.shape[-2:])
         occupancy, blocked = self.map(
-            depth.reshape(-1, *depth.shape[-2:]),
-            radius,
-            segmentation,
-            position,
-            None if previous is None else previous.reshape(-1, *previous.shape[-2:]),
+            depth.reshape(-1, *image), radius, segmentation, position, previous, own
         )
+        if self._outside is not None:
+            occupancy |= self._outside
         tensordict.set(self.occupancy_key, occupancy.reshape(*lead, 1, *occupancy.shape[1:]))
         tensordict.set(self.blocked_key, blocked.reshape(*lead, *blocked.shape[1:]))
         return tensordict
@@ -116,11 +154,19 @@ class OccupancyGrid(Transform):
         return self._write(next_tensordict, tensordict.get(self.blocked_key, None))
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the grid for stored data; cells that were remembered stay so."""
-        return self._write(tensordict, tensordict.get(self.blocked_key, None))
+        """Write the grid for stored data and, in transitions, for their `"next"`.
+
+        Cells that were remembered stay so.
+        """
+        self._write(tensordict, tensordict.get(self.blocked_key, None))
+        after = stored_next("OccupancyGrid", tensordict, self.in_keys, self.out_keys)
+        if after is not None:
+            self._step(tensordict, after)
+        return tensordict
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Add the two written keys."""
+        check_spec_has("OccupancyGrid", observation_spec, self.in_keys)
         height, width = self.camera.height, self.camera.width
         lead, device = observation_spec.shape, observation_spec.device
         observation_spec[self.occupancy_key] = Binary(
@@ -134,3 +180,41 @@ class OccupancyGrid(Transform):
             device=device,
         )
         return observation_spec
+
+
+def cells_outside(camera: Camera, bounds: Corners, margin: float = 0.0) -> Tensor:
+    """The cells whose centre lies outside a rectangle on the table.
+
+    Args:
+        camera: The camera and its grid.
+        bounds: Lower and upper corner (x, y) in the robot's base frame [m].
+        margin: By how much the rectangle is made smaller on each side [m].
+
+    Returns:
+        `[H, W]` bool.
+
+    Raises:
+        ValueError: If the corners are not two numbers each, or no cell is left inside.
+    """
+    if len(bounds) != 2 or any(len(corner) != 2 for corner in bounds):
+        raise ValueError(f"OccupancyGrid: bounds must be two corners (x, y) [m], got {bounds!r}.")
+    low, high = (torch.tensor([float(x) for x in corner]).double() for corner in bounds)
+    v, u = torch.meshgrid(torch.arange(camera.height), torch.arange(camera.width), indexing="ij")
+    centre = camera.unproject(torch.stack([u, v], -1).double())
+    inside = ((centre >= low + margin) & (centre <= high - margin)).all(-1)
+    if not inside.any():
+        raise ValueError(
+            f"OccupancyGrid: no cell lies within bounds={bounds!r} and margin={margin}."
+        )
+    return ~inside
+
+
+def _checked_inflation(inflation: Inflation) -> Inflation:
+    if inflation in ("circumscribed", "inscribed"):
+        return inflation
+    if isinstance(inflation, str) or not (math.isfinite(inflation) and inflation >= 0):
+        raise ValueError(
+            "OccupancyGrid: inflation must be 'circumscribed', 'inscribed' or a number of metres "
+            f">= 0, got {inflation!r}."
+        )
+    return float(inflation)

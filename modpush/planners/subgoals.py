@@ -9,84 +9,61 @@ from torch import Tensor
 from torchrl.data import Binary, TensorSpec, Unbounded
 from torchrl.envs import Transform
 
+from modpush._keys import check_spec_has, read_key, stored_next
 from modpush.geometry.camera import Camera
-from modpush.planners.base import Paths, Planner, point_along
+from modpush.planners.base import Planner
+from modpush.planners.grid_planner import GridPlanner
+from modpush.planners.named import make_planner
+from modpush.planners.path_points import fraction_subgoal, lookahead_subgoal
+from modpush.planners.paths import Paths, check_paths
+
+__all__ = ["PlannerSubgoals", "SubgoalMode"]
 
 SubgoalMode = Literal["fraction", "lookahead"]
 
 
-def fraction_subgoal(paths: Paths, fraction: float) -> Tensor:
-    """The point after a fraction of each path's length.
-
-    Args:
-        paths: Of B scenes.
-        fraction: In [0, 1].
-
-    Returns:
-        `[B, 2]` [px].
-    Source: Sec. IV-A of the paper, 20 % of the global path.
-    """
-    lengths = (paths.waypoints[:, 1:] - paths.waypoints[:, :-1]).norm(dim=-1).sum(-1)
-    return point_along(paths.waypoints, fraction * lengths)
-
-
-def lookahead_subgoal(paths: Paths, distance: float) -> Tensor:
-    """The point a distance along each path, but not past its first corner.
-
-    Args:
-        paths: Of B scenes. If a start was moved, the leg out to free space does not count as the
-            first segment.
-        distance: [px].
-
-    Returns:
-        `[B, 2]` [px].
-    Source: what the authors' code does in place of the fraction.
-    """
-    legs = (paths.waypoints[:, 1:] - paths.waypoints[:, :-1]).norm(dim=-1)  # [B, P-1]
-    first = legs[:, 0]
-    if legs.shape[1] > 1:
-        first = torch.where(paths.start_moved, first + legs[:, 1], first)
-    return point_along(paths.waypoints, first.clamp_max(distance))
-
-
 class PlannerSubgoals(Transform):
-    """Plans from the object to the goal at every step and writes the way's length and a sub-goal.
+    """Plans from the object to the goal at every step and writes the path's length and a sub-goal.
 
-    All that outlasts a step lives in the tensordict, in `subgoal_history`: copies, workers, partial
-    resets and stored data are right by construction. The planner itself may remember maps, but only
-    to save work.
+    Everything that outlasts a step is in the tensordict, under `history_key`, so that copies, workers,
+    partial resets and stored data need no care. The planner may remember maps, but only to save work.
 
-    Where there is no path, length and sub-goal of the step before are kept and `path_found` says
-    so; at a reset they are the straight distance and the goal. A start or goal that is not free is
-    not an error: see `Paths`.
+    Where there is no path, length and sub-goal of the step before are kept and `path_found` is False;
+    at a reset they are the straight distance and the goal. A start or goal that is not free is not an
+    error, see `Paths`.
 
     Args:
-        planner: What plans; `DistanceField` is the fastest while map and goal stand still.
+        planner: A planner, see `Planner`; or text that stands for one: a name in `PLANNERS` or
+            `"module:name"`. `"distance_field"` is the fastest while map and goal stand still.
         camera: The camera and its grid; the same as `OccupancyGrid`'s.
-        mode: `"fraction"`, a fraction of the path's length on, or `"lookahead"`, a distance on but
-            not past the first corner.
-        fraction: For the first, in (0, 1].
-        lookahead: For the second [m].
-        lags: Write the sub-goals of so many steps ago; at an episode's beginning its first one.
-        max_waypoints: Write the path too, padded with its last point to so many; a longer one loses
-            those before its last. 0 for none, else at least 2.
+        mode: `"fraction"`: the sub-goal lies after a fraction of the path's length; `"lookahead"`: a
+            distance along the path, but not past its first corner.
+        fraction: Fraction of the path's length, in (0, 1].
+        lookahead: Distance along the path [m].
+        lags: Ages of the past sub-goals that are written [steps]; before that many steps of an
+            episode, its first sub-goal is written.
+        max_waypoints: Number of waypoints in which the path is written: a shorter path is padded with
+            its last point, a longer one loses those before the last. 0 writes no path; else at
+            least 2.
         occupancy_key: Read, `[..., 1, H, W]` bool.
-        object_pose_key: Read, `[..., 3]` (x, y, yaw) [m, rad], robot's base frame.
-        goal_position_key: Read, `[..., 2]` (x, y) [m].
-        path_length_key: Written, `[..., 1]` float32 [m].
-        subgoal_key: Written, `[..., 2]` float32 [m], robot's base frame.
-        subgoal_past_key: Written, `[..., len(lags), 2]` float32 [m].
+        object_pose_key: Read, `[..., 3]` (x, y, yaw) in the robot's base frame [m, rad].
+        goal_position_key: Read, `[..., 2]` (x, y) in the robot's base frame [m].
+        path_length_key: Written and read back, `[..., 1]` float32 [m].
+        subgoal_key: Written, `[..., 2]` float32 in the robot's base frame [m].
+        subgoal_past_key: Written, `[..., len(lags), 2]` float32 in the robot's base frame [m].
         path_found_key: Written, `[..., 1]` bool.
         history_key: Written and read back, `[..., max(lags) + 1, 2]` float32 [m], newest first.
         path_key: Written if `max_waypoints` > 0, `[..., max_waypoints, 2]` float32 [m].
 
     Raises:
-        ValueError: If the mode is unknown or a number out of its range.
+        TypeError: If the planner has no method `plan`.
+        ValueError: If there is no planner of that name, the mode is unknown, or a number is out of
+            range.
     """
 
     def __init__(
         self,
-        planner: Planner,
+        planner: Planner | str,
         *,
         camera: Camera | None = None,
         mode: SubgoalMode = "fraction",
@@ -105,8 +82,17 @@ class PlannerSubgoals(Transform):
         path_key: NestedKey = "path",
     ) -> None:
         _check_numbers(mode, fraction, lookahead, lags, max_waypoints)
-        self.planner = planner
+        out_keys = [path_length_key, subgoal_key, subgoal_past_key, path_found_key, history_key]
+        if max_waypoints:
+            out_keys.append(path_key)
+        super().__init__(
+            in_keys=[occupancy_key, object_pose_key, goal_position_key], out_keys=out_keys
+        )
+        self.planner = make_planner("PlannerSubgoals", planner)
         self.camera = camera or Camera()
+        # A planner of one's own that says nothing gives lengths in pixels.
+        cell_size = float(getattr(self.planner, "cell_size", 1.0))
+        self._metres_per_length = self.camera.cell_size / cell_size
         self.mode = mode
         self.fraction = fraction
         self.lookahead = lookahead
@@ -121,12 +107,34 @@ class PlannerSubgoals(Transform):
         self.path_found_key = path_found_key
         self.history_key = history_key
         self.path_key = path_key
-        out_keys = [path_length_key, subgoal_key, subgoal_past_key, path_found_key, history_key]
-        if max_waypoints:
-            out_keys.append(path_key)
-        super().__init__(
-            in_keys=[occupancy_key, object_pose_key, goal_position_key], out_keys=out_keys
+
+    def _plan(self, tensordict: TensorDictBase) -> tuple[Paths, Tensor, Tensor]:
+        """Paths of the flattened batch; object's and goal's positions `[..., 2]` [m]."""
+        who = "PlannerSubgoals"
+        occupancy = read_key(who, tensordict, self.occupancy_key)
+        expected = (1, self.camera.height, self.camera.width)
+        if occupancy.shape[-3:] != expected:
+            raise ValueError(
+                f"{who}: {self.occupancy_key!r} must be [..., 1, H, W] = "
+                f"[..., {', '.join(map(str, expected))}], got {list(occupancy.shape)}."
+            )
+        position = read_key(who, tensordict, self.object_pose_key)[..., :2]
+        goal = read_key(who, tensordict, self.goal_position_key)
+        start = self.camera.project(position).reshape(-1, 2)
+        paths = self.planner.plan(
+            occupancy.reshape(-1, *expected[1:]), start, self.camera.project(goal).reshape(-1, 2)
         )
+        if not isinstance(self.planner, GridPlanner):
+            check_paths(type(self.planner).__name__, paths, len(start))
+        return paths, position, goal
+
+    def _subgoal(self, paths: Paths) -> Tensor:
+        """The sub-goal on each path, `[B, 2]` [m]."""
+        if self.mode == "fraction":
+            pixel = fraction_subgoal(paths, self.fraction)
+        else:
+            pixel = lookahead_subgoal(paths, self.lookahead / self.camera.cell_size)
+        return self.camera.unproject(pixel)
 
     def _write(
         self, tensordict: TensorDictBase, before: TensorDictBase | None, advance: bool
@@ -138,28 +146,19 @@ class PlannerSubgoals(Transform):
             before: Where the values of the step before are; None at an episode's beginning.
             advance: Push the sub-goal into the history, rather than replace the newest.
         """
-        occupancy, position, goal = self._read(tensordict)
+        paths, position, goal = self._plan(tensordict)
         lead = position.shape[:-1]
-        paths = self.planner.plan(
-            occupancy.reshape(-1, *occupancy.shape[-2:]),
-            self.camera.project(position).reshape(-1, 2),
-            self.camera.project(goal).reshape(-1, 2),
-        )
-        if self.mode == "fraction":
-            pixel = fraction_subgoal(paths, self.fraction)
-        else:
-            pixel = lookahead_subgoal(paths, self.lookahead / self.camera.cell_size)
         found = paths.found.reshape(*lead, 1)
-        length = (paths.length * (self.camera.cell_size / self.planner.cell_size)).reshape(*lead, 1)
-        subgoal = self.camera.unproject(pixel).reshape(*lead, 2)
-
-        history = None if before is None else before.get(self.history_key, None)
-        if before is None or history is None:
+        length = (paths.length * self._metres_per_length).reshape(*lead, 1)
+        subgoal = self._subgoal(paths).reshape(*lead, 2)
+        if before is None:
             length = torch.where(found, length, (goal - position).norm(dim=-1, keepdim=True))
             subgoal = torch.where(found, subgoal, goal)
             history = subgoal.unsqueeze(-2).repeat_interleave(max(self.lags) + 1, -2)
         else:
-            length = torch.where(found, length, before.get(self.path_length_key))
+            history = self._history(before)
+            earlier_length = read_key("PlannerSubgoals", before, self.path_length_key)
+            length = torch.where(found, length, earlier_length)
             subgoal = torch.where(found, subgoal, history[..., 0, :])
             rest = history[..., :-1, :] if advance else history[..., 1:, :]
             history = torch.cat([subgoal.unsqueeze(-2), rest], -2)
@@ -173,22 +172,21 @@ class PlannerSubgoals(Transform):
             tensordict.set(self.path_key, path.reshape(*lead, self.max_waypoints, 2))
         return tensordict
 
-    def _read(self, tensordict: TensorDictBase) -> tuple[Tensor, Tensor, Tensor]:
-        for key in self.in_keys:
-            if tensordict.get(key, None) is None:
-                raise KeyError(
-                    f"PlannerSubgoals: {key!r} is missing; there is "
-                    f"{sorted(map(str, tensordict.keys(True, True)))}."
-                )
-        occupancy = tensordict.get(self.occupancy_key)
-        expected = (1, self.camera.height, self.camera.width)
-        if occupancy.shape[-3:] != expected:
-            raise ValueError(
-                f"PlannerSubgoals: {self.occupancy_key!r} must be [..., 1, H, W] = "
-                f"[..., {', '.join(map(str, expected))}], got {list(occupancy.shape)}."
+    def _history(self, before: TensorDictBase) -> Tensor:
+        """Sub-goals up to the step before, `[..., max(lags) + 1, 2]` [m], newest first."""
+        history = before.get(self.history_key, None)
+        if history is None:
+            raise KeyError(
+                f"PlannerSubgoals: key {self.history_key!r} is missing in the step before, without "
+                "which the past sub-goals are unknown; do not exclude it from the environment's "
+                f"output. There are {sorted(map(str, before.keys(True, True)))}."
             )
-        position = tensordict.get(self.object_pose_key)[..., :2]
-        return occupancy, position, tensordict.get(self.goal_position_key)
+        if history.shape[-2:] != (max(self.lags) + 1, 2):
+            raise ValueError(
+                f"PlannerSubgoals: {self.history_key!r} must be [..., max(lags) + 1, 2] = "
+                f"[..., {max(self.lags) + 1}, 2], got {list(history.shape)}."
+            )
+        return history
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
@@ -200,11 +198,21 @@ class PlannerSubgoals(Transform):
         return self._write(next_tensordict, tensordict, advance=True)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Plan anew for stored data; the history that is stored with them keeps its older part."""
-        return self._write(tensordict, tensordict, advance=False)
+        """Plan anew for stored data and, in transitions, for their `"next"`.
+
+        The history that is stored with the data keeps its older part. Observations without a history
+        and without a `"next"` count as an episode's first.
+        """
+        after = stored_next("PlannerSubgoals", tensordict, self.in_keys, self.out_keys)
+        alone = after is None and tensordict.get(self.history_key, None) is None
+        self._write(tensordict, None if alone else tensordict, advance=False)
+        if after is not None:
+            self._step(tensordict, after)
+        return tensordict
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Add the written keys."""
+        check_spec_has("PlannerSubgoals", observation_spec, self.in_keys)
         lead, device = observation_spec.shape, observation_spec.device
         shapes: dict[NestedKey, tuple[int, ...]] = {
             self.path_length_key: (1,),

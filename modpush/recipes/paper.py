@@ -5,7 +5,7 @@ hand. `load_agent` gives a trained policy with the configuration of the environm
 """
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
@@ -37,27 +37,11 @@ from modpush.mdp.observation import (
     PushObservation,
 )
 from modpush.mdp.rewards import PushReward, RewardConfig, RewardTerm
-from modpush.planners import (
-    AStar,
-    DistanceField,
-    LazyThetaStar,
-    OccupancyGrid,
-    Planner,
-    PlannerSubgoals,
-    StraightLine,
-    ThetaStar,
-)
+from modpush.planners import PLANNERS, OccupancyGrid, Planner, PlannerSubgoals
 from modpush.planners.subgoals import SubgoalMode
 
 __all__ = ["Agent", "PushEnvConfig", "load_agent", "make_push_env", "save_agent"]
 
-PLANNERS: dict[str, Callable[[], Planner]] = {
-    "distance_field": DistanceField,
-    "lazy_theta_star": LazyThetaStar,
-    "theta_star": ThetaStar,
-    "a_star": AStar,
-    "straight_line": StraightLine,
-}
 _IMAGES = ("depth", "segmentation", "occupancy", "window")
 _FOR_PUSH_ENV = (
     *("num_envs", "scene", "pushed_object", "difficulty", "distance", "max_episode_steps"),
@@ -164,7 +148,7 @@ def make_push_env(
     config: PushEnvConfig | None = None,
     *,
     encoder: nn.Module | None = None,
-    planner: Planner | None = None,
+    planner: Planner | str | None = None,
     entries: Sequence[str | tuple[str, Entry]] | None = None,
     reward_terms: Mapping[str, RewardTerm] | None = None,
     curriculum: Curriculum | None = None,
@@ -206,7 +190,7 @@ def make_push_env(
     transforms += [
         OccupancyGrid(object_radius_key="object_radius"),
         PlannerSubgoals(
-            planner if planner is not None else PLANNERS[config.planner](),
+            planner if planner is not None else config.planner,
             mode=config.subgoal_mode,
             fraction=config.subgoal_fraction,
             lookahead=config.subgoal_lookahead,

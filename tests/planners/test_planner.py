@@ -362,7 +362,7 @@ def test_a_path_of_many_waypoints_is_kept_whole():
 class Detour(Planner):
     """A planner of one's own: over a fixed point."""
 
-    def _plan(self, occupancy, start, goal):
+    def plan(self, occupancy, start, goal):
         middle = torch.tensor([0.0, 0.0])
         paths = [
             None if occupancy[b].all() else torch.stack([start[b], middle, goal[b]])

@@ -8,7 +8,7 @@ import torch
 from tensordict import TensorDict
 from torchrl.data import LazyTensorStorage, ReplayBuffer
 from torchrl.envs import Compose, ParallelEnv, SerialEnv, TransformedEnv, check_env_specs
-from torchrl.envs.transforms import RenameTransform
+from torchrl.envs.transforms import ExcludeTransform, RenameTransform
 
 from modpush.geometry import Camera
 from modpush.planners import (
@@ -203,7 +203,7 @@ def test_before_a_model_they_are_modules():
 class Fickle(Planner):
     """Finds a path only while the start is in the image's lower half."""
 
-    def _plan(self, occupancy, start, goal):
+    def plan(self, occupancy, start, goal):
         lines = [
             torch.stack([a, b]) if a[1] > 40 else None for a, b in zip(start, goal, strict=True)
         ]
@@ -227,7 +227,7 @@ def test_without_a_path_the_last_one_is_kept_and_flagged():
 
 
 class NoPath(Planner):
-    def _plan(self, occupancy, start, goal):
+    def plan(self, occupancy, start, goal):
         return Paths.from_waypoints([None] * len(start), start, self.cell_size)
 
 
@@ -352,9 +352,9 @@ def test_bad_options_are_refused(kwargs, message):
 
 
 def test_missing_keys_and_wrong_sizes_are_named():
-    with pytest.raises(KeyError, match="'depth' is missing; there is \\['goal_position'\\]"):
+    with pytest.raises(KeyError, match="'depth' is missing; there are \\['goal_position'\\]"):
         OccupancyGrid()(TensorDict(goal_position=torch.zeros(1, 2), batch_size=[1]))
-    with pytest.raises(KeyError, match="'occupancy' is missing; there is \\['goal_position'\\]"):
+    with pytest.raises(KeyError, match="'occupancy' is missing; there are \\['goal_position'\\]"):
         PlannerSubgoals(LazyThetaStar())(
             TensorDict(goal_position=torch.zeros(1, 2), batch_size=[1])
         )
@@ -371,3 +371,129 @@ def test_nothing_is_rebuilt_while_obstacles_stand_still():
     env.rollout(12, lambda td: steer(td, [0.2, 0.6]), break_when_any_done=False)
     assert env.transform[0].map.inflations == 2
     assert field.builds <= 2
+
+
+def test_stored_transitions_are_rewritten_in_root_and_next():
+    env = make_env(2)
+    rollout = env.rollout(8, lambda td: steer(td, [0.1, 0.5]), break_when_any_done=False)
+    stored = rollout.reshape(-1)
+    changed = stored.clone()
+    for data in (changed, changed["next"]):
+        for key in ["occupancy", "path_length", "subgoal", "subgoal_past", "path_found"]:
+            data[key] = torch.zeros_like(data[key])
+    transform = Compose(OccupancyGrid(camera=SMALL), PlannerSubgoals(LazyThetaStar(), camera=SMALL))
+    buffer = ReplayBuffer(storage=LazyTensorStorage(64), batch_size=16, transform=transform)
+    buffer.extend(changed.set("row", torch.arange(len(stored))))
+    sample = buffer.sample()
+    for key in [*WRITTEN, "occupancy", "blocked_bits"]:
+        torch.testing.assert_close(sample[key], stored[key][sample["row"]])
+        torch.testing.assert_close(sample["next", key], stored["next", key][sample["row"]])
+
+
+def test_a_next_that_cannot_be_rewritten_is_refused():
+    stored = make_env(2).rollout(3, break_when_any_done=False).reshape(-1)
+    with pytest.raises(KeyError, match=r"OccupancyGrid: \['depth'\] are missing in 'next', so"):
+        OccupancyGrid(camera=SMALL)(stored.clone().exclude(("next", "depth")))
+    with pytest.raises(KeyError, match=r"\['occupancy'\] are missing in 'next'"):
+        PlannerSubgoals(LazyThetaStar(), camera=SMALL)(stored.exclude(("next", "occupancy")))
+
+
+def test_a_next_without_anything_of_the_transform_is_left_alone():
+    first = TableEnv(2).reset()
+    first["next"] = TensorDict(reward=torch.zeros(2, 1), batch_size=[2])
+    out = OccupancyGrid(camera=SMALL)(first)
+    assert list(out["next"].keys()) == ["reward"]
+    assert out["occupancy"].any()
+
+
+def test_without_its_history_past_sub_goals_are_refused():
+    env = make_env(2).append_transform(ExcludeTransform("subgoal_history"))
+    with pytest.raises(KeyError, match="key 'subgoal_history' is missing in the step before"):
+        env.rollout(2)
+    stored = make_env(2).rollout(3, break_when_any_done=False).reshape(-1)
+    with pytest.raises(KeyError, match="key 'subgoal_history' is missing in the step before"):
+        PlannerSubgoals(LazyThetaStar(), camera=SMALL)(stored.exclude("subgoal_history"))
+
+
+def test_a_history_of_other_lags_is_refused():
+    stored = make_env(2).rollout(3, break_when_any_done=False).reshape(-1)
+    with pytest.raises(ValueError, match=r"max\(lags\) \+ 1, 2\] = \[..., 3, 2\], got \[6, 6, 2\]"):
+        PlannerSubgoals(LazyThetaStar(), camera=SMALL, lags=(2,))(stored)
+
+
+def test_an_environment_that_lacks_a_key_is_refused_at_once():
+    with pytest.raises(KeyError, match=r"OccupancyGrid: the environment does not emit \['range'\]"):
+        TransformedEnv(TableEnv(2), OccupancyGrid(camera=SMALL, depth_key="range")).observation_spec
+    with pytest.raises(KeyError, match=r"PlannerSubgoals: the environment does not emit"):
+        TransformedEnv(TableEnv(2), PlannerSubgoals(LazyThetaStar(), camera=SMALL)).observation_spec
+
+
+def test_inflation_by_name_or_by_metres():
+    data = TableEnv(2).reset()
+
+    def cells(**options):
+        return OccupancyGrid(camera=SMALL, **options)(data.clone())["occupancy"]
+
+    assert torch.equal(cells(), cells(inflation=0.025 * math.sqrt(2.0)))
+    assert torch.equal(cells(inflation="inscribed"), cells(inflation=0.025))
+    assert torch.equal(cells(object_radius=0.05), cells(inflation=0.05))
+    assert torch.equal(
+        cells(inscribed_radius=0.05, inflation="inscribed"), cells(object_radius=0.05)
+    )
+    assert cells(inflation="inscribed").sum() < cells().sum()
+    for wrong in ("half", -0.1, math.nan):
+        with pytest.raises(ValueError, match="inflation must be 'circumscribed', 'inscribed' or"):
+            OccupancyGrid(inflation=wrong)
+
+
+def test_every_radius_can_have_a_nested_key():
+    data = TableEnv(2).reset()
+    data["object", "outer"], data["object", "inner"] = torch.full((2, 2, 1), 0.06).unbind()
+    expected = OccupancyGrid(0.06, camera=SMALL)(data.clone())["occupancy"]
+    outer = OccupancyGrid(camera=SMALL, object_radius_key=("object", "outer"))
+    inner = OccupancyGrid(
+        camera=SMALL, inflation="inscribed", inscribed_radius_key=("object", "inner")
+    )
+    assert torch.equal(outer(data.clone())["occupancy"], expected)
+    assert torch.equal(inner(data.clone())["occupancy"], expected)
+    with pytest.raises(KeyError, match="key .*object.*inner.* is missing"):
+        inner(data.exclude(("object", "inner")))
+
+
+def test_the_inflation_does_not_change_what_counts_as_the_object():
+    data = TableEnv(2).reset()
+    data.pop("segmentation")
+    options = {"camera": SMALL, "segmentation_key": None}
+    out = OccupancyGrid(inflation=0.0, **options)(data.clone())
+    own = OccupancyGrid(**options)(data)
+    assert torch.equal(out["blocked_bits"], own["blocked_bits"])
+    assert out["occupancy"].sum() < own["occupancy"].sum()
+
+
+def test_cells_outside_the_workspace_can_block():
+    data = TableEnv(1).reset()
+    bounds = ((0.30, -0.20), (0.80, 0.20))
+    free = OccupancyGrid(camera=SMALL)(data.clone())["occupancy"][0, 0]
+    out = OccupancyGrid(camera=SMALL, bounds=bounds, margin=0.05)(data.clone())["occupancy"][0, 0]
+    v, u = torch.meshgrid(torch.arange(64), torch.arange(64), indexing="ij")
+    x, y = SMALL.unproject(torch.stack([u, v], -1).double()).unbind(-1)
+    inside = (x >= 0.35) & (x <= 0.75) & (y.abs() <= 0.15)
+    assert inside.any()
+    assert torch.equal(out[inside], free[inside])
+    assert out[~inside].all()
+    # The bar reaches 15 cm to either side: there is no way around it inside.
+    planner = PlannerSubgoals(LazyThetaStar(), camera=SMALL)
+    narrow = Compose(OccupancyGrid(camera=SMALL, bounds=bounds, margin=0.05), planner)
+    wide = Compose(OccupancyGrid(camera=SMALL), planner)
+    assert wide(data.clone())["path_found"].item()
+    assert not narrow(data.clone())["path_found"].item()
+    for wrong in (((0.8, 0.2), (0.3, -0.2)), ((5.0, 5.0), (6.0, 6.0))):
+        with pytest.raises(ValueError, match="no cell lies within bounds"):
+            OccupancyGrid(bounds=wrong)
+    with pytest.raises(ValueError, match=r"bounds must be two corners \(x, y\)"):
+        OccupancyGrid(bounds=((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)))
+
+
+def test_cells_outside_the_workspace_hold_on_environments():
+    env = TransformedEnv(TableEnv(2), OccupancyGrid(camera=SMALL, bounds=((0.2, -0.4), (0.9, 0.4))))
+    check_env_specs(env)

@@ -1,0 +1,49 @@
+"""The planners by name, and planners of one's own."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from modpush.parts import find_part
+from modpush.planners.a_star import AStar
+from modpush.planners.base import Planner
+from modpush.planners.distance_field import DistanceField
+from modpush.planners.lazy_theta_star import LazyThetaStar
+from modpush.planners.straight_line import StraightLine
+from modpush.planners.theta_star import ThetaStar
+
+__all__ = ["PLANNERS", "make_planner"]
+
+PLANNERS: dict[str, Callable[[], Planner]] = {
+    "distance_field": DistanceField,
+    "lazy_theta_star": LazyThetaStar,
+    "lazy_theta_star_grid": partial(LazyThetaStar, nodes="grid"),
+    "theta_star": ThetaStar,
+    "a_star": AStar,
+    "straight_line": StraightLine,
+}
+"""What makes each planner, by name."""
+
+
+def make_planner(who: str, planner: Any) -> Planner:
+    """The planner that a name, a `"module:name"` or an object stands for.
+
+    Args:
+        who: What asks for it, for error messages.
+        planner: A name in `PLANNERS`; `"module:name"` of a planner, or of a class or function that
+            makes one without arguments; or such an object itself. A planner is whatever has a method
+            `plan(occupancy, start, goal) -> Paths`, see `Planner`.
+
+    Raises:
+        ValueError: If there is no such planner.
+        TypeError: If what is found has no method `plan`.
+    """
+    found = find_part(f"{who}: planner", planner, PLANNERS)
+    if isinstance(found, type) or (callable(found) and not hasattr(found, "plan")):
+        found = found()
+    if not callable(getattr(found, "plan", None)):
+        raise TypeError(
+            f"{who}: planner must have a method plan(occupancy, start, goal) -> Paths, got "
+            f"{found!r}."
+        )
+    return found

@@ -1,0 +1,115 @@
+"""`Paths`: what a planner returns."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from modpush._checks import check_dtype, check_shape
+
+__all__ = ["Paths", "check_paths"]
+
+_DTYPES = {
+    "count": torch.int64,
+    "length": torch.float32,
+    "found": torch.bool,
+    "start_moved": torch.bool,
+    "goal_moved": torch.bool,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Paths:
+    """One planned path for each of B scenes, in the pixel frame.
+
+    The pixel frame has (u, v) = (column, row) and cell centres at integers. A path runs from the
+    start to the goal exactly as they were asked for. If an end lay outside the grid or in a
+    blocked cell, the path's first or last leg joins it to the nearest free cell's centre; that leg
+    alone may cross blocked cells, and `start_moved` or `goal_moved` says so.
+
+    Attributes:
+        waypoints: `[B, P, 2]` float32 [px], start first; past a path's end the goal is repeated.
+            Where no path was found, the start alone.
+        count: `[B]` int64, how many waypoints belong to the path, at least 2; 0 where none was
+            found.
+        length: `[B]` float32, [px] times the planner's `cell_size`; inf where none was found.
+        found: `[B]` bool.
+        start_moved: `[B]` bool, the start was not free.
+        goal_moved: `[B]` bool, the goal was not free.
+    """
+
+    waypoints: Tensor
+    count: Tensor
+    length: Tensor
+    found: Tensor
+    start_moved: Tensor
+    goal_moved: Tensor
+
+    @classmethod
+    def from_waypoints(
+        cls, paths: Sequence[Tensor | None], start: Tensor, cell_size: float = 1.0
+    ) -> "Paths":
+        """Pack paths of different lengths: what a planner of your own needs to return.
+
+        Args:
+            paths: For each scene its waypoints `[P_b, 2]` [px], P_b >= 2, or None if there is none.
+            start: `[B, 2]` [px], fills in where there is no path.
+            cell_size: Metres per pixel, or 1 for lengths in pixels.
+        """
+        longest = max([2, *(len(path) for path in paths if path is not None)])
+        waypoints = start[:, None].repeat(1, longest, 1).float()
+        count = torch.zeros(len(paths), dtype=torch.int64)
+        length = torch.full((len(paths),), torch.inf)
+        for b, path in enumerate(paths):
+            if path is not None:
+                count[b] = len(path)
+                waypoints[b, : len(path)] = path
+                waypoints[b, len(path) :] = path[-1]
+                length[b] = (path[1:] - path[:-1]).norm(dim=-1).sum() * cell_size
+        moved = torch.zeros(len(paths), dtype=torch.bool)
+        return cls(
+            waypoints=waypoints,
+            count=count,
+            length=length,
+            found=count > 0,
+            start_moved=moved,
+            goal_moved=moved.clone(),
+        )
+
+    def to(self, device: torch.device) -> "Paths":
+        """The same paths on another device."""
+        return Paths(**{name: value.to(device) for name, value in vars(self).items()})
+
+
+def check_paths(who: str, paths: Any, batch: int) -> Paths:
+    """Check what a planner returned, before anything is computed from it.
+
+    Args:
+        who: Which planner, for the error messages.
+        paths: What it returned.
+        batch: Number of scenes that it was asked for.
+
+    Raises:
+        TypeError: If it is not a `Paths`, or a field is of another dtype.
+        ValueError: If a field has another shape, a waypoint is not finite, or a length is not
+            finite although a path was found.
+    """
+    if not isinstance(paths, Paths):
+        raise TypeError(f"{who}: plan must return modpush.planners.Paths, got {type(paths)}.")
+    check_dtype(who, "waypoints", paths.waypoints, torch.float32)
+    shape = paths.waypoints.shape
+    if len(shape) != 3 or shape[0] != batch or shape[1] < 2 or shape[2] != 2:
+        raise ValueError(
+            f"{who}: waypoints must be [B, P, 2] = [{batch}, P >= 2, 2], got {list(shape)}."
+        )
+    for name, dtype in _DTYPES.items():
+        value = getattr(paths, name)
+        check_dtype(who, name, value, dtype)
+        check_shape(who, name, value, "B", (batch,))
+    if not paths.waypoints.isfinite().all():
+        raise ValueError(f"{who}: a waypoint is not finite; fill up with the path's last point.")
+    if not paths.length[paths.found].isfinite().all():
+        raise ValueError(f"{who}: the length of a path that was found is not finite.")
+    return paths
