@@ -23,29 +23,28 @@ os.register_at_fork(after_in_child=_forbid_threads)
 
 
 def run_batch(
-    one: Callable[..., None], many: Callable[..., None], batch: int, *arguments: Any
+    few: Callable[..., None], many: Callable[..., None], batch: int, *arguments: Any
 ) -> None:
-    """Call `one(b, *arguments)` for each scene, or `many(batch, *arguments)` once.
+    """Call one of two kernels that do the same for a whole batch: `kernel(batch, *arguments)`.
 
-    Everything runs on the calling thread where torch has one thread (`torch.set_num_threads(1)`), so
-    that a process that shares its cores says so once for both libraries. OpenMP's threads wait for
-    each other by spinning: beside a busy process two of them took 16 ms for what one did in 1 ms.
-    The same holds while another Python thread runs a kernel on several threads.
+    The serial one is called where torch has one thread (`torch.set_num_threads(1)`), so that a
+    process that shares its cores says so once for both libraries. OpenMP's threads wait for each
+    other by spinning: beside a busy process two of them took 16 ms for what one did in 1 ms. It is
+    also called while another Python thread runs a kernel on several threads.
 
     Args:
-        one: Serial kernel for scene b.
-        many: The same for all scenes, parallel.
+        few: Does the scenes one after the other.
+        many: Does them on several threads.
         batch: Number of scenes.
         arguments: What both take after their first argument.
     """
     # Numba is not asked how many threads it has: that alone starts them, and puts torch's number
     # back to all cores.
     alone = batch == 1 or _threads_forbidden or torch.get_num_threads() == 1
-    if not alone and _threads_in_use.acquire(blocking=False):
-        try:
-            many(batch, *arguments)
-        finally:
-            _threads_in_use.release()
-    else:
-        for b in range(batch):
-            one(b, *arguments)
+    if alone or not _threads_in_use.acquire(blocking=False):
+        few(batch, *arguments)
+        return
+    try:
+        many(batch, *arguments)
+    finally:
+        _threads_in_use.release()

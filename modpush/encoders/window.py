@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from modpush._batching import run_batch
-from modpush.encoders.window_kernel import window_few, window_many, window_one
+from modpush.encoders.window_kernel import window_few, window_many
 from modpush.geometry.camera import Camera
 from modpush.geometry.labels import Label
 
@@ -91,7 +91,7 @@ def egocentric_window(
     beyond = 1.0 if outside == "blocked" else 0.0
     rest = (poses, _numbers(camera), float(max_height), beyond, upright, out[:, 0].numpy())
     if len(image) >= _PARALLEL_FROM:
-        run_batch(window_one, window_many, len(image), image.numpy(), labels, *rest)
+        run_batch(window_few, window_many, len(image), image.numpy(), labels, *rest)
     else:
         window_few(len(image), image.numpy(), labels, *rest)
     return out.to(depth.device)

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from modpush._batching import run_batch
 from modpush.planners.grid_planner import GridPlanner
-from modpush.planners.kernels.a_star import plan_many, plan_one
+from modpush.planners.kernels.a_star import plan_few, plan_many
 from modpush.planners.kernels.maps import Maps
 from modpush.planners.kernels.paths import PathArrays, Queries
 from modpush.planners.paths import Paths
@@ -79,4 +79,4 @@ class AStar(GridPlanner):
         weight: NDArray[Any] = _SAME_EVERYWHERE,
     ) -> None:
         batch = len(queries.cells)
-        run_batch(plan_one, plan_many, batch, maps, queries, paths, weight, self.neighbours)
+        run_batch(plan_few, plan_many, batch, maps, queries, paths, weight, self.neighbours)

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from modpush._batching import run_batch
 from modpush._checks import check_dtype
-from modpush.planners.kernels.occupancy import inflate_many, inflate_one
+from modpush.planners.kernels.occupancy import inflate_few, inflate_many
 from modpush.planners.kernels.visibility import MAX_SIDE
 
 __all__ = [
@@ -43,7 +43,7 @@ def inflate(blocked: Tensor, radius: float | Tensor) -> Tensor:
     radii = clamp_radius(radius_per_scene(radius, len(blocked), "inflate"), height, width)
     cells = blocked.detach().cpu().contiguous().view(torch.uint8)
     out = torch.empty_like(cells)
-    run_batch(inflate_one, inflate_many, len(cells), cells.numpy(), radii, out.numpy())
+    run_batch(inflate_few, inflate_many, len(cells), cells.numpy(), radii, out.numpy())
     return out.view(torch.bool).to(blocked.device)
 
 

@@ -4,7 +4,7 @@ from typing import Literal, get_args
 
 from modpush._batching import run_batch
 from modpush.planners.grid_planner import GridPlanner
-from modpush.planners.kernels.lazy_theta_star import plan_many, plan_one
+from modpush.planners.kernels.lazy_theta_star import plan_few, plan_many
 from modpush.planners.kernels.maps import Maps
 from modpush.planners.kernels.paths import PathArrays, Queries
 
@@ -49,4 +49,4 @@ class LazyThetaStar(GridPlanner):
 
     def _run(self, maps: Maps, queries: Queries, paths: PathArrays) -> None:
         over_grid = self.nodes == "grid"
-        run_batch(plan_one, plan_many, len(queries.cells), maps, queries, paths, over_grid)
+        run_batch(plan_few, plan_many, len(queries.cells), maps, queries, paths, over_grid)

@@ -14,8 +14,8 @@ from modpush.planners.kernels.occupancy import (
     Inflated,
     Views,
     empty_inflated,
+    observe_few,
     observe_many,
-    observe_one,
 )
 from modpush.planners.per_thread import PerThread
 
@@ -102,7 +102,7 @@ class OccupancyMap:
         bits = torch.empty(batch, height, 8 * words, dtype=torch.uint8)
         changed = np.zeros(batch, dtype=np.bool_)
         words_of = bits.numpy().view(np.uint64)
-        run_batch(observe_one, observe_many, batch, views, last, words_of, changed, out.numpy())
+        run_batch(observe_few, observe_many, batch, views, last, words_of, changed, out.numpy())
         self._inflations.value = self.inflations + int(changed.sum())
         return out.view(torch.bool).to(device), bits.to(device)
 

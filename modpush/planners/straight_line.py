@@ -4,7 +4,7 @@ from modpush._batching import run_batch
 from modpush.planners.grid_planner import GridPlanner
 from modpush.planners.kernels.maps import Maps
 from modpush.planners.kernels.paths import PathArrays, Queries
-from modpush.planners.kernels.straight_line import plan_many, plan_one
+from modpush.planners.kernels.straight_line import plan_few, plan_many
 
 __all__ = ["StraightLine"]
 
@@ -17,4 +17,4 @@ class StraightLine(GridPlanner):
     """
 
     def _run(self, maps: Maps, queries: Queries, paths: PathArrays) -> None:
-        run_batch(plan_one, plan_many, len(queries.cells), maps, queries, paths)
+        run_batch(plan_few, plan_many, len(queries.cells), maps, queries, paths)

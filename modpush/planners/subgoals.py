@@ -178,8 +178,8 @@ class PlannerSubgoals(Transform):
         if history is None:
             raise KeyError(
                 f"PlannerSubgoals: key {self.history_key!r} is missing in the step before, without "
-                "which the past sub-goals are unknown; do not exclude it from the environment's "
-                f"output. There are {sorted(map(str, before.keys(True, True)))}."
+                "which the past sub-goals are unknown; do not exclude it from what the "
+                f"environment emits. There are {sorted(map(str, before.keys(True, True)))}."
             )
         if history.shape[-2:] != (max(self.lags) + 1, 2):
             raise ValueError(

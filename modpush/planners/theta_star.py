@@ -4,7 +4,7 @@ from modpush._batching import run_batch
 from modpush.planners.grid_planner import GridPlanner
 from modpush.planners.kernels.maps import Maps
 from modpush.planners.kernels.paths import PathArrays, Queries
-from modpush.planners.kernels.theta_star import plan_many, plan_one
+from modpush.planners.kernels.theta_star import plan_few, plan_many
 
 __all__ = ["ThetaStar"]
 
@@ -22,4 +22,4 @@ class ThetaStar(GridPlanner):
     """
 
     def _run(self, maps: Maps, queries: Queries, paths: PathArrays) -> None:
-        run_batch(plan_one, plan_many, len(queries.cells), maps, queries, paths)
+        run_batch(plan_few, plan_many, len(queries.cells), maps, queries, paths)

@@ -408,10 +408,10 @@ def test_a_next_without_anything_of_the_transform_is_left_alone():
 
 def test_without_its_history_past_sub_goals_are_refused():
     env = make_env(2).append_transform(ExcludeTransform("subgoal_history"))
-    with pytest.raises(KeyError, match="key 'subgoal_history' is missing in the step before"):
+    with pytest.raises(KeyError, match=r"subgoal_history.* is missing in the step before"):
         env.rollout(2)
     stored = make_env(2).rollout(3, break_when_any_done=False).reshape(-1)
-    with pytest.raises(KeyError, match="key 'subgoal_history' is missing in the step before"):
+    with pytest.raises(KeyError, match=r"subgoal_history.* is missing in the step before"):
         PlannerSubgoals(LazyThetaStar(), camera=SMALL)(stored.exclude("subgoal_history"))
 
 
@@ -422,10 +422,11 @@ def test_a_history_of_other_lags_is_refused():
 
 
 def test_an_environment_that_lacks_a_key_is_refused_at_once():
+    grid = OccupancyGrid(camera=SMALL, depth_key="range")
     with pytest.raises(KeyError, match=r"OccupancyGrid: the environment does not emit \['range'\]"):
-        TransformedEnv(TableEnv(2), OccupancyGrid(camera=SMALL, depth_key="range")).observation_spec
+        check_env_specs(TransformedEnv(TableEnv(2), grid))
     with pytest.raises(KeyError, match=r"PlannerSubgoals: the environment does not emit"):
-        TransformedEnv(TableEnv(2), PlannerSubgoals(LazyThetaStar(), camera=SMALL)).observation_spec
+        check_env_specs(TransformedEnv(TableEnv(2), PlannerSubgoals("a_star", camera=SMALL)))
 
 
 def test_inflation_by_name_or_by_metres():
@@ -456,7 +457,7 @@ def test_every_radius_can_have_a_nested_key():
     )
     assert torch.equal(outer(data.clone())["occupancy"], expected)
     assert torch.equal(inner(data.clone())["occupancy"], expected)
-    with pytest.raises(KeyError, match="key .*object.*inner.* is missing"):
+    with pytest.raises(KeyError, match=r"key .*object.*inner.* is missing"):
         inner(data.exclude(("object", "inner")))
 
 

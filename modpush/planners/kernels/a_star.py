@@ -11,7 +11,7 @@ from modpush.planners.kernels.maps import Maps, refresh_map
 from modpush.planners.kernels.paths import PathArrays, Queries, place_ends, write_path
 from modpush.planners.kernels.visibility import FRACTION_BITS, ONE, SE
 
-__all__ = ["Steps", "plan_many", "plan_one", "search_cells"]
+__all__ = ["Steps", "plan_few", "plan_many", "search_cells"]
 
 _DX = np.array([1, -1, 0, 0, 1, -1, 1, -1], dtype=np.int64)
 _DY = np.array([0, 0, 1, -1, 1, 1, -1, -1], dtype=np.int64)
@@ -136,6 +136,15 @@ def plan_one(
         path_x[at], path_y[at] = x[0], y[0]
     path_x[path_x.size - 1], path_y[path_x.size - 1] = x[1], y[1]
     write_path(paths, b, queries, path_x[at:], path_y[at:])
+
+
+@njit(cache=True, nogil=True)
+def plan_few(
+    batch: int, maps: Maps, queries: Queries, paths: PathArrays, weight: NDArray, neighbours: int
+) -> None:
+    """Plan all scenes, one after the other; arguments as in `plan_one`."""
+    for b in range(batch):
+        plan_one(b, maps, queries, paths, weight, neighbours)
 
 
 @njit(cache=True, nogil=True, parallel=True)

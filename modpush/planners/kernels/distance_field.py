@@ -12,7 +12,7 @@ from modpush.planners.kernels.paths import PathArrays, Queries, place_ends, writ
 from modpush.planners.kernels.taut_search import length_of, stays_taut, taut_search, touches
 from modpush.planners.kernels.visibility import line_of_sight
 
-__all__ = ["Fields", "empty_fields", "plan_many", "plan_one"]
+__all__ = ["Fields", "empty_fields", "plan_few", "plan_many"]
 
 
 class Fields(NamedTuple):
@@ -108,6 +108,13 @@ def plan_one(b: int, maps: Maps, queries: Queries, paths: PathArrays, fields: Fi
         path_x[k], path_y[k] = maps.corners[b, node, 0], maps.corners[b, node, 1]
         node = fields.parent[b, node]
     write_path(paths, b, queries, path_x, path_y)
+
+
+@njit(cache=True, nogil=True)
+def plan_few(batch: int, maps: Maps, queries: Queries, paths: PathArrays, fields: Fields) -> None:
+    """Plan all scenes, one after the other."""
+    for b in range(batch):
+        plan_one(b, maps, queries, paths, fields)
 
 
 @njit(cache=True, nogil=True, parallel=True)

@@ -10,7 +10,7 @@ from modpush.planners.kernels.taut_search import taut_search
 from modpush.planners.kernels.theta_star import solve_over_grid
 from modpush.planners.kernels.visibility import line_of_sight
 
-__all__ = ["plan_many", "plan_one", "solve_scene"]
+__all__ = ["plan_few", "plan_many", "solve_scene"]
 
 
 @njit(cache=True, nogil=True)
@@ -65,6 +65,13 @@ def plan_one(b: int, maps: Maps, queries: Queries, paths: PathArrays, over_grid:
     refresh_map(maps, b, queries.cells[b])
     if place_ends(maps, b, queries, x, y, paths):
         solve_scene(b, maps, queries, x, y, over_grid, paths)
+
+
+@njit(cache=True, nogil=True)
+def plan_few(batch: int, maps: Maps, queries: Queries, paths: PathArrays, over_grid: bool) -> None:
+    """Plan all scenes, one after the other."""
+    for b in range(batch):
+        plan_one(b, maps, queries, paths, over_grid)
 
 
 @njit(cache=True, nogil=True, parallel=True)

@@ -19,10 +19,10 @@ __all__ = [
     "Inflated",
     "Views",
     "empty_inflated",
+    "inflate_few",
     "inflate_many",
-    "inflate_one",
+    "observe_few",
     "observe_many",
-    "observe_one",
 ]
 
 
@@ -86,6 +86,13 @@ def inflate_one(b: int, cells: NDArray, radius: NDArray, out: NDArray) -> None:
     unpack_cells(inflated, out[b])
 
 
+@njit(cache=True, nogil=True)
+def inflate_few(batch: int, cells: NDArray, radius: NDArray, out: NDArray) -> None:
+    """Inflate all scenes, one after the other."""
+    for b in range(batch):
+        inflate_one(b, cells, radius, out)
+
+
 @njit(cache=True, nogil=True, parallel=True)
 def inflate_many(batch: int, cells: NDArray, radius: NDArray, out: NDArray) -> None:
     """Inflate all scenes, on several threads."""
@@ -130,6 +137,15 @@ def observe_one(
         inflate_bits(scratch, views.inflation[b], inflated)
         unpack_cells(inflated, last.cells[b])
     out[b] = last.cells[b]
+
+
+@njit(cache=True, nogil=True)
+def observe_few(
+    batch: int, views: Views, last: Inflated, bits: NDArray, changed: NDArray, out: NDArray
+) -> None:
+    """All scenes from depth to inflated cells, one after the other; arguments as in `observe_one`."""
+    for b in range(batch):
+        observe_one(b, views, last, bits, changed, out)
 
 
 @njit(cache=True, nogil=True, parallel=True)

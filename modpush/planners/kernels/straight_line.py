@@ -7,7 +7,7 @@ from modpush.planners.kernels.maps import Maps, refresh_map
 from modpush.planners.kernels.paths import PathArrays, Queries, place_ends, write_path
 from modpush.planners.kernels.visibility import line_of_sight
 
-__all__ = ["plan_many", "plan_one"]
+__all__ = ["plan_few", "plan_many"]
 
 
 @njit(cache=True, nogil=True)
@@ -19,6 +19,13 @@ def plan_one(b: int, maps: Maps, queries: Queries, paths: PathArrays) -> None:
         return
     if line_of_sight(maps.codes[b], x[0], y[0], x[1], y[1]):
         write_path(paths, b, queries, x, y)
+
+
+@njit(cache=True, nogil=True)
+def plan_few(batch: int, maps: Maps, queries: Queries, paths: PathArrays) -> None:
+    """Plan all scenes, one after the other."""
+    for b in range(batch):
+        plan_one(b, maps, queries, paths)
 
 
 @njit(cache=True, nogil=True, parallel=True)

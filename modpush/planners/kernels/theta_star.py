@@ -14,7 +14,7 @@ from modpush.planners.kernels.theta_search import (
     theta_search,
 )
 
-__all__ = ["plan_many", "plan_one", "solve_over_grid"]
+__all__ = ["plan_few", "plan_many", "solve_over_grid"]
 
 
 @njit(cache=True, nogil=True)
@@ -62,6 +62,13 @@ def plan_one(b: int, maps: Maps, queries: Queries, paths: PathArrays) -> None:
     refresh_map(maps, b, queries.cells[b])
     if place_ends(maps, b, queries, x, y, paths):
         solve_over_grid(b, maps, queries, x, y, False, paths)
+
+
+@njit(cache=True, nogil=True)
+def plan_few(batch: int, maps: Maps, queries: Queries, paths: PathArrays) -> None:
+    """Plan all scenes by Theta*, one after the other."""
+    for b in range(batch):
+        plan_one(b, maps, queries, paths)
 
 
 @njit(cache=True, nogil=True, parallel=True)
