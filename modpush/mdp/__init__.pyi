@@ -1,40 +1,19 @@
-from .curriculum import (
-    Curriculum as Curriculum,
-)
-from .curriculum import (
-    CurriculumConfig as CurriculumConfig,
-)
-from .curriculum import (
-    CurriculumScenes as CurriculumScenes,
-)
-from .curriculum import (
-    Phase as Phase,
-)
-from .frames import ActionFrame as ActionFrame
-from .observation import (
-    ENTRIES as ENTRIES,
-)
-from .observation import (
-    PAPER_ENTRIES as PAPER_ENTRIES,
-)
-from .observation import (
-    PATH_ENTRIES as PATH_ENTRIES,
-)
-from .observation import (
-    Entry as Entry,
-)
-from .observation import (
-    PushObservation as PushObservation,
-)
-from .rewards import (
-    REWARD_TERMS as REWARD_TERMS,
-)
-from .rewards import (
-    PushReward as PushReward,
-)
-from .rewards import (
-    RewardConfig as RewardConfig,
-)
-from .rewards import (
-    RewardTerm as RewardTerm,
-)
+from .action_frame import ActionFrame as ActionFrame
+from .curriculum import Curriculum as Curriculum
+from .curriculum import CurriculumConfig as CurriculumConfig
+from .curriculum import Phase as Phase
+from .curriculum_scenes import CurriculumScenes as CurriculumScenes
+from .latent_entry import latent_entry as latent_entry
+from .observation_entries import ENTRIES as ENTRIES
+from .observation_entries import PAPER_ENTRIES as PAPER_ENTRIES
+from .observation_entries import PATH_ENTRIES as PATH_ENTRIES
+from .observation_entries import Entry as Entry
+from .observation_entries import resolve_entries as resolve_entries
+from .observation_inputs import ObservationInputs as ObservationInputs
+from .observation_layout import fingerprint_differences as fingerprint_differences
+from .push_observation import PushObservation as PushObservation
+from .push_reward import PushReward as PushReward
+from .push_reward import RewardConfig as RewardConfig
+from .reward_terms import REWARD_TERMS as REWARD_TERMS
+from .reward_terms import RewardTerm as RewardTerm
+from .step_outcome import StepOutcome as StepOutcome

@@ -1,56 +1,52 @@
 """From short pushes in free space to long ones through clutter, as fast as the agent learns."""
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-import torch
-from tensordict import TensorDictBase
-from torchrl.data import TensorSpec, Unbounded
-from torchrl.envs import Transform
-
-from modpush.envs.scenes.layouts import OBSTACLE_SCENES
 from modpush.envs.scenes.scenario import ScenarioConfig
 
-__all__ = ["Curriculum", "CurriculumConfig", "CurriculumScenes", "Phase"]
+__all__ = ["Curriculum", "CurriculumConfig", "Phase"]
 
 _DISTANCES = (0.06, 0.08, 0.13, 0.18, 0.23, 0.28, 0.33, 0.38, 0.43, 0.48, 0.53, 0.60)
-_FAMILY_MEMORY = 100  # episodes a family's success is taken over
+_SCENE_WINDOW = 100
+"""Number of the last episodes of a scene over which its success rate is taken."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Phase:
-    """A part of the curriculum with its own scene families."""
+    """A part of the curriculum with scenes of its own."""
 
-    scenes: tuple[str, ...]
-    """Families drawn from, one an episode."""
+    scenes: tuple[str, ...] = ()
+    """Scenes of the phase, by name or as "module:name"; one is drawn for each episode. Empty for the
+    environment's own scenes."""
     first_stage: int = 0
-    """Stage that it begins with."""
+    """Stage that the phase begins with, counted from 0."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CurriculumConfig:
-    """Stages of distance, phases of scenes, and when to go on (paper Sec. IV-B; spec 8)."""
+    """Curriculum from short pushes in free space to long ones through clutter (paper Sec. IV-B)."""
 
     distances: tuple[float, ...] = _DISTANCES
-    """Stage s draws the distance from start to goal from [distances[s - 2], distances[s]] [m]."""
+    """Distances from start to goal [m]: stage s draws from [distances[s - 2], distances[s]]."""
     final_distance: tuple[float, float] = (0.2, 0.6)
-    """What the last stage draws from [m]."""
-    phases: tuple[Phase, ...] = (
-        Phase(scenes=("free",)),
-        Phase(scenes=("free", *OBSTACLE_SCENES), first_stage=6),
-    )
-    """One after the other; each ends with its last stage."""
+    """Range of the distance from start to goal in the last stage [m]."""
+    phases: tuple[Phase, ...] = (Phase(scenes=("free",)), Phase(first_stage=6))
+    """Phases, one after the other; each ends with the last stage. By default free space comes first,
+    and then the environment's own scenes."""
     promotion: Literal["success", "steps", "off"] = "success"
-    """Go on by success, at given numbers of steps, or begin with the last stage of the last phase."""
+    """When the next stage begins: "success" (enough episodes of this stage succeeded), "steps" (at
+    given numbers of environment steps), or "off" (no curriculum: training begins with the last stage
+    of the last phase and stays there)."""
     threshold: float = 0.7
-    """Success to go on at, over `window` episodes."""
+    """Success rate over the last `window` episodes at which the next stage begins."""
     window: int = 40
-    """Episodes of the present stage that are judged."""
+    """Number of episodes of a stage over which its success rate is taken."""
     step_thresholds: tuple[int, ...] = ()
-    """For `"steps"`: environment steps after which the second, third, ... stage begins, counted
-    through all phases."""
+    """Environment steps after which the second, third, ... stage begins, counted through all phases;
+    for the promotion "steps"."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -92,24 +88,28 @@ class CurriculumConfig:
 
 
 class Curriculum:
-    """Where the learner stands, and what episodes are drawn there.
+    """The present stage of training, and the episodes that are drawn in it.
 
     Args:
-        config: Stages, phases and when to go on.
+        config: Stages, phases and when the next stage begins.
     """
 
     def __init__(self, config: CurriculumConfig | None = None) -> None:
         self.config = config or CurriculumConfig()
-        self.phase, self.stage = 0, self.config.phases[0].first_stage
+        self.phase = 0
+        """Index of the present phase."""
+        self.stage = self.config.phases[0].first_stage
+        """Index of the present stage within all stages of distance."""
         if self.config.promotion == "off":
             self.phase, self.stage = len(self.config.phases) - 1, len(self.config.distances) - 1
         self.steps = 0
-        self._judged: deque[bool] = deque(maxlen=self.config.window)
-        self._families: dict[str, deque[bool]] = {}
+        """Environment steps so far."""
+        self._successes: deque[bool] = deque(maxlen=self.config.window)
+        self._scene_successes: dict[str, deque[bool]] = {}
 
     @property
     def level(self) -> int:
-        """Stages passed, through all phases."""
+        """Number of stages passed, through all phases."""
         before = self.config.phases[: self.phase]
         passed = sum(len(self.config.distances) - phase.first_stage for phase in before)
         return passed + self.stage - self.config.phases[self.phase].first_stage
@@ -121,47 +121,51 @@ class Curriculum:
         return self.phase == len(self.config.phases) - 1 and self.stage == last
 
     def scenario(self, base: ScenarioConfig) -> ScenarioConfig:
-        """What episodes are drawn from now: `base` with scenes, difficulty and distance replaced."""
+        """What episodes are drawn from now: `base` with scenes, difficulty and distance replaced.
+
+        Args:
+            base: The environment's own; its scenes stay in a phase that has none.
+        """
         distances, stage = self.config.distances, self.stage
         distance = (distances[max(stage - 2, 0)], distances[stage])
         if stage == len(distances) - 1:
             distance = self.config.final_distance
         return replace(
             base,
-            scene=self.config.phases[self.phase].scenes,
+            scene=self.config.phases[self.phase].scenes or base.scene,
             difficulty=(0.0, (stage + 1) / len(distances)),
             distance=distance,
         )
 
-    def record(self, success: bool, scene: str, *, judged: bool = True) -> None:
-        """Take note of an episode of the present stage; goes on if that was enough.
+    def record(self, success: bool, scene: str, *, evaluated: bool = True) -> None:
+        """Take note of an episode of the present stage; begins the next stage if that was enough.
 
         Args:
-            success: Whether it reached its goal.
-            scene: Its family.
-            judged: Whether it counts for going on.
+            success: Whether the object reached the goal.
+            scene: Name of the episode's scene.
+            evaluated: Whether the episode counts towards the next stage.
         """
-        self._families.setdefault(scene, deque(maxlen=_FAMILY_MEMORY)).append(success)
-        if not judged:
+        self._scene_successes.setdefault(scene, deque(maxlen=_SCENE_WINDOW)).append(success)
+        if not evaluated:
             return
-        self._judged.append(success)
+        self._successes.append(success)
         if (
             self.config.promotion == "success"
-            and len(self._judged) == self.config.window
-            and self.success >= self.config.threshold
+            and len(self._successes) == self.config.window
+            and self.success_rate >= self.config.threshold
         ):
-            self._go_on()
+            self._advance()
 
     def count_steps(self, steps: int) -> None:
-        """Take note of environment steps; goes on where the config says so."""
+        """Take note of environment steps; begins the next stage where the config says so."""
         self.steps += steps
         if self.config.promotion == "steps":
             while self.level < sum(self.steps >= s for s in self.config.step_thresholds):
                 if self.finished:
                     break
-                self._go_on()
+                self._advance()
 
-    def _go_on(self) -> None:
+    def _advance(self) -> None:
         if self.finished:
             return
         if self.stage < len(self.config.distances) - 1:
@@ -169,26 +173,26 @@ class Curriculum:
         else:
             self.phase += 1
             self.stage = self.config.phases[self.phase].first_stage
-        self._judged.clear()
+        self._successes.clear()
 
     @property
-    def success(self) -> float:
-        """Over the judged episodes of this stage, at most `window` of them; 0 before the first."""
-        return sum(self._judged) / max(1, len(self._judged))
+    def success_rate(self) -> float:
+        """Success rate of the last `window` evaluated episodes of this stage; 0 before the first."""
+        return sum(self._successes) / max(1, len(self._successes))
 
     @property
-    def family_success(self) -> dict[str, float]:
-        """Success of the last episodes of each family that was drawn, judged or not."""
-        return {name: sum(seen) / len(seen) for name, seen in self._families.items()}
+    def scene_success_rates(self) -> dict[str, float]:
+        """Success rate of the last 100 episodes of each scene, whether they were evaluated or not."""
+        return {name: sum(last) / len(last) for name, last in self._scene_successes.items()}
 
     def state_dict(self) -> dict[str, Any]:
-        """Plain numbers and lists."""
+        """The state as plain numbers and lists, ready for JSON."""
         return {
             "phase": self.phase,
             "stage": self.stage,
             "steps": self.steps,
-            "judged": list(self._judged),
-            "families": {name: list(seen) for name, seen in self._families.items()},
+            "successes": list(self._successes),
+            "scene_successes": {name: list(last) for name, last in self._scene_successes.items()},
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
@@ -204,92 +208,8 @@ class Curriculum:
                 f"curriculum has {phases} phases of {stages} stages."
             )
         self.phase, self.stage, self.steps = state["phase"], state["stage"], state["steps"]
-        self._judged = deque(state["judged"], maxlen=self.config.window)
-        self._families = {
-            name: deque(seen, maxlen=_FAMILY_MEMORY) for name, seen in state["families"].items()
+        self._successes = deque(state["successes"], maxlen=self.config.window)
+        self._scene_successes = {
+            name: deque(last, maxlen=_SCENE_WINDOW)
+            for name, last in state["scene_successes"].items()
         }
-
-
-class CurriculumScenes(Transform):
-    """Draws a `PushEnv`'s episodes from a curriculum, and tells it how they end.
-
-    An episode that began before the present stage does not count for it. The curriculum's state is
-    part of the environment's `state_dict`.
-
-    Args:
-        curriculum: Asked at each reset, told at each end.
-        judged: Scenes whose episodes count for going on, such as those that act greedily; default
-            all.
-        level_key: Written, `[..., 1]` float32: the curriculum's level.
-    """
-
-    def __init__(
-        self,
-        curriculum: Curriculum,
-        *,
-        judged: Sequence[int] | None = None,
-        level_key: str = "curriculum_level",
-    ) -> None:
-        super().__init__(in_keys=["success", "done"], out_keys=[level_key])
-        self.curriculum = curriculum
-        self.judged = None if judged is None else frozenset(judged)
-        self.level_key = level_key
-        self._base: ScenarioConfig | None = None
-        self._began_at: dict[int, int] = {}
-
-    @property
-    def _env(self) -> Any:
-        env = getattr(self.parent, "base_env", None)
-        if env is None or not hasattr(env, "scenario"):
-            raise RuntimeError(
-                "CurriculumScenes: put it directly onto a PushEnv (or what has its `scenario` and "
-                f"`scenarios`), it sits on {type(env).__name__}."
-            )
-        return env
-
-    def _reset_env_preprocess(self, tensordict: TensorDictBase | None) -> TensorDictBase | None:
-        env = self._env
-        if self._base is None:
-            self._base = env.scenario
-        env.scenario = self.curriculum.scenario(self._base)
-        scenes = range(env.batch_size[0])
-        if tensordict is not None and "_reset" in tensordict.keys():
-            mask = tensordict["_reset"].reshape(env.batch_size[0], -1).any(-1)
-            scenes = mask.nonzero().flatten().tolist()
-        self._began_at.update(dict.fromkeys(scenes, self.curriculum.level))
-        return tensordict
-
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        return self._write_level(tensordict_reset)
-
-    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        self.curriculum.count_steps(next_tensordict.batch_size.numel())
-        ended = next_tensordict["done"].flatten().nonzero().flatten().tolist()
-        success = next_tensordict["success"].flatten().tolist() if ended else []
-        for i in ended:
-            if self._began_at.get(i) == self.curriculum.level:
-                scene = self._env.scenarios[i].scene
-                judged = self.judged is None or i in self.judged
-                self.curriculum.record(success[i], scene, judged=judged)
-        return self._write_level(next_tensordict)
-
-    def _write_level(self, tensordict: TensorDictBase) -> TensorDictBase:
-        level = torch.full((*tensordict.batch_size, 1), float(self.curriculum.level))
-        return tensordict.set(self.level_key, level)
-
-    def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
-        """Add the level."""
-        observation_spec[self.level_key] = Unbounded(
-            shape=(*observation_spec.shape, 1), dtype=torch.float32, device=observation_spec.device
-        )
-        return observation_spec
-
-    def get_extra_state(self) -> dict[str, Any]:
-        """The curriculum's state, for `state_dict`."""
-        return self.curriculum.state_dict()
-
-    def set_extra_state(self, state: Mapping[str, Any]) -> None:
-        """Inverse of `get_extra_state`."""
-        self.curriculum.load_state_dict(state)

@@ -26,17 +26,15 @@ from modpush.encoders import DepthVAE, EgocentricWindow, Encode, RayScan
 from modpush.envs.push_env import PushEnv
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES
 from modpush.envs.scenes.objects import get_object
+from modpush.mdp.action_frame import ActionFrame
+from modpush.mdp.curriculum import Curriculum
+from modpush.mdp.curriculum_scenes import CurriculumScenes
 from modpush.geometry.frames import Frame
-from modpush.mdp.curriculum import Curriculum, CurriculumScenes
-from modpush.mdp.frames import ActionFrame
-from modpush.mdp.observation import (
-    ENTRIES,
-    PAPER_ENTRIES,
-    PATH_ENTRIES,
-    Entry,
-    PushObservation,
-)
-from modpush.mdp.rewards import PushReward, RewardConfig, RewardTerm
+from modpush.mdp.latent_entry import latent_entry
+from modpush.mdp.observation_entries import ENTRIES, EntryLike, resolve_entries
+from modpush.mdp.push_observation import PushObservation
+from modpush.mdp.push_reward import PushReward, RewardConfig
+from modpush.mdp.reward_terms import RewardTerm
 from modpush.planners import PLANNERS, OccupancyGrid, Planner, PlannerSubgoals
 from modpush.planners.subgoals import SubgoalMode
 
@@ -149,10 +147,10 @@ def make_push_env(
     *,
     encoder: nn.Module | None = None,
     planner: Planner | str | None = None,
-    entries: Sequence[str | tuple[str, Entry]] | None = None,
-    reward_terms: Mapping[str, RewardTerm] | None = None,
+    entries: Sequence[EntryLike | tuple[str, EntryLike]] | None = None,
+    reward_terms: Mapping[str, RewardTerm | str] | None = None,
     curriculum: Curriculum | None = None,
-    judged: Sequence[int] | None = None,
+    evaluated_envs: Sequence[int] | None = None,
     max_waypoints: int = 0,
     keep_images: bool = False,
     seed: int | None = None,
@@ -172,7 +170,7 @@ def make_push_env(
             `"latent"` the encoder's latent of an empty table is taken off.
         reward_terms: Terms of yours; give each a weight in `config.reward`.
         curriculum: Says which episodes are drawn.
-        judged: Scenes that the curriculum judges by, see `CurriculumScenes`.
+        evaluated_envs: Scenes whose episodes count for the curriculum, see `CurriculumScenes`.
         max_waypoints: Emit `path`, too, see `PlannerSubgoals`.
         keep_images: Emit depth, segmentation, occupancy and window, too.
         seed: Of the first scene, see `PushEnv`.
@@ -186,7 +184,7 @@ def make_push_env(
     base = PushEnv(**{**settings, "seed": seed, **options})
     transforms: list[Transform] = [InitTracker()]
     if curriculum is not None:
-        transforms.append(CurriculumScenes(curriculum, judged=judged))
+        transforms.append(CurriculumScenes(curriculum, evaluated_envs=evaluated_envs))
     transforms += [
         OccupancyGrid(object_radius_key="object_radius"),
         PlannerSubgoals(
@@ -200,37 +198,19 @@ def make_push_env(
     encoder = encoder if encoder is not None else _make_encoder(config.encoder)
     if encoder is not None:
         transforms += [EgocentricWindow(config.frame), Encode(encoder)]
-    if entries is None:
-        entries = PATH_ENTRIES if config.frame == "path" else PAPER_ENTRIES
-        entries = [name for name in entries if name != "latent" or encoder is not None]
-    if encoder is not None:
-        latent = ("latent", _latent_entry(encoder))
-        entries = [latent if entry == "latent" else entry for entry in entries]
+    left_out = ("latent",) if entries is None and encoder is None else ()
+    found = resolve_entries(config.frame, entries, leave_out=left_out)
+    if encoder is not None and found.get("latent") is ENTRIES["latent"]:
+        found["latent"] = latent_entry(encoder)
     transforms += [
-        PushObservation(
-            config.frame,
-            entries=entries,
-            symmetry=get_object(config.pushed_object).symmetry,
-            bounds=base.bounds,
-            raw=config.raw,
-        ),
-        PushReward(config.reward, terms=reward_terms),
         ActionFrame(config.frame if config.action_frame is None else config.action_frame),
+        PushObservation(config.frame, entries=found, bounds=base.bounds, raw=config.raw),
+        PushReward(config.reward, terms=reward_terms),
     ]
     if not keep_images:
         images = _IMAGES if encoder is not None else _IMAGES[:-1]
         transforms.append(ExcludeTransform(*images))
     return TransformedEnv(base, Compose(*transforms))
-
-
-@torch.no_grad()
-def _latent_entry(encoder: nn.Module) -> Entry:
-    """The latent as it differs from an empty table's: in free space, all zeros."""
-    training = encoder.training
-    size = int(getattr(encoder, "window_size", 64))
-    blank = encoder.eval()(torch.zeros(1, 1, size, size))[0]
-    encoder.train(training)
-    return replace(ENTRIES["latent"], shift=tuple(blank.tolist()))
 
 
 def _make_encoder(name: str) -> nn.Module | None:

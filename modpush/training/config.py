@@ -36,7 +36,7 @@ class TrainConfig:
     side_by_side: bool = True
     """Environment and learner in a process each, or taking turns in one."""
     greedy_scenes: int = 4
-    """Scenes that act without noise; the curriculum is judged by them."""
+    """Number of scenes that act without noise; only their episodes count for the curriculum."""
     evaluate_every: int = 25_000
     """Steps between greedy evaluations on the held-out episodes."""
     evaluation_episodes: int = 120
@@ -119,11 +119,17 @@ def _smoke() -> TrainConfig:
     cpu = _cpu()
     return replace(
         cpu,
-        env=replace(cpu.env, num_envs=2, max_episode_steps=20, encoder="rays"),
+        env=replace(
+            cpu.env,
+            num_envs=2,
+            max_episode_steps=20,
+            encoder="rays",
+            scene=("free", "posts"),
+        ),
         tqc=replace(cpu.tqc, hidden_sizes=(16,), batch_size=16, learning_starts=64),
         replay=ReplayConfig(batch_size=16, capacity=10_000, storage="compact"),
         curriculum=CurriculumConfig(
-            phases=(Phase(scenes=("free",)), Phase(scenes=("free", "posts"), first_stage=10)),
+            phases=(Phase(scenes=("free",)), Phase(first_stage=10)),
             window=4,
         ),
         total_steps=480,

@@ -20,7 +20,7 @@ from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.evaluation import run_episodes
 from modpush.mdp.curriculum import Curriculum
-from modpush.mdp.observation import PushObservation
+from modpush.mdp.push_observation import PushObservation
 from modpush.recipes.paper import make_push_env
 from modpush.training.config import TrainConfig
 
@@ -69,7 +69,7 @@ def held_out_scenarios(config: TrainConfig) -> list[Scenario]:
 
     Difficulty and distance are those of the evaluation sets, whatever the curriculum draws.
     """
-    scenes = config.curriculum.phases[-1].scenes
+    scenes = config.curriculum.phases[-1].scenes or config.env.scene
     base = ScenarioConfig(
         pushed_object=config.env.pushed_object,
         difficulty=config.env.difficulty,
@@ -98,7 +98,10 @@ class SceneWorker:
         num_envs = config.env.num_envs
         self.greedy = list(range(num_envs - config.greedy_scenes, num_envs))
         self.env = make_push_env(
-            config.env, curriculum=self.curriculum, judged=self.greedy or None, seed=config.seed
+            config.env,
+            curriculum=self.curriculum,
+            evaluated_envs=self.greedy or None,
+            seed=config.seed,
         )
         agent = make_tqc(replace(config.tqc, device="cpu", execution="eager"), self.env)
         self.actor, self.explore = agent.actor, agent.exploration_policy
@@ -154,7 +157,7 @@ class SceneWorker:
             present=td["observation"].numpy().copy(),
             episodes=episodes,
             level=self.curriculum.level,
-            families=self.curriculum.family_success,
+            families=self.curriculum.scene_success_rates,
         )
 
     def _act(self, td: TensorDictBase) -> TensorDictBase:

@@ -3,11 +3,10 @@
 import json
 
 import pytest
-import torch
-from torchrl.envs import TransformedEnv
 
-from modpush.envs import PushEnv, ScenarioConfig
-from modpush.mdp.curriculum import Curriculum, CurriculumConfig, CurriculumScenes, Phase
+from modpush.envs import ScenarioConfig
+from modpush.envs.scenes.layouts import OBSTACLE_SCENES
+from modpush.mdp import Curriculum, CurriculumConfig, Phase
 
 SHORT = CurriculumConfig(
     distances=(0.06, 0.1, 0.2),
@@ -56,11 +55,11 @@ def test_goes_on_at_the_threshold_over_a_full_window():
     assert curriculum.stage == 2
 
 
-def test_episodes_that_are_not_judged_only_count_for_their_family():
+def test_episodes_that_are_not_evaluated_only_count_for_their_scene():
     curriculum = Curriculum(SHORT)
-    solve(curriculum, *[True] * 10, judged=False)
+    solve(curriculum, *[True] * 10, evaluated=False)
     assert curriculum.stage == 0
-    assert curriculum.family_success == {"free": 1.0}
+    assert curriculum.scene_success_rates == {"free": 1.0}
 
 
 def test_obstacles_come_after_free_space_and_begin_lower():
@@ -93,7 +92,18 @@ def test_by_steps():
 def test_off_means_everything_at_once():
     curriculum = Curriculum(CurriculumConfig(promotion="off"))
     assert curriculum.finished
-    assert "posts" in curriculum.scenario(ScenarioConfig()).scene
+    scenario = curriculum.scenario(ScenarioConfig(scene="slot"))
+    assert (scenario.scene, scenario.difficulty, scenario.distance) == ("slot", (0, 1), (0.2, 0.6))
+    solve(curriculum, *[True] * 100)
+    assert curriculum.level == Curriculum(CurriculumConfig(promotion="off")).level
+
+
+@pytest.mark.parametrize("scene", ["slot", ("free", *OBSTACLE_SCENES)])
+def test_after_free_space_come_the_environments_own_scenes(scene):
+    curriculum, base = Curriculum(), ScenarioConfig(scene=scene)
+    assert curriculum.scenario(base).scene == ("free",)
+    curriculum.phase = 1
+    assert curriculum.scenario(base).scene == scene
 
 
 def test_state_survives_json_and_goes_on_alike():
@@ -129,62 +139,3 @@ def test_a_state_of_a_longer_curriculum_is_refused():
 def test_bad_configs_are_refused(field, message):
     with pytest.raises(ValueError, match=message):
         CurriculumConfig(**field)
-
-
-def distance_of(td):
-    return (td["goal_position"] - td["object_pose"][:, :2]).norm(dim=-1)
-
-
-def test_an_environment_draws_from_the_stage_and_its_state_has_it():
-    curriculum = Curriculum(SHORT)
-    transform = CurriculumScenes(curriculum, judged=[1])
-    env = TransformedEnv(PushEnv(2, depth=None, max_episode_steps=2, seed=0), transform)
-    td = env.reset()
-    torch.testing.assert_close(distance_of(td), torch.full((2,), 0.06), atol=1e-4, rtol=0)
-    solve(curriculum, *[True] * 4)
-    solve(curriculum, *[True] * 4)
-    td["_reset"] = torch.tensor([[True], [False]])
-    td = env.reset(td)
-    assert 0.06 <= distance_of(td)[0] <= 0.6
-    assert distance_of(td)[1] == pytest.approx(0.06, abs=1e-4)
-    assert td["curriculum_level"][0].item() == 2
-    other = TransformedEnv(PushEnv(2, depth=None, seed=0), CurriculumScenes(Curriculum(SHORT)))
-    other.load_state_dict(env.state_dict())
-    assert other.transform.curriculum.stage == 2
-    env.close()
-    other.close()
-
-
-def test_only_judged_scenes_that_began_at_this_stage_count():
-    curriculum = Curriculum(SHORT)
-    env = TransformedEnv(
-        PushEnv(2, depth=None, max_episode_steps=3, seed=0),
-        CurriculumScenes(curriculum, judged=[1]),
-    )
-    td = env.reset()
-
-    def run(td):
-        for _ in range(3):
-            action = torch.zeros(2, 3)
-            td, following = env.step_and_maybe_reset(td.set("action", action))
-            td = following
-        return td
-
-    td = run(td)
-    assert curriculum.state_dict()["judged"] == [False]
-    curriculum.stage = 1  # goes on while episodes are under way
-    td = run(td)
-    assert curriculum.state_dict()["judged"] == [False]  # they began before
-    run(td)
-    assert curriculum.state_dict()["judged"] == [False, False]
-    assert curriculum.steps == 9 * 2
-    env.close()
-
-
-def test_it_must_sit_on_a_push_env():
-    from torchrl.envs import GymEnv
-
-    env = TransformedEnv(GymEnv("Pendulum-v1"), CurriculumScenes(Curriculum()))
-    with pytest.raises(RuntimeError, match="put it directly onto a PushEnv"):
-        env.reset()
-    env.close()

@@ -16,8 +16,8 @@ from torchrl.envs.utils import step_mdp
 from modpush.agents.tqc.networks import make_actor
 from modpush.geometry import rotate
 from modpush.mdp import Curriculum
-from modpush.mdp.observation import Entry
-from modpush.mdp.rewards import RewardConfig
+from modpush.mdp import Entry
+from modpush.mdp import RewardConfig
 from modpush.planners import StraightLine
 from modpush.recipes.paper import (
     PushEnvConfig,
@@ -69,8 +69,8 @@ def test_every_part_can_be_replaced():
         replace(RAYS, reward=RewardConfig(weights={"goal": 1.0, "constant": 2.0}, scale=1.0)),
         encoder=Nothing(),
         planner=StraightLine(),
-        entries=["latent", ("twice", Entry(lambda seen: seen.contact, 2.0))],
-        reward_terms={"constant": lambda happened: torch.ones_like(happened.path)},
+        entries=["latent", ("twice", Entry(lambda inputs: inputs.contact, 2.0))],
+        reward_terms={"constant": lambda outcome: torch.ones_like(outcome.path_fraction)},
         curriculum=Curriculum(),
         seed=1,
     )

@@ -1,25 +1,30 @@
-"""`ActionFrame`: the axes in which an agent acts, as a TorchRL transform."""
+"""`ActionFrame`: lets an agent act in axes of its own."""
 
 import torch
 from tensordict import NestedKey, TensorDictBase
-from torch import Tensor
 from torchrl.envs import Transform
 
+from modpush._keys import read_key
 from modpush.geometry.angles import rotate
 from modpush.geometry.frames import Frame, check_frame, frame_yaw
 
 __all__ = ["ActionFrame"]
 
+_AGENT_ACTION = "_agent_action"
+"""Key under which the agent's action waits while the environment steps with the turned one."""
+
 
 class ActionFrame(Transform):
-    """Lets the agent act in another frame: turns (dx, dy) of its action into the robot's base frame.
+    """Turns (dx, dy) of the agent's action into the robot's base frame on its way to the environment.
 
     The action's box is a square in the agent's axes. Turned, its corners would leave the
     environment's own box, so both components are shrunk alike there: the direction is kept.
-    The yaw increment is the same in all frames.
+    The yaw increment is the same in all frames. What is stored is the agent's action, and transforms
+    after this one read the agent's action too: put it before those that read the action, such as
+    `PushObservation` and `PushReward`.
 
     Args:
-        frame: The agent's axes.
+        frame: The agent's axes: `"object"`, `"path"` or `"base"`.
         action_key: Read and handed on to the environment, `[..., 3]` (dx, dy, dyaw) in [-1, 1].
         object_pose_key: Read, `[..., 3]` (x, y, yaw) [m, rad], base frame.
         subgoal_key: Read for `"path"`, `[..., 2]` [m], base frame.
@@ -47,18 +52,20 @@ class ActionFrame(Transform):
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
         if self.frame == "base":
             return tensordict
-        subgoal = self._read(tensordict, self.subgoal_key) if self.frame == "path" else None
-        yaw = frame_yaw(self.frame, self._read(tensordict, self.object_pose_key), subgoal)
-        action = self._read(tensordict, self.action_key)
+        pose = read_key("ActionFrame", tensordict, self.object_pose_key)
+        subgoal = None
+        if self.frame == "path":
+            subgoal = read_key("ActionFrame", tensordict, self.subgoal_key)
+        yaw = frame_yaw(self.frame, pose, subgoal)
+        action = read_key("ActionFrame", tensordict, self.action_key)
         planar = rotate(action[..., :2], yaw)
         planar = planar / planar.abs().amax(-1, keepdim=True).clamp_min(1.0)
+        tensordict.set(_AGENT_ACTION, action)
         return tensordict.set(self.action_key, torch.cat([planar, action[..., 2:]], -1))
 
-    def _read(self, tensordict: TensorDictBase, key: NestedKey) -> Tensor:
-        value = tensordict.get(key, None)
-        if value is None:
-            raise KeyError(
-                f"ActionFrame: {key!r} is missing; there is "
-                f"{sorted(map(str, tensordict.keys(True, True)))}."
-            )
-        return value
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        # TorchRL hands the transforms the tensordict that the environment was stepped with.
+        action = tensordict.pop(_AGENT_ACTION, None)
+        if action is not None:
+            tensordict.set(self.action_key, action)
+        return next_tensordict

@@ -1,15 +1,15 @@
-"""The axes an agent sees and acts in."""
+"""The agent's action, turned into the robot's base frame."""
 
 import math
 
 import pytest
 import torch
 from tensordict import TensorDict
-from torchrl.envs import TransformedEnv, check_env_specs
+from torchrl.envs import Compose, Transform, TransformedEnv, check_env_specs
 
 from modpush.envs import PushEnv
-from modpush.geometry import rotate
-from modpush.mdp.frames import ActionFrame
+from modpush.mdp.action_frame import ActionFrame
+from modpush.geometry.angles import rotate
 
 
 def test_an_unknown_frame_is_named():
@@ -51,8 +51,26 @@ def test_a_corner_of_the_box_keeps_its_direction_and_stays_inside():
 
 def test_a_missing_key_lists_those_there_are():
     td = TensorDict({"action": torch.zeros(1, 3)}, [1])
-    with pytest.raises(KeyError, match=r"'object_pose' is missing.*action"):
+    with pytest.raises(KeyError, match=r"ActionFrame: key 'object_pose' is missing.*action"):
         ActionFrame("object").inv(td)
+
+
+def test_nested_keys():
+    group = {
+        "action": torch.tensor([[1.0, 0.0, 0.2]]),
+        "pose": torch.zeros(1, 3),
+        "subgoal": torch.tensor([[0.0, -1.0]]),
+    }
+    td = TensorDict({"arm": TensorDict(group, [1])}, [1])
+    turn = ActionFrame(
+        "path",
+        action_key=("arm", "action"),
+        object_pose_key=("arm", "pose"),
+        subgoal_key=("arm", "subgoal"),
+    )
+    expected = torch.tensor([[0.0, -1.0, 0.2]])
+    torch.testing.assert_close(turn.inv(td)["arm", "action"], expected, atol=1e-6, rtol=0)
+    assert torch.equal(td["arm", "action"], group["action"])
 
 
 def test_on_an_environment_the_tool_moves_along_the_objects_axis():
@@ -67,4 +85,21 @@ def test_on_an_environment_the_tool_moves_along_the_objects_axis():
     assert (moved[:, 1].abs() < 0.15 * moved[:, 0]).all()
     # What the agent chose is what is stored, not what the robot was told.
     assert torch.equal(td["action"], action)
+    env.close()
+
+
+class ActionTwice(Transform):
+    """Writes twice the action that transforms behind `ActionFrame` read."""
+
+    def _step(self, tensordict, next_tensordict):
+        return next_tensordict.set("twice", 2 * tensordict["action"])
+
+
+def test_transforms_behind_it_read_the_agents_action():
+    env = TransformedEnv(
+        PushEnv(2, depth=None, seed=3), Compose(ActionFrame("object"), ActionTwice())
+    )
+    action = torch.tensor([[1.0, 0.5, -0.2]] * 2)
+    td = env.step(env.reset().set("action", action))
+    assert torch.equal(td["next", "twice"], 2 * action)
     env.close()

@@ -1,14 +1,18 @@
 """What the agent sees."""
 
 import math
+import pickle
 
 import pytest
 import torch
 from tensordict import TensorDict
+from torchrl.data import LazyTensorStorage, ReplayBuffer
+from torchrl.envs import Compose, TransformedEnv, check_env_specs
 
 from modpush.envs import PushEnv
-from modpush.geometry import rotate
-from modpush.mdp.observation import ENTRIES, PAPER_ENTRIES, Entry, PushObservation
+from modpush.mdp import ENTRIES, PAPER_ENTRIES, ActionFrame, Entry, PushObservation
+from modpush.geometry.angles import rotate
+from tests.mdp.straight_path import StraightPath
 
 
 def make_state(batch=2, seed=0):
@@ -24,11 +28,13 @@ def make_state(batch=2, seed=0):
             "ee_pose": draw(3),
             "joint_position": draw(6),
             "object_radius": draw(1).abs(),
+            "object_symmetry": torch.full((batch, 1), 4.0),
             "object_contact": draw(1) > 0,
             "path_length": draw(1).abs(),
             "subgoal": draw(2),
             "subgoal_past": draw(2, 2),
             "latent": draw(32),
+            "last_action": draw(3),
         },
         [batch],
     )
@@ -94,16 +100,29 @@ def test_turning_and_shifting_the_whole_scene_changes_nothing(frame):
 
 def test_a_cube_turned_by_a_quarter_looks_the_same():
     state = make_state(4)
-    observe = PushObservation("path", entries=["object_axis"], symmetry=4)
+    observe = PushObservation("path", entries=["object_axis"])
     before = observe(state.clone())["observation"]
     state["object_pose"][:, 2] += math.pi / 2
     torch.testing.assert_close(observe(state)["observation"], before, atol=1e-5, rtol=0)
 
 
 def test_a_disc_has_no_axis_to_see():
-    observe = PushObservation("path", entries=["object_axis"], symmetry=0)
-    expected = torch.tensor([[1.0, 0.0]] * 3)
-    assert torch.equal(observe(make_state(3))["observation"], expected)
+    state = make_state(3)
+    state["object_symmetry"] = torch.tensor([[0.0], [0.0], [1.0]])
+    seen = PushObservation("path", entries=["object_axis"])(state)["observation"]
+    disc = torch.tensor([1.0, 0.0])
+    assert torch.equal(seen[:2], disc.expand(2, 2))
+    assert not torch.equal(seen[2], disc)  # beside them, an object of another symmetry
+
+
+def test_the_symmetry_is_that_of_the_object_in_the_scene():
+    env = TransformedEnv(
+        PushEnv(2, depth=None, pushed_object="small_cylinder", seed=0),
+        PushObservation("base", entries=["object_axis"]),
+    )
+    expected = torch.tensor([[1.0, 0.0]] * 2)  # a disc has no axis
+    assert torch.equal(env.reset()["observation"], expected)
+    env.close()
 
 
 def test_edges_of_the_workspace_by_hand():
@@ -164,25 +183,44 @@ def test_scaled_values_are_the_raw_ones_shifted_and_scaled():
     assert at == 49
 
 
-def test_an_entry_of_ones_own():
-    doubled = ("doubled", Entry(lambda seen: seen.path_length, 2.0))
+def test_an_entry_of_ones_own_may_read_any_key():
     state = make_state()
-    seen = PushObservation(entries=["contact", doubled])(state)["observation"]
-    torch.testing.assert_close(seen[:, 1:], 2 * state["path_length"])
+    state["group"] = TensorDict({"load": torch.tensor([[1.0, 2.0], [3.0, 4.0]])}, [2])
+    load = Entry(lambda inputs: inputs["group", "load"], scale=(2.0, 10.0), shift=(1.0, 0.0))
+    observe = PushObservation(entries=["contact", ("load", load)])
+    seen = observe(state)["observation"]
+    assert torch.equal(seen[:, 1:], torch.tensor([[0.0, 20.0], [4.0, 40.0]]))
+    assert observe.in_keys == ["object_contact", ("group", "load")]
+    assert observe.columns == {"contact": slice(0, 1), "load": slice(1, 3)}
+
+
+def test_entries_by_module_and_name():
+    state = make_state()
+    state["speed"] = torch.tensor([[0.1], [0.2]])
+    observe = PushObservation(entries=["tests.mdp.own_parts:speed", "contact"])
+    assert torch.equal(observe(state)["observation"][:, :1], state["speed"])
 
 
 def test_nested_keys():
     state = make_state()
-    state["deep"] = TensorDict({"latent": state.pop("latent")}, [2])
-    observe = PushObservation(keys={"latent": ("deep", "latent")}, observation_key=("deep", "o"))
-    assert observe(state)["deep", "o"].shape == (2, 49)
+    names = [name for name in state.keys() if name != "last_action"]
+    deep = TensorDict({"deep": state.select(*names), "past": state.select("last_action")}, [2])
+    keys = {f"{name}_key": ("deep", name) for name in names}
+    entries = list(ENTRIES)
+    observe = PushObservation(
+        entries=entries,
+        last_action_key=("past", "last_action"),
+        observation_key=("deep", "o"),
+        **keys,
+    )
+    expected = PushObservation(entries=entries)(state.clone())["observation"]
+    assert torch.equal(observe(deep)["deep", "o"], expected)
+    assert set(observe.in_keys) == {*keys.values(), ("past", "last_action")}
 
 
 def test_unknown_names_are_answered_with_what_there_is():
-    with pytest.raises(ValueError, match=r"no entry 'smell', expected one of \['contact'"):
+    with pytest.raises(ValueError, match=r"there is no 'smell', expected one of \['contact'"):
         PushObservation(entries=["smell"])
-    with pytest.raises(ValueError, match=r"keys has no \['smell'\]"):
-        PushObservation(keys={"smell": "smell"})
     with pytest.raises(ValueError, match="entries is empty"):
         PushObservation(entries=[])
     with pytest.raises(ValueError, match="frame must be one of"):
@@ -190,5 +228,81 @@ def test_unknown_names_are_answered_with_what_there_is():
 
 
 def test_a_missing_key_is_named():
-    with pytest.raises(KeyError, match="'subgoal' is missing"):
-        PushObservation()(make_state().exclude("subgoal"))
+    with pytest.raises(KeyError, match="PushObservation: key 'subgoal_past' is missing"):
+        PushObservation()(make_state().exclude("subgoal_past"))
+    env = TransformedEnv(PushEnv(1, depth=None), PushObservation(entries=["path_length"]))
+    with pytest.raises(KeyError, match="PushObservation: key 'path_length' is missing"):
+        _ = env.observation_spec
+    env.close()
+
+
+def test_only_what_the_entries_read_is_needed():
+    state = make_state().select("object_pose", "goal_position")
+    assert PushObservation(entries=["goal_distance"])(state)["observation"].shape == (2, 1)
+
+
+def test_an_entry_of_a_wrong_shape_is_named():
+    flat = ("flat", lambda inputs: inputs.contact[..., 0])
+    with pytest.raises(ValueError, match=r"entry 'flat' must be \[..., n\] .* \[2\], got \[2\]"):
+        PushObservation(entries=["goal", flat])(make_state())
+    unequal = ("unequal", Entry(lambda inputs: inputs.goal, scale=(1.0, 2.0, 3.0)))
+    with pytest.raises(ValueError, match="scale of 'unequal' must be one number or 2"):
+        PushObservation(entries=[unequal])(make_state())
+    unequal = ("unequal", Entry(lambda inputs: inputs.goal, shift=(1.0,)))
+    with pytest.raises(ValueError, match="shift of 'unequal' must be one number or 2"):
+        PushObservation(entries=[unequal])(make_state())
+
+
+def test_an_entry_that_fails_is_named():
+    broken = ("broken", lambda inputs: inputs.goal @ inputs.goal)
+    with pytest.raises(RuntimeError, match="entry 'broken' failed"):
+        PushObservation(entries=[broken])(make_state(3))
+
+
+def test_stored_data_are_rewritten_at_the_root_and_in_next():
+    buffer = ReplayBuffer(
+        storage=LazyTensorStorage(8), batch_size=4, transform=PushObservation("path")
+    )
+    stored = make_state(8).set("observation", torch.zeros(8, 54))
+    stored["next"] = make_state(8, seed=1).set("observation", torch.zeros(8, 54))
+    buffer.extend(stored)
+    sample = buffer.sample()
+    for part in (sample, sample["next"]):
+        expected = PushObservation("path")(part.exclude("next"))["observation"]
+        assert torch.equal(part["observation"], expected)
+        assert expected.abs().sum() > 0
+
+
+def test_stored_data_without_the_state_after_the_step_are_refused():
+    stored = make_state(2).set("next", make_state(2).exclude("ee_pose"))
+    with pytest.raises(KeyError, match="key 'ee_pose' is missing"):
+        PushObservation()(stored)
+
+
+def test_the_last_action_is_the_agents_and_zero_after_a_reset():
+    stack = Compose(
+        StraightPath(),
+        ActionFrame("path"),
+        PushObservation("path", entries=["last_action", "goal"]),
+    )
+    env = TransformedEnv(PushEnv(2, depth=None, seed=0), stack)
+    check_env_specs(env)
+    td = env.reset()
+    assert torch.equal(td["observation"][:, :3], torch.zeros(2, 3))
+    action = torch.tensor([[0.5, -0.3, 0.1], [0.2, 0.8, -0.6]])
+    td = env.step(td.set("action", action))
+    assert torch.equal(td["next", "observation"][:, :3], action)
+    assert torch.equal(td["next", "last_action"], action)
+    following = td["next"].clone().set("_reset", torch.tensor([[True], [False]]))
+    again = env.reset(following)["observation"][:, :3]
+    assert torch.equal(again, torch.stack([torch.zeros(3), action[1]]))
+    env.close()
+
+
+def test_a_pickled_transform_observes_alike():
+    observe = PushObservation("path")
+    state = make_state()
+    before = observe(state.clone())["observation"]
+    copy = pickle.loads(pickle.dumps(observe))
+    assert torch.equal(copy(state)["observation"], before)
+    assert copy.fingerprint() == observe.fingerprint()

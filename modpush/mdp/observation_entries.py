@@ -1,0 +1,218 @@
+"""The entries of which an observation is made, and how a list of them is chosen."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from modpush.geometry.angles import wrap_angle
+from modpush.geometry.frames import Frame, check_frame
+from modpush.mdp.observation_inputs import ObservationInputs
+from modpush.parts import find_part
+
+__all__ = ["ENTRIES", "PAPER_ENTRIES", "PATH_ENTRIES", "Entry", "EntryLike", "resolve_entries"]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One entry of the observation: what is read, and how it is brought to order 1."""
+
+    read: Callable[[ObservationInputs], Tensor]
+    """`ObservationInputs -> [..., n]`, in SI units."""
+    scale: float | tuple[float, ...] = 1.0
+    """Factor after the shift was subtracted, one number or one for each component."""
+    shift: float | tuple[float, ...] | Callable[[], Tensor] = 0.0
+    """Subtracted, one number or one for each component; or a function that gives them, which is
+    called for every observation and returns the same tensor for as long as nothing changed."""
+
+
+EntryLike = str | Entry | Callable[[ObservationInputs], Tensor]
+"""An entry: a name in `ENTRIES`, `"module:name"`, an `Entry`, or a plain function with scale 1."""
+
+
+def _latent(inputs: ObservationInputs) -> Tensor:
+    return inputs.latent
+
+
+def _ee_pose(inputs: ObservationInputs) -> Tensor:
+    yaw = inputs.ee_yaw
+    level = torch.zeros_like(yaw)  # pitch and roll: the controller keeps the tool pointing down
+    return torch.cat([inputs.ee_position, wrap_angle(yaw), level, level], -1)
+
+
+def _ee_position(inputs: ObservationInputs) -> Tensor:
+    return inputs.ee_position
+
+
+def _ee_axis(inputs: ObservationInputs) -> Tensor:
+    angle = 2.0 * inputs.ee_yaw  # the closed gripper looks the same from both sides
+    return torch.cat([angle.cos(), angle.sin()], -1)
+
+
+def _joint_position(inputs: ObservationInputs) -> Tensor:
+    return inputs.joint_position
+
+
+def _subgoal_past(inputs: ObservationInputs) -> Tensor:
+    return inputs.subgoal_past.flatten(-2)
+
+
+def _contact(inputs: ObservationInputs) -> Tensor:
+    return inputs.contact
+
+
+def _goal_distance(inputs: ObservationInputs) -> Tensor:
+    return inputs.goal.norm(dim=-1, keepdim=True)
+
+
+def _object_axis(inputs: ObservationInputs) -> Tensor:
+    angle = inputs.object_symmetry * inputs.object_yaw
+    return torch.cat([angle.cos(), angle.sin()], -1)
+
+
+def _goal(inputs: ObservationInputs) -> Tensor:
+    return inputs.goal
+
+
+def _subgoal(inputs: ObservationInputs) -> Tensor:
+    return inputs.subgoal
+
+
+def _path_length(inputs: ObservationInputs) -> Tensor:
+    return inputs.path_length
+
+
+def _edges(inputs: ObservationInputs) -> Tensor:
+    # Along each axis as far as the edge, whichever of the two edges in its way is met first.
+    low, high = inputs.bounds
+    axes = inputs.frame_axes
+    position = inputs.object_position.unsqueeze(-2)
+    room = torch.where(axes > 0, high - position, position - low)
+    distance = (room / axes.abs().clamp_min(1e-6)).amin(-1)
+    return (_EDGE_RANGE - distance).clamp(0.0, _EDGE_RANGE)
+
+
+def _object_radius(inputs: ObservationInputs) -> Tensor:
+    return inputs.object_radius
+
+
+def _last_action(inputs: ObservationInputs) -> Tensor:
+    return inputs.last_action
+
+
+# The arm's joints with its tool over the middle of the workspace [rad].
+_HOME = (-0.25, -1.35, 2.0, -2.2, -1.57, 0.0)
+
+# Distance at which the edge of the workspace begins to show [m].
+_EDGE_RANGE = 0.15
+
+ENTRIES: dict[str, Entry] = {
+    "latent": Entry(_latent, 0.5),
+    "ee_pose": Entry(_ee_pose, 10.0),
+    "ee_position": Entry(_ee_position, 10.0),
+    "ee_axis": Entry(_ee_axis),
+    "joint_position": Entry(_joint_position, 1.0, _HOME),
+    "subgoal_past": Entry(_subgoal_past, 5.0),
+    "contact": Entry(_contact),
+    "goal_distance": Entry(_goal_distance, 3.0),
+    "object_axis": Entry(_object_axis),
+    "goal": Entry(_goal, 3.0),
+    "subgoal": Entry(_subgoal, 5.0),
+    "path_length": Entry(_path_length, 3.0),
+    "edges": Entry(_edges, 1.0 / _EDGE_RANGE),
+    "object_radius": Entry(_object_radius, 20.0),
+    "last_action": Entry(_last_action),
+}
+"""The entries that the library brings, by name. `ee_pose` is (x, y, yaw, pitch, roll). `ee_axis` and
+`object_axis` are the cosine and sine of the yaw times the symmetry of gripper and object. `edges`
+says by how much the edge of the workspace, past which an episode ends, is nearer than 15 cm, straight
+ahead, left, behind and right of the object: 0 to 0.15 m."""
+
+PAPER_ENTRIES = (
+    "latent",
+    "ee_pose",
+    "joint_position",
+    "subgoal_past",
+    "contact",
+    "goal_distance",
+)
+"""The 49 values of the paper's table of observations (Sec. IV-B), with a latent of 32."""
+
+PATH_ENTRIES = (
+    "latent",
+    "ee_position",
+    "ee_axis",
+    "joint_position",
+    "subgoal_past",
+    "contact",
+    "goal_distance",
+    "object_axis",
+    "edges",
+)
+"""The entries for `frame="path"`: the object's own yaw and the workspace's edges are added, and angles
+are smooth; 54 values with a latent of 32."""
+
+
+def resolve_entries(
+    frame: Frame,
+    entries: Mapping[str, EntryLike] | Sequence[EntryLike | tuple[str, EntryLike]] | None = None,
+    *,
+    leave_out: Sequence[str] = (),
+    add: Sequence[EntryLike | tuple[str, EntryLike]] = (),
+) -> dict[str, Entry]:
+    """The entries of an observation by name, in their order.
+
+    An entry without a name of its own is called by the name of its function: `"my_module:speed"`
+    becomes `"speed"`.
+
+    Args:
+        frame: The agent's axes, for the default entries.
+        entries: The entries to start from; `PATH_ENTRIES` in the path's frame and `PAPER_ENTRIES`
+            in others by default.
+        leave_out: Names of entries to leave out, for an ablation.
+        add: Entries to append.
+
+    Raises:
+        ValueError: If there is no such entry, nothing is left, an entry to leave out is not among
+            the entries, or two entries have one name.
+        TypeError: If something is neither text, an `Entry` nor a function.
+    """
+    check_frame("PushObservation", frame)
+    if entries is None:
+        entries = PATH_ENTRIES if frame == "path" else PAPER_ENTRIES
+    items = list(entries.items()) if isinstance(entries, Mapping) else list(entries)
+    found: dict[str, Entry] = {}
+    for item in [*items, *add]:
+        name, entry = _find_entry(item)
+        if name in found:
+            raise ValueError(f"PushObservation: entries has {name!r} twice.")
+        found[name] = entry
+    if unknown := sorted(set(leave_out) - set(found)):
+        raise ValueError(
+            f"PushObservation: cannot leave out {unknown}, the entries are {list(found)}."
+        )
+    found = {name: entry for name, entry in found.items() if name not in leave_out}
+    if not found:
+        raise ValueError("PushObservation: entries is empty, expected at least one.")
+    return found
+
+
+def _find_entry(item: EntryLike | tuple[str, EntryLike]) -> tuple[str, Entry]:
+    name, part = item if isinstance(item, tuple) else (None, item)
+    found = find_part("PushObservation: entries", part, ENTRIES)
+    if not isinstance(found, Entry) and not callable(found):
+        raise TypeError(
+            "PushObservation: an entry must be a name, 'module:name', an Entry or a function, got "
+            f"{found!r}."
+        )
+    entry = found if isinstance(found, Entry) else Entry(found)
+    if name is None and isinstance(part, str):
+        name = part.rpartition(":")[2].rpartition(".")[2]
+    elif name is None:
+        name = getattr(entry.read, "__name__", "<")
+        if "<" in name:  # a lambda
+            raise ValueError(
+                "PushObservation: an entry of your own needs a name: give ('name', entry)."
+            )
+    return name, entry

@@ -1,0 +1,155 @@
+"""What an entry of the observation can read."""
+
+from collections.abc import Mapping
+from functools import cached_property
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from torch import Tensor
+
+from modpush._keys import read_key
+from modpush.geometry.angles import rotate
+from modpush.geometry.frames import Frame, frame_yaw
+
+__all__ = ["ObservationInputs"]
+
+
+class ObservationInputs:
+    """What an entry of the observation can read.
+
+    The attributes are quantities of the pushing task in the agent's frame, whose origin is the
+    object's centre. Any other key of the tensordict is read by indexing, as it stands there:
+    `inputs["my_key"]`, `inputs["group", "my_key"]`. Nothing is read or computed before an entry
+    asks for it.
+
+    Args:
+        tensordict: What is observed.
+        frame: The agent's axes.
+        keys: Key of each quantity, by its default name.
+        bounds: Lower and upper corner of the area in which the object may be, base frame, `[2]`
+            each [m].
+    """
+
+    def __init__(
+        self,
+        tensordict: TensorDictBase,
+        frame: Frame,
+        keys: Mapping[str, NestedKey],
+        bounds: tuple[Tensor, Tensor],
+    ) -> None:
+        self._tensordict, self._frame, self._keys, self._bounds = tensordict, frame, keys, bounds
+
+    def __getitem__(self, key: NestedKey) -> Tensor:
+        """The value under any key of the tensordict.
+
+        Raises:
+            KeyError: If there is none; the message lists the keys that there are.
+        """
+        return read_key("PushObservation", self._tensordict, key)
+
+    def _read(self, name: str) -> Tensor:
+        return self[self._keys[name]]
+
+    @cached_property
+    def object_pose(self) -> Tensor:
+        """The object's pose (x, y, yaw) in the base frame, `[..., 3]` [m, rad]."""
+        return self._read("object_pose")
+
+    @cached_property
+    def object_position(self) -> Tensor:
+        """The object's position in the base frame, `[..., 2]` [m]."""
+        return self.object_pose[..., :2]
+
+    @cached_property
+    def frame_yaw(self) -> Tensor:
+        """Angle of the agent's frame in the base frame, `[..., 1]` [rad]."""
+        subgoal = self._read("subgoal") if self._frame == "path" else None
+        return frame_yaw(self._frame, self.object_pose, subgoal)
+
+    def to_frame(self, points: Tensor) -> Tensor:
+        """Points of the base frame, `[..., 2]` [m], in the agent's frame."""
+        return rotate(points - self.object_position, -self.frame_yaw)
+
+    @cached_property
+    def ee_pose(self) -> Tensor:
+        """The tool tip's pose (x, y, yaw) in the base frame, `[..., 3]` [m, rad]."""
+        return self._read("ee_pose")
+
+    @property
+    def ee_position(self) -> Tensor:
+        """The tool tip's position, `[..., 2]` [m]."""
+        return self.to_frame(self.ee_pose[..., :2])
+
+    @property
+    def ee_yaw(self) -> Tensor:
+        """The tool's yaw, not wrapped, `[..., 1]` [rad]."""
+        return self.ee_pose[..., 2:] - self.frame_yaw
+
+    @property
+    def object_yaw(self) -> Tensor:
+        """The object's yaw, not wrapped, `[..., 1]` [rad]."""
+        return self.object_pose[..., 2:] - self.frame_yaw
+
+    @property
+    def goal(self) -> Tensor:
+        """The goal's position, `[..., 2]` [m]."""
+        return self.to_frame(self._read("goal_position"))
+
+    @property
+    def subgoal(self) -> Tensor:
+        """The present sub-goal's position, `[..., 2]` [m]."""
+        return self.to_frame(self._read("subgoal"))
+
+    @property
+    def subgoal_past(self) -> Tensor:
+        """Sub-goals of earlier steps, in the present frame, `[..., lags, 2]` [m]."""
+        past = self._read("subgoal_past") - self.object_position.unsqueeze(-2)
+        return rotate(past, -self.frame_yaw.unsqueeze(-2))
+
+    @property
+    def joint_position(self) -> Tensor:
+        """Angles of the arm's joints, `[..., 6]` [rad]."""
+        return self._read("joint_position")
+
+    @property
+    def path_length(self) -> Tensor:
+        """Length of the planned path from the object to the goal, `[..., 1]` [m]."""
+        return self._read("path_length")
+
+    @property
+    def contact(self) -> Tensor:
+        """1 where the tool touches the object, else 0, `[..., 1]`."""
+        return self._read("object_contact").float()
+
+    @property
+    def object_radius(self) -> Tensor:
+        """Radius of the circle around the object's footprint, `[..., 1]` [m]."""
+        return self._read("object_radius")
+
+    @property
+    def object_symmetry(self) -> Tensor:
+        """Number of yaw angles in which the object looks the same, 0 for all angles, `[..., 1]`."""
+        return self._read("object_symmetry")
+
+    @property
+    def latent(self) -> Tensor:
+        """The encoder's latent of the local window, `[..., d]`."""
+        return self._read("latent")
+
+    @property
+    def last_action(self) -> Tensor:
+        """The agent's last action, zeros after a reset, `[..., 3]`."""
+        return self._read("last_action")
+
+    @property
+    def bounds(self) -> tuple[Tensor, Tensor]:
+        """Corners of the area in which the object may be, base frame, `[2]` each [m]."""
+        low, high = self._bounds
+        return low.to(self.object_pose), high.to(self.object_pose)
+
+    @property
+    def frame_axes(self) -> Tensor:
+        """Directions ahead, left, behind and right of the agent's frame, base frame, `[..., 4, 2]`."""
+        ahead = torch.cat([self.frame_yaw.cos(), self.frame_yaw.sin()], -1)
+        left = torch.stack([-ahead[..., 1], ahead[..., 0]], -1)
+        return torch.stack([ahead, left, -ahead, -left], -2)

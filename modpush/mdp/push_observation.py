@@ -1,0 +1,212 @@
+"""`PushObservation`: chosen entries as one flat observation."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from torch import Tensor
+from torchrl.data import TensorSpec, Unbounded
+from torchrl.envs import Transform
+
+from modpush._keys import read_key
+from modpush.geometry.frames import Frame
+from modpush.geometry.workspace import WORKSPACE, Rectangle
+from modpush.mdp.observation_entries import EntryLike, resolve_entries
+from modpush.mdp.observation_inputs import ObservationInputs
+from modpush.mdp.observation_layout import Layout, ReadRecorder
+
+__all__ = ["PushObservation"]
+
+_ACTION_DIM = 3
+
+
+class PushObservation(Transform):
+    """Writes one flat observation: chosen entries, in a frame at the object, scaled to order 1.
+
+    Only the keys that the entries read are needed. Positions are in metres and angles in radians, in
+    the robot's base frame. In a replay buffer, the observation is written anew at the root and,
+    where there is one, in `"next"`; both must hold what the entries read.
+
+    Args:
+        frame: The agent's axes: `"object"` (the paper), `"path"` or `"base"`; the origin is the
+            object's centre.
+        entries: Names of `ENTRIES`, `"module:name"`, entries or functions of your own, or pairs of a
+            name and one of these, in their order; see `resolve_entries`. By default `PATH_ENTRIES`
+            in the path's frame, else `PAPER_ENTRIES`.
+        bounds: Lower and upper corner of the area in which the object may be (`PushEnv.bounds`),
+            base frame [m], for the entry `edges`; by default those of the default workspace.
+        raw: Write SI units instead of shifted and scaled values.
+        object_pose_key: Read, `[..., 3]` (x, y, yaw).
+        goal_position_key: Read, `[..., 2]`.
+        ee_pose_key: Read, `[..., 3]` (x, y, yaw) of the tool's tip.
+        joint_position_key: Read, `[..., 6]`.
+        object_radius_key: Read, `[..., 1]`.
+        object_symmetry_key: Read, `[..., 1]`: number of yaw angles in which the object looks the
+            same, 0 for all.
+        object_contact_key: Read, `[..., 1]` bool.
+        path_length_key: Read, `[..., 1]`.
+        subgoal_key: Read, `[..., 2]`.
+        subgoal_past_key: Read, `[..., lags, 2]`.
+        latent_key: Read, `[..., d]`.
+        action_key: Read if an entry reads the last action, `[..., 3]`.
+        last_action_key: Written and read if an entry reads the last action, `[..., 3]` float32.
+        observation_key: Written, `[..., n]` float32.
+
+    Raises:
+        ValueError: If the frame or an entry is unknown, with those that there are; if a lower bound
+            is no lower than its upper one; if an entry has another shape than its scale or shift.
+        KeyError: If a key that an entry reads is missing.
+    Source: table of observations in the paper's Sec. IV-B.
+    """
+
+    def __init__(
+        self,
+        frame: Frame = "object",
+        *,
+        entries: Mapping[str, EntryLike]
+        | Sequence[EntryLike | tuple[str, EntryLike]]
+        | None = None,
+        bounds: Rectangle | None = None,
+        raw: bool = False,
+        object_pose_key: NestedKey = "object_pose",
+        goal_position_key: NestedKey = "goal_position",
+        ee_pose_key: NestedKey = "ee_pose",
+        joint_position_key: NestedKey = "joint_position",
+        object_radius_key: NestedKey = "object_radius",
+        object_symmetry_key: NestedKey = "object_symmetry",
+        object_contact_key: NestedKey = "object_contact",
+        path_length_key: NestedKey = "path_length",
+        subgoal_key: NestedKey = "subgoal",
+        subgoal_past_key: NestedKey = "subgoal_past",
+        latent_key: NestedKey = "latent",
+        action_key: NestedKey = "action",
+        last_action_key: NestedKey = "last_action",
+        observation_key: NestedKey = "observation",
+    ) -> None:
+        super().__init__(in_keys=[], out_keys=[observation_key])
+        self.frame = frame
+        self.entries = resolve_entries(frame, entries)
+        self.bounds = WORKSPACE.bounds() if bounds is None else bounds
+        if not all(low < high for low, high in zip(*self.bounds, strict=True)):
+            raise ValueError(
+                f"PushObservation: bounds must be a lower and an upper corner, got {bounds}."
+            )
+        self.raw = raw
+        self._keys: dict[str, NestedKey] = {
+            "object_pose": object_pose_key,
+            "goal_position": goal_position_key,
+            "ee_pose": ee_pose_key,
+            "joint_position": joint_position_key,
+            "object_radius": object_radius_key,
+            "object_symmetry": object_symmetry_key,
+            "object_contact": object_contact_key,
+            "path_length": path_length_key,
+            "subgoal": subgoal_key,
+            "subgoal_past": subgoal_past_key,
+            "latent": latent_key,
+            "last_action": last_action_key,
+        }
+        self.action_key, self.last_action_key = action_key, last_action_key
+        self.observation_key = observation_key
+        self._corners = torch.tensor(self.bounds[0]), torch.tensor(self.bounds[1])
+        self._layout: Layout | None = None
+        self._writes_last_action = False
+
+    @property
+    def columns(self) -> dict[str, slice]:
+        """The columns of each entry in the observation, by name.
+
+        Raises:
+            RuntimeError: Before the transform was put on an environment or applied once.
+        """
+        return self._known_layout.columns
+
+    def fingerprint(self) -> dict[str, Any]:
+        """What the columns mean, as plain data for JSON: see `fingerprint_differences`.
+
+        Raises:
+            RuntimeError: Before the transform was put on an environment or applied once.
+        """
+        return {
+            "frame": self.frame,
+            "raw": self.raw,
+            "entries": self._known_layout.describe(),
+        }
+
+    @property
+    def _known_layout(self) -> Layout:
+        if self._layout is None:
+            raise RuntimeError(
+                "PushObservation: the columns are known once the transform was put on an "
+                "environment or applied to a tensordict."
+            )
+        return self._layout
+
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        layout = self._layout if self._layout is not None else self._lay_out(next_tensordict)
+        observation = torch.cat(self._read_entries(next_tensordict), -1)
+        if not self.raw:
+            observation = layout.normalise(observation)
+        return next_tensordict.set(self.observation_key, observation)
+
+    def _read_entries(self, tensordict: TensorDictBase | ReadRecorder) -> list[Tensor]:
+        inputs = ObservationInputs(tensordict, self.frame, self._keys, self._corners)
+        values = []
+        for name, entry in self.entries.items():
+            try:
+                values.append(entry.read(inputs))
+            except RuntimeError as error:
+                raise RuntimeError(f"PushObservation: entry {name!r} failed: {error}") from error
+        return values
+
+    def _lay_out(self, source: TensorDictBase | TensorSpec) -> Layout:
+        """Find the width of each entry, and the keys that are read, by reading them once."""
+        zero_action = torch.zeros(*source.shape, _ACTION_DIM, device=source.device)
+        recorder = ReadRecorder(source, {self.last_action_key: zero_action})
+        self._layout = Layout(self.entries, self._read_entries(recorder), source.shape)
+        self.in_keys = recorder.read
+        self._writes_last_action = self.last_action_key in recorder.read
+        written = [self.last_action_key] if self._writes_last_action else []
+        self.out_keys = [self.observation_key, *written]
+        return self._layout
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        if self._layout is None:
+            self._lay_out(tensordict_reset)
+        if self._writes_last_action:
+            lead, device = tensordict_reset.shape, tensordict_reset.device
+            nothing = torch.zeros(*lead, _ACTION_DIM, device=device)
+            tensordict_reset.set(self.last_action_key, nothing)
+        return self._call(tensordict_reset)
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        if self._layout is None:
+            self._lay_out(next_tensordict)
+        if self._writes_last_action:
+            action = read_key("PushObservation", tensordict, self.action_key)
+            next_tensordict.set(self.last_action_key, action)
+        return self._call(next_tensordict)
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Write the observation of stored data anew, at the root and in `"next"` if there is one."""
+        following = tensordict.get("next", None)
+        if following is not None:
+            self._call(following)
+        return self._call(tensordict)
+
+    def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
+        """Add the observation; its width is found by making one of zeros."""
+        width = self._lay_out(observation_spec).width
+        widths = {self.observation_key: width}
+        if self._writes_last_action:
+            widths[self.last_action_key] = _ACTION_DIM
+        for key, size in widths.items():
+            observation_spec[key] = Unbounded(
+                shape=(*observation_spec.shape, size),
+                dtype=torch.float32,
+                device=observation_spec.device,
+            )
+        return observation_spec

@@ -1,0 +1,223 @@
+"""`PushReward`: a weighted sum of terms as the reward."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from torch import Tensor
+from torchrl.data import TensorSpec, Unbounded
+from torchrl.envs import Transform
+
+from modpush._keys import check_spec_has, read_key
+from modpush.mdp.reward_terms import REWARD_TERMS, RewardTerm
+from modpush.mdp.step_outcome import StepOutcome, measure_lengths
+from modpush.parts import find_part
+
+__all__ = ["PushReward", "RewardConfig"]
+
+
+def _paper_weights() -> dict[str, float]:
+    return {
+        "goal": 50.0,
+        "distance": 1.0,
+        "approach": 1.0,
+        "touch": 1.0,
+        "object_collision": 5.0,
+        "tool_collision": 2.0,
+        "out_of_bounds": 10.0,
+        "window": 0.0,
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class RewardConfig:
+    """Reward of a step: a weighted sum of terms (paper Sec. IV-B, eq. 2 to 5)."""
+
+    weights: Mapping[str, float] = field(default_factory=_paper_weights)
+    """Weight of each term, by its name in `REWARD_TERMS` or as "module:name" for a term of your own.
+    A term without a weight, or with weight 0, is not computed."""
+    scale: float = 0.1
+    """Factor of the weighted sum; 1 gives the paper's numbers."""
+    normalisation: Literal["initial", "constant"] = "initial"
+    """Divide the path length and the tool's distance from the object by their values at reset
+    ("initial", the paper), or by `path_length` and `approach_distance` ("constant")."""
+    path_length: float = 0.6
+    """Path length that counts as 1 with the normalisation "constant" [m]."""
+    approach_distance: float = 0.15
+    """Distance from tool to object that counts as 1 with the normalisation "constant" [m]."""
+    window_radius: float = 0.114
+    """Distance from the object beyond which the tool is outside the window: half its side [m]."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if self.normalisation not in ("initial", "constant"):
+            raise ValueError(
+                "RewardConfig: normalisation must be 'initial' or 'constant', "
+                f"got {self.normalisation!r}."
+            )
+        for name in ("scale", "path_length", "approach_distance", "window_radius"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"RewardConfig: {name} must be > 0, got {getattr(self, name)}.")
+
+
+class PushReward(Transform):
+    """Replaces the reward by a weighted sum of terms, and writes each of them for the log.
+
+    Path length and approach distance at reset stand in the tensordict, so that partial resets,
+    copies and workers are right by construction. A reward belongs to the step that led to it: it is
+    written in `"next"`, from what `"next"` holds after the step, the root before it, and the
+    action at the root.
+
+    Args:
+        config: Weights, scale and normalisation.
+        terms: Terms of your own, or `"module:name"` of them, by name, beside or instead of
+            `REWARD_TERMS`; each needs a weight in the config.
+        object_pose_key: Read, `[..., 3]` (x, y, yaw) [m, rad].
+        ee_pose_key: Read, `[..., 3]` (x, y, yaw) of the tool's tip [m, rad].
+        path_length_key: Read, `[..., 1]` [m].
+        success_key: Read, `[..., 1]` bool.
+        object_contact_key: Read, `[..., 1]` bool.
+        obstacle_contact_key: Read, `[..., 1]` bool.
+        tool_obstacle_contact_key: Read, `[..., 1]` bool.
+        out_of_bounds_key: Read, `[..., 1]` bool.
+        action_key: Read at the root by terms that ask for the action, `[..., 3]`.
+        reward_key: Written, `[..., 1]` float32.
+        terms_key: Written, a nested tensordict with each term, weighted and scaled, `[..., 1]`.
+        start_key: Written at reset, handed on at each step and read back, `[..., 2]` float32: path
+            length and distance from tip to object at reset [m].
+
+    Raises:
+        ValueError: If a weight has no term, or a term of yours no weight.
+        KeyError: If a key that is read is missing.
+    Source: Sec. IV-B, eq. 2 to 5.
+    """
+
+    def __init__(
+        self,
+        config: RewardConfig | None = None,
+        *,
+        terms: Mapping[str, RewardTerm | str] | None = None,
+        object_pose_key: NestedKey = "object_pose",
+        ee_pose_key: NestedKey = "ee_pose",
+        path_length_key: NestedKey = "path_length",
+        success_key: NestedKey = "success",
+        object_contact_key: NestedKey = "object_contact",
+        obstacle_contact_key: NestedKey = "obstacle_contact",
+        tool_obstacle_contact_key: NestedKey = "tool_obstacle_contact",
+        out_of_bounds_key: NestedKey = "out_of_bounds",
+        action_key: NestedKey = "action",
+        reward_key: NestedKey = "reward",
+        terms_key: NestedKey = "reward_terms",
+        start_key: NestedKey = "reward_start",
+    ) -> None:
+        self.config = config or RewardConfig()
+        self.terms, self._weights = _find_terms(self.config, terms or {})
+        self._keys: dict[str, NestedKey] = {
+            "object_pose": object_pose_key,
+            "ee_pose": ee_pose_key,
+            "path_length": path_length_key,
+            "success": success_key,
+            "object_contact": object_contact_key,
+            "obstacle_contact": obstacle_contact_key,
+            "tool_obstacle_contact": tool_obstacle_contact_key,
+            "out_of_bounds": out_of_bounds_key,
+            "action": action_key,
+        }
+        self.reward_key, self.terms_key, self.start_key = reward_key, terms_key, start_key
+        self._term_keys = {name: _inside(terms_key, name) for name in self.terms}
+        super().__init__(
+            in_keys=[key for name, key in self._keys.items() if name != "action"],
+            out_keys=[reward_key, start_key, *self._term_keys.values()],
+        )
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        # TorchRL puts back the old values of scenes that are not being reset.
+        start = measure_lengths(tensordict_reset, self._keys)
+        tensordict_reset.set(self.start_key, start)
+        for key in self._term_keys.values():
+            tensordict_reset.set(key, torch.zeros_like(start[..., :1]))
+        return tensordict_reset
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        config = self.config
+        start = unit = read_key("PushReward", tensordict, self.start_key)
+        if config.normalisation == "constant":
+            unit = start.new_tensor([config.path_length, config.approach_distance])
+        outcome = StepOutcome(tensordict, next_tensordict, self._keys, unit, config.window_radius)
+        total = torch.zeros_like(start[..., :1])
+        for name, term in self.terms.items():
+            value = term(outcome) * (self._weights[name] * config.scale)
+            _check_shape(name, value, total)
+            next_tensordict.set(self._term_keys[name], value)
+            total = total + value
+        next_tensordict.set(self.start_key, start)
+        return next_tensordict.set(self.reward_key, total)
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Reward stored transitions anew, in `"next"`; rewards at the root, of earlier steps, stay.
+
+        Raises:
+            KeyError: If `"next"` or the lengths at reset are not stored with the transitions.
+        """
+        self._step(tensordict, read_key("PushReward", tensordict, "next"))
+        return tensordict
+
+    def transform_reward_spec(self, reward_spec: TensorSpec) -> TensorSpec:
+        """Put the sum, which is unbounded, in place of the reward."""
+        reward_spec[self.reward_key] = Unbounded(
+            shape=(*reward_spec.shape, 1), dtype=torch.float32, device=reward_spec.device
+        )
+        return reward_spec
+
+    def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
+        """Add the terms and the lengths at reset."""
+        check_spec_has("PushReward", observation_spec, self.in_keys)
+        widths = {**dict.fromkeys(self._term_keys.values(), 1), self.start_key: 2}
+        for key, width in widths.items():
+            observation_spec[key] = Unbounded(
+                shape=(*observation_spec.shape, width),
+                dtype=torch.float32,
+                device=observation_spec.device,
+            )
+        return observation_spec
+
+
+def _find_terms(
+    config: RewardConfig, own: Mapping[str, RewardTerm | str]
+) -> tuple[dict[str, RewardTerm], dict[str, float]]:
+    """Terms and weights by name, of those with a weight that is not 0, in the weights' order."""
+    if idle := sorted(set(own) - set(config.weights)):
+        raise ValueError(
+            f"PushReward: terms {idle} have no weight in the config, which has weights for "
+            f"{sorted(config.weights)}."
+        )
+    known = {**REWARD_TERMS, **own}
+    terms: dict[str, RewardTerm] = {}
+    weights: dict[str, float] = {}
+    for text, weight in config.weights.items():
+        term = find_part("PushReward: weights", text, known)
+        term = find_part("PushReward: terms", term, REWARD_TERMS)
+        if not callable(term):
+            raise TypeError(f"PushReward: term {text!r} must be a function, got {term!r}.")
+        name = text.rpartition(":")[2].rpartition(".")[2]
+        if name in weights:
+            raise ValueError(f"PushReward: weights has the term {name!r} twice.")
+        weights[name] = weight
+        if weight:
+            terms[name] = term
+    return terms, weights
+
+
+def _inside(group: NestedKey, name: str) -> NestedKey:
+    return (group, name) if isinstance(group, str) else (*group, name)
+
+
+def _check_shape(name: str, value: Tensor, expected: Tensor) -> None:
+    if value.shape != expected.shape:
+        raise ValueError(
+            f"PushReward: term {name!r} must be {list(expected.shape)}, got {list(value.shape)}."
+        )

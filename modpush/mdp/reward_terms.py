@@ -1,0 +1,81 @@
+"""The terms of the reward.
+
+The paper's reward (Sec. IV-B) is the sum of a distance part (eq. 2), a collision part (eq. 3) and a
+contact part (eq. 4).
+"""
+
+from collections.abc import Callable
+
+from torch import Tensor
+
+from modpush.mdp.step_outcome import StepOutcome
+
+__all__ = ["REWARD_TERMS", "RewardTerm"]
+
+RewardTerm = Callable[[StepOutcome], Tensor]
+"""`StepOutcome -> [..., 1]`, before its weight."""
+
+
+def goal(outcome: StepOutcome) -> Tensor:
+    """1 on reaching the goal. Source: Sec. IV-B, eq. 2."""
+    return outcome.success.float()
+
+
+def distance(outcome: StepOutcome) -> Tensor:
+    """Penalty in [-1, 0] for the path still to go, 0 on reaching the goal. Source: eq. 2."""
+    return -outcome.path_fraction * ~outcome.success
+
+
+def approach(outcome: StepOutcome) -> Tensor:
+    """Penalty in [-1, 0] for the tool's distance from the object, 0 on success. Source: eq. 2."""
+    return -outcome.approach_fraction * ~outcome.success
+
+
+def touch(outcome: StepOutcome) -> Tensor:
+    """Takes the penalty of `approach` back while the tool touches the object. Source: eq. 4."""
+    return outcome.approach_fraction * outcome.object_contact
+
+
+def object_collision(outcome: StepOutcome) -> Tensor:
+    """-1 where the object touches an obstacle. Source: eq. 3."""
+    return -outcome.obstacle_contact.float()
+
+
+def tool_collision(outcome: StepOutcome) -> Tensor:
+    """-1 where the tool or the arm touches an obstacle. Source: the authors' code."""
+    return -outcome.tool_obstacle_contact.float()
+
+
+def out_of_bounds(outcome: StepOutcome) -> Tensor:
+    """-1 where the object leaves the workspace. Source: eq. 3."""
+    return -outcome.out_of_bounds.float()
+
+
+def window(outcome: StepOutcome) -> Tensor:
+    """-1 where the tool is outside the local window. Source: the authors' code."""
+    return -outcome.outside_window.float()
+
+
+def detour(outcome: StepOutcome) -> Tensor:
+    """Penalty in [-0.05, 0] [m] for moving the object without progress along the path.
+
+    It is the distance that the object moved in this step, less the length by which the planned path
+    became shorter. Not in the paper.
+    """
+    moved = (outcome.object_pose - outcome.object_pose_before)[..., :2].norm(dim=-1, keepdim=True)
+    progress = outcome.path_length_before - outcome.path_length
+    return -(moved - progress).clamp(0.0, 0.05)
+
+
+REWARD_TERMS: dict[str, RewardTerm] = {
+    "goal": goal,
+    "distance": distance,
+    "approach": approach,
+    "touch": touch,
+    "object_collision": object_collision,
+    "tool_collision": tool_collision,
+    "out_of_bounds": out_of_bounds,
+    "window": window,
+    "detour": detour,
+}
+"""The terms that the library brings, by name; `RewardConfig.weights` says what each counts."""

@@ -1,0 +1,164 @@
+"""What a term of the reward can read."""
+
+from collections.abc import Mapping
+from functools import cached_property
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from torch import Tensor
+
+from modpush._keys import read_key
+
+__all__ = ["StateBefore", "StepOutcome", "measure_lengths"]
+
+
+class StateBefore:
+    """The state before a step, read by the tensordict's keys.
+
+    Args:
+        tensordict: The root of the transition.
+    """
+
+    def __init__(self, tensordict: TensorDictBase) -> None:
+        self._tensordict = tensordict
+
+    def __getitem__(self, key: NestedKey) -> Tensor:
+        """The value under any key.
+
+        Raises:
+            KeyError: If there is none; the message lists the keys that there are.
+        """
+        return read_key("PushReward, before the step", self._tensordict, key)
+
+
+class StepOutcome:
+    """What a step led to.
+
+    The attributes are quantities of the pushing task. Any other key of the tensordict is read by
+    indexing: `outcome["my_key"]` after the step, `outcome.before["my_key"]` before it, and
+    `outcome["action"]` is the agent's action. Nothing is read or computed before a term asks for it.
+
+    Args:
+        before: The tensordict before the step, with the action.
+        after: The tensordict after the step.
+        keys: Key of each quantity, by its default name.
+        unit: Path length, and distance from the tool's tip to the object's centre, that count as 1,
+            `[..., 2]` [m].
+        window_radius: Distance of tip and object beyond which the tip is outside the window [m].
+    """
+
+    def __init__(
+        self,
+        before: TensorDictBase,
+        after: TensorDictBase,
+        keys: Mapping[str, NestedKey],
+        unit: Tensor,
+        window_radius: float,
+    ) -> None:
+        self.before = StateBefore(before)
+        self._after, self._keys, self._unit = after, keys, unit
+        self._window_radius = window_radius
+
+    def __getitem__(self, key: NestedKey) -> Tensor:
+        """The value under any key after the step; the action is that of the step.
+
+        Raises:
+            KeyError: If there is none; the message lists the keys that there are.
+        """
+        if key == self._keys["action"]:
+            return self.before[key]
+        return read_key("PushReward", self._after, key)
+
+    def _read(self, name: str) -> Tensor:
+        return self[self._keys[name]]
+
+    @property
+    def action(self) -> Tensor:
+        """The agent's action, `[..., 3]` in [-1, 1]."""
+        return self._read("action")
+
+    @property
+    def object_pose(self) -> Tensor:
+        """The object's pose (x, y, yaw) after the step, base frame, `[..., 3]` [m, rad]."""
+        return self._read("object_pose")
+
+    @property
+    def object_pose_before(self) -> Tensor:
+        """The object's pose before the step, `[..., 3]` [m, rad]."""
+        return self.before[self._keys["object_pose"]]
+
+    @property
+    def path_length(self) -> Tensor:
+        """Length of the planned path to the goal after the step, `[..., 1]` [m]."""
+        return self._read("path_length")
+
+    @property
+    def path_length_before(self) -> Tensor:
+        """Length of the planned path to the goal before the step, `[..., 1]` [m]."""
+        return self.before[self._keys["path_length"]]
+
+    @cached_property
+    def lengths(self) -> Tensor:
+        """Path length, and distance from tip to object, after the step, `[..., 2]` [m]."""
+        return measure_lengths(self._after, self._keys)
+
+    @cached_property
+    def fractions(self) -> Tensor:
+        """`lengths` as fractions of those that count as 1, clipped to [0, 1], `[..., 2]`."""
+        return (self.lengths / self._unit.clamp_min(1e-6)).clamp(0.0, 1.0)
+
+    @property
+    def path_fraction(self) -> Tensor:
+        """The paper's g_dist: path length over that at reset, in [0, 1], `[..., 1]`."""
+        return self.fractions[..., :1]
+
+    @property
+    def approach_fraction(self) -> Tensor:
+        """The paper's o_dist: distance from tip to object over that at reset, in [0, 1]."""
+        return self.fractions[..., 1:]
+
+    @property
+    def success(self) -> Tensor:
+        """Whether the object is at the goal, `[..., 1]` bool."""
+        return self._read("success")
+
+    @property
+    def object_contact(self) -> Tensor:
+        """Whether the tool touches the object, `[..., 1]` bool."""
+        return self._read("object_contact")
+
+    @property
+    def obstacle_contact(self) -> Tensor:
+        """Whether the object touches an obstacle, `[..., 1]` bool."""
+        return self._read("obstacle_contact")
+
+    @property
+    def tool_obstacle_contact(self) -> Tensor:
+        """Whether the tool or the arm touches an obstacle, `[..., 1]` bool."""
+        return self._read("tool_obstacle_contact")
+
+    @property
+    def out_of_bounds(self) -> Tensor:
+        """Whether the object left the workspace, `[..., 1]` bool."""
+        return self._read("out_of_bounds")
+
+    @property
+    def outside_window(self) -> Tensor:
+        """Whether the tip is farther from the object than the window's edge, `[..., 1]` bool."""
+        return self.lengths[..., 1:] > self._window_radius
+
+
+def measure_lengths(tensordict: TensorDictBase, keys: Mapping[str, NestedKey]) -> Tensor:
+    """Path length, and distance from the tool's tip to the object's centre, `[..., 2]` [m].
+
+    Args:
+        tensordict: The state.
+        keys: Key of `ee_pose`, `object_pose` and `path_length`.
+
+    Raises:
+        KeyError: If one of them is missing.
+    """
+    tip = read_key("PushReward", tensordict, keys["ee_pose"])
+    centre = read_key("PushReward", tensordict, keys["object_pose"])
+    apart = (tip[..., :2] - centre[..., :2]).norm(dim=-1, keepdim=True)
+    return torch.cat([read_key("PushReward", tensordict, keys["path_length"]), apart], -1)
