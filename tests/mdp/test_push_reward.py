@@ -113,10 +113,10 @@ def test_a_term_that_reads_keys_of_ones_own_before_and_after():
     config = RewardConfig(scale=1.0, weights={"cooling": 1.0})
     reward = PushReward(config, terms={"cooling": cooling})
     assert reward(stored)["next", "reward"].item() == 2.0
-    with pytest.raises(KeyError, match="before the step: key .*arm.*heat.* is missing"):
+    with pytest.raises(KeyError, match=r"before the step: key .*arm.*heat.* is missing"):
         reward(stored.exclude(("arm", "heat")))
     del stored["next", "arm", "heat"]
-    with pytest.raises(KeyError, match="PushReward: key .*arm.*heat.* is missing"):
+    with pytest.raises(KeyError, match=r"PushReward: key .*arm.*heat.* is missing"):
         reward(stored)
 
 
@@ -191,14 +191,14 @@ def test_a_missing_key_is_named(key):
         PushReward()(transition().exclude(key))
     stored = transition()
     del stored["next", "path_length"]
-    with pytest.raises(KeyError, match="PushReward: key .*path_length.* is missing"):
+    with pytest.raises(KeyError, match=r"PushReward: key .*path_length.* is missing"):
         PushReward()(stored)
 
 
 def test_a_step_without_the_lengths_at_reset_is_refused_by_name():
     env = TransformedEnv(PushEnv(1, depth=None, seed=0), Compose(StraightPath(), PushReward()))
     td = env.rand_action(env.reset()).exclude("reward_start")
-    with pytest.raises(KeyError, match="PushReward: key .*reward_start.* is missing"):
+    with pytest.raises(KeyError, match=r"PushReward: key .*reward_start.* is missing"):
         env.step(td)
     env.close()
 
