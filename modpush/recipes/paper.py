@@ -26,10 +26,10 @@ from modpush.encoders import DepthVAE, EgocentricWindow, Encode, RayScan
 from modpush.envs.push_env import PushEnv
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES
 from modpush.envs.scenes.objects import get_object
+from modpush.geometry.frames import Frame
 from modpush.mdp.action_frame import ActionFrame
 from modpush.mdp.curriculum import Curriculum
 from modpush.mdp.curriculum_scenes import CurriculumScenes
-from modpush.geometry.frames import Frame
 from modpush.mdp.latent_entry import latent_entry
 from modpush.mdp.observation_entries import ENTRIES, EntryLike, resolve_entries
 from modpush.mdp.push_observation import PushObservation

@@ -8,8 +8,8 @@ from tensordict import TensorDict
 from torchrl.envs import Compose, Transform, TransformedEnv, check_env_specs
 
 from modpush.envs import PushEnv
-from modpush.mdp.action_frame import ActionFrame
 from modpush.geometry.angles import rotate
+from modpush.mdp.action_frame import ActionFrame
 
 
 def test_an_unknown_frame_is_named():

@@ -10,8 +10,8 @@ from torchrl.data import LazyTensorStorage, ReplayBuffer
 from torchrl.envs import Compose, TransformedEnv, check_env_specs
 
 from modpush.envs import PushEnv
-from modpush.mdp import ENTRIES, PAPER_ENTRIES, ActionFrame, Entry, PushObservation
 from modpush.geometry.angles import rotate
+from modpush.mdp import ENTRIES, PAPER_ENTRIES, ActionFrame, Entry, PushObservation
 from tests.mdp.straight_path import StraightPath
 
 

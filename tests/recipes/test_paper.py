@@ -14,6 +14,7 @@ from torchrl.envs import ParallelEnv, check_env_specs
 from torchrl.envs.utils import step_mdp
 
 from modpush.agents.tqc.networks import make_actor
+from modpush.geometry import rotate
 from modpush.mdp import Curriculum, Entry, RewardConfig
 from modpush.planners import StraightLine
 from modpush.recipes.paper import (
