@@ -22,7 +22,7 @@ from torchrl.collectors import Collector, MultiSyncCollector
 from torchrl.envs import ExcludeTransform, ParallelEnv, TransformedEnv
 
 from modpush.envs import OBSTACLE_SCENES, PushEnv, find_render_device
-from modpush.envs.depth.cameras import AnalyticDepthCamera
+from modpush.envs.depth.analytic import AnalyticDepthCamera
 from modpush.envs.depth.raycast import blank_image
 from modpush.envs.sim.cpu_scene import CpuScene
 from modpush.envs.sim.task import ClutterPushEnv

@@ -119,7 +119,7 @@ def test_only_the_simulator_s_folders_of_envs_import_it() -> None:
         for path, names in imports_of_package("envs").items()
         if any(name.split(".")[0] in SIMULATOR for name in names)
     }
-    assert {name for name in knowing if not name.startswith("sim/")} <= {"depth/cameras.py"}
+    assert {name for name in knowing if not name.startswith("sim/")} <= {"depth/rendered.py"}
     for package in set(MAY_KNOW) - {"envs"}:
         for path, names in imports_of_package(package).items():
             assert not {name.split(".")[0] for name in names} & SIMULATOR, path

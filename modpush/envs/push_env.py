@@ -13,7 +13,9 @@ from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded, UnboundedDiscrete
 from torchrl.envs import EnvBase
 
-from modpush.envs.depth.cameras import DepthName, ImageMemory
+from modpush.envs.depth.base import DepthCameraFactory
+from modpush.envs.depth.cameras import find_depth_camera
+from modpush.envs.depth.image_memory import ImageMemory
 from modpush.envs.outcome import is_at_goal, is_out_of_bounds
 from modpush.envs.robot.ur5_2f85 import TOOLS, ToolName
 from modpush.envs.scenes.objects import get_object_of
@@ -113,7 +115,7 @@ class PushEnv(EnvBase):
         num_envs: int = 1,
         *,
         scenario: ScenarioConfig | None = None,
-        depth: DepthName | None = "analytic",
+        depth: str | DepthCameraFactory | None = "analytic",
         arm_in_depth: bool = False,
         tool: ToolName = "2f85",
         dynamic_obstacles: bool = False,
@@ -133,17 +135,19 @@ class PushEnv(EnvBase):
                 f"PushEnv: give either scenario or its fields, got both: {sorted(fields)}."
             )
         self.scenario = scenario if scenario is not None else _scenario_config(fields)
+        camera = None if depth is None else find_depth_camera(depth)
+        rendering = pictures or getattr(camera, "needs_renderer", False)
         batch = CudaBatch if torch.device(device).type == "cuda" else CpuBatch
         self._batch: SceneBatch = batch(
             num_envs,
-            depth,
+            camera,
             arm_in_depth,
             scenario=self.scenario,
             robot_uids=f"ur5_{tool}",
             dynamic_obstacles=dynamic_obstacles,
             sim_freq=sim_freq,
             control_freq=control_freq,
-            render_backend=choose_render_backend() if pictures or depth == "sapien" else "none",
+            render_backend=choose_render_backend() if rendering else "none",
         )
         self._objects = self.scenario.objects
         self._tool = TOOLS[tool]

@@ -368,7 +368,7 @@ def test_bad_actions_are_refused_with_the_scenes_index(env, action, message) -> 
         ({"pushed_object": "egg"}, "there is no 'egg', expected one of"),
         (
             {"depth": "lidar"},
-            r"no camera 'lidar', expected one of \['analytic', 'sapien'\] or None",
+            r"depth: there is no 'lidar', expected one of \['analytic', 'sapien'\]",
         ),
         ({"tool": "hook"}, "no tool 'hook', expected one of"),
         ({"oob": "explode"}, "oob must be 'truncate' or 'terminate', got 'explode'"),

@@ -1,1 +1,1 @@
-"""The bird's-eye depth image: ray casting and the two depth cameras."""
+"""The bird's-eye depth image: the interface of a depth camera, and the two that are shipped."""

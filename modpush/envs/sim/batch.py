@@ -9,12 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush.envs.depth.cameras import (
-    AnalyticDepthCamera,
-    DepthCamera,
-    DepthName,
-    make_depth_camera,
-)
+from modpush.envs.depth.analytic import AnalyticDepthCamera
+from modpush.envs.depth.base import DepthCamera, DepthCameraFactory
 from modpush.envs.scenes.scenario import Scenario
 from modpush.envs.sim.task import ClutterPushEnv
 
@@ -57,18 +53,21 @@ class SceneBatch(ABC):
 
     Args:
         tasks: One task for each scene, or one task that holds all scenes.
-        depth: The depth camera, or None.
+        depth: What makes the depth camera of a task, or None.
         arm_in_depth: Whether the depth camera sees the arm.
     """
 
     def __init__(
-        self, tasks: Sequence[ClutterPushEnv], depth: DepthName | None, arm_in_depth: bool
+        self,
+        tasks: Sequence[ClutterPushEnv],
+        depth: DepthCameraFactory | None,
+        arm_in_depth: bool,
     ) -> None:
         self.tasks = list(tasks)
         self._analytic = [AnalyticDepthCamera(task, arm_in_depth) for task in tasks]
         self._cameras: Sequence[DepthCamera] = self._analytic
-        if depth not in ("analytic", None):
-            self._cameras = [make_depth_camera(depth, task, arm_in_depth) for task in tasks]
+        if depth not in (AnalyticDepthCamera, None):
+            self._cameras = [_make_camera(depth, task, arm_in_depth) for task in tasks]
 
     @abstractmethod
     def start(self, indices: Sequence[int], scenarios: Sequence[Scenario]) -> None:
@@ -138,3 +137,12 @@ class SceneBatch(ABC):
         for task in self.tasks:
             task.close()
         self.tasks = []
+
+
+def _make_camera(
+    depth: DepthCameraFactory, task: ClutterPushEnv, arm_in_depth: bool
+) -> DepthCamera:
+    camera = depth(task, arm_in_depth)
+    if not isinstance(camera, DepthCamera):
+        raise ValueError(f"PushEnv: depth must make a DepthCamera, got {camera!r} from {depth!r}.")
+    return camera

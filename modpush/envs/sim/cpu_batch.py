@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush.envs.depth.cameras import DepthName
+from modpush.envs.depth.base import DepthCameraFactory
 from modpush.envs.robot.control import plan_motion_cpu
 from modpush.envs.scenes.scenario import Scenario
 from modpush.envs.sim.batch import Measurement, SceneBatch, SceneState
@@ -25,13 +25,13 @@ class CpuBatch(SceneBatch):
 
     Args:
         num_envs: Number of scenes.
-        depth: The depth camera, or None.
+        depth: What makes the depth camera of a task, or None.
         arm_in_depth: Whether the depth camera sees the arm.
         **task: Arguments of `ClutterPushEnv`.
     """
 
     def __init__(
-        self, num_envs: int, depth: DepthName | None, arm_in_depth: bool, **task: Any
+        self, num_envs: int, depth: DepthCameraFactory | None, arm_in_depth: bool, **task: Any
     ) -> None:
         tasks = [ClutterPushEnv(obs_mode="none", **task) for _ in range(num_envs)]
         super().__init__(tasks, depth, arm_in_depth)

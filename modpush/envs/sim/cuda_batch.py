@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from modpush.envs.depth.cameras import DepthName
+from modpush.envs.depth.base import DepthCameraFactory
 from modpush.envs.scenes.scenario import Scenario
 from modpush.envs.sim.batch import Measurement, SceneBatch, SceneState
 from modpush.envs.sim.task import ClutterPushEnv
@@ -21,7 +21,7 @@ class CudaBatch(SceneBatch):
 
     Args:
         num_envs: Number of scenes.
-        depth: The depth camera, or None.
+        depth: What makes the depth camera of a task, or None.
         arm_in_depth: Whether the depth camera sees the arm.
         **task: Arguments of `ClutterPushEnv`.
 
@@ -30,7 +30,7 @@ class CudaBatch(SceneBatch):
     """
 
     def __init__(
-        self, num_envs: int, depth: DepthName | None, arm_in_depth: bool, **task: Any
+        self, num_envs: int, depth: DepthCameraFactory | None, arm_in_depth: bool, **task: Any
     ) -> None:
         warn_experimental()
         if not torch.cuda.is_available():

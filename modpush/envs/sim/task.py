@@ -21,6 +21,7 @@ from sapien import physx
 from torch import Tensor
 
 from modpush.envs.outcome import GOAL_THRESHOLD, is_at_goal, is_out_of_bounds
+from modpush.envs.robot.ur5_2f85 import Tool
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.envs.sim.agent import UR5, tip_yaw
@@ -293,6 +294,15 @@ class ClutterPushEnv(BaseEnv):
             return np.array(self.cpu_scene.object_transform())
         actor = self.objects.actors[self.scenarios[index].pushed_object]
         return np.array(actor.pose.raw_pose[index].tolist())
+
+    def obstacle_transforms_of(self, index: int) -> np.ndarray:
+        """The same for the obstacles of one scene, in the order of its layout, `[n, 7]` [m]."""
+        return self.obstacles.transforms(index)
+
+    @property
+    def tool(self) -> Tool:
+        """What the arm holds."""
+        return self.agent.tool
 
     def link_transforms_of(self, index: int, names: Sequence[str]) -> np.ndarray:
         """The same for links of the robot, `[len(names), 7]` [m]."""

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from modpush.envs import OBJECTS, SCENES, PushEnv
-from modpush.envs.depth.cameras import AnalyticDepthCamera, RenderedDepthCamera
+from modpush.envs.depth.analytic import AnalyticDepthCamera
 from modpush.envs.depth.raycast import blank_image
+from modpush.envs.depth.rendered import RenderedDepthCamera
 from modpush.envs.sim.rendering import choose_render_backend
 from modpush.envs.sim.task import ClutterPushEnv
 from modpush.geometry.labels import Label

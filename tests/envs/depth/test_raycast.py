@@ -3,8 +3,9 @@ import math
 import numpy as np
 import pytest
 
-from modpush.envs.depth.cameras import AnalyticDepthCamera
-from modpush.envs.depth.raycast import Solids, blank_image, draw
+from modpush.envs.depth.analytic import AnalyticDepthCamera
+from modpush.envs.depth.raycast import blank_image, draw
+from modpush.envs.depth.solids import Solids
 from modpush.geometry.camera import CAMERA
 from modpush.geometry.labels import Label
 from modpush.geometry.shapes import box, capsule, cylinder, prism

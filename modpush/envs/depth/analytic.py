@@ -1,0 +1,80 @@
+"""`AnalyticDepthCamera`: the depth image, computed from the known shapes."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modpush.envs.depth.base import DepthCamera, SceneView
+from modpush.envs.depth.raycast import blank_image, cast_pixels, draw, warmup
+from modpush.envs.depth.solids import Solids
+from modpush.envs.robot.ur5_2f85 import LINKS
+from modpush.geometry.camera import CAMERA
+from modpush.geometry.labels import Label
+from modpush.geometry.shapes import box
+
+__all__ = ["AnalyticDepthCamera"]
+
+Placed = tuple[Solids, NDArray[np.float64], int]
+"""Solids, their poses and their label, as `raycast.draw` takes them."""
+
+
+class AnalyticDepthCamera(DepthCamera):
+    """Casts rays at the known shapes. Fixed obstacles are drawn once an episode.
+
+    Args:
+        scenes: What it looks at.
+        arm_in_depth: Whether it sees the arm.
+    """
+
+    def __init__(self, scenes: SceneView, arm_in_depth: bool = False) -> None:
+        super().__init__(scenes, arm_in_depth)
+        warmup()
+        self._objects = {item.name: Solids.of(item.parts) for item in scenes.pushed_objects}
+        self._background = [blank_image() for _ in range(scenes.num_envs)]
+        self._fixed: list[list[Placed]] = [[] for _ in range(scenes.num_envs)]
+        shapes = {link.name: link.shapes for link in LINKS} | {"tool": scenes.tool.shapes}
+        self._link_names = tuple(shapes)
+        self._robot = Solids.of(part for parts in shapes.values() for part in parts)
+        self._link_of_part = np.repeat(np.arange(len(shapes)), [len(p) for p in shapes.values()])
+
+    def reset(self, index: int) -> None:
+        """Draw the table and, if they are fixed, the obstacles."""
+        depth, labels = self._background[index]
+        depth.fill(CAMERA.z)
+        labels.fill(Label.TABLE)
+        self._fixed[index] = [] if self.scenes.dynamic_obstacles else [self._obstacles(index)]
+        for solids, poses, label in self._fixed[index]:
+            draw(depth, labels, solids, poses, label)
+
+    def capture(
+        self, index: int, depth: NDArray[np.float32], segmentation: NDArray[np.uint8]
+    ) -> None:
+        """Draw the moving bodies over the fixed ones."""
+        behind, labels = self._background[index]
+        np.copyto(depth, behind)
+        np.copyto(segmentation, labels)
+        for solids, poses, label in self._moving(index):
+            draw(depth, segmentation, solids, poses, label)
+
+    def cast(
+        self, index: int, pixels: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+        """Depth and label at single pixels `[..., 2]` (u, v), without an image."""
+        return cast_pixels(pixels, self._moving(index) + self._fixed[index])
+
+    def _moving(self, index: int) -> list[Placed]:
+        """The bodies that are drawn anew in every image: solids, poses, label."""
+        scenes = self.scenes
+        name = scenes.scenarios[index].pushed_object
+        pose = scenes.object_transform_of(index)[None]
+        groups: list[Placed] = [(self._objects[name], pose, Label.OBJECT)]
+        if scenes.dynamic_obstacles:
+            groups.append(self._obstacles(index))
+        if self.arm_in_depth:
+            poses = scenes.link_transforms_of(index, self._link_names)[self._link_of_part]
+            groups.append((self._robot, poses, Label.ROBOT))
+        return groups
+
+    def _obstacles(self, index: int) -> Placed:
+        obstacles = self.scenes.scenarios[index].obstacles
+        solids = Solids.of(box(*obstacle.size) for obstacle in obstacles)
+        return solids, self.scenes.obstacle_transforms_of(index), Label.OBSTACLE

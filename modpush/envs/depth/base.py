@@ -1,0 +1,85 @@
+"""The interface of a depth camera, and what it may know of the scenes that it looks at."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modpush.envs.robot.ur5_2f85 import Tool
+from modpush.envs.scenes.objects import PushedObject
+from modpush.envs.scenes.scenario import Scenario
+
+__all__ = ["DepthCamera", "DepthCameraFactory", "SceneView"]
+
+
+class SceneView(Protocol):
+    """What a depth camera may know of one or several scenes.
+
+    A transform is a position [m] and a quaternion (w, x, y, z) in the robot's base frame.
+    """
+
+    dynamic_obstacles: bool
+    """Whether obstacles can be moved; if not, they stay where an episode's layout has them."""
+    scenarios: list[Scenario]
+    """What the present episode of each scene started from."""
+
+    @property
+    def num_envs(self) -> int:
+        """Number of scenes."""
+
+    @property
+    def pushed_objects(self) -> Sequence[PushedObject]:
+        """The objects that may be pushed in these scenes."""
+
+    @property
+    def tool(self) -> Tool:
+        """What the arm holds."""
+
+    def object_transform_of(self, index: int) -> NDArray[np.float64]:
+        """Transform of the pushed object of one scene, `[7]`."""
+
+    def obstacle_transforms_of(self, index: int) -> NDArray[np.float64]:
+        """Transforms of the obstacles of one scene, in the order of its layout, `[n, 7]`."""
+
+    def link_transforms_of(self, index: int, names: Sequence[str]) -> NDArray[np.float64]:
+        """Transforms of links of the arm of one scene, `[len(names), 7]`."""
+
+
+class DepthCamera(ABC):
+    """Implement `reset` and `capture` to observe scenes by a depth camera of your own.
+
+    `PushEnv(depth=...)` calls the class, or any function, with a `SceneView` and `arm_in_depth`.
+
+    Args:
+        scenes: What it looks at.
+        arm_in_depth: Whether it sees the arm.
+    """
+
+    needs_renderer: ClassVar[bool] = False
+    """Whether the scenes must be built with a renderer."""
+
+    def __init__(self, scenes: SceneView, arm_in_depth: bool) -> None:
+        self.scenes = scenes
+        self.arm_in_depth = arm_in_depth
+
+    @abstractmethod
+    def reset(self, index: int) -> None:
+        """Take note of the layout of scene `index`, at the beginning of each of its episodes."""
+
+    @abstractmethod
+    def capture(
+        self, index: int, depth: NDArray[np.float32], segmentation: NDArray[np.uint8]
+    ) -> None:
+        """Write the present image of scene `index`.
+
+        Args:
+            index: Number of the scene.
+            depth: `[H, W]`, to be written in full: depth along the optical axis [m].
+            segmentation: `[H, W]`, to be written in full: values of `Label`.
+        """
+
+
+DepthCameraFactory = Callable[[Any, bool], DepthCamera]
+"""From a `SceneView` and whether the arm is seen to a depth camera; a class is one."""
