@@ -1,6 +1,11 @@
 from .base import Encoder as Encoder
+from .base import as_floats as as_floats
 from .base import check_window as check_window
+from .base import encoder_sizes as encoder_sizes
+from .base import evaluating as evaluating
 from .encode import Encode as Encode
+from .named import ENCODERS as ENCODERS
+from .named import make_encoder as make_encoder
 from .networks.conv_encoder import ConvEncoder as ConvEncoder
 from .networks.ray_scan import RayScan as RayScan
 from .vae.augmentation import augment_windows as augment_windows

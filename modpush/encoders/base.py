@@ -1,24 +1,28 @@
-"""What an encoder is."""
+"""What an encoder is, and what every encoder needs."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 
+from modpush._checks import check_dtype
 from modpush.encoders.window import WINDOW_SIZE
 
-__all__ = ["Encoder", "check_window"]
+__all__ = ["Encoder", "as_floats", "check_window", "encoder_sizes", "evaluating"]
 
 
 class Encoder(nn.Module, ABC):
     """Implement `forward(window [B, 1, S, S] float32 in [0, 1]) -> [B, latent_dim] float32`.
 
-    `Encode` makes a transform of it. Nothing but `latent_dim` and `window_size` is asked of it; any
-    module that has both will do.
+    `Encode` makes a transform of it. Any module that has `latent_dim` will do as well; one that has
+    no `window_size` takes windows of 64 pixels.
     """
 
     latent_dim: int
-    """Numbers in a latent."""
+    """Number of values in a latent."""
     window_size: int = WINDOW_SIZE
     """Side of the windows that it takes [px]."""
 
@@ -27,7 +31,48 @@ class Encoder(nn.Module, ABC):
         """Encode `[B, 1, S, S]` windows to `[B, latent_dim]`."""
 
 
-def check_window(window: Tensor, size: int, who: str, values: bool = True) -> None:
+def encoder_sizes(who: str, encoder: Any) -> tuple[int, int]:
+    """Width of an encoder's latent, and side of the windows that it takes [px].
+
+    Args:
+        who: What asks, for error messages.
+        encoder: Any module with `latent_dim`, and `window_size` where that is not 64.
+
+    Raises:
+        TypeError: If it is no module, or one of the two is not a positive integer.
+    """
+    sizes = (getattr(encoder, "latent_dim", None), getattr(encoder, "window_size", WINDOW_SIZE))
+    whole = all(isinstance(size, int) and size >= 1 for size in sizes)
+    if not (isinstance(encoder, nn.Module) and whole):
+        raise TypeError(
+            f"{who}: encoder must be a module with an int `latent_dim` >= 1 and, where that is not "
+            f"{WINDOW_SIZE}, an int `window_size` >= 1; got {type(encoder).__name__} with "
+            f"latent_dim={sizes[0]!r} and window_size={sizes[1]!r}."
+        )
+    return int(sizes[0]), int(sizes[1])  # type: ignore[arg-type]
+
+
+@contextmanager
+def evaluating(module: nn.Module) -> Iterator[None]:
+    """Put a module in eval mode for a while; afterwards each part is in the mode it was in."""
+    training = [part for part in module.modules() if part.training]
+    if training:
+        module.eval()
+    try:
+        yield
+    finally:
+        for part in training:  # those, and none that were frozen on purpose
+            part.training = True
+
+
+def as_floats(window: Tensor) -> Tensor:
+    """Windows as float32 in [0, 1]: bytes are divided by 255, floats stay as they are."""
+    return window.float() / 255 if window.dtype == torch.uint8 else window
+
+
+def check_window(
+    window: Tensor, size: int, who: str, values: bool = True, batched: bool = False
+) -> None:
     """Refuse what is not a batch of windows.
 
     Args:
@@ -36,16 +81,17 @@ def check_window(window: Tensor, size: int, who: str, values: bool = True) -> No
         who: Named in errors.
         values: Look at every value too: a NaN or an image in other units (millimetres, 0 to 255) is
             refused rather than encoded to nonsense.
+        batched: Expect just one batch dimension, `[B, 1, size, size]`.
 
     Raises:
-        TypeError: If it is not float32.
+        TypeError: If it is not a float32 tensor.
         ValueError: For another shape, NaN, or values outside [0, 1].
     """
-    if window.dtype != torch.float32:
-        raise TypeError(f"{who}: window must be float32, got {window.dtype}.")
-    if window.shape[-3:] != (1, size, size):
+    check_dtype(who, "window", window, torch.float32)
+    if window.shape[-3:] != (1, size, size) or (batched and window.ndim != 4):
+        lead = "B" if batched else "..."
         raise ValueError(
-            f"{who}: window must be [..., 1, {size}, {size}], got {list(window.shape)}."
+            f"{who}: window must be [{lead}, 1, {size}, {size}], got {list(window.shape)}."
         )
     if not values or window.numel() == 0:
         return

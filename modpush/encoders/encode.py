@@ -6,7 +6,8 @@ from torch import nn
 from torchrl.data import TensorSpec, Unbounded
 from torchrl.envs import Transform
 
-from modpush.encoders.base import check_window
+from modpush._keys import check_spec_has, read_key, stored_next
+from modpush.encoders.base import as_floats, check_window, encoder_sizes, evaluating
 
 __all__ = ["Encode"]
 
@@ -18,8 +19,8 @@ class Encode(Transform):
 
     Args:
         encoder: Any module `[B, 1, S, S] -> [B, latent_dim]` that says its `latent_dim`, and its
-            `window_size` where that is not 64.
-        window_key: Read, `[..., 1, S, S]` float32 in [0, 1].
+            `window_size` S where that is not 64.
+        window_key: Read, `[..., 1, S, S]` float32 in [0, 1], or uint8, of which 255 stands for 1.
         latent_key: Written, `[..., latent_dim]` float32.
         grad: Let gradients through to the encoder, for training it end to end.
 
@@ -34,36 +35,26 @@ class Encode(Transform):
         latent_key: NestedKey = "latent",
         grad: bool = False,
     ) -> None:
-        if not isinstance(getattr(encoder, "latent_dim", None), int):
-            raise TypeError(
-                f"Encode: encoder must be a module with an int `latent_dim`, got "
-                f"{type(encoder).__name__} with "
-                f"latent_dim={getattr(encoder, 'latent_dim', None)!r}."
-            )
+        self.latent_dim, self.window_size = encoder_sizes("Encode", encoder)
         super().__init__(in_keys=[window_key], out_keys=[latent_key])
         self.encoder = encoder
         self.window_key, self.latent_key, self.grad = window_key, latent_key, grad
-        self.latent_dim = int(encoder.latent_dim)  # type: ignore[arg-type]
-        self.window_size = int(getattr(encoder, "window_size", 64))
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        window = next_tensordict.get(self.window_key, None)
-        if window is None:
-            raise KeyError(
-                f"Encode: {self.window_key!r} is missing; there is "
-                f"{sorted(map(str, next_tensordict.keys(True, True)))}."
-            )
+        window = as_floats(read_key("Encode", next_tensordict, self.window_key))
         check_window(window, self.window_size, "Encode")
         batch = window.reshape(-1, *window.shape[-3:])
-        training = [module for module in self.encoder.modules() if module.training]
-        if training:
-            self.encoder.eval()  # a latent must not depend on which scenes share the call
-        try:
-            with torch.set_grad_enabled(self.grad and torch.is_grad_enabled()):
-                latent = self.encoder(batch)
-        finally:
-            for module in training:  # those, and none that were frozen on purpose
-                module.training = True
+        # In eval mode, since a latent must not depend on which scenes share the call.
+        with (
+            evaluating(self.encoder),
+            torch.set_grad_enabled(self.grad and torch.is_grad_enabled()),
+        ):
+            latent = self.encoder(batch)
+        if latent.shape != (len(batch), self.latent_dim):
+            raise ValueError(
+                f"Encode: the encoder must return [B, latent_dim] = "
+                f"[{len(batch)}, {self.latent_dim}], got {list(latent.shape)}."
+            )
         next_tensordict.set(self.latent_key, latent.reshape(*window.shape[:-3], self.latent_dim))
         return next_tensordict
 
@@ -73,11 +64,15 @@ class Encode(Transform):
         return self._call(tensordict_reset)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Encode stored windows."""
+        """Encode stored windows and, in transitions, those of their `"next"`."""
+        after = stored_next("Encode", tensordict, self.in_keys, self.out_keys)
+        if after is not None:
+            self._call(after)
         return self._call(tensordict)
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Add the latent."""
+        check_spec_has("Encode", observation_spec, self.in_keys)
         observation_spec[self.latent_key] = Unbounded(
             shape=(*observation_spec.shape, self.latent_dim),
             dtype=torch.float32,

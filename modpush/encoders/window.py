@@ -73,7 +73,7 @@ def egocentric_window(
     Raises:
         TypeError: For wrong dtypes.
         ValueError: For wrong shapes, numbers out of range, or a pose that is not finite.
-    Source: Sec. IV-A of the paper; `spec.md` 4.
+    Source: Sec. IV-A of the paper.
     """
     camera = _check(depth, segmentation, pose, size, max_height, outside, camera)
     image = depth.detach().cpu().contiguous()

@@ -6,6 +6,7 @@ from torch import Tensor
 from torchrl.data import Bounded, TensorSpec
 from torchrl.envs import Transform
 
+from modpush._keys import check_spec_has, read_key, stored_next
 from modpush.encoders.window import (
     MAX_HEIGHT,
     WINDOW_SIZE,
@@ -78,20 +79,14 @@ class EgocentricWindow(Transform):
 
     def _pose(self, tensordict: TensorDictBase) -> Tensor:
         """`[B, 3]` of the window's frame."""
-        pose = tensordict.get(self.object_pose_key).reshape(-1, 3)
+        pose = read_key("EgocentricWindow", tensordict, self.object_pose_key).reshape(-1, 3)
         subgoal = None
         if self.frame == "path":
-            subgoal = tensordict.get(self.subgoal_key).reshape(-1, 2)
+            subgoal = read_key("EgocentricWindow", tensordict, self.subgoal_key).reshape(-1, 2)
         return torch.cat([pose[:, :2], frame_yaw(self.frame, pose, subgoal)], -1)
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        for key in self.in_keys:
-            if next_tensordict.get(key, None) is None:
-                raise KeyError(
-                    f"EgocentricWindow: {key!r} is missing; there is "
-                    f"{sorted(map(str, next_tensordict.keys(True, True)))}."
-                )
-        depth = next_tensordict.get(self.depth_key)
+        depth = read_key("EgocentricWindow", next_tensordict, self.depth_key)
         expected = (1, self.camera.height, self.camera.width)
         if depth.shape[-3:] != expected:
             raise ValueError(
@@ -100,7 +95,8 @@ class EgocentricWindow(Transform):
             )
         labels = None
         if self.segmentation_key is not None:
-            labels = next_tensordict.get(self.segmentation_key).reshape(-1, *expected[1:])
+            labels = read_key("EgocentricWindow", next_tensordict, self.segmentation_key)
+            labels = labels.reshape(-1, *expected[1:])
         window = egocentric_window(
             depth.reshape(-1, *expected[1:]),
             labels,
@@ -120,11 +116,15 @@ class EgocentricWindow(Transform):
         return self._call(tensordict_reset)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the windows of stored data."""
+        """Write the windows of stored data and, in transitions, those of their `"next"`."""
+        after = stored_next("EgocentricWindow", tensordict, self.in_keys, self.out_keys)
+        if after is not None:
+            self._call(after)
         return self._call(tensordict)
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Add the window."""
+        check_spec_has("EgocentricWindow", observation_spec, self.in_keys)
         observation_spec[self.window_key] = Bounded(
             low=0.0,
             high=1.0,

@@ -6,9 +6,10 @@ import math
 import pytest
 import torch
 from tensordict import TensorDict
+from torch import nn
 from torch.distributions import Bernoulli, Independent, Normal, kl_divergence
 
-from modpush.encoders import DepthVAE, VAELoss, shipped_weights
+from modpush.encoders import DepthVAE, VAELoss, shipped_weights, vae_quality
 from modpush.encoders.vae.loss import bernoulli_entropy
 from tests.encoders.scenes import CUBE, moved, window_of
 
@@ -148,7 +149,7 @@ def test_bad_options_are_refused(options, message):
 
 
 def test_windows_of_another_size_are_refused():
-    with pytest.raises(ValueError, match=r"DepthVAE: window must be \[..., 1, 64, 64\]"):
+    with pytest.raises(ValueError, match=r"DepthVAE: window must be \[B, 1, 64, 64\]"):
         DepthVAE(**TINY)(torch.zeros(1, 1, 32, 32))
     with pytest.raises(ValueError, match="kl_weight must be >= 0, got -1"):
         VAELoss(DepthVAE(**TINY), kl_weight=-1)
@@ -200,3 +201,13 @@ def test_shipped_weights_are_small_and_have_a_card():
         header = path.read_bytes()[8:4096]
         assert b"modpush.DepthVAE" in header
         assert json.dumps("card")[1:-1].encode() in header
+
+
+def test_measuring_leaves_frozen_parts_frozen():
+    vae = DepthVAE(**TINY).train()
+    frozen = next(module for module in vae.modules() if isinstance(module, nn.BatchNorm2d)).eval()
+    windows = torch.rand(4, 1, 64, 64)
+    vae_quality(vae, windows.__getitem__, 4)
+    assert vae.training
+    assert not frozen.training
+    assert sum(not module.training for module in vae.modules()) == 1

@@ -33,11 +33,24 @@ def test_a_quarter_turn_of_the_window_moves_the_rays_on():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"num_rays": 0}, "num_rays must be >= 1, got 0"),
-        ({"max_range": 0.0}, "max_range and pixel_size must be > 0 m, got 0.0"),
+        ({"num_rays": 0}, "num_rays and window_size must be >= 1, got 0, 64"),
+        ({"max_range": 0.0}, "max_range and pixel_size must be > 0 m and finite, got 0.0"),
         ({"min_height": 0.08}, r"min_height must lie in \[0, max_height = 0.08\), got 0.08"),
     ],
 )
 def test_bad_options_are_refused(options, message):
     with pytest.raises(ValueError, match=message):
         RayScan(**options)
+
+
+@pytest.mark.parametrize("shape", [(3, 2, 1, 64, 64), (1, 64, 64), (2, 1, 32, 32)])
+def test_what_is_no_batch_of_windows_is_refused(shape):
+    with pytest.raises(ValueError, match=r"RayScan: window must be \[B, 1, 64, 64\], got"):
+        RayScan()(torch.zeros(shape))
+
+
+def test_windows_of_another_size():
+    window = torch.zeros(1, 1, 32, 32)
+    window[..., 5, :] = 1.0
+    scan = RayScan(4, window_size=32, pixel_size=1.0)(window)
+    torch.testing.assert_close(scan[0, 0].item(), 10 / 16, atol=0.51 / 16, rtol=0)

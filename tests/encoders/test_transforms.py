@@ -219,7 +219,11 @@ def test_an_encoder_of_ones_own_needs_no_base_class():
     ("window", "error", "message"),
     [
         (torch.zeros(1, 1, 32, 32), ValueError, r"\[..., 1, 64, 64\], got \[1, 1, 32, 32\]"),
-        (torch.zeros(1, 1, 64, 64).byte(), TypeError, "must be float32, got torch.uint8"),
+        (
+            torch.zeros(1, 1, 64, 64).int(),
+            TypeError,
+            "must be a torch.float32 tensor, got torch.int32",
+        ),
         (torch.full((1, 1, 64, 64), 255.0), ValueError, "in \\[0, 1\\].*from 255 to 255"),
         (torch.full((1, 1, 64, 64), -0.1), ValueError, "from -0.1 to -0.1"),
         (torch.full((1, 1, 64, 64), torch.nan), ValueError, "must be finite"),
@@ -239,10 +243,12 @@ def test_wrong_options_and_missing_keys_are_named():
         TypeError, match="Encode: encoder must be a module with an int `latent_dim`"
     ):
         Encode(torch.nn.Linear(3, 3))
-    with pytest.raises(KeyError, match="'window' is missing; there is \\['x'\\]"):
+    with pytest.raises(TypeError, match="got function with latent_dim=None"):
+        Encode(small_transform)
+    with pytest.raises(KeyError, match="'window' is missing; there are \\['x'\\]"):
         Encode(RayScan())(TensorDict(x=torch.zeros(1), batch_size=[1]))
     data = partial(TensorDict, batch_size=[1])
-    with pytest.raises(KeyError, match="'depth' is missing; there is \\['x'\\]"):
+    with pytest.raises(KeyError, match="'depth' is missing; there are \\['x'\\]"):
         EgocentricWindow()(data(x=torch.zeros(1)))
     with pytest.raises(ValueError, match=r"\[..., 1, 256, 256\], got \[1, 1, 8, 8\]"):
         EgocentricWindow()(
@@ -252,3 +258,64 @@ def test_wrong_options_and_missing_keys_are_named():
                 object_pose=torch.zeros(1, 3),
             )
         )
+
+
+def test_windows_may_be_bytes():
+    levels = torch.randint(0, 256, (3, 1, 64, 64), dtype=torch.uint8)
+    for encoder in (ConvEncoder(8), RayScan()):
+        bytes_, floats = (
+            Encode(encoder)(TensorDict(window=window, batch_size=[3]))["latent"]
+            for window in (levels, levels.float() / 255)
+        )
+        assert torch.equal(bytes_, floats)
+    conv = ConvEncoder(8)
+    assert torch.equal(conv(levels), conv(levels.float() / 255))
+
+
+@pytest.mark.parametrize("size", [15, 16, 32, 64])
+def test_an_encoder_s_window_size_holds_from_the_image_to_the_latent(size):
+    for encoder in (ConvEncoder(6, window_size=size), RayScan(6, window_size=size)):
+        window = EgocentricWindow(size=encoder.window_size, camera=SMALL)
+        env = TransformedEnv(TableEnv(2), Compose(window, Encode(encoder)))
+        check_env_specs(env)
+        assert env.reset()["latent"].shape == (2, 6)
+        other = torch.zeros(2, 1, size + 1, size + 1)
+        with pytest.raises(ValueError, match=rf"must be \[B, 1, {size}, {size}\]"):
+            encoder(other)
+
+
+def test_stored_transitions_are_rewritten_in_root_and_next():
+    stored = make_env(2).rollout(5, steer, break_when_any_done=False).reshape(-1)
+    stale = stored.clone()
+    for data in (stale, stale["next"]):
+        data["window"].zero_()
+        data["latent"].zero_()
+    buffer = ReplayBuffer(storage=LazyTensorStorage(10), batch_size=8, transform=small_transform())
+    buffer.extend(stale.set("row", torch.arange(10)))
+    sample = buffer.sample()
+    for key in ("window", "latent"):
+        assert torch.equal(sample[key], stored[key][sample["row"]])
+        assert torch.equal(sample["next", key], stored["next", key][sample["row"]])
+    with pytest.raises(KeyError, match=r"EgocentricWindow: \['depth'\] are missing in 'next'"):
+        small_transform()(stored.clone().exclude(("next", "depth")))
+    with pytest.raises(KeyError, match=r"Encode: \['window'\] are missing in 'next'"):
+        Encode(SmallScan())(stored.exclude(("next", "window")))
+
+
+def test_the_sub_goal_s_key_can_be_nested():
+    data = TableEnv(2).reset()
+    data["plan", "subgoal"] = data["subgoal"] = torch.tensor([[0.4, 0.3], [0.7, -0.1]])
+    window = EgocentricWindow("path", 16, camera=SMALL)
+    nested = EgocentricWindow("path", 16, camera=SMALL, subgoal_key=("plan", "subgoal"))
+    assert torch.equal(nested(data.clone())["window"], window(data.clone())["window"])
+
+
+def test_an_encoder_that_returns_another_width_is_named():
+    class Wrong(nn.Module):
+        latent_dim = 3
+
+        def forward(self, window):
+            return window.flatten(1)[:, :2]
+
+    with pytest.raises(ValueError, match=r"must return \[B, latent_dim\] = \[2, 3\], got \[2, 2\]"):
+        Encode(Wrong())(TensorDict(window=torch.zeros(2, 1, 64, 64), batch_size=[2]))

@@ -53,10 +53,10 @@ def test_a_file_cut_short_or_of_another_kind_is_refused(tmp_path):
         WindowData.load(tmp_path / "none.safetensors")
 
 
-def test_windows_of_another_size_or_dtype_are_refused():
+def test_windows_of_another_shape_or_dtype_are_refused():
     rest = {"family": torch.zeros(2), "held_out": torch.zeros(2)}
-    with pytest.raises(ValueError, match=r"\[N, 64, 64\] uint8, got \[2, 32, 32\] torch.uint8"):
-        WindowData(windows=torch.zeros(2, 32, 32).byte(), **rest)
+    with pytest.raises(ValueError, match=r"\[N, S, S\] uint8, got \[2, 32, 16\] torch.uint8"):
+        WindowData(windows=torch.zeros(2, 32, 16).byte(), **rest)
     with pytest.raises(ValueError, match=r"got \[2, 64, 64\] torch.float32"):
         WindowData(windows=torch.zeros(2, 64, 64), **rest)
     with pytest.raises(ValueError, match=r"family must be \[3\], got \[2\]"):
@@ -102,3 +102,17 @@ def test_probes_find_what_is_there():
     assert mlp_probe(*parts(bent), width=64, epochs=20) > 0.85
     assert linear_probe(*parts(torch.randn(3000, 2))) < 0.05
     assert r_squared(torch.zeros(3, 1), torch.tensor([[-1.0], [0.0], [1.0]])) == 0.0
+
+
+def test_windows_of_another_size_are_kept():
+    data = WindowData.from_floats(torch.rand(3, 1, 32, 32), torch.zeros(3), torch.zeros(3), {})
+    assert data.window_size == 32
+    assert data.floats().shape == (3, 1, 32, 32)
+
+
+@pytest.mark.parametrize("value", [1.5, -0.1, 255.0, float("nan")])
+def test_values_that_are_no_heights_are_refused(value):
+    windows = torch.zeros(2, 1, 64, 64)
+    windows[1, 0, 3, 3] = value
+    with pytest.raises(ValueError, match=r"from_floats: window must be finite and in \[0, 1\]"):
+        WindowData.from_floats(windows, torch.zeros(2), torch.zeros(2), {})

@@ -1,8 +1,9 @@
-"""`ConvEncoder`: trained end to end by the loss of whoever reads its latent."""
+"""`ConvEncoder`: trained end to end by the loss that reads its latent."""
 
 from torch import Tensor, nn
 
-from modpush.encoders.base import Encoder, check_window
+from modpush.encoders.base import Encoder, as_floats, check_window
+from modpush.encoders.window import WINDOW_SIZE
 
 __all__ = ["ConvEncoder"]
 
@@ -10,40 +11,52 @@ __all__ = ["ConvEncoder"]
 class ConvEncoder(Encoder):
     """Four strided convolutions, then a normalised and bounded latent, `[B, latent_dim]` in [-1, 1].
 
-    Holds no batch statistics: it does the same in training and evaluation, as a network must that
-    is trained by the critic's loss on one batch and acts on another.
+    It has no batch statistics and does the same in training and evaluation, as a network must that
+    is trained by the critic's loss on one batch and acts on another. Windows may be stored as bytes:
+    uint8 values are divided by 255.
 
     Args:
-        latent_dim: Numbers in a latent.
+        latent_dim: Number of values in a latent.
         width: Channels of the first convolution; the others have twice as many.
+        window_size: Side of the windows [px].
 
     Raises:
         ValueError: If one of them is < 1.
     Source: the shape of DrQ's encoder (Kostrikov et al. 2020): LayerNorm and tanh at the end.
     """
 
-    def __init__(self, latent_dim: int = 32, width: int = 16) -> None:
+    def __init__(
+        self, latent_dim: int = 32, width: int = 16, window_size: int = WINDOW_SIZE
+    ) -> None:
         super().__init__()
-        if latent_dim < 1 or width < 1:
-            raise ValueError(
-                f"ConvEncoder: latent_dim and width must be >= 1, got {latent_dim} and {width}."
-            )
-        self.latent_dim = latent_dim
+        for name, value in (
+            ("latent_dim", latent_dim),
+            ("width", width),
+            ("window_size", window_size),
+        ):
+            if value < 1:
+                raise ValueError(f"ConvEncoder: {name} must be >= 1, got {value}.")
+        self.latent_dim, self.window_size = latent_dim, window_size
         layers: list[nn.Module] = []
-        channels = 1
-        for step in range(4):  # 64 -> 32 -> 16 -> 8 -> 4
+        channels, side = 1, window_size
+        for step in range(4):  # a window of 64: 32, 16, 8, 4
             wide = width if step == 0 else 2 * width
             layers += [nn.Conv2d(channels, wide, 3, stride=2, padding=1), nn.ReLU()]
-            channels = wide
+            channels, side = wide, (side + 1) // 2
         self.layers = nn.Sequential(
             *layers,
             nn.Flatten(),
-            nn.Linear(channels * 16, latent_dim),
+            nn.Linear(channels * side**2, latent_dim),
             nn.LayerNorm(latent_dim),
             nn.Tanh(),
         )
 
     def forward(self, window: Tensor) -> Tensor:
-        """Encode `[B, 1, 64, 64]` windows to `[B, latent_dim]`."""
-        check_window(window, self.window_size, "ConvEncoder", values=False)
+        """Encode windows to `[B, latent_dim]`.
+
+        Args:
+            window: `[B, 1, S, S]` float32 in [0, 1], or uint8, of which 255 stands for 1.
+        """
+        window = as_floats(window)
+        check_window(window, self.window_size, "ConvEncoder", values=False, batched=True)
         return self.layers(window)

@@ -13,7 +13,7 @@ __all__ = ["RayScan"]
 
 
 class RayScan(Encoder):
-    """How far it is to the next obstacle along rays from the window's middle, `[B, num_rays]`.
+    """Distance to the next obstacle along rays from the middle of the window, `[B, num_rays]`.
 
     Ray k points at 2 pi k / num_rays from ahead (up in the window), turning left. A value is the
     distance divided by `max_range`, 1 where the ray meets nothing within it or leaves the window.
@@ -22,7 +22,7 @@ class RayScan(Encoder):
     Args:
         num_rays: Number of rays.
         max_range: Distance that is shown as 1 [m]; by default half the window's side.
-        min_height: What is lower blocks no ray [m].
+        min_height: Lower obstacles block no ray [m].
         max_height: Height that the window shows as 1 [m].
         window_size: Side of the windows [px].
         pixel_size: Side of a window pixel [m]; by default that of `PushEnv`'s camera on the table.
@@ -43,11 +43,14 @@ class RayScan(Encoder):
         super().__init__()
         pixel_size = pixel_size if pixel_size is not None else Camera().cell_size
         max_range = max_range if max_range is not None else 0.5 * window_size * pixel_size
-        if num_rays < 1:
-            raise ValueError(f"RayScan: num_rays must be >= 1, got {num_rays}.")
-        if not (max_range > 0 and pixel_size > 0):
+        if num_rays < 1 or window_size < 1:
             raise ValueError(
-                f"RayScan: max_range and pixel_size must be > 0 m, got {max_range}, {pixel_size}."
+                f"RayScan: num_rays and window_size must be >= 1, got {num_rays}, {window_size}."
+            )
+        if not (0 < max_range < math.inf and 0 < pixel_size < math.inf):
+            raise ValueError(
+                f"RayScan: max_range and pixel_size must be > 0 m and finite, got {max_range} and "
+                f"{pixel_size}."
             )
         if not 0 <= min_height < max_height:
             raise ValueError(
@@ -64,7 +67,7 @@ class RayScan(Encoder):
         inside = (rows.clamp(0, window_size - 1) == rows) & (
             columns.clamp(0, window_size - 1) == columns
         )
-        # What lies outside looks at one more pixel, which is always free.
+        # Places outside the window read one extra pixel, which is always free.
         index = torch.where(inside, rows * window_size + columns, window_size**2)
         self.register_buffer("_index", index.flatten(), persistent=False)
         fractions = torch.cat([steps * (pixel_size / max_range), torch.ones(1)])
@@ -72,7 +75,7 @@ class RayScan(Encoder):
 
     def forward(self, window: Tensor) -> Tensor:
         """Clearance along each ray, `[B, num_rays]` in [0, 1]."""
-        check_window(window, self.window_size, "RayScan", values=False)
+        check_window(window, self.window_size, "RayScan", values=False, batched=True)
         index: Tensor = self._index  # type: ignore[assignment]
         fractions: Tensor = self._fractions  # type: ignore[assignment]
         blocked = torch.nn.functional.pad(window.flatten(1) > self.threshold, (0, 1))

@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from modpush.encoders.window import WINDOW_SIZE
+from modpush.encoders.base import check_window
 from modpush.files import read_tensors, write_tensors
 
 __all__ = ["WindowData"]
@@ -18,27 +18,28 @@ _KIND, _VERSION = "modpush.WindowData", 1
 
 @dataclass(frozen=True, kw_only=True)
 class WindowData:
-    """`N` windows as whole numbers from 0 to 255, one file with the config that made it.
+    """`N` windows as whole numbers from 0 to 255, stored with the config that made them.
 
-    A level is 0.3 mm of height: far below what any depth camera tells, and a quarter of the size.
+    One level is 0.3 mm of height, far less than a depth camera resolves, and takes a quarter of a
+    float's memory.
     """
 
     windows: Tensor
-    """`[N, 64, 64]` uint8."""
+    """Windows with S pixels on each side, `[N, S, S]` uint8."""
     family: Tensor
     """`[N]` uint8, index into `config["families"]`: which scene family a window shows."""
     held_out: Tensor
     """`[N]` bool: not to be trained on. Whole layouts are held out, not single windows."""
     config: dict[str, Any] = field(default_factory=dict)
-    """What made them."""
+    """Settings with which the windows were made."""
 
     def __post_init__(self) -> None:
         """Check shapes and dtypes."""
-        size = WINDOW_SIZE
-        if self.windows.dtype != torch.uint8 or self.windows.shape[1:] != (size, size):
+        shape = self.windows.shape
+        if self.windows.dtype != torch.uint8 or len(shape) != 3 or shape[1] != shape[2]:
             raise ValueError(
-                f"WindowData: windows must be [N, {size}, {size}] uint8, got "
-                f"{list(self.windows.shape)} {self.windows.dtype}."
+                f"WindowData: windows must be [N, S, S] uint8, got {list(shape)} "
+                f"{self.windows.dtype}."
             )
         for name in ("family", "held_out"):
             if getattr(self, name).shape != (len(self),):
@@ -47,6 +48,11 @@ class WindowData:
                     f"got {list(getattr(self, name).shape)}."
                 )
 
+    @property
+    def window_size(self) -> int:
+        """Side of the windows [px]."""
+        return self.windows.shape[-1]
+
     def __len__(self) -> int:
         return len(self.windows)
 
@@ -54,16 +60,28 @@ class WindowData:
     def from_floats(
         cls, windows: Tensor, family: Tensor, held_out: Tensor, config: dict[str, Any]
     ) -> "WindowData":
-        """Round windows `[N, 1, 64, 64]` in [0, 1] to the 256 levels."""
+        """Round windows to the 256 levels.
+
+        Args:
+            windows: `[N, 1, S, S]` float32 in [0, 1].
+            family: `[N]` uint8.
+            held_out: `[N]` bool.
+            config: Settings with which the windows were made.
+
+        Raises:
+            TypeError: If the windows are not a float32 tensor.
+            ValueError: If a value is NaN or not in [0, 1], or a shape does not fit.
+        """
+        check_window(windows, windows.shape[-1], "WindowData.from_floats", batched=True)
         levels = (windows[:, 0] * 255).round().to(torch.uint8)
         return cls(windows=levels, family=family, held_out=held_out, config=config)
 
     def floats(self, index: Tensor | slice = slice(None)) -> Tensor:
-        """Windows as an encoder takes them, `[n, 1, 64, 64]` float32 in [0, 1]."""
+        """Windows as an encoder takes them, `[n, 1, S, S]` float32 in [0, 1]."""
         return self.windows[index].unsqueeze(1).float().div_(255)
 
     def where(self, mask: Tensor) -> "WindowData":
-        """Only those where the mask `[N]` says so."""
+        """The windows for which a mask `[N]` bool is True."""
         return WindowData(
             windows=self.windows[mask],
             family=self.family[mask],
@@ -73,7 +91,7 @@ class WindowData:
 
     @classmethod
     def join(cls, parts: Sequence["WindowData"]) -> "WindowData":
-        """All parts in one, with the first one's config."""
+        """All parts in one, with the first part's config; their windows must be of one size."""
         columns = {
             name: torch.cat([getattr(part, name) for part in parts])
             for name in ("windows", "family", "held_out")
@@ -91,7 +109,7 @@ class WindowData:
 
         Raises:
             FileNotFoundError: If there is none.
-            ValueError: If it is cut short, of another kind, version or window size.
+            ValueError: If it is cut short, or of another kind or version.
         """
         tensors, config = read_tensors(path, _KIND, _VERSION)
         if missing := {"windows", "family", "held_out"} - set(tensors):

@@ -1,4 +1,4 @@
-"""`VAELoss`: what `DepthVAE` is trained by, as a TorchRL loss module."""
+"""`VAELoss`: the loss that trains `DepthVAE`, as a TorchRL loss module."""
 
 from dataclasses import dataclass
 
@@ -34,12 +34,12 @@ class VAELoss(LossModule):
     (unweighted) and `kl_per_latent` `[latent_dim]`, all in nat.
 
     Args:
-        vae: What is trained.
+        vae: The autoencoder to train.
         kl_weight: Weight w of the divergence.
 
     Raises:
         ValueError: If the weight is negative.
-    Source: Sec. IV-A of the paper; the authors' w = 0.5 (`spec.md` 7).
+    Source: Sec. IV-A of the paper; w = 0.5 as in the authors' code.
     """
 
     @dataclass

@@ -32,14 +32,14 @@ class DepthVAE(Encoder):
     time on a CPU.
 
     Args:
-        latent_dim: Numbers in a latent.
+        latent_dim: Number of values in a latent.
         encoder_widths: Channels of the four convolutions.
         decoder_widths: Channels of the maps of side 4, 8, 16 and 32.
         sample: Return a sample of the latent rather than its mean, as the authors' code does.
 
     Raises:
         ValueError: If a width or `latent_dim` is < 1, or there are not four of them.
-    Source: Sec. IV-A of the paper; `spec.md` 7.
+    Source: Sec. IV-A of the paper.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class DepthVAE(Encoder):
         Args:
             window: `[B, 1, 64, 64]` float32 in [0, 1].
         """
-        check_window(window, self.window_size, "DepthVAE", values=False)
+        check_window(window, self.window_size, "DepthVAE", values=False, batched=True)
         mean, spread = self.encoder(window).chunk(2, -1)
         return mean, softplus(spread) + _MIN_STD
 
@@ -105,7 +105,7 @@ class DepthVAE(Encoder):
         return mean + std * torch.randn_like(std) if self.sample else mean
 
     def reconstruct(self, window: Tensor) -> Tensor:
-        """What the latent's mean keeps of the window, `[B, 1, 64, 64]` in [0, 1]."""
+        """The window as decoded from the mean of its latent, `[B, 1, 64, 64]` in [0, 1]."""
         return self.decode(self.encode(window)[0]).sigmoid()
 
     def save(self, path: Path | str, card: Mapping[str, Any] | None = None) -> None:

@@ -1,4 +1,4 @@
-"""What a latent keeps of the windows: reconstruction, active numbers, and probes."""
+"""How well a latent represents the windows: reconstruction, active values, and probes."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,6 +7,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
+from modpush.encoders.base import evaluating
 from modpush.encoders.vae.loss import bernoulli_entropy, kl_divergence
 from modpush.encoders.vae.model import DepthVAE
 
@@ -17,31 +18,32 @@ _BATCH = 512
 
 @dataclass(frozen=True, kw_only=True)
 class Quality:
-    """How well a `DepthVAE` keeps a set of windows."""
+    """How well a `DepthVAE` represents a set of windows."""
 
     nll: float
-    """Negative log-likelihood of a sampled latent's reconstruction, a window [nat]."""
+    """Negative log-likelihood of the reconstruction from a sampled latent, per window [nat]."""
     kl: float
-    """KL divergence from the prior, a window [nat]; `-(nll + kl)` is the ELBO."""
+    """KL divergence from the prior, per window [nat]; `-(nll + kl)` is the ELBO."""
     loss: float
-    """`nll + 0.5 kl`, what is trained on [nat]."""
+    """The training loss `nll + 0.5 kl` per window [nat]."""
     entropy: float
-    """What `nll` cannot go below [nat]."""
+    """Lower bound of `nll`, the entropy of the windows' values, per window [nat]."""
     iou: float
     """Obstacle pixels (over 0.5) common to windows and reconstructions, over those of either; all
     windows together."""
     mean_iou: float
-    """The same for each window that has such pixels, averaged; small slivers weigh as much as bars."""
+    """The same for each window that has such pixels, averaged, so that small obstacles weigh as much
+    as large ones."""
     iou_half: float
     """As `iou`, with pixels over 0.3: half an obstacle's height. A cube is 0.625 high, so where its
     edge may or may not run, a reconstruction falls below 0.5 well inside of it."""
     blank_false: float
     """Share of pixels over 0.5 in reconstructions of blank windows."""
     active: int
-    """Numbers of the latent whose mean varies over the windows by more than 0.01 (variance; Burda et
+    """Number of latent values whose mean varies over the windows by more than 0.01 (variance; Burda et
     al. 2016)."""
     kl_per_latent: tuple[float, ...]
-    """[nat]"""
+    """KL divergence of each value of the latent [nat]."""
 
 
 @torch.no_grad()
@@ -49,40 +51,27 @@ def vae_quality(vae: DepthVAE, windows: Callable[[slice], Tensor], count: int) -
     """Measure on `count` windows, in eval mode.
 
     Args:
-        vae: What is measured.
+        vae: The autoencoder to measure.
         windows: From a slice to `[n, 1, 64, 64]` float32, such as `WindowData.floats`.
-        count: How many there are.
+        count: Number of windows.
     """
-    training, rows, means = vae.training, [], []
-    vae.eval()
-    per_latent = torch.zeros(vae.latent_dim)
+    device = next(vae.parameters()).device
+    rows, means = [], []
+    per_latent = torch.zeros(vae.latent_dim, device=device)
     false, blanks = 0.0, 0
-    for start in range(0, count, _BATCH):
-        window = windows(slice(start, min(start + _BATCH, count)))
-        mean, std = vae.encode(window)
-        means.append(mean)
-        kl = kl_divergence(mean, std)
-        per_latent += kl.sum(0) / count
-        logits = vae.decode(mean + std * torch.randn_like(std))
-        nll = binary_cross_entropy_with_logits(logits, window, reduction="none").flatten(1).sum(1)
-        reconstruction = vae.decode(mean).sigmoid()
-        shown, true = reconstruction.flatten(1) > 0.5, window.flatten(1) > 0.5
-        blank = window.flatten(1).amax(1) == 0
-        false, blanks = false + float(shown[blank].float().sum()), blanks + int(blank.sum())
-        rows.append(
-            torch.stack(
-                [
-                    nll,
-                    kl.sum(1),
-                    bernoulli_entropy(window),
-                    *_overlap(reconstruction, window, 0.5),
-                    *_overlap(reconstruction, window, 0.3),
-                    true.any(1).float(),
-                ],
-                1,
-            )
-        )
-    vae.train(training)
+    with evaluating(vae):
+        for start in range(0, count, _BATCH):
+            window = windows(slice(start, min(start + _BATCH, count))).to(device)
+            mean, std = vae.encode(window)
+            means.append(mean)
+            kl = kl_divergence(mean, std)
+            per_latent += kl.sum(0) / count
+            logits = vae.decode(mean + std * torch.randn_like(std))
+            reconstruction = vae.decode(mean).sigmoid()
+            rows.append(_figures(window, logits, reconstruction, kl))
+            blank = window.flatten(1).amax(1) == 0
+            shown = reconstruction.flatten(1) > 0.5
+            false, blanks = false + float(shown[blank].float().sum()), blanks + int(blank.sum())
     nll, kl, entropy, common, either, common_half, either_half, filled = torch.cat(rows).unbind(1)
     some = filled > 0
     return Quality(
@@ -97,6 +86,14 @@ def vae_quality(vae: DepthVAE, windows: Callable[[slice], Tensor], count: int) -
         active=int((torch.cat(means).var(0) > 0.01).sum()),
         kl_per_latent=tuple(per_latent.tolist()),
     )
+
+
+def _figures(window: Tensor, logits: Tensor, reconstruction: Tensor, kl: Tensor) -> Tensor:
+    """What is measured of each window, `[B, 8]`, in the order in which `vae_quality` reads it."""
+    nll = binary_cross_entropy_with_logits(logits, window, reduction="none").flatten(1).sum(1)
+    overlaps = [*_overlap(reconstruction, window, 0.5), *_overlap(reconstruction, window, 0.3)]
+    filled = (window.flatten(1) > 0.5).any(1).float()
+    return torch.stack([nll, kl.sum(1), bernoulli_entropy(window), *overlaps, filled], 1)
 
 
 def _overlap(a: Tensor, b: Tensor, threshold: float) -> tuple[Tensor, Tensor]:
@@ -126,7 +123,7 @@ def r_squared(predicted: Tensor, true: Tensor) -> float:
 
 def linear_probe(train: tuple[Tensor, Tensor], test: tuple[Tensor, Tensor]) -> float:
     """R² of least squares from latents `[N, d]` to targets `[N, T]`, from one part to the other."""
-    one = [torch.cat([x, torch.ones(len(x), 1)], 1).double() for x, _ in (train, test)]
+    one = [torch.cat([x, torch.ones_like(x[:, :1])], 1).double() for x, _ in (train, test)]
     weights = torch.linalg.lstsq(one[0], train[1].double()).solution
     return r_squared(one[1] @ weights, test[1].double())
 
@@ -144,9 +141,9 @@ def mlp_probe(
     Args:
         train: Latents `[N, d]` and targets `[N, T]`.
         test: The same to test on.
-        width: Of the hidden layers.
-        epochs: Over the training part.
-        seed: Of initialisation and order.
+        width: Width of the hidden layers.
+        epochs: Number of passes over the training part.
+        seed: Seed of the initialisation and of the order of the windows.
     """
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
@@ -157,7 +154,7 @@ def mlp_probe(
             nn.Linear(width, width),
             nn.ReLU(),
             nn.Linear(width, train[1].shape[1]),
-        )
+        ).to(train[0].device)
         steps = epochs * -(-len(train[0]) // 256)
         optimizer = torch.optim.Adam(model.parameters(), fused=True)
         schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, 2e-3, total_steps=steps + 1)

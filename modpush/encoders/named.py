@@ -1,0 +1,52 @@
+"""The encoders by name, and encoders of one's own."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from torch import nn
+
+from modpush.encoders.base import encoder_sizes
+from modpush.encoders.networks.conv_encoder import ConvEncoder
+from modpush.encoders.networks.ray_scan import RayScan
+from modpush.encoders.vae.model import DepthVAE
+from modpush.parts import find_part
+
+__all__ = ["ENCODERS", "make_encoder"]
+
+ENCODERS: dict[str, Callable[[], nn.Module | None]] = {
+    "vae": DepthVAE.from_pretrained,
+    "rays": RayScan,
+    "conv": ConvEncoder,
+    "none": lambda: None,
+}
+"""What makes each encoder, by name: the shipped `DepthVAE`, `RayScan`, `ConvEncoder`, or none."""
+
+
+def make_encoder(who: str, encoder: Any) -> nn.Module | None:
+    """The encoder that a name, a file, a `"module:name"` or an object stands for.
+
+    Args:
+        who: What asks for it, for error messages.
+        encoder: A name in `ENCODERS`; the path of a trained `DepthVAE`; `"module:name"` of an
+            encoder, or of a class or function that makes one without arguments; or such an object
+            itself. An encoder is a module that says its `latent_dim`, see `Encoder`.
+
+    Returns:
+        The encoder, or None where there is to be none.
+
+    Raises:
+        ValueError: If there is no such encoder, or the file is damaged.
+        TypeError: If what is found is no module with a `latent_dim`.
+    """
+    if encoder is None:
+        return None
+    if isinstance(encoder, str | Path) and encoder not in ENCODERS and Path(encoder).is_file():
+        return DepthVAE.from_pretrained(encoder)
+    text = str(encoder) if isinstance(encoder, Path) else encoder
+    found = find_part(f"{who}: encoder", text, ENCODERS)
+    if isinstance(found, type) or (callable(found) and not isinstance(found, nn.Module)):
+        found = found()
+    if found is not None:
+        encoder_sizes(who, found)
+    return found
