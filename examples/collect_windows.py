@@ -36,32 +36,32 @@ _FREE_RADIUS_PX = 7  # of the disc that the small cube needs, 2.5 cm
 
 @dataclass(frozen=True, kw_only=True)
 class Config:
-    """What to collect."""
+    """Settings of the collection."""
 
     output: Path = Path("runs/windows/train.safetensors")
-    """The file that is written."""
+    """File to write."""
     count: int = 100_000
-    """Windows in all."""
+    """Number of windows."""
     families: tuple[str, ...] = OBSTACLE_SCENES
     """Scene families, drawn from uniformly."""
     objects: tuple[str, ...] = tuple(OBJECTS)
     """Pushed objects, drawn from uniformly."""
     blank: float = 0.1
-    """Share of windows that show nothing."""
+    """Share of windows that show an empty table."""
     held_out: float = 0.05
-    """Share that is marked as not to be trained on; whole scenes."""
+    """Share of windows, in whole scenes, that are marked as not to be trained on."""
     steps: int = 4
-    """Of the random policy in each episode."""
+    """Number of steps of the random policy in each episode."""
     other_poses: int = 6
-    """Windows taken in each scene at poses other than the object's."""
+    """Number of windows taken in each scene at poses other than the object's."""
     num_envs: int = 8
-    """Scenes stepped together."""
+    """Number of scenes that a process steps together."""
     workers: int = 2
-    """Processes."""
+    """Number of processes."""
     part: int = 1000
-    """Windows worked on at a time: what is lost at most when stopped."""
+    """Number of windows written at a time; an interrupted run loses no more than these."""
     seed: int = 0
-    """Two runs with one seed give the same file."""
+    """Seed; two runs with the same one give the same file."""
 
     def __post_init__(self) -> None:
         """Check ranges."""

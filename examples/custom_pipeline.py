@@ -30,32 +30,32 @@ from modpush.replay import AttentiveSampler
 
 @dataclass(frozen=True, kw_only=True)
 class Config:
-    """What to train, and with which parts."""
+    """Settings of the training."""
 
     env_name: str = "Pendulum-v1"
-    """A Gymnasium task with a flat observation and a bounded action."""
+    """Name of a Gymnasium task with a flat observation and a bounded action."""
     loss: Literal["modpush", "torchrl"] = "modpush"
-    """Whose TQC loss."""
+    """Library whose TQC loss is used."""
     sampler: Literal["attentive", "uniform"] = "attentive"
-    """Our attentive sampler or TorchRL's uniform one."""
+    """Sampler of the replay buffer: our attentive one, or TorchRL's uniform one."""
     k: float = 4.0
-    """Candidates per kept transition of the attentive sampler, annealed to 1 by half-time."""
+    """Number of candidates per sampled transition of the attentive sampler, annealed to 1 halfway."""
     total_frames: int = 8000
-    """Environment steps."""
+    """Number of environment steps."""
     random_frames: int = 1000
-    """Steps with random actions before learning starts."""
+    """Number of steps with random actions before learning starts."""
     frames_per_batch: int = 50
-    """Steps between two rounds of updates; one update a step."""
+    """Number of steps that are collected at a time; as many updates follow."""
     batch_size: int = 128
-    """Transitions an update."""
+    """Number of transitions in an update."""
     hidden_size: int = 128
     """Width of the two hidden layers."""
     learning_rate: float = 1e-3
-    """Of Adam."""
+    """Learning rate of Adam."""
     gamma: float = 0.98
-    """Discount."""
+    """Discount factor per step."""
     seed: int = 0
-    """Of everything."""
+    """Seed of environment, networks and sampler."""
 
 
 def make_env(config: Config) -> TransformedEnv:

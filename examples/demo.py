@@ -44,20 +44,20 @@ from modpush.evaluation.tables import format_table
 
 @dataclass(frozen=True, kw_only=True)
 class DemoConfig:
-    """What the demo shows."""
+    """Settings of the demo."""
 
     policy: tuple[str, ...] = ("agent", "corridor")
-    """Who pushes, see `evaluate.py`."""
+    """Policies to show side by side, see `evaluate.py`."""
     scenes: tuple[str, ...] = field(default_factory=lambda: tuple(SCENES))
-    """Scene families."""
+    """Scene families to show."""
     episodes: int = 4
-    """Per family; the first is in the video."""
+    """Number of episodes of each family; the first one is in the video."""
     pushed_object: str = "small_cube"
-    """What is pushed."""
+    """Name of the object that is pushed."""
     difficulty: float = 0.3
-    """Of the scenes, 0 to 1."""
+    """Difficulty of the scenes, 0 to 1."""
     seed: int = 0
-    """Of the first episode."""
+    """Seed of the episodes."""
     out: Path = Path("runs/demo")
     """Folder to write to."""
     rendered: bool = True
@@ -89,9 +89,9 @@ def run(
     simulator = env.base_env
     assert isinstance(simulator, PushEnv)
 
-    def look(scene: int, number: int) -> None:
+    def record_frame(scene: int, number: int) -> None:
         steps[number] += 1
-        # A software renderer takes a fifth of a second a frame: every other step, and not for ever.
+        # A software renderer takes a fifth of a second a frame: every other step, and at most 50 frames.
         wanted = number % config.episodes == 0 and steps[number] % 2 and steps[number] <= 100
         if rendered and wanted:
             frames.setdefault(number, []).append(simulator.render(scene))
@@ -102,7 +102,7 @@ def run(
         enumerate(scenarios),
         path_key=method.path_key,
         target_key=method.target_key,
-        on_step=look,
+        on_step=record_frame,
     )
     bar = tqdm(running, total=len(scenarios), unit="episode", desc=method.name)
     episodes = sorted(bar, key=lambda episode: episode.number)
@@ -120,7 +120,7 @@ def side_by_side(clips: list[list[np.ndarray]]) -> list[np.ndarray]:
 def main(config: DemoConfig) -> None:
     """Run, print the table, write pictures and video."""
     torch.set_num_threads(1)
-    methods = [get_method(policy) for policy in config.policy]
+    methods = [get_method(policy, (config.pushed_object,)) for policy in config.policy]
     rendered = config.rendered and find_render_device() is not None
     print("The first run on a machine compiles for about a minute before the arm moves.")
     scenarios = draw_scenarios(config)

@@ -1,4 +1,4 @@
-"""Judge policies on the evaluation sets: tables beside the paper's, pictures of what failed, videos.
+"""Evaluate policies on the evaluation sets: tables beside the paper's, pictures of what failed, videos.
 
     python examples/evaluate.py --policy corridor --set obstacles/small_cube
     python examples/evaluate.py --policy agent corridor --set all --episodes 100
@@ -38,25 +38,26 @@ from modpush.evaluation.tables import compare, format_table, summarize, to_displ
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluateConfig:
-    """What to judge, and on what."""
+    """Policies, evaluation sets and what to write."""
 
     policy: tuple[str, ...] = ("corridor",)
-    """`corridor`, `corridor_faithful`, `scripted`, `agent` (the one that is shipped for the set's
-    object), or a training run's folder; several are compared with each other."""
+    """Policies to evaluate: `corridor`, `corridor_faithful`, `scripted`, `agent` (the one that is
+    shipped for the set's object, or the small cube's where there is none, which the output says), a
+    training run's folder, or an agent's file. Several are compared with each other."""
     sets: Annotated[tuple[str, ...], tyro.conf.arg(name="set")] = ("smoke",)
     """Evaluation sets, or `all` for those of the paper."""
     episodes: int | None = None
-    """Only the first so many of each set."""
+    """Number of episodes to run of each set, from its first on; all by default."""
     num_envs: int = 8
-    """Scenes stepped together in a process."""
+    """Number of scenes that a process steps together."""
     workers: int = 1
-    """Processes."""
+    """Number of processes."""
     pictures: int = 24
-    """At most so many failures, and half as many successes, are drawn."""
+    """Largest number of failed episodes that are drawn; half as many solved ones are."""
     videos: bool = True
-    """A video for each family."""
+    """Whether to write a video for each family."""
     fresh: bool = False
-    """Start over instead of going on."""
+    """Start over instead of resuming an interrupted run."""
     out: Path = Path("runs/evaluate")
     """Folder to write to."""
 
@@ -148,9 +149,9 @@ def main(config: EvaluateConfig) -> None:
     """Run every policy on every set."""
     # Kernels on 8 scenes are too short to share out: waiting for each other costs more.
     torch.set_num_threads(1)
-    methods = [get_method(policy) for policy in config.policy]
     for name in config.set_names:
         episodes = load_set(name).first(config.episodes)
+        methods = [get_method(policy, episodes.objects) for policy in config.policy]
         rows = {method.name: run(method, episodes, config) for method in methods}
         report(name, rows, config)
     print(f"Wrote tables, per-episode data, pictures and videos to {config.out}/.")

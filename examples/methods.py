@@ -10,6 +10,7 @@ from typing import Any
 from tensordict.nn import TensorDictModuleBase
 from torchrl.envs import Compose, EnvBase, InitTracker, TransformedEnv
 
+import modpush
 from modpush.agents import PushingCorridorController, ScriptedPusher, faithful_config
 from modpush.envs import PushEnv
 from modpush.planners import DistanceField, OccupancyGrid, PlannerSubgoals
@@ -51,12 +52,20 @@ def agent_env(num_envs: int, objects: Sequence[str], *, agent: str, **options: A
     return make_push_env(config, max_waypoints=32, **{"pushed_object": tuple(objects), **options})
 
 
-def get_method(policy: str) -> Method:
+def shipped_agent(objects: Sequence[str]) -> str:
+    """The agent that is shipped for the objects, or the small cube's where there is none."""
+    weights = Path(modpush.__file__).parent / "weights"
+    names = {path.stem.removeprefix("agent_") for path in weights.glob("agent_*.safetensors")}
+    return objects[0] if len(objects) == 1 and objects[0] in names else "small_cube"
+
+
+def get_method(policy: str, objects: Sequence[str] = ("small_cube",)) -> Method:
     """Look a policy up.
 
     Args:
-        policy: `corridor`, `corridor_faithful`, `scripted`, `agent` (the one that is shipped), or
-            a training run's folder or an agent's file.
+        policy: `corridor`, `corridor_faithful`, `scripted`, `agent` (the one that is shipped for
+            the object, else the small cube's), or a training run's folder or an agent's file.
+        objects: Names of the objects that will be pushed.
 
     Raises:
         ValueError: If there is no such policy.
@@ -80,16 +89,18 @@ def get_method(policy: str) -> Method:
             path_key="path",
             target_key="subgoal",
         )
-    return _agent(policy)
+    return _agent(policy, objects)
 
 
-def _agent(policy: str) -> Method:
+def _agent(policy: str, objects: Sequence[str]) -> Method:
     path = Path(policy)
     known = (
         "corridor, corridor_faithful, scripted, agent, a training run's folder or an agent's file"
     )
     if policy == "agent":
-        name, source = "agent", "small_cube"
+        name, source = "agent", shipped_agent(objects)
+        if objects != (source,):
+            print(f"agent: none is shipped for {', '.join(objects)}; {source}'s agent is used.")
     elif (path / "best_agent.safetensors").is_file():
         name, source = path.name, str(path / "best_agent.safetensors")
     elif path.is_file():

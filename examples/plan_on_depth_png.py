@@ -23,20 +23,20 @@ from modpush.planners import LazyThetaStar, OccupancyMap
 
 @dataclass
 class Config:
-    """What to plan on, and from where to where."""
+    """The depth picture, start and goal."""
 
     depth: Path | None = None
-    """16-bit PNG, depth in millimetres; made if not given."""
+    """16-bit PNG of depths in millimetres; an example is made by default."""
     start: tuple[float, float] = (60.0, 200.0)
-    """The object, (column, row) [px]."""
+    """Position of the object (column, row) [px]."""
     goal: tuple[float, float] = (190.0, 40.0)
-    """Where it shall go, (column, row) [px]."""
+    """Position of the goal (column, row) [px]."""
     camera_height: float = 1.1
-    """Over the table [m]."""
+    """Height of the camera over the table [m]."""
     object_radius: float = 0.035
-    """Of the circle around the object's footprint [m]."""
+    """Radius of the circle around the object's footprint [m]."""
     output: Path = Path("runs/plan_on_depth.png")
-    """The picture that is written."""
+    """Picture to write."""
 
 
 def make_depth(path: Path) -> Path:

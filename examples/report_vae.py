@@ -42,22 +42,22 @@ Encode = Callable[[Tensor], Tensor]
 
 @dataclass(frozen=True, kw_only=True)
 class Config:
-    """What to look at."""
+    """Settings of the report."""
 
     weights: str = "depth_vae"
-    """Shipped weights by name, or a file."""
+    """Name of shipped weights, or a file."""
     train: Path = Path("runs/windows/train.safetensors")
-    """Windows of the training families."""
+    """File of windows of the families that were trained on."""
     unseen: Path = Path("runs/windows/unseen.safetensors")
-    """Windows of families that were not trained on."""
+    """File of windows of families that were not trained on."""
     output: Path = Path("runs/vae_report")
     """Folder to write to."""
     probe_windows: int = 40_000
-    """Windows of the training families that probes are fitted on."""
+    """Number of windows that the probes are fitted on."""
     probe_epochs: int = 20
-    """Of the small networks, over these."""
+    """Number of epochs that the probing networks are trained for."""
     seed: int = 0
-    """Of probes, samples and the choice of windows shown."""
+    """Seed of the probes, of the samples and of the choice of windows shown."""
 
 
 def rivals(windows: Tensor, dim: int, seed: int) -> dict[str, Encode]:
@@ -109,7 +109,7 @@ def tiles(rows: list[Tensor], scale: int = 2) -> np.ndarray:
 
 @torch.no_grad()
 def pictures(vae: DepthVAE, unseen: WindowData, kl: tuple[float, ...], config: Config) -> None:
-    """Write the four."""
+    """Write the four pictures."""
     generator = torch.Generator().manual_seed(config.seed)
     rows: list[Tensor] = []
     for family in range(len(unseen.config["families"]) - 1):

@@ -34,11 +34,11 @@ class Run:
     """A training run and its folder."""
 
     train: TrainConfig = field(default_factory=TrainConfig)
-    """What to train, and how."""
+    """Settings of the training run."""
     out: Path = Path("runs/train")
-    """Folder to write to."""
+    """Folder of the run."""
     resume: bool = False
-    """Go on with what the folder holds, from its newest checkpoint."""
+    """Resume the run in the folder from its newest checkpoint."""
 
 
 def main(run: Run) -> dict[str, float]:

@@ -30,38 +30,38 @@ from modpush.encoders import DepthVAE, VAELoss, WindowData, augment_windows, vae
 
 @dataclass(frozen=True, kw_only=True)
 class Config:
-    """How to train."""
+    """Settings of the training."""
 
     data: Path = Path("runs/windows/train.safetensors")
-    """From `collect_windows.py`."""
+    """File of windows, written by `collect_windows.py`."""
     output: Path = Path("runs/vae")
     """Folder to write to."""
     images: int = 2_400_000
-    """Windows trained on in all, repeats included."""
+    """Number of windows to train on, repetitions included."""
     batch_size: int = 256
-    """Windows in a step."""
+    """Number of windows in a step."""
     lr: float = 3e-3
-    """Adam's; the highest of a one-cycle schedule, or constant."""
+    """Learning rate of Adam: the highest one of the schedule."""
     schedule: Literal["one_cycle", "constant"] = "one_cycle"
-    """Of the learning rate."""
+    """Schedule of the learning rate."""
     augment: bool = True
-    """Turn and mirror windows, and lay them over each other."""
+    """Whether windows are turned, mirrored and laid over each other."""
     kl_weight: float = 0.5
     """Weight of the KL divergence."""
     encoder_widths: tuple[int, int, int, int] = (16, 32, 64, 96)
-    """Channels of the encoder's convolutions."""
+    """Numbers of channels of the encoder's convolutions."""
     decoder_widths: tuple[int, int, int, int] = (96, 64, 32, 16)
-    """Channels of the decoder's maps."""
+    """Numbers of channels of the decoder's layers."""
     eval_every: int = 100_000
-    """Images between held-out figures and checkpoints."""
+    """Number of windows between two evaluations, each with a checkpoint."""
     eval_windows: int = 2000
-    """Held-out windows looked at."""
+    """Number of held-out windows in an evaluation."""
     threads: int = 2
-    """For torch."""
+    """Number of threads of torch."""
     seed: int = 0
-    """Of weights and batches."""
+    """Seed of the first weights and of the batches."""
     stop_at: int | None = field(default=None)
-    """Stop after so many images, as if interrupted; the schedule stays that of `images`."""
+    """Number of windows after which to stop as if interrupted; the schedule stays that of `images`."""
 
 
 PRESETS = {

@@ -16,6 +16,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import modpush
+from modpush.training import TrainConfig
 from tests.test_docs import python_blocks
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -149,7 +150,7 @@ write_video(Path("video.mp4"), [np.zeros((64, 64, 3), np.uint8)] * 3)
 """
     run(bare, "-I", "-c", code, cwd=tmp_path)
     assert (tmp_path / "video.mp4").stat().st_size > 0
-    assert {path.name for path in (tmp_path / "logs").iterdir()} == {"csv", "tensorboard"}
+    assert {path.name for path in (tmp_path / "logs").iterdir()} == set(TrainConfig().loggers)
 
 
 @pytest.mark.slow
@@ -187,3 +188,20 @@ def test_type_checkers_see_the_public_names(bare: Path, tmp_path: Path) -> None:
         assert kind.startswith("def ("), kind
         assert kind.rpartition("-> ")[2].endswith(result), kind
     assert 'user.py:9: error: Module has no attribute "no_such_name"' in done.stdout
+
+
+def test_pre_commit_uses_the_pinned_linter() -> None:
+    repositories = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text())["repos"]
+    (revision,) = {repo["rev"] for repo in repositories if "ruff" in repo["repo"]}
+    pins = (ROOT / "constraints.txt").read_text().splitlines()
+    assert f"ruff=={revision.removeprefix('v')}" in pins
+
+
+def test_what_is_declared_is_pinned_for_development(wheel: Path) -> None:
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    pinned = {canonicalize_name(line.partition("==")[0]) for line in lines if "==" in line}
+    declared = [Requirement(text) for text in metadata(wheel).get_all("Requires-Dist") or []]
+    names = {canonicalize_name(requirement.name) for requirement in declared}
+    assert (
+        names - {"modpush", "ray"} <= pinned
+    )  # Ray is optional, and not installed by `make setup`

@@ -2,15 +2,14 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import cv2
 
-ROOT = Path(__file__).parents[1]
+from tests.examples import EXAMPLES
 
 
 def test_demo(tmp_path) -> None:
-    command = [sys.executable, str(ROOT / "examples/demo.py"), "--episodes", "1"]
+    command = [sys.executable, str(EXAMPLES / "demo.py"), "--episodes", "1"]
     command += ["--out", str(tmp_path), "--scenes", "free", "posts", "--no-rendered"]
     done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
     assert "| scene | policy | success | contact_rate | collision_rate |" in done.stdout

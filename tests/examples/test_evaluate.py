@@ -49,3 +49,16 @@ def test_every_method_is_known_by_its_name_and_settings(tmp_path: Path) -> None:
         ValueError, match=r"no 'nobody', expected corridor, .*training run's folder"
     ):
         methods.get_method("nobody")
+
+
+def test_the_agent_is_the_one_of_the_object_or_the_output_says_whose(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    methods = load_example("methods")
+    own = methods.get_method("agent", ("small_cube",))
+    assert capsys.readouterr().out == ""
+    for objects in (("large_cube",), ("small_cube", "fragment")):
+        other = methods.get_method("agent", objects)
+        assert other.make_env.keywords == own.make_env.keywords == {"agent": "small_cube"}
+        printed = capsys.readouterr().out
+        assert f"none is shipped for {', '.join(objects)}; small_cube's agent is used" in printed

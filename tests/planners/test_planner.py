@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import torch
 
-import modpush.planners
 from modpush.planners import (
     AStar,
     DistanceField,
@@ -50,11 +49,6 @@ def two_threads():
 
 def xy(u, v):
     return torch.tensor([[float(u), float(v)]])
-
-
-def test_every_public_name_resolves():
-    for name in modpush.planners.__all__:
-        assert getattr(modpush.planners, name) is not None
 
 
 @every_planner

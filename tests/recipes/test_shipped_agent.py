@@ -20,8 +20,7 @@ def test_the_shipped_agent_solves_at_least_nine_of_ten_episodes() -> None:
     scenarios = [*free.scenarios[:6], *obstacles.scenarios[:10]]
     env = agent.make_env(num_envs=8)
     solved = [
-        episode.metrics.success
-        for episode in run_episodes(env, agent.policy, enumerate(scenarios))
+        episode.metrics.success for episode in run_episodes(env, agent.policy, enumerate(scenarios))
     ]
     env.close()
     assert len(solved) == 16
@@ -36,7 +35,9 @@ def test_the_shipped_agent_observes_what_it_was_trained_on() -> None:
     """
     expected = torch.tensor(json.loads(GOLDEN.read_text()))
     env = load_agent("small_cube").make_env(num_envs=2)
-    observation = env.reset(scenarios=list(load_set("hard/small_cube").scenarios[2:4]))["observation"]
+    observation = env.reset(scenarios=list(load_set("hard/small_cube").scenarios[2:4]))[
+        "observation"
+    ]
     env.close()
     assert expected[:, LATENT].abs().amax(-1).min() > 0.1  # both see obstacles
     torch.testing.assert_close(observation, expected, atol=1e-6, rtol=1e-6)
