@@ -98,7 +98,9 @@ class PushGymEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if self.render_mode is None or self._state is None:
             return None
         poses = (self._state[key][0].tolist() for key in ("object_pose", "ee_pose"))
-        return draw_top_view(self.env.scenarios[0], *poses, tool=self._tool)
+        return draw_top_view(
+            self.env.scenarios[0], *poses, tool=self._tool, objects=self.env.pushed_objects
+        )
 
     def close(self) -> None:
         """Free the simulator."""

@@ -18,7 +18,7 @@ from modpush.envs.depth.cameras import find_depth_camera
 from modpush.envs.depth.image_memory import ImageMemory
 from modpush.envs.outcome import is_at_goal, is_out_of_bounds
 from modpush.envs.robot.ur5_2f85 import TOOLS, ToolName
-from modpush.envs.scenes.objects import get_object_of
+from modpush.envs.scenes.objects import PushedObject, get_object_of
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
@@ -324,6 +324,11 @@ class PushEnv(EnvBase):
     def scenarios(self) -> list[Scenario]:
         """What the present episodes started from, one for each scene."""
         return [self._batch.scenario(i) for i in range(self.batch_size[0])]
+
+    @property
+    def pushed_objects(self) -> dict[str, PushedObject]:
+        """The objects that may be pushed, by name."""
+        return {item.name: item for item in self._objects}
 
     @property
     def bounds(self) -> Rectangle:

@@ -1,6 +1,6 @@
 """Runs given episodes through a batched environment, and yields each as it ends."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -13,6 +13,7 @@ from tensordict import NestedKey, TensorDictBase
 from torchrl.envs import EnvBase, set_exploration_type
 from torchrl.envs.utils import ExplorationType, step_mdp
 
+from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.metrics import EpisodeMetrics, episode_metrics
 from modpush.evaluation.shortest import shortest_path
@@ -68,8 +69,15 @@ class Episode:
 class _Log:
     """What is known of an episode that still runs."""
 
-    def __init__(self, number: int, scenario: Scenario, td: TensorDictBase, row: int) -> None:
-        self.number, self.scenario = number, scenario
+    def __init__(
+        self,
+        number: int,
+        scenario: Scenario,
+        td: TensorDictBase,
+        row: int,
+        objects: Mapping[str, PushedObject] | None,
+    ) -> None:
+        self.number, self.scenario, self.objects = number, scenario, objects
         self.poses = {key: [td[key][row].tolist()] for key in _POSES}
         self.flags: list[list[bool]] = []
         self.rewards: list[float] = []
@@ -77,7 +85,7 @@ class _Log:
         self.path: NDArray[np.float32] | None = None
 
     def finish(self, success: bool, out_of_bounds: bool) -> Episode:
-        corners, shortest = shortest_path(self.scenario)
+        corners, shortest = shortest_path(self.scenario, objects=self.objects)
         poses = {key: np.array(value) for key, value in self.poses.items()}
         flags = np.array(self.flags)
         metrics = episode_metrics(
@@ -115,6 +123,7 @@ def run_episodes(
 
     Args:
         env: A `PushEnv`, or one with any transforms on top, whose `reset` takes `scenarios`.
+            Objects of your own are looked up in its `pushed_objects`.
         policy: Acts on what `env` emits. What it writes under `next` is carried over to the next
             step; it learns of an episode's beginning by `InitTracker` or `TensorDictPrimer` in
             `env`.
@@ -139,7 +148,9 @@ def run_episodes(
         return
     spare = [first[-1]] * (env.batch_size[0] - len(first))  # a first reset is of all scenes
     td = env.reset(scenarios=[scenario for _, scenario in first + spare])
-    logs: list[_Log | None] = [_Log(n, s, td, i) for i, (n, s) in enumerate(first)]
+    logs: list[_Log | None] = [
+        _Log(n, s, td, i, _objects_of(env)) for i, (n, s) in enumerate(first)
+    ]
     logs += [None] * len(spare)
     while any(logs):
         with set_exploration_type(exploration):
@@ -156,6 +167,11 @@ def run_episodes(
         refill = list(zip((row for row, _ in ended), islice(queue, len(ended)), strict=False))
         if refill:
             td = _restart(env, td, logs, refill)
+
+
+def _objects_of(env: EnvBase) -> Mapping[str, PushedObject] | None:
+    """The objects of a `PushEnv`, transforms on top or not, by name; None for another environment."""
+    return getattr(env, "pushed_objects", None)
 
 
 def _check_emitted(env: EnvBase) -> None:
@@ -182,7 +198,7 @@ def _restart(
     td = env.reset(td, scenarios=[scenario for _, (_, scenario) in refill])
     td.pop("_reset", None)
     for row, (number, scenario) in refill:
-        logs[row] = _Log(number, scenario, td, row)
+        logs[row] = _Log(number, scenario, td, row, _objects_of(env))
     return td
 
 

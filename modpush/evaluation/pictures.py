@@ -1,6 +1,6 @@
 """Episodes as pictures like the paper's Fig. 6, contact sheets, videos. Drawn from stored results."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import cv2
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modpush.envs.scenes.drawing import draw_top_view
-from modpush.envs.scenes.objects import get_object
+from modpush.envs.scenes.objects import PushedObject, get_object
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.episodes import Trajectory
 
@@ -18,7 +18,12 @@ Picture = NDArray[np.uint8]
 
 
 def draw_episode(
-    scenario: Scenario, trajectory: Trajectory, *, step: int | None = None, caption: str = ""
+    scenario: Scenario,
+    trajectory: Trajectory,
+    *,
+    step: int | None = None,
+    caption: str = "",
+    objects: Mapping[str, PushedObject] | None = None,
 ) -> Picture:
     """An episode up to a step: start red, goal green, first planned path magenta, arm black.
 
@@ -27,6 +32,7 @@ def draw_episode(
         trajectory: How it went.
         step: Control steps since reset; None for the last.
         caption: Written at the top.
+        objects: Objects of your own by name, as in `PushEnv.pushed_objects`.
 
     Returns:
         `[H, W, 3]` uint8 RGB.
@@ -34,28 +40,35 @@ def draw_episode(
     """
     last = len(trajectory.object_pose) - 1
     step = last if step is None else min(step, last)
-    objects, tools = trajectory.object_pose[: step + 1], trajectory.ee_pose[: step + 1]
+    object_poses = trajectory.object_pose[: step + 1]
+    tool_poses = trajectory.ee_pose[: step + 1]
     targets = trajectory.target
     return draw_top_view(
         scenario,
-        objects[-1].tolist(),
-        tools[-1].tolist(),
-        object_path=objects.astype(np.float64),
-        ee_path=tools.astype(np.float64),
+        object_poses[-1].tolist(),
+        tool_poses[-1].tolist(),
+        object_path=object_poses.astype(np.float64),
+        ee_path=tool_poses.astype(np.float64),
         planned_path=trajectory.planned_path.astype(np.float64),
         subgoal=targets[min(step, len(targets) - 1)].tolist() if len(targets) else None,
-        inflation=get_object(scenario.pushed_object).radius,
+        inflation=get_object(scenario.pushed_object, objects).radius,
         caption=caption,
+        objects=objects,
     )
 
 
 def draw_frames(
-    scenario: Scenario, trajectory: Trajectory, *, every: int = 1, caption: str = ""
+    scenario: Scenario,
+    trajectory: Trajectory,
+    *,
+    every: int = 1,
+    caption: str = "",
+    objects: Mapping[str, PushedObject] | None = None,
 ) -> Iterable[Picture]:
-    """Every so many steps a picture, and the last one."""
+    """A picture of every so many steps, and of the last one; arguments as in `draw_episode`."""
     last = len(trajectory.object_pose) - 1
     for step in [*range(0, last, every), last]:
-        yield draw_episode(scenario, trajectory, step=step, caption=caption)
+        yield draw_episode(scenario, trajectory, step=step, caption=caption, objects=objects)
 
 
 def contact_sheet(pictures: Sequence[Picture], *, columns: int = 4, width: int = 360) -> Picture:

@@ -1,10 +1,12 @@
 """The shortest way of the object to its goal, the same yardstick for every method."""
 
+from collections.abc import Mapping
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from modpush.envs.scenes.objects import get_object
+from modpush.envs.scenes.objects import PushedObject, get_object
 from modpush.envs.scenes.rectangles import obstacle_distance
 from modpush.envs.scenes.scenario import Scenario
 from modpush.geometry import Camera
@@ -13,14 +15,19 @@ from modpush.planners import LazyThetaStar, Planner, inflate
 __all__ = ["blocked_cells", "shortest_path"]
 
 
-def blocked_cells(scenario: Scenario, camera: Camera | None = None) -> NDArray[np.bool_]:
+def blocked_cells(
+    scenario: Scenario,
+    camera: Camera | None = None,
+    objects: Mapping[str, PushedObject] | None = None,
+) -> NDArray[np.bool_]:
     """The cells that the object's centre cannot be in, as `OccupancyGrid` finds them in an image.
 
     From the layout, so that it is the same for every environment and method.
 
     Args:
         scenario: What the episode starts from.
-        camera: The grid on the table.
+        camera: The camera, whose pixels are the grid's cells.
+        objects: Objects of your own by name, as in `PushEnv.pushed_objects`.
 
     Returns:
         `[H, W]` bool, True within the object's circumscribed radius of a cell that an obstacle
@@ -34,19 +41,23 @@ def blocked_cells(scenario: Scenario, camera: Camera | None = None) -> NDArray[n
     )
     centers = camera.unproject(torch.stack([u, v], -1)).numpy()
     standing = torch.from_numpy(obstacle_distance(centers, scenario.obstacles) <= 0.0)
-    radius = get_object(scenario.pushed_object).radius / camera.cell_size
+    radius = get_object(scenario.pushed_object, objects).radius / camera.cell_size
     return inflate(standing[None], radius)[0].numpy()
 
 
 def shortest_path(
-    scenario: Scenario, planner: Planner | None = None, camera: Camera | None = None
+    scenario: Scenario,
+    planner: Planner | None = None,
+    camera: Camera | None = None,
+    objects: Mapping[str, PushedObject] | None = None,
 ) -> tuple[NDArray[np.float64], float]:
     """The shortest way past the obstacles from start to goal.
 
     Args:
         scenario: What the episode starts from.
         planner: What plans; `LazyThetaStar` by default.
-        camera: The grid on the table.
+        camera: The camera, whose pixels are the grid's cells.
+        objects: Objects of your own by name, as in `PushEnv.pushed_objects`.
 
     Returns:
         Its corners `[n, 2]` [m], ends included, and its length [m]. Where the grid shows no way the
@@ -56,7 +67,7 @@ def shortest_path(
     ends = torch.tensor([scenario.object_pose[:2], scenario.goal_position], dtype=torch.float64)
     straight = ends.numpy()
     pixels = camera.project(ends).float()
-    occupancy = torch.from_numpy(blocked_cells(scenario, camera))[None]
+    occupancy = torch.from_numpy(blocked_cells(scenario, camera, objects))[None]
     paths = planner.plan(occupancy, pixels[:1], pixels[1:])
     if not paths.found[0]:
         return straight, float(np.linalg.norm(straight[1] - straight[0]))

@@ -6,6 +6,7 @@ from .angles import (
 )
 from .camera import CAMERA as CAMERA
 from .camera import Camera as Camera
+from .footprint import centered as centered
 from .frames import (
     Frame as Frame,
 )

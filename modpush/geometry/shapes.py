@@ -1,6 +1,7 @@
-"""Solid primitives: the one description that physics, both cameras and the scene sampler share."""
+"""Solid primitives: the one description that physics, depth cameras and the scene sampler share."""
 
 import functools
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -15,15 +16,20 @@ KINDS: tuple[Kind, ...] = ("box", "cylinder", "capsule", "prism")
 
 @dataclass(frozen=True, kw_only=True)
 class Primitive:
-    """A solid in the frame of the body it belongs to.
+    """A solid in the frame of the body it belongs to; see `box`, `cylinder`, `capsule`, `prism`.
 
-    Axes: a cylinder, a capsule and a prism stand along their own z.
+    A cylinder, a capsule and a prism stand along their own z axis.
+
+    Raises:
+        ValueError: If a size is not positive, a number is not finite, there is no such kind, or a
+            prism's outline is not convex and counter-clockwise.
     """
 
     kind: Kind
+    """Kind of solid."""
     size: tuple[float, float, float]
-    """[m] box and prism: half extents (a prism's about its origin); cylinder, capsule: radius, half
-    length, 0."""
+    """Half extents of a box and of a prism (about its origin); radius, half length and 0 of a cylinder
+    and of a capsule [m]."""
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Centre in the body's frame [m]."""
     rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -31,11 +37,40 @@ class Primitive:
     outline: tuple[tuple[float, float], ...] = ()
     """Prism only: convex outline, counter-clockwise [m]."""
     color: tuple[float, float, float] = (0.6, 0.6, 0.6)
-    """Seen by the rendered camera only."""
+    """Red, green and blue in [0, 1]; only rendered pictures show it."""
+
+    def __post_init__(self) -> None:
+        """Check every number."""
+        if self.kind not in KINDS:
+            raise ValueError(f"Primitive: kind must be one of {KINDS}, got {self.kind!r}.")
+        numbers = (*self.size, *self.position, *self.rpy, *self.color, *sum(self.outline, ()))
+        if not all(map(math.isfinite, numbers)):
+            raise ValueError(f"Primitive: all numbers must be finite, got {self}.")
+        sizes = self.size if self.kind in ("box", "prism") else self.size[:2]
+        if not min(sizes) > 0:
+            raise ValueError(f"Primitive: the sizes of a {self.kind} must be > 0, got {sizes}.")
+        if self.kind == "prism":
+            _check_outline(self.outline)
 
     def rotation(self) -> NDArray[np.float64]:
         """Rotation from the primitive's axes to the body's, `[3, 3]`."""
         return rpy_matrix(self.rpy)
+
+
+def _check_outline(outline: tuple[tuple[float, float], ...]) -> None:
+    """Raise unless the corners turn left everywhere and go round once."""
+    if len(outline) < 3:
+        raise ValueError(f"Primitive: the outline of a prism needs 3 corners, got {outline}.")
+    corners = np.array(outline)
+    edge = np.roll(corners, -1, axis=0) - corners
+    following = np.roll(edge, -1, axis=0)
+    cross = edge[:, 0] * following[:, 1] - edge[:, 1] * following[:, 0]
+    turns = np.arctan2(cross, (edge * following).sum(1))
+    if not (turns > 0).all() or abs(turns.sum() - 2 * math.pi) > 1e-6:
+        raise ValueError(
+            "Primitive: the outline of a prism must be convex and counter-clockwise, without corners "
+            f"in line, got {outline}. Make a body that is not convex of several parts."
+        )
 
 
 @functools.cache
@@ -94,8 +129,17 @@ def capsule(
 
 
 def prism(
-    outline: tuple[tuple[float, float], ...], height: float, color: _Vector = _GREY
+    outline: tuple[tuple[float, float], ...],
+    height: float,
+    position: _Vector = _ZERO,
+    color: _Vector = _GREY,
 ) -> Primitive:
-    """An upright prism over a convex, counter-clockwise outline [m]."""
-    half_x, half_y = (max(abs(vertex[axis]) for vertex in outline) for axis in (0, 1))
-    return Primitive(kind="prism", size=(half_x, half_y, height / 2), outline=outline, color=color)
+    """An upright prism of full height [m] over a convex, counter-clockwise outline [m]."""
+    half_x, half_y = (max((abs(vertex[axis]) for vertex in outline), default=0) for axis in (0, 1))
+    return Primitive(
+        kind="prism",
+        size=(half_x, half_y, height / 2),
+        position=position,
+        outline=outline,
+        color=color,
+    )

@@ -1,7 +1,7 @@
 """A drawn top view of an episode: what there is to look at without a renderer."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modpush.envs.robot.ur5_2f85 import TOOLS, ToolName
-from modpush.envs.scenes.objects import get_object
+from modpush.envs.scenes.objects import PushedObject, get_object
 from modpush.envs.scenes.scenario import Scenario
 from modpush.geometry.workspace import WORKSPACE
 
@@ -70,6 +70,7 @@ def draw_top_view(
     obstacle_poses: NDArray[np.float64] | None = None,
     caption: str = "",
     tool: ToolName = "2f85",
+    objects: Mapping[str, PushedObject] | None = None,
     goal_radius: float = 0.05,
     view: TopView | None = None,
 ) -> NDArray[np.uint8]:
@@ -87,7 +88,8 @@ def draw_top_view(
         obstacle_poses: Where the obstacles are now, `[n, 3]`; where they started by default.
         caption: Written at the top.
         tool: What the arm holds.
-        goal_radius: [m]
+        objects: Objects of your own by name, as in `PushEnv.pushed_objects`.
+        goal_radius: Radius of the circle around the goal [m].
         view: Part of the table and scale.
 
     Returns:
@@ -110,7 +112,7 @@ def draw_top_view(
         _fill(image, view, outline, "obstacle")
     _disc(image, view, scenario.goal_position, goal_radius, "goal", thickness=2)
     _disc(image, view, scenario.goal_position, 0.006, "goal")
-    footprints = get_object(scenario.pushed_object).footprints()
+    footprints = get_object(scenario.pushed_object, objects).footprints()
     for part in footprints:
         _outline(image, view, _placed(part, scenario.object_pose), "start", 2)
     for path, color in ((planned_path, "planned"), (ee_path, "tool"), (object_path, "object")):

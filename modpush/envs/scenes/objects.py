@@ -1,54 +1,104 @@
-"""The pushed objects, as data. Obstacles are part of a scene's layout, see `scenes`."""
+"""The pushed objects, as plain data."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from modpush.geometry.footprint import (
+    area_and_centroid,
+    centroid,
+    circumscribed_radius,
+    outline_of,
+    vertical_range,
+    yaw_symmetry,
+)
 from modpush.geometry.shapes import Primitive, box, cylinder, prism
 from modpush.parts import find_part
 
 __all__ = ["OBJECTS", "PushedObject", "get_object", "get_object_of"]
 
 
+_TOLERANCE = 1e-4  # of where an object's frame must be [m]
+
+
 @dataclass(frozen=True, kw_only=True)
 class PushedObject:
-    """A rigid body to push. Its frame sits in the middle of its height, over the footprint's centroid."""
+    """A rigid body to push, made of convex, upright parts.
+
+    Its frame sits in the middle of its height, over the centroid of its parts; `centered` moves parts
+    there. It rests on the table on its lowest parts. Height, radius and symmetry are computed from
+    the parts.
+
+    Raises:
+        ValueError: If there are no parts, one of them is tilted, the frame sits elsewhere, the mass is
+            not positive, or the parts do not have the symmetry that is given.
+    """
 
     name: str
+    """Name of the object, different from those of the others in an environment."""
     parts: tuple[Primitive, ...]
-    """Convex solids in the object's frame."""
-    height: float
-    """[m]"""
-    radius: float
-    """Of the footprint's circumscribed circle about the object's origin [m]."""
-    symmetry: int
-    """How many yaw angles look alike: 4 for a square footprint; 0 for a disc (all of them)."""
+    """Upright solids in the object's frame, see `modpush.geometry`."""
     mass: float = 1.0
-    """[kg]; the same for all, as in the paper."""
+    """Mass [kg]."""
+    symmetry: int = -1
+    """Number of yaw angles that look alike: 4 for a square footprint, 0 for a disc (all of them). -1
+    computes it from the parts; a smaller one may be given where they differ in what is not seen."""
+    height: float = field(init=False)
+    """Height, computed [m]."""
+    radius: float = field(init=False)
+    """Radius of the circle about the object's origin that holds its footprint, computed [m]."""
+
+    def __post_init__(self) -> None:
+        """Check the parts, and compute what follows from them."""
+        who = f"PushedObject {self.name!r}"
+        if not isinstance(self.name, str) or not self.name:
+            raise ValueError(f"PushedObject: name must be text, got {self.name!r}.")
+        object.__setattr__(self, "parts", tuple(self.parts))
+        if not self.parts:
+            raise ValueError(f"{who}: parts is empty, expected at least one primitive.")
+        for part in self.parts:
+            if not isinstance(part, Primitive):
+                raise ValueError(f"{who}: parts must be primitives, got {part!r}.")
+            if part.rpy[:2] != (0.0, 0.0):
+                raise ValueError(f"{who}: parts must stand upright, got rpy {part.rpy}.")
+        if not (math.isfinite(self.mass) and self.mass > 0):
+            raise ValueError(f"{who}: mass must be finite and > 0 kg, got {self.mass}.")
+        low, high = zip(*map(vertical_range, self.parts), strict=True)
+        object.__setattr__(self, "height", max(high) - min(low))
+        object.__setattr__(self, "radius", circumscribed_radius(self.parts))
+        offset = (*centroid(self.parts), (max(high) + min(low)) / 2)
+        if max(map(abs, offset)) > _TOLERANCE:
+            raise ValueError(
+                f"{who}: the frame must sit in the middle of the parts' height over their centroid, "
+                f"which are at {tuple(round(x, 4) for x in offset)} m; give centered(*parts)."
+            )
+        self._check_symmetry(who)
+
+    def _check_symmetry(self, who: str) -> None:
+        found = yaw_symmetry(self.parts)
+        if self.symmetry == -1:
+            object.__setattr__(self, "symmetry", found)
+        elif self.symmetry != found and (
+            self.symmetry < 1 or (found > 0 and found % self.symmetry != 0)
+        ):
+            raise ValueError(
+                f"{who}: symmetry {self.symmetry} contradicts the parts, which look alike at {found} "
+                "yaw angles (0: at all of them); give a divisor of it, or -1 to compute it."
+            )
 
     @property
     def tool_height(self) -> float:
-        """Height of the tool's tip over the table that suits the object [m] (spec 3).
+        """Height of the tool's tip over the table while this object is pushed [m].
 
-        2 cm, or half the height of a flat one, but never under 1.2 cm.
+        2 cm, or half the height of a flat object, but never under 1.2 cm.
         """
         return max(0.012, min(0.02, self.height / 2))
 
     def footprints(self, num_arc: int = 32) -> list[np.ndarray]:
         """Outlines of the parts seen from above, object frame, a list of `[n, 2]` [m]."""
-        outlines = []
-        for part in self.parts:
-            if part.kind == "prism":
-                outlines.append(np.array(part.outline))
-            elif part.kind == "cylinder":
-                angle = np.linspace(0.0, 2 * np.pi, num_arc, endpoint=False)
-                outlines.append(part.size[0] * np.stack([np.cos(angle), np.sin(angle)], -1))
-            else:
-                hx, hy = part.size[:2]
-                outlines.append(np.array([[hx, hy], [-hx, hy], [-hx, -hy], [hx, -hy]]))
-        return outlines
+        return [outline_of(part, num_arc) for part in self.parts]
 
 
 def _fragment() -> PushedObject:
@@ -56,23 +106,14 @@ def _fragment() -> PushedObject:
     lower = [(-4.1, -2.2), (-1.0, -4.2), (2.6, -3.6), (4.1, -0.4), (1.6, 0.9)]
     upper = [(1.6, 0.9), (2.9, 3.4), (-0.4, 4.3), (-3.2, 2.6), (-4.1, -2.2)]
     parts = [np.array(part) / 100 for part in (lower, upper)]
-    areas, centroids = zip(*(_area_and_centroid(part) for part in parts), strict=True)
+    areas, centroids = zip(*(area_and_centroid(part) for part in parts), strict=True)
     center = np.average(centroids, axis=0, weights=areas)
     outlines = [part - center for part in parts]
     prisms = tuple(
         prism(tuple((float(x), float(y)) for x, y in outline), 0.029, color=(0.62, 0.45, 0.33))
         for outline in outlines
     )
-    radius = max(float(np.linalg.norm(outline, axis=1).max()) for outline in outlines)
-    return PushedObject(name="fragment", parts=prisms, height=0.029, radius=radius, symmetry=1)
-
-
-def _area_and_centroid(outline: np.ndarray) -> tuple[float, np.ndarray]:
-    """Shoelace formulas for a counter-clockwise outline `[n, 2]`."""
-    following = np.roll(outline, -1, axis=0)
-    cross = outline[:, 0] * following[:, 1] - following[:, 0] * outline[:, 1]
-    area = cross.sum() / 2
-    return float(area), ((outline + following) * cross[:, None]).sum(0) / (6 * area)
+    return PushedObject(name="fragment", parts=prisms)
 
 
 OBJECTS: dict[str, PushedObject] = {
@@ -81,43 +122,42 @@ OBJECTS: dict[str, PushedObject] = {
         PushedObject(
             name="small_cube",
             parts=(box(0.05, 0.05, 0.05, color=(0.80, 0.12, 0.10)),),
-            height=0.05,
-            radius=math.hypot(0.025, 0.025),
-            symmetry=4,
         ),
         PushedObject(
             name="large_cube",
             parts=(box(0.08, 0.05, 0.05, color=(0.10, 0.60, 0.20)),),
-            height=0.05,
-            radius=math.hypot(0.04, 0.025),
-            symmetry=2,
         ),
         PushedObject(
             name="small_cylinder",
             parts=(cylinder(0.03, 0.06, color=(0.10, 0.25, 0.80)),),
-            height=0.06,
-            radius=0.03,
-            symmetry=0,
         ),
         _fragment(),
     )
 }
-"""By name. Source: paper Sec. V (objects), spec 2 (sizes, mass)."""
+"""The shipped objects by name. Source: paper Sec. V; sizes and mass as in the authors' code."""
 
 
-def get_object(name: str | PushedObject) -> PushedObject:
+def get_object(
+    name: str | PushedObject, objects: Mapping[str, PushedObject] | None = None
+) -> PushedObject:
     """Look a pushed object up by name or by `"module:name"`, or pass one of your own through.
 
     An object that is found by `"module:name"` is called so: that text is its `name`, by which
     evaluation and drawing find it again.
 
+    Args:
+        name: What to look up.
+        objects: Objects by name, as in `PushEnv.pushed_objects`, that are looked up before the
+            shipped ones.
+
     Raises:
         ValueError: If there is no such object, with those there are; or if it is no `PushedObject`.
     """
-    found = find_part("pushed_object", name, OBJECTS)
+    known = OBJECTS if objects is None else {**OBJECTS, **objects}
+    found = find_part("pushed_object", name, known)
     if not isinstance(found, PushedObject):
         raise ValueError(f"pushed_object: {name!r} must be a PushedObject, got {found!r}.")
-    if isinstance(name, str) and name not in OBJECTS:
+    if isinstance(name, str) and name not in known:
         return replace(found, name=name)
     return found
 

@@ -117,6 +117,12 @@ class ScenarioConfig:
             raise ValueError("ScenarioConfig: scene is empty, expected at least one family.")
         if not self.objects:
             raise ValueError("ScenarioConfig: pushed_object is empty, expected at least one.")
+        names = [item.name for item in self.objects]
+        if repeated := sorted({name for name in names if names.count(name) > 1}):
+            raise ValueError(
+                f"ScenarioConfig: pushed objects must have different names, got {repeated} several "
+                "times."
+            )
         ranges: dict[str, tuple[tuple[float, float], float, float]] = {
             "difficulty": (self.difficulty_range, 0.0, 1.0),
             "distance": (self.distance_range, 0.0, 2.0),

@@ -1,11 +1,116 @@
+import dataclasses
+import math
+
 import cv2
 import numpy as np
 import pytest
 
+from modpush.envs import PushedObject, ScenarioConfig
 from modpush.envs.scenes.objects import OBJECTS, get_object
+from modpush.geometry import box, centered, cylinder, prism
+
+CUBE = box(0.05, 0.05, 0.05)
+L_SHAPE = PushedObject(
+    name="l_shape", parts=centered(box(0.10, 0.03, 0.04), box(0.03, 0.07, 0.04, (0.035, 0.05, 0.0)))
+)
 
 
-def test_sizes_are_those_of_the_spec() -> None:
+@pytest.mark.parametrize(
+    ("name", "radius", "height", "symmetry"),
+    [
+        ("small_cube", "0x1.21a1851ff630ap-5", 0.05, 4),
+        ("large_cube", "0x1.826a764552802p-5", 0.05, 2),
+        ("small_cylinder", "0x1.eb851eb851eb8p-6", 0.06, 0),
+        ("fragment", "0x1.84d8159dd8574p-5", 0.029, 1),
+    ],
+)
+def test_computed_values_are_those_that_agents_were_trained_with(name, radius, height, symmetry):
+    item = OBJECTS[name]
+    assert item.radius == float.fromhex(radius)
+    assert (item.height, item.symmetry) == (height, symmetry)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"parts": ()}, "'mine': parts is empty"),
+        ({"parts": ("cube",)}, "'mine': parts must be primitives, got 'cube'"),
+        ({"name": ""}, "name must be text, got ''"),
+        ({"mass": 0.0}, "mass must be finite and > 0 kg, got 0.0"),
+        ({"mass": math.inf}, "mass must be finite and > 0 kg, got inf"),
+        (
+            {"parts": (cylinder(0.03, 0.06, rpy=(math.pi / 2, 0.0, 0.0)),)},
+            r"parts must stand upright, got rpy \(1.57",
+        ),
+        (
+            {"parts": (box(0.05, 0.05, 0.05, (0.0, 0.0, 0.025)),)},
+            r"middle of the parts' height .* at \(0.0, 0.0, 0.025\) m; give centered",
+        ),
+        (
+            {"parts": (box(0.05, 0.05, 0.05, (0.01, 0.0, 0.0)),)},
+            r"over their centroid, which are at \(0.01, 0.0, 0.0\)",
+        ),
+        ({"symmetry": 3}, "symmetry 3 contradicts the parts, which look alike at 4 yaw angles"),
+        ({"symmetry": 0}, "symmetry 0 contradicts the parts"),
+        ({"symmetry": -2}, "symmetry -2 contradicts the parts"),
+    ],
+)
+def test_objects_that_cannot_be_are_refused(fields, message) -> None:
+    with pytest.raises(ValueError, match=f"PushedObject.*{message}"):
+        PushedObject(**{"name": "mine", "parts": (CUBE,)} | fields)
+
+
+def test_what_follows_from_the_parts_cannot_be_given() -> None:
+    for name in ("radius", "height"):
+        with pytest.raises(TypeError, match=f"unexpected keyword argument '{name}'"):
+            PushedObject(name="mine", parts=(CUBE,), **{name: 0.01})
+
+
+def test_a_smaller_symmetry_may_be_given() -> None:
+    assert [PushedObject(name="a", parts=(CUBE,), symmetry=n).symmetry for n in (1, 2, 4)] == [
+        1,
+        2,
+        4,
+    ]
+    can = cylinder(0.03, 0.06)
+    assert [PushedObject(name="a", parts=(can,), symmetry=n).symmetry for n in (0, 7)] == [0, 7]
+
+
+def test_another_mass_or_other_parts_by_replace() -> None:
+    heavy = dataclasses.replace(OBJECTS["small_cube"], name="heavy", mass=2.0)
+    assert (heavy.radius, heavy.mass) == (OBJECTS["small_cube"].radius, 2.0)
+    wide = dataclasses.replace(L_SHAPE, parts=(box(0.12, 0.02, 0.04),))
+    assert wide.radius == pytest.approx(math.hypot(0.06, 0.01))
+
+
+def test_footprints_lie_where_the_parts_do() -> None:
+    first, second = L_SHAPE.footprints()
+    assert second.mean(0) - first.mean(0) == pytest.approx([0.035, 0.05])
+
+
+def test_an_object_found_by_text_is_called_so() -> None:
+    name = f"{__name__}:L_SHAPE"
+    found = get_object(name)
+    assert found.name == name
+    assert dataclasses.replace(found, name="l_shape") == L_SHAPE
+    assert ScenarioConfig(pushed_object=name).objects == [found]
+    assert get_object("l_shape", {"l_shape": L_SHAPE}) is L_SHAPE
+
+
+def test_what_is_no_object_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"'.*:CUBE' must be a PushedObject, got Primitive"):
+        get_object(f"{__name__}:CUBE")
+
+
+def test_two_objects_of_one_name_are_refused() -> None:
+    other = PushedObject(
+        name="small_cube", parts=(prism(((0.03, 0), (0, 0.03), (-0.03, -0.03)), 0.02),)
+    )
+    with pytest.raises(ValueError, match=r"different names, got \['small_cube'\] several times"):
+        ScenarioConfig(pushed_object=["small_cube", other])
+
+
+def test_sizes_are_those_of_the_paper() -> None:
     assert OBJECTS["small_cube"].parts[0].size == (0.025, 0.025, 0.025)
     assert OBJECTS["large_cube"].parts[0].size == (0.04, 0.025, 0.025)
     assert OBJECTS["small_cylinder"].parts[0].size[:2] == (0.03, 0.03)

@@ -1,0 +1,144 @@
+"""What upright primitives are seen from above: outlines, size, centre and symmetry of a body."""
+
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modpush.geometry.shapes import Primitive
+
+__all__ = [
+    "area_and_centroid",
+    "centered",
+    "centroid",
+    "circumscribed_radius",
+    "outline_of",
+    "vertical_range",
+    "yaw_symmetry",
+]
+
+_MAX_ORDER = 24  # of a symmetry that is looked for
+_TOLERANCE = 1e-6  # within which two outlines are the same [m]
+
+
+def outline_of(part: Primitive, num_arc: int = 32) -> NDArray[np.float64]:
+    """Outline of an upright primitive seen from above, counter-clockwise.
+
+    Args:
+        part: A primitive that is turned about z only.
+        num_arc: Number of corners for a circle.
+
+    Returns:
+        `[n, 2]` in the body's frame [m].
+    """
+    if part.kind == "prism":
+        corners = np.array(part.outline)
+    elif part.kind == "box":
+        hx, hy = part.size[:2]
+        corners = np.array([[hx, hy], [-hx, hy], [-hx, -hy], [hx, -hy]])
+    else:
+        angle = np.linspace(0.0, 2 * np.pi, num_arc, endpoint=False)
+        corners = part.size[0] * np.stack([np.cos(angle), np.sin(angle)], -1)
+    if part.rpy[2] != 0.0:
+        corners = corners @ part.rotation()[:2, :2].T
+    return corners + np.array(part.position[:2])
+
+
+def vertical_range(part: Primitive) -> tuple[float, float]:
+    """Lower and upper end of an upright primitive in the body's frame [m]."""
+    half = part.size[2] if part.kind in ("box", "prism") else part.size[1]
+    if part.kind == "capsule":
+        half += part.size[0]
+    return part.position[2] - half, part.position[2] + half
+
+
+def circumscribed_radius(parts: Sequence[Primitive]) -> float:
+    """Radius of the circle about the body's origin that holds all upright parts, seen from above [m]."""
+    return max(_radius(part) for part in parts)
+
+
+def _radius(part: Primitive) -> float:
+    # Three formulas, since they differ in the last bit and shipped agents know these values.
+    if part.kind == "prism":
+        return float(np.linalg.norm(outline_of(part), axis=1).max())
+    if part.kind == "box":
+        return max(math.hypot(x, y) for x, y in outline_of(part).tolist())
+    return math.hypot(*part.position[:2]) + part.size[0]
+
+
+def centroid(parts: Sequence[Primitive]) -> tuple[float, float]:
+    """Mean of the upright parts' centroids, weighted by their volumes, (x, y) [m].
+
+    Where parts overlap, the overlap counts for each of them, as it does in PhysX.
+    """
+    areas, centers = zip(*(area_and_centroid(outline_of(part, 256)) for part in parts), strict=True)
+    heights = np.array([np.ptp(vertical_range(part)) for part in parts])
+    x, y = np.average(centers, axis=0, weights=np.array(areas) * heights).tolist()
+    return x, y
+
+
+def area_and_centroid(outline: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+    """Area [m^2] and centroid `[2]` [m] of a counter-clockwise outline `[n, 2]`."""
+    following = np.roll(outline, -1, axis=0)
+    cross = outline[:, 0] * following[:, 1] - following[:, 0] * outline[:, 1]
+    area = cross.sum() / 2
+    return float(area), ((outline + following) * cross[:, None]).sum(0) / (6 * area)
+
+
+def centered(*parts: Primitive) -> tuple[Primitive, ...]:
+    """The same upright parts, moved together so that a `PushedObject` can be made of them.
+
+    Their centroid comes to lie over the origin, and the middle of their height at it.
+    """
+    x, y = centroid(parts)
+    low, high = zip(*(vertical_range(part) for part in parts), strict=True)
+    z = (min(low) + max(high)) / 2
+    return tuple(
+        replace(part, position=(part.position[0] - x, part.position[1] - y, part.position[2] - z))
+        for part in parts
+    )
+
+
+@functools.cache
+def yaw_symmetry(parts: tuple[Primitive, ...]) -> int:
+    """How many yaw angles of a body look alike: 4 for a cube, 0 for a disc (all of them)."""
+    round_parts = all(part.kind in ("cylinder", "capsule") for part in parts)
+    if round_parts and all(math.hypot(*part.position[:2]) <= _TOLERANCE for part in parts):
+        return 0
+    orders = range(_MAX_ORDER, 1, -1)
+    return next((n for n in orders if _looks_the_same(parts, 2 * math.pi / n)), 1)
+
+
+def _looks_the_same(parts: Sequence[Primitive], yaw: float) -> bool:
+    """Whether at every height the turned parts lie within the parts."""
+    ranges = [vertical_range(part) for part in parts]
+    levels = np.unique([end for ends in ranges for end in ends])
+    turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
+    for z in (levels[1:] + levels[:-1]) / 2:
+        here = [part for part, (low, high) in zip(parts, ranges, strict=True) if low < z < high]
+        if here:
+            points = np.vstack([_points_along(outline_of(part)) for part in here]) @ turn
+            if not np.any([_within(part, points) for part in here], axis=0).all():
+                return False
+    return True
+
+
+def _points_along(outline: NDArray[np.float64], count: int = 16) -> NDArray[np.float64]:
+    """Points on the sides of an outline, `[n * count, 2]`."""
+    share = np.arange(count)[:, None, None] / count
+    return (outline + share * (np.roll(outline, -1, axis=0) - outline)).reshape(-1, 2)
+
+
+def _within(part: Primitive, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which points lie in an upright part seen from above, or as good as on its outline, `[n]`."""
+    if part.kind in ("cylinder", "capsule"):
+        away = np.linalg.norm(points - np.array(part.position[:2]), axis=1)
+        return away <= part.size[0] + _TOLERANCE
+    outline = outline_of(part)
+    edge = np.roll(outline, -1, axis=0) - outline
+    normal = np.stack([edge[:, 1], -edge[:, 0]], -1) / np.linalg.norm(edge, axis=1)[:, None]
+    outside = points @ normal.T - (normal * outline).sum(1)
+    return (outside <= _TOLERANCE).all(1)

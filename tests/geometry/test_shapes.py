@@ -1,0 +1,40 @@
+import math
+
+import numpy as np
+import pytest
+
+from modpush.geometry import Primitive, box, capsule, cylinder, prism
+
+SQUARE = ((0.02, 0.02), (-0.02, 0.02), (-0.02, -0.02), (0.02, -0.02))
+
+
+def test_sizes_are_halved_extents():
+    assert box(0.1, 0.2, 0.3).size == (0.05, 0.1, 0.15)
+    assert cylinder(0.03, 0.06).size == capsule(0.03, 0.06).size == (0.03, 0.03, 0.0)
+    assert prism(SQUARE, 0.04).size == (0.02, 0.02, 0.02)
+
+
+def test_rotations_are_about_fixed_axes_as_in_urdf():
+    part = cylinder(0.03, 0.06, rpy=(math.pi / 2, 0.0, math.pi / 2))
+    # Roll takes the axis z to -y, and yaw then -y to x.
+    np.testing.assert_allclose(part.rotation() @ [0, 0, 1], [1, 0, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Primitive(kind="cone", size=(1, 1, 1)), "kind must be one of .* got 'cone'"),
+        (lambda: box(0.1, 0.0, 0.1), "the sizes of a box must be > 0"),
+        (lambda: cylinder(-0.1, 0.1), "the sizes of a cylinder must be > 0"),
+        (lambda: box(0.1, math.nan, 0.1), "all numbers must be finite"),
+        (lambda: box(0.1, 0.1, 0.1, (0.0, math.inf, 0.0)), "all numbers must be finite"),
+        (lambda: prism((), 0.1), "the sizes of a prism must be > 0"),
+        (lambda: prism(SQUARE[:2], 0.1), "needs 3 corners"),
+        (lambda: prism(SQUARE[::-1], 0.1), "convex and counter-clockwise"),
+        (lambda: prism((*SQUARE, (0.0, 0.0)), 0.1), "convex and counter-clockwise"),
+        (lambda: prism((*SQUARE, *SQUARE), 0.1), "convex and counter-clockwise"),
+    ],
+)
+def test_impossible_solids_are_refused(make, message):
+    with pytest.raises(ValueError, match=f"Primitive: .*{message}"):
+        make()
