@@ -1,14 +1,14 @@
 from .action_frame import ActionFrame as ActionFrame
+from .blank_latent import latent_entry as latent_entry
 from .curriculum import Curriculum as Curriculum
 from .curriculum import CurriculumConfig as CurriculumConfig
 from .curriculum import Phase as Phase
 from .curriculum_scenes import CurriculumScenes as CurriculumScenes
-from .latent_entry import latent_entry as latent_entry
+from .entry_list import resolve_entries as resolve_entries
 from .observation_entries import ENTRIES as ENTRIES
 from .observation_entries import PAPER_ENTRIES as PAPER_ENTRIES
 from .observation_entries import PATH_ENTRIES as PATH_ENTRIES
 from .observation_entries import Entry as Entry
-from .observation_entries import resolve_entries as resolve_entries
 from .observation_inputs import ObservationInputs as ObservationInputs
 from .observation_layout import fingerprint_differences as fingerprint_differences
 from .push_observation import PushObservation as PushObservation

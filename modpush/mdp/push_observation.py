@@ -12,7 +12,8 @@ from torchrl.envs import Transform
 from modpush._keys import read_key
 from modpush.geometry.frames import Frame
 from modpush.geometry.workspace import WORKSPACE, Rectangle
-from modpush.mdp.observation_entries import EntryLike, resolve_entries
+from modpush.mdp.entry_list import resolve_entries
+from modpush.mdp.observation_entries import EntryLike
 from modpush.mdp.observation_inputs import ObservationInputs
 from modpush.mdp.observation_layout import Layout, ReadRecorder
 
@@ -128,11 +129,8 @@ class PushObservation(Transform):
         Raises:
             RuntimeError: Before the transform was put on an environment or applied once.
         """
-        return {
-            "frame": self.frame,
-            "raw": self.raw,
-            "entries": self._known_layout.describe(),
-        }
+        entries = self._known_layout.describe()
+        return {"frame": self.frame, "raw": self.raw, "entries": entries}
 
     @property
     def _known_layout(self) -> Layout:

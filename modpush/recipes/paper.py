@@ -28,10 +28,11 @@ from modpush.envs.scenes.layouts import OBSTACLE_SCENES
 from modpush.envs.scenes.objects import get_object
 from modpush.geometry.frames import Frame
 from modpush.mdp.action_frame import ActionFrame
+from modpush.mdp.blank_latent import latent_entry
 from modpush.mdp.curriculum import Curriculum
 from modpush.mdp.curriculum_scenes import CurriculumScenes
-from modpush.mdp.latent_entry import latent_entry
-from modpush.mdp.observation_entries import ENTRIES, EntryLike, resolve_entries
+from modpush.mdp.entry_list import resolve_entries
+from modpush.mdp.observation_entries import ENTRIES, EntryLike
 from modpush.mdp.push_observation import PushObservation
 from modpush.mdp.push_reward import PushReward, RewardConfig
 from modpush.mdp.reward_terms import RewardTerm

@@ -1,5 +1,6 @@
-"""Entries and terms of a user's own module, for tests that give them as `"module:name"`."""
+"""Entries, terms and scenes of a user's own module, for tests that name them `"module:name"`."""
 
+from modpush.envs.scenes.layouts import free
 from modpush.mdp import Entry
 
 
@@ -17,3 +18,7 @@ halved_gap = Entry(gap, 0.5)
 def effort(outcome):
     """Penalty for large actions."""
     return -outcome["action"].square().sum(-1, keepdim=True)
+
+
+def meadow(rng, difficulty):
+    return free(rng, difficulty)

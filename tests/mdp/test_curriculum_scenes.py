@@ -93,6 +93,17 @@ def test_a_scenario_that_is_set_between_resets_is_respected():
     env.close()
 
 
+def test_a_phase_draws_scenes_of_ones_own():
+    config = CurriculumConfig(phases=(Phase(scenes=("tests.mdp.own_parts:meadow",)),))
+    curriculum = Curriculum(config)
+    env = TransformedEnv(
+        PushEnv(1, depth=None, max_episode_steps=1, seed=0), CurriculumScenes(curriculum)
+    )
+    env.step(env.reset().set("action", torch.zeros(1, 3)))
+    assert curriculum.scene_success_rates == {"tests.mdp.own_parts:meadow": 0.0}
+    env.close()
+
+
 def test_specs_hold():
     transform = CurriculumScenes(Curriculum(SHORT), level_key=("task", "level"))
     env = TransformedEnv(PushEnv(2, depth=None, seed=0), transform)

@@ -19,7 +19,7 @@ import modpush
 from modpush.recipes.paper import load_agent
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer, check_run_folder
 from modpush.training.trainer import NonFiniteLossError
-from modpush.training.worker import held_out_scenarios
+from modpush.training.worker import SceneWorker, held_out_scenarios
 
 SMOKE = TRAIN_PRESETS["smoke"][1]
 SMOKE_SIDE_BY_SIDE = replace(SMOKE, side_by_side=True)
@@ -239,6 +239,17 @@ def test_held_out_episodes_are_the_same_in_every_run_and_of_all_families():
     assert one == held_out_scenarios(replace(SMOKE, seed=5))
     assert {s.scene for s in one} == {"free", "posts"}
     assert all(0.2 <= _distance(s) <= 0.6 for s in one)
+
+
+def test_the_scene_of_the_environment_is_what_is_trained_and_evaluated_on():
+    config = replace(SMOKE, env=replace(SMOKE.env, scene=("slot",)))
+    assert {s.scene for s in held_out_scenarios(config)} == {"slot"}
+    worker = SceneWorker(config)
+    curriculum = worker.curriculum
+    curriculum.phase, curriculum.stage = 1, len(config.curriculum.distances) - 1
+    worker.env.reset()
+    assert {s.scene for s in worker.env.base_env.scenarios} == {"slot"}
+    worker.close()
 
 
 def _distance(scenario):
