@@ -46,24 +46,24 @@ Step = Callable[[], object]
 
 @dataclass(frozen=True)
 class Args:
-    """What to measure."""
+    """What is measured."""
 
     rounds: int = 15
-    """Rounds; each learner takes one step a round."""
+    """Number of rounds; each learner takes one step in a round."""
     threads: tuple[int, ...] = (1, 2)
-    """Torch's thread counts."""
+    """Numbers of torch threads to measure with."""
     sizes: tuple[tuple[tuple[int, ...], int], ...] = (
         ((512, 256, 128), 512),
         ((512, 256, 128), 256),
         ((256, 256), 256),
     )
-    """Hidden sizes and batch size."""
+    """Hidden sizes and batch size of each row."""
     clock: Literal["wall", "cpu"] = "wall"
     """Elapsed time, or this process's CPU time over all its threads."""
     replay: bool = True
-    """Measure sampling from a million transitions and memory, too (needs 1.5 GB)."""
+    """Also measure sampling from a million transitions, and memory (needs 1.5 GB)."""
     out: Path | None = None
-    """Where to write the tables, too."""
+    """File that the tables are also written to."""
 
 
 class Dummy(gym.Env):

@@ -25,22 +25,22 @@ TRAIN = Path(__file__).parents[1] / "examples" / "train.py"
 
 @dataclass(frozen=True, kw_only=True)
 class CompareConfig:
-    """What is compared."""
+    """What is compared, and at which budget."""
 
     samplers: tuple[str, ...] = ("attentive", "uniform")
-    """Values of `--train.replay.sampler`."""
+    """Samplers to compare, as values of `--train.replay.sampler`."""
     seeds: int = 3
-    """Runs of each."""
+    """Number of runs with each sampler."""
     steps: int = 150_000
-    """Environment steps a run."""
+    """Number of environment steps in each run."""
     encoder: Literal["vae", "rays"] = "vae"
-    """Of the window."""
+    """Encoder of the local window."""
     jobs: int = 2
-    """Runs at a time."""
+    """Number of runs at a time."""
     runs: Path = Path("runs/compare_replay")
-    """Where the runs are kept."""
+    """Folder of the runs."""
     out: Path = Path("docs/results/training")
-    """Where table and picture go."""
+    """Folder of the table and the picture."""
 
 
 def run(folder: Path, sampler: str, seed: int, config: CompareConfig) -> None:

@@ -42,7 +42,7 @@ class Run:
 
     task: Literal["pendulum", "point_pusher"] = "pendulum"
     learner: Literal["uniform", "attentive", "attentive_annealed", "sb3"] = "uniform"
-    """Ours with either sampler, or sb3-contrib's TQC (uniform)."""
+    """Our learner with either sampler, or sb3-contrib's TQC (uniform)."""
     seed: int = 0
     steps: int = 8000
     evaluate_every: int = 500
@@ -53,7 +53,7 @@ class Run:
     alpha_init: float = 1.0
     """Entropy temperature at the start."""
     k: float = 4
-    """Candidates a kept transition, of the attentive learners."""
+    """Candidates per kept transition of the attentive learners."""
     out: Path = RESULTS / "learner_curves.csv"
 
 

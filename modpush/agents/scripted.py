@@ -1,4 +1,4 @@
-"""A pusher that needs no learning: go round behind the object, push, correct."""
+"""A scripted pusher: it goes behind the object, pushes it at the target, and corrects."""
 
 import math
 from dataclasses import dataclass
@@ -8,6 +8,7 @@ from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
+from modpush._keys import read_key
 from modpush.geometry.angles import wrap_angle
 
 __all__ = ["ScriptedPusher", "ScriptedPusherConfig", "scripted_push"]
@@ -20,17 +21,17 @@ class ScriptedPusherConfig:
     tool_radius: float = 0.034
     """Circumscribed radius of the tool's tip [m]."""
     margin: float = 0.012
-    """Kept free between tool and object while going round [m]."""
+    """Distance kept between tool and object while going round the object [m]."""
     approach_angle: float = 0.15
-    """Off the line from goal through object by less than this, the tool closes in [rad]."""
+    """Largest angle off the line from target through object at which the tool closes in [rad]."""
     push_angle: float = 0.7
-    """In contact it goes on pushing up to this [rad]."""
+    """Largest angle off that line at which the tool goes on pushing while in contact [rad]."""
     steer_gain: float = 1.5
-    """How much farther than the object's bearing the tool steers to get back on the line."""
+    """Correction of the pushing direction, as a multiple of the angle off the line."""
     push_speed: float = 0.7
-    """Part of the largest step while in contact."""
+    """Length of a step while in contact, as a fraction of the largest step."""
     max_turn: float = 0.05
-    """The action's largest rotation [rad]."""
+    """Rotation of the tool that the largest action stands for [rad]."""
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -98,9 +99,9 @@ def _unit(angle: Tensor) -> Tensor:
 
 
 class ScriptedPusher(TensorDictModuleBase):
-    """The scripted pusher as a policy. It holds no state.
+    """The scripted pusher as a policy without state.
 
-    It knows nothing of obstacles: it pushes straight at its target. Give it a planner's sub-goals
+    It takes no account of obstacles: it pushes straight at its target. Give it a planner's sub-goals
     (`target_key="subgoal"`) to push along a path.
 
     Args:
@@ -135,13 +136,7 @@ class ScriptedPusher(TensorDictModuleBase):
         Raises:
             KeyError: If a key is missing; the message lists those there are.
         """
-        values = [tensordict.get(key, None) for key in self.in_keys]
-        for key, value in zip(self.in_keys, values, strict=True):
-            if value is None:
-                raise KeyError(
-                    f"ScriptedPusher: no entry {key!r} in the tensordict, "
-                    f"it has {sorted(map(str, tensordict.keys(True, True)))}."
-                )
+        values = [read_key("ScriptedPusher", tensordict, key) for key in self.in_keys]
         object_pose, target, ee_pose, contact, radius = values
         batch = object_pose.shape[:-1]
         target, ee_pose, contact, radius = (

@@ -1,8 +1,9 @@
 """A storage that keeps each observation once.
 
-A transition's next observation is, but for episode ends, some later transition's observation. So
-each entry keeps the index of that entry instead of a second copy. What has no such entry (the end
-of an episode, the newest transition, a successor that is overwritten first) goes to a side table.
+Except at the end of an episode, a transition's next observation is the observation of a later
+transition. So each entry keeps the index of that entry instead of a second copy. Next observations
+without such an entry (the end of an episode, the newest transition, a successor that is overwritten
+first) go to a side table.
 """
 
 from collections import OrderedDict
@@ -45,7 +46,7 @@ class CompactStorage(LazyTensorStorage):
 
     Two 4-byte links take the place of the second observation. Writing costs a few microseconds a
     row on top; reading costs one more gather. Entries must not be changed in place through
-    `buffer[...] = ...` under the keys below. It lives in one process. `TensorDictReplayBuffer`
+    `buffer[...] = ...` under the keys below. It has one dimension and lives in one process. `TensorDictReplayBuffer`
     stores an `"index"` of 8 bytes beside each transition unless it is given TorchRL's plain
     `RoundRobinWriter`; samples carry their index either way.
 
@@ -74,7 +75,7 @@ class CompactStorage(LazyTensorStorage):
         # table; predecessor is its inverse.
         self._successor = torch.full((self.max_size,), _NONE, dtype=torch.int32)
         self._predecessor = self._successor.clone()
-        self._side: list[Tensor] = []  # one [R, ...] a key
+        self._side: list[Tensor] = []  # one [R, ...] per key
         self._free_rows: list[int] = []
         self._waiting: OrderedDict[bytes, int] = OrderedDict()  # next observation -> entry
         self._awaited: dict[int, bytes] = {}  # its inverse
@@ -122,7 +123,7 @@ class CompactStorage(LazyTensorStorage):
                 raise KeyError(f"CompactStorage: key {key!r} not found, the data has {keys}.")
 
     def _unlink(self, slots: Tensor) -> None:
-        """Forget entries that are about to be overwritten, but no one's next observation."""
+        """Forget entries that are about to be overwritten, but keep the next observations they hold."""
         links = self._successor[slots].long()
         self._free_rows += (-2 - links[links < _NONE]).tolist()
         self._predecessor[links[links >= 0]] = _NONE

@@ -1,4 +1,4 @@
-"""How alike a stored observation is to the present one: the measure attentive replay ranks by."""
+"""Similarities of stored observations to the present one, by which attentive replay ranks them."""
 
 from collections.abc import Callable
 
@@ -51,7 +51,7 @@ class LatentSimilarity:
     """A similarity measured between embeddings, for instance of a learned encoder.
 
     Args:
-        encoder: Maps `[*B, D]` to `[*B, L]`; called without gradient, and always as it is now.
+        encoder: Maps `[*B, D]` to `[*B, L]`; called without gradient, with its present weights.
         similarity: Compares the embeddings.
     """
 

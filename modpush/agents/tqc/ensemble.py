@@ -17,8 +17,8 @@ from modpush.agents.tqc.relu_mlp import ReluMLP, relu_mlp
 
 __all__ = ["BatchedEnsemble", "NotBatchableError"]
 
-# Modules without parameters or randomness that act on each element by itself, so that a leading
-# ensemble dimension makes no difference to them.
+# Modules without parameters or randomness that act on each element by itself, so that they take a
+# leading ensemble dimension as it is.
 _ELEMENTWISE = (
     nn.CELU,
     nn.ELU,
@@ -124,7 +124,7 @@ class BatchedEnsemble:
         return x.view(num_critics, *batch_size, x.shape[-1])
 
     def __call__(self, tensordict: TensorDictBase, params: TensorDictBase) -> TensorDict:
-        """The same behind the interface of TorchRL's `vmap`: a tensordict of batch `[N, *B]`."""
+        """Atoms as TorchRL's `vmap` would return them: a tensordict of batch size `[N, *B]`."""
         inputs = [tensordict.get(key) for key in self.in_keys]
         atoms = self.atoms(inputs, self.parameters(params))
         batch_size = [atoms.shape[0], *tensordict.batch_size]

@@ -199,7 +199,7 @@ class TQCLoss(_TorchRLTQCLoss):
         )
 
     def _action_bounds(self, head: Any, loc: Tensor) -> tuple[Tensor, Tensor] | None:
-        """The distribution's, None where they are -1 and 1: looked at once, it stalls a GPU."""
+        """Bounds of the distribution, None where they are -1 and 1; cached, since reading them stalls a GPU."""
         given = head.distribution_kwargs.get("low", -1.0), head.distribution_kwargs.get("high", 1.0)
         cache = self.__dict__.setdefault("_cache", {})  # emptied when the loss moves or casts
         known = cache.get("action_bounds")
@@ -215,7 +215,7 @@ class TQCLoss(_TorchRLTQCLoss):
         return known[1]
 
     def _bound_actor(self) -> AbstractContextManager[Any]:
-        """The actor with the loss's parameters in it; free where it holds them already."""
+        """A context in which the actor holds the loss's parameters, empty where it already does."""
         actor, params = self.actor_network, self.actor_network_params
         cache = self.__dict__.setdefault("_cache", {})  # emptied when the loss moves or casts
         owners = cache.get("actor_owners")

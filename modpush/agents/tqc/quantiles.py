@@ -1,4 +1,4 @@
-"""What TQC does to atoms: truncate the pooled targets, regress the quantiles towards them.
+"""Operations on atoms: truncate the pooled targets, regress the quantiles towards them.
 
 The pairwise quantile-Huber loss comes with its gradient in closed form. Autograd would keep several
 `[N, B, n, m]` tensors alive and walk them again in the backward pass; value, gradient and mean
@@ -100,7 +100,7 @@ def _runs_native(x: Tensor) -> bool:
 
 
 def _forward_torch(quantiles: Tensor, targets: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """The same three results in tensor operations, for any device and dtype."""
+    """Loss, gradient and mean absolute error in tensor operations, for any device and dtype."""
     num_quantiles = quantiles.shape[-1]
     fractions = torch.arange(num_quantiles, device=quantiles.device, dtype=quantiles.dtype)
     fractions = ((fractions + 0.5) / num_quantiles).unsqueeze(-1)

@@ -21,7 +21,7 @@ __all__ = ["ReluMLP", "relu_mlp"]
 
 
 _ONEDNN_FROM = 64
-"""Rows from which on oneDNN wins: a call to it costs 10 microseconds more."""
+"""Smallest batch for which oneDNN is faster: a call to it costs 10 microseconds more."""
 
 
 class ReluMLP(MLP):
@@ -70,9 +70,9 @@ def relu_mlp(
     Differentiable once, with respect to all arguments.
 
     Args:
-        inputs: What the first layer sees side by side, the same for all networks, `[P, d_i]`.
-        weights: One `[N, out_l, in_l]` a layer.
-        biases: One `[N, out_l]` a layer.
+        inputs: Inputs of the first layer, concatenated there, the same for all networks, `[P, d_i]`.
+        weights: One `[N, out_l, in_l]` per layer.
+        biases: One `[N, out_l]` per layer.
 
     Returns:
         Outputs, `[N, P, out]`.
@@ -100,7 +100,7 @@ class _ReluMLP(torch.autograd.Function):
         inputs, parameters = tensors[:num_inputs], tensors[num_inputs:]
         x: Any = _first_layer_input(inputs, parameters[0])
         ctx.multiply = multiply = _products(x)
-        ctx.hidden = []  # made here, and nobody else's: no need for `save_for_backward`
+        ctx.hidden = []  # nothing else holds these tensors, so `save_for_backward` is not needed
         for index in range(0, len(parameters), 2):
             ctx.hidden.append(x)
             last = index + 2 == len(parameters)
@@ -164,7 +164,7 @@ class _OneDNNProducts:
     @staticmethod
     def layer(x: Sequence[Tensor], weight: Tensor, bias: Tensor, *, relu: bool) -> Sequence[Tensor]:
         x = [_onednn_linear(*network) for network in zip(x, weight, bias, strict=True)]
-        # Not oneDNN's own ReLU, which would make nought of NaN.
+        # Not oneDNN's own ReLU, which turns NaN into zero.
         return [y.relu_() for y in x] if relu else x
 
     @staticmethod
@@ -172,7 +172,7 @@ class _OneDNNProducts:
         if grad[0].shape[-1] <= x[0].shape[-1]:
             return _stack([_onednn_linear(g.mT, a.mT) for g, a in zip(grad, x, strict=True)])
         # The narrower side first: up to two thirds faster for a first layer. With equal sides the copy
-        # of a transposed matrix would cost more than that wins.
+        # of a transposed matrix would cost more than it saves.
         transposed = [_onednn_linear(a.mT, g.mT) for g, a in zip(grad, x, strict=True)]
         return _stack([matrix.mT for matrix in transposed])
 
@@ -228,5 +228,5 @@ def _dense(x: Tensor) -> Tensor:
 
 
 def _through_relu(grad: Tensor, output: Tensor) -> Tensor:
-    """The gradient before a ReLU with this output; overwrites `grad`, which we made."""
+    """Gradient before a ReLU with this output; overwrites `grad`."""
     return torch.ops.aten.threshold_backward.grad_input(grad, output, 0, grad_input=grad)
