@@ -46,9 +46,9 @@ class CompactStorage(LazyTensorStorage):
 
     Two 4-byte links take the place of the second observation. Writing costs a few microseconds a
     row on top; reading costs one more gather. Entries must not be changed in place through
-    `buffer[...] = ...` under the keys below. It has one dimension and lives in one process. `TensorDictReplayBuffer`
-    stores an `"index"` of 8 bytes beside each transition unless it is given TorchRL's plain
-    `RoundRobinWriter`; samples carry their index either way.
+    `buffer[...] = ...` under the keys below. It has one dimension and lives in one process.
+    `TensorDictReplayBuffer` stores an `"index"` of 8 bytes beside each transition unless it is given
+    TorchRL's plain `RoundRobinWriter`; samples carry their index either way.
 
     Args:
         max_size: Capacity in transitions.

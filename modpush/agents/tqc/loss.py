@@ -199,7 +199,7 @@ class TQCLoss(_TorchRLTQCLoss):
         )
 
     def _action_bounds(self, head: Any, loc: Tensor) -> tuple[Tensor, Tensor] | None:
-        """Bounds of the distribution, None where they are -1 and 1; cached, since reading them stalls a GPU."""
+        """Bounds of the distribution, None where they are -1 and 1; cached: reading stalls a GPU."""
         given = head.distribution_kwargs.get("low", -1.0), head.distribution_kwargs.get("high", 1.0)
         cache = self.__dict__.setdefault("_cache", {})  # emptied when the loss moves or casts
         known = cache.get("action_bounds")
