@@ -38,7 +38,7 @@ Clock = Callable[[], float]
 
 
 class AuthorsVAE(nn.Module):
-    """Widths and strides of the authors' code, 32/64/64/128 (`spec.md` 7), in torch's default layout."""
+    """Widths and strides of the authors' code, 32/64/64/128, in torch's default layout."""
 
     def __init__(self, six_deconvolutions: bool = False) -> None:
         super().__init__()

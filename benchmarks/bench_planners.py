@@ -10,18 +10,16 @@ batch on several threads is always timed by the wall clock. Peers that are not i
 
 import argparse
 import importlib
-import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import cv2
 import numba
 import numpy as np
 import torch
+from box_images import BAR, render, square
+from planner_maps import family_maps, shortest_length, solvable_maps
 from tensordict import TensorDict
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from modpush.agents import PushingCorridorController
 from modpush.geometry import Camera, Label
@@ -38,8 +36,6 @@ from modpush.planners import (
     point_along,
     warmup,
 )
-from tests.planners.planner_reference import family_maps, shortest_length, solvable_maps
-from tests.planners.table_scene import BAR, render, square
 
 clock: Callable[[], float] = time.perf_counter
 Query = tuple[np.ndarray, np.ndarray, np.ndarray]

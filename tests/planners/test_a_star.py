@@ -5,11 +5,11 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from planner_maps import solvable_maps
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from modpush.planners import AStar
-from tests.planners.planner_reference import solvable_maps
 
 
 def cell_graph(blocked, neighbours, weight=None):

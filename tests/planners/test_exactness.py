@@ -8,9 +8,9 @@ import scipy.ndimage as ndi
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from planner_maps import family_maps, shortest_length, solvable_maps, visible
 
 from modpush.planners import DistanceField, LazyThetaStar, StraightLine, ThetaStar
-from tests.planners.planner_reference import family_maps, shortest_length, solvable_maps, visible
 
 EXACT = {"corners": LazyThetaStar(), "field": DistanceField()}
 CLOSE = {"lazy_grid": LazyThetaStar(nodes="grid"), "theta": ThetaStar()}

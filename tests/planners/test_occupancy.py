@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import scipy.ndimage as ndi
 import torch
+from box_images import BAR, render, square
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from planner_maps import random_map
 
 from modpush.geometry import CAMERA, Label
 from modpush.planners import OccupancyMap, circumscribed_radius, inflate
-from tests.planners.planner_reference import random_map
-from tests.planners.table_scene import BAR, render, square
 
 
 def as_tensors(*images):

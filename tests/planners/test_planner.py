@@ -9,6 +9,7 @@ import sys
 import numpy as np
 import pytest
 import torch
+from planner_maps import random_map, random_query
 
 from modpush.planners import (
     AStar,
@@ -20,7 +21,6 @@ from modpush.planners import (
     ThetaStar,
     point_along,
 )
-from tests.planners.planner_reference import random_map, random_query
 
 MAKERS = {
     "lazy": LazyThetaStar,

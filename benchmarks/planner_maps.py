@@ -1,7 +1,7 @@
-"""What the planners are held against: random maps, and a visibility graph by brute force.
+"""Maps to plan on, and the exact optimum from a visibility graph, for benchmarks and tests.
 
-Nothing here is shared with the library: corners, lines of sight and shortest paths are worked out
-again, in another way (prefix sums over rows, in floating point, and scipy's Dijkstra).
+Nothing here is shared with the library: corners, lines of sight and shortest paths are computed in
+another way (prefix sums over rows, in floating point, and scipy's Dijkstra).
 """
 
 from collections.abc import Iterator
