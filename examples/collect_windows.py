@@ -28,6 +28,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from modpush.encoders import WindowData, egocentric_window
+from modpush.encoders.window import WINDOW_SIZE
 from modpush.envs import OBJECTS, OBSTACLE_SCENES, PushEnv
 from modpush.geometry import WORKSPACE
 
@@ -85,7 +86,7 @@ def other_poses(
     low, high = torch.tensor([*WORKSPACE.low, -torch.pi]), torch.tensor([*WORKSPACE.high, torch.pi])
     poses = low + (high - low) * torch.rand(4 * count, 3, generator=generator)
     windows = torch.cat([egocentric_window(depth, segmentation, pose[None]) for pose in poses])
-    steps = torch.arange(64) - 31.5
+    steps = torch.arange(WINDOW_SIZE) - 0.5 * (WINDOW_SIZE - 1)
     near = steps[:, None] ** 2 + steps**2 < _FREE_RADIUS_PX**2
     good = (windows > 0).flatten(1).any(1) & ~(windows[:, 0, near] > 0).any(1)
     return windows[good][:count]
@@ -134,7 +135,10 @@ def collect_part(config: Config, index: int, folder: Path) -> int:
     env = make_env(config)
     env.set_seed(seed * config.num_envs)
     blank = round(config.blank * total)
-    windows, families = [torch.zeros(blank, 1, 64, 64)], [len(config.families)] * blank
+    windows, families = (
+        [torch.zeros(blank, 1, WINDOW_SIZE, WINDOW_SIZE)],
+        [len(config.families)] * blank,
+    )
     for some, family in episodes(env, config, generator):
         windows.append(some)
         families += [config.families.index(family)] * len(some)

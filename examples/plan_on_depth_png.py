@@ -1,11 +1,11 @@
-"""Plan a push on a depth picture: no simulator, no robot, ten lines.
+"""Plan the path of a pushed object on a depth image, without a simulator, in ten lines.
 
     python examples/plan_on_depth_png.py                       # makes its own small picture
     python examples/plan_on_depth_png.py --depth mine.png --start 60 200 --goal 190 40
 
 Reads a 16-bit PNG of a camera that looks straight down on a table (depth in millimetres), finds
-what stands on it, inflates that by the object's radius and plans the object's way around. Prints
-the way's length and writes a picture of it beside the input. Without `--depth` it first writes
+what stands on it, inflates that by the object's radius and plans the object's path around it.
+Prints the path's length and writes a picture of it. Without `--depth` it first writes
 `runs/depth.png`, a table with three bars, and plans on that.
 """
 
@@ -51,7 +51,7 @@ def make_depth(path: Path) -> Path:
 
 
 def main(config: Config) -> float:
-    """Plan, draw, and return the way's length [m]."""
+    """Plan, draw, and return the path's length [m]."""
     source = config.depth or make_depth(config.output.with_name("depth.png"))
     image = cv2.imread(str(source), cv2.IMREAD_UNCHANGED)
     if image is None or image.dtype != np.uint16 or image.ndim != 2:
@@ -71,7 +71,7 @@ def main(config: Config) -> float:
     if paths.found:
         print(f"{length:.3f} m over {len(waypoints) - 2} corners, from {waypoints[0].tolist()}")
     else:
-        print("no way")
+        print("no path found")
     picture = cv2.cvtColor(255 - 90 * occupancy[0].byte().numpy(), cv2.COLOR_GRAY2BGR)
     picture[image < 1000 * (config.camera_height - 0.013)] = (90, 90, 90)
     scaled = cv2.resize(picture, None, fx=3, fy=3, interpolation=cv2.INTER_NEAREST)

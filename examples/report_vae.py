@@ -1,4 +1,4 @@
-"""Say and show what a trained autoencoder keeps of the local window.
+"""Measure and draw how well a trained autoencoder represents the local window.
 
     python examples/report_vae.py                                     # the shipped weights
     python examples/report_vae.py --weights runs/vae/depth_vae.safetensors
@@ -60,7 +60,7 @@ class Config:
     """Seed of the probes, of the samples and of the choice of windows shown."""
 
 
-def rivals(windows: Tensor, dim: int, seed: int) -> dict[str, Encode]:
+def baselines(windows: Tensor, dim: int, seed: int) -> dict[str, Encode]:
     """Principal components and a fixed random projection, as encoders."""
     flat = windows.flatten(1)
     mean = flat.mean(0)
@@ -82,7 +82,7 @@ def probes(vae: DepthVAE, train: WindowData, unseen: WindowData, config: Config)
     new = unseen.floats(torch.randperm(len(unseen)))
     half = len(new) // 2
     scan = RayScan(16)
-    encoders: dict[str, Encode] = {"vae": vae, **rivals(known, vae.latent_dim, config.seed)}
+    encoders: dict[str, Encode] = {"vae": vae, **baselines(known, vae.latent_dim, config.seed)}
     out: dict[str, Any] = {}
     for name, encoder in encoders.items():
         known_pair, half_pair, test_pair = (
