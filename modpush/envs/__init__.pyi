@@ -1,3 +1,10 @@
+from .depth.analytic import AnalyticDepthCamera as AnalyticDepthCamera
+from .depth.base import (
+    DepthCamera as DepthCamera,
+)
+from .depth.base import (
+    SceneView as SceneView,
+)
 from .gym_env import PushGymEnv as PushGymEnv
 from .push_env import PushEnv as PushEnv
 from .push_env import PushState as PushState

@@ -88,8 +88,9 @@ class PushEnv(EnvBase):
         scenario: What episodes are drawn from; or give fields of `ScenarioConfig` one by one
             (`scene="slot"`, `pushed_object="fragment"`, `difficulty=0.5`, ...). May be replaced at
             any time (`env.scenario = ...`) and counts from the next reset on.
-        depth: `"analytic"` (cast from the known shapes, needs no renderer), `"sapien"` (rendered),
-            or None.
+        depth: `"analytic"` (cast from the known shapes, needs no renderer), `"sapien"` (rendered), a
+            `DepthCamera` of your own (its class, a function that makes it, or `"module:name"`), or
+            None. `cast` gives the analytic values with every camera.
         arm_in_depth: Show the arm in the image, as a real camera would. The paper sets the arm's
             pixels to background, which also hides what lies under it; so the default leaves it out.
         tool: `"2f85"`, or `"rod"` as in the authors' code.

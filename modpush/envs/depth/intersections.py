@@ -4,6 +4,7 @@ import math
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from modpush.geometry.shapes import KINDS
 
@@ -12,9 +13,11 @@ __all__ = ["BOX", "CAPSULE", "CYLINDER", "hit", "hit_box"]
 BOX, CYLINDER, CAPSULE, PRISM = range(len(KINDS))
 _MISS = np.inf
 
+Floats = NDArray[np.float64]
+
 
 @numba.njit(cache=True, error_model="numpy")
-def hit(kind, size, planes, origin, ray):  # type: ignore[no-untyped-def]
+def hit(kind: int, size: Floats, planes: Floats, origin: Floats, ray: Floats) -> float:
     """Ray parameter of the first entry into the solid, inf where it misses."""
     if kind == BOX:
         return hit_box(origin, ray, size)
@@ -44,7 +47,7 @@ def hit(kind, size, planes, origin, ray):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
-def hit_box(origin, ray, size):  # type: ignore[no-untyped-def]
+def hit_box(origin: Floats, ray: Floats, size: Floats) -> float:
     near, far = _slab(origin[0], ray[0], size[0], 0.0, np.inf)
     near, far = _slab(origin[1], ray[1], size[1], near, far)
     near, far = _slab(origin[2], ray[2], size[2], near, far)
@@ -52,7 +55,7 @@ def hit_box(origin, ray, size):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
-def _slab(origin, ray, half, near, far):  # type: ignore[no-untyped-def]
+def _slab(origin: float, ray: float, half: float, near: float, far: float) -> tuple[float, float]:
     """Cut an interval of the ray to |coordinate| <= half."""
     if abs(ray) < 1e-12:
         if abs(origin) > half:
@@ -65,7 +68,7 @@ def _slab(origin, ray, half, near, far):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _tube(origin, ray, radius):  # type: ignore[no-untyped-def]
+def _tube(origin: Floats, ray: Floats, radius: float) -> tuple[float, float]:
     """Interval of the ray within an endless cylinder about z."""
     a = ray[0] * ray[0] + ray[1] * ray[1]
     b = origin[0] * ray[0] + origin[1] * ray[1]
@@ -80,7 +83,7 @@ def _tube(origin, ray, radius):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _ball(origin, ray, radius, height):  # type: ignore[no-untyped-def]
+def _ball(origin: Floats, ray: Floats, radius: float, height: float) -> float:
     """First entry into a ball on the z axis."""
     oz = origin[2] - height
     a = ray[0] * ray[0] + ray[1] * ray[1] + ray[2] * ray[2]

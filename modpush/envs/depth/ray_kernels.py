@@ -4,14 +4,28 @@ import math
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from modpush.envs.depth.intersections import BOX, CAPSULE, CYLINDER, hit, hit_box
 
 __all__ = ["cast_at", "draw_solids"]
 
+Floats = NDArray[np.float64]
+
 
 @numba.njit(cache=True, error_model="numpy")
-def draw_solids(depth, segmentation, kind, size, planes, rotation, position, poses, label, pinhole):  # type: ignore[no-untyped-def]
+def draw_solids(
+    depth: NDArray[np.float32],
+    segmentation: NDArray[np.uint8],
+    kind: NDArray[np.int64],
+    size: Floats,
+    planes: Floats,
+    rotation: Floats,
+    position: Floats,
+    poses: Floats,
+    label: int,
+    pinhole: Floats,
+) -> None:
     height, width = depth.shape
     n = len(kind)
     origin, ray = np.empty(3), np.empty(3)
@@ -49,7 +63,19 @@ def draw_solids(depth, segmentation, kind, size, planes, rotation, position, pos
 
 
 @numba.njit(cache=True, error_model="numpy")
-def cast_at(pixels, depth, labels, kind, size, planes, rotation, position, poses, label, pinhole):  # type: ignore[no-untyped-def]
+def cast_at(
+    pixels: Floats,
+    depth: NDArray[np.float32],
+    labels: NDArray[np.uint8],
+    kind: NDArray[np.int64],
+    size: Floats,
+    planes: Floats,
+    rotation: Floats,
+    position: Floats,
+    poses: Floats,
+    label: int,
+    pinhole: Floats,
+) -> None:
     origin, ray, R, center = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3)
     low, high = np.array([np.inf, np.inf]), np.array([-np.inf, -np.inf])
     corners = np.empty((8, 2))
@@ -83,7 +109,7 @@ def cast_at(pixels, depth, labels, kind, size, planes, rotation, position, poses
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _place(pose, rotation, position, R, center):  # type: ignore[no-untyped-def]
+def _place(pose: Floats, rotation: Floats, position: Floats, R: Floats, center: Floats) -> None:
     """Rotation and centre of a primitive in the base frame, from its body's pose."""
     w, x, y, z = pose[3], pose[4], pose[5], pose[6]
     B = np.empty((3, 3))
@@ -100,14 +126,16 @@ def _place(pose, rotation, position, R, center):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
-def _into_local(R, x, y, z, out):  # type: ignore[no-untyped-def]
+def _into_local(R: Floats, x: float, y: float, z: float, out: Floats) -> None:
     """R^T (x, y, z)."""
     for j in range(3):
         out[j] = R[0, j] * x + R[1, j] * y + R[2, j] * z
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _bounds(kind, size, R, position, pinhole, corners):  # type: ignore[no-untyped-def]
+def _bounds(
+    kind: int, size: Floats, R: Floats, position: Floats, pinhole: Floats, corners: Floats
+) -> tuple[float, float, float, float, float]:
     """Pixel rectangle (u0, u1, v0, v1) and least depth of the solid's own bounding box.
 
     Writes the pixels of its corners, `[8, 2]`. A least depth of 0 means that no rectangle holds it.
@@ -133,7 +161,16 @@ def _bounds(kind, size, R, position, pinhole, corners):  # type: ignore[no-untyp
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _row_spans(corners, nearest, u0, u1, v0, v1, left, right):  # type: ignore[no-untyped-def]
+def _row_spans(
+    corners: Floats,
+    nearest: float,
+    u0: float,
+    u1: float,
+    v0: int,
+    v1: int,
+    left: Floats,
+    right: Floats,
+) -> None:
     """Per image row the columns within the corners' convex hull: `left[v]` to `right[v]`.
 
     The hull's sides are among the 28 lines between two corners, and none of these leaves it.
@@ -159,7 +196,7 @@ def _row_spans(corners, nearest, u0, u1, v0, v1, left, right):  # type: ignore[n
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _half_extents(kind, size):  # type: ignore[no-untyped-def]
+def _half_extents(kind: int, size: Floats) -> tuple[float, float, float]:
     if kind == CYLINDER:
         return size[0], size[0], size[1]
     if kind == CAPSULE:
