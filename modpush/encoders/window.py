@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from modpush._batching import run_batch
-from modpush.encoders.window_kernel import window_few, window_many
+from modpush._checks import check_dtype
+from modpush.encoders.window_kernel import Pinhole, window_few, window_many
 from modpush.geometry.camera import Camera
 from modpush.geometry.labels import Label
 
@@ -89,7 +90,7 @@ def egocentric_window(
         )
     out = torch.empty(len(image), 1, size, size)
     beyond = 1.0 if outside == "blocked" else 0.0
-    rest = (poses, _numbers(camera), float(max_height), beyond, upright, out[:, 0].numpy())
+    rest = (poses, _pinhole(camera), float(max_height), beyond, upright, out[:, 0].numpy())
     if len(image) >= _PARALLEL_FROM:
         run_batch(window_few, window_many, len(image), image.numpy(), labels, *rest)
     else:
@@ -178,9 +179,9 @@ def _camera_of(height: int, width: int) -> Camera:
 
 
 @functools.cache
-def _numbers(camera: Camera) -> NDArray[np.float64]:
-    position = (camera.x, camera.y, camera.z)
-    return np.array([*position, camera.focal_length, *camera.principal_point])
+def _pinhole(camera: Camera) -> Pinhole:
+    numbers = (*camera.position, camera.focal_length, *camera.principal_point)
+    return Pinhole(*(float(number) for number in numbers))
 
 
 def check_options(who: str, size: int, max_height: float, outside: str, camera_z: float) -> None:
@@ -206,8 +207,7 @@ def _check(
     camera: Camera | None,
 ) -> Camera:
     who = "egocentric_window"
-    if depth.dtype != torch.float32:
-        raise TypeError(f"{who}: depth must be float32 in metres, got {depth.dtype}.")
+    check_dtype(who, "depth", depth, torch.float32)
     if depth.ndim != 3:
         raise ValueError(f"{who}: depth must be [B, H, W], got {list(depth.shape)}.")
     camera = camera or _camera_of(depth.shape[1], depth.shape[2])
@@ -217,13 +217,15 @@ def _check(
             f"{who}: depth must be [B, {camera.height}, {camera.width}] for this camera, "
             f"got {list(depth.shape)}."
         )
-    if segmentation is not None and segmentation.dtype != torch.uint8:
-        raise TypeError(f"{who}: segmentation must be uint8, got {segmentation.dtype}.")
-    if segmentation is not None and segmentation.shape != depth.shape:
-        raise ValueError(
-            f"{who}: segmentation must be shaped like depth {list(depth.shape)}, "
-            f"got {list(segmentation.shape)}."
-        )
+    if segmentation is not None:
+        check_dtype(who, "segmentation", segmentation, torch.uint8)
+        if segmentation.shape != depth.shape:
+            raise ValueError(
+                f"{who}: segmentation must be shaped like depth {list(depth.shape)}, "
+                f"got {list(segmentation.shape)}."
+            )
+    if not isinstance(pose, Tensor):
+        raise TypeError(f"{who}: pose must be a tensor, got {type(pose).__name__}.")
     if pose.shape != (len(depth), 3):
         raise ValueError(f"{who}: pose must be [{len(depth)}, 3], got {list(pose.shape)}.")
     return camera

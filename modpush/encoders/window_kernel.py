@@ -7,6 +7,7 @@ out of the way.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit, prange
@@ -23,23 +24,43 @@ _REMOVED, _OUTSIDE = np.float32(-1.0), np.float32(-2.0)
 _OBJECT, _ROBOT = np.uint8(Label.OBJECT), np.uint8(Label.ROBOT)
 
 
+class Pinhole(NamedTuple):
+    """The numbers of a `Camera`.
+
+    Attributes:
+        x: Position along x in the robot's base frame [m].
+        y: Position along y in the robot's base frame [m].
+        z: Height over the table [m].
+        focal_length: Focal length [px].
+        u: Column of the principal point [px].
+        v: Row of the principal point [px].
+    """
+
+    x: float
+    y: float
+    z: float
+    focal_length: float
+    u: float
+    v: float
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def _find_pixels(pose: NDArray, camera: NDArray, shape: tuple[int, int], index: NDArray) -> tuple:
+def _find_pixels(pose: NDArray, camera: Pinhole, shape: tuple[int, int], index: NDArray) -> tuple:
     """Write which pixel of the image each of the window's is, at the table; -1 beyond the image.
 
     Returns the way from the principal point to the window's first pixel, and the steps between its
     columns and rows: u and v of each [px].
     """
     (rows, columns), size = shape, index.shape[0]
-    to_pixel, half = camera[3] / camera[2], 0.5 * (size - 1)
+    to_pixel, half = camera.focal_length / camera.z, 0.5 * (size - 1)
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    du, dv = -(pose[1] - camera[1]) * to_pixel, -(pose[0] - camera[0]) * to_pixel
+    du, dv = -(pose[1] - camera.y) * to_pixel, -(pose[0] - camera.x) * to_pixel
     reach = half * (abs(cos) + abs(sin)) + 1.0  # from the middle to the furthest pixel
-    u, v = camera[4] + 0.5 + du, camera[5] + 0.5 + dv
+    u, v = camera.u + 0.5 + du, camera.v + 0.5 + dv
     whole = reach <= u <= columns - reach and reach <= v <= rows - reach
     du0, dv0 = du - (sin + cos) * half, dv - (cos - sin) * half
     for i in range(size):
-        u0, v0 = camera[4] + 0.5 + du0 + sin * i, camera[5] + 0.5 + dv0 + cos * i
+        u0, v0 = camera.u + 0.5 + du0 + sin * i, camera.v + 0.5 + dv0 + cos * i
         if whole:
             for j in range(size):
                 u, v = u0 + cos * j, v0 - sin * j
@@ -54,7 +75,9 @@ def _find_pixels(pose: NDArray, camera: NDArray, shape: tuple[int, int], index: 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _see(index: NDArray, image: NDArray, labels: NDArray, camera_z: float, out: NDArray) -> None:
+def _read_heights(
+    index: NDArray, image: NDArray, labels: NDArray, camera_z: float, out: NDArray
+) -> None:
     """Write the height that is seen on the table plane [m], or `_REMOVED`, or `_OUTSIDE`."""
     table_depth, zero = np.float32(camera_z), np.float32(0.0)
     table = np.float32(camera_z - 1e-6)  # less is rounding
@@ -77,7 +100,7 @@ def _set_upright(
     labels: NDArray,
     shape: tuple[int, int],
     way: tuple,
-    camera: NDArray,
+    camera: Pinhole,
     top: float,
     out: NDArray,
 ) -> None:
@@ -92,7 +115,7 @@ def _set_upright(
     """
     rows, columns = shape
     du0, dv0, du_column, dv_column, du_row, dv_row = way
-    camera_z, u_centre, v_centre = camera[2], camera[4] + 0.5, camera[5] + 0.5
+    camera_z, u_centre, v_centre = camera.z, camera.u + 0.5, camera.v + 0.5
     there = np.empty(out.shape[1], np.int32)  # where a row's heights would be seen, -1 beyond
     width, length = float(columns), float(rows)
     row_below, before_last_row = np.uint32(columns), (rows - 1) * columns - 1
@@ -158,7 +181,7 @@ def window_one(
     depth: NDArray,
     segmentation: NDArray,
     pose: NDArray,
-    camera: NDArray,
+    camera: Pinhole,
     top: float,
     outside: float,
     upright: bool,
@@ -171,7 +194,7 @@ def window_one(
         depth: `[B, H, W]` float32 [m].
         segmentation: `[B, H, W]` uint8.
         pose: `[B, 3]` float64 (x, y, yaw) of the window's frame, base frame.
-        camera: `[6]` float64, camera's x, y, z [m], focal length, principal point (u, v) [px].
+        camera: The camera.
         top: Height that is written as 1 [m].
         outside: Written where the image ends.
         upright: Write heights where they stand, not where they are seen.
@@ -181,7 +204,7 @@ def window_one(
     image, labels = depth[b].ravel(), segmentation[b].ravel()
     index = np.empty((size, size), np.int32)
     way = _find_pixels(pose[b], camera, shape, index)
-    _see(index, image, labels, camera[2], window)
+    _read_heights(index, image, labels, camera.z, window)
     if upright:
         _set_upright(index, image, labels, shape, way, camera, top, window)
     to_value, zero, one = np.float32(1.0 / top), np.float32(0.0), np.float32(1.0)
@@ -197,7 +220,7 @@ def window_few(
     depth: NDArray,
     segmentation: NDArray,
     pose: NDArray,
-    camera: NDArray,
+    camera: Pinhole,
     top: float,
     outside: float,
     upright: bool,
@@ -214,7 +237,7 @@ def window_many(
     depth: NDArray,
     segmentation: NDArray,
     pose: NDArray,
-    camera: NDArray,
+    camera: Pinhole,
     top: float,
     outside: float,
     upright: bool,

@@ -192,10 +192,19 @@ def test_other_sizes_and_cameras():
         (
             {"depth": torch.zeros(1, 9, 9).double()},
             TypeError,
-            "float32 in metres, got torch.float64",
+            "depth must be a torch.float32 tensor, got torch.float64",
+        ),
+        (
+            {"depth": np.zeros((1, 9, 9), dtype=np.float32)},
+            TypeError,
+            "depth must be a torch.float32 tensor, got numpy.ndarray",
         ),
         ({"depth": torch.zeros(9, 9)}, ValueError, r"depth must be \[B, H, W\], got \[9, 9\]"),
-        ({"segmentation": torch.zeros(1, 9, 9)}, TypeError, "segmentation must be uint8"),
+        (
+            {"segmentation": torch.zeros(1, 9, 9)},
+            TypeError,
+            "segmentation must be a torch.uint8 tensor",
+        ),
         (
             {"segmentation": torch.zeros(1, 8, 9).byte()},
             ValueError,
