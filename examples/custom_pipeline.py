@@ -125,6 +125,7 @@ def main(config: Config) -> float:
         frames_per_batch=config.frames_per_batch,
         total_frames=config.total_frames,
         init_random_frames=config.random_frames,
+        auto_register_policy_transforms=False,  # the actor has no state to reset
     )
     result, start = 0.0, time.perf_counter()
     for frames, data in enumerate(collector, 1):

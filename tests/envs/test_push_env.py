@@ -321,7 +321,7 @@ def test_images_that_are_held_stay_as_they_were(env) -> None:
     for step in range(7):
         td = act(env, td, 1.0, 0.5 - 0.2 * step, 0.0)
         held.append((td["depth"][1:], td["segmentation"].numpy()))
-        copies.append(tuple(np.array(image) for image in held[-1]))
+        copies.append(tuple(np.asarray(image).copy() for image in held[-1]))
     for images, before in zip(held, copies, strict=True):
         for image, copy in zip(images, before, strict=True):
             np.testing.assert_array_equal(image, copy)

@@ -132,7 +132,12 @@ def test_sac_trainer_runs_the_agent():
     before = agent.loss.log_alpha.item()
     # The trainer writes the loss's actor into the collector's policy, so it takes the bare actor.
     collector = Collector(
-        env, agent.actor, frames_per_batch=10, total_frames=40, init_random_frames=10
+        env,
+        agent.actor,
+        frames_per_batch=10,
+        total_frames=40,
+        init_random_frames=10,
+        auto_register_policy_transforms=False,
     )
     buffer = TensorDictReplayBuffer(storage=LazyTensorStorage(100), batch_size=8)
     with warnings.catch_warnings():
