@@ -1,16 +1,12 @@
-"""From a planar action to joint targets: pure, batched, no simulator inside (spec 3)."""
+"""From a planar action to joint targets, for a batch of arms and without a simulator."""
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numba
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush.envs.robot.kinematics import DH_A, DH_D, planar_inverse_kinematics
+from modpush.envs.robot.kinematics import planar_inverse_kinematics
 from modpush.geometry.angles import wrap_angle
 
 __all__ = [
@@ -18,36 +14,34 @@ __all__ = [
     "PlannedMotion",
     "clamp_to_workspace",
     "plan_motion",
-    "plan_motion_cpu",
-    "planar_joints_cpu",
     "ramp",
 ]
 
 
 @dataclass(frozen=True, kw_only=True)
 class MotionConfig:
-    """How an action in [-1, 1]^3 moves the tool."""
+    """How an action in [-1, 1]^3 moves the tool, and where the tool may go."""
 
     max_step: float = 0.02
     """Largest translation per axis and control step [m]."""
     max_turn: float = 0.05
     """Largest rotation per control step [rad]."""
     anchor_distance: float = 0.012
-    """The target is kept within this of the measured tip before each step [m], so that a blocked
-    arm does not wind up."""
+    """Largest distance from the measured tip to the target at the start of a step [m], so that a
+    blocked arm does not wind up."""
     anchor_angle: float = 0.1
-    """The same for yaw [rad]."""
+    """Largest yaw angle from the measured tip to the target at the start of a step [rad]."""
     low: tuple[float, float] = (0.08, -0.47)
-    """Lower corner of the tool's workspace [m]: the objects' less 0.12 m."""
+    """Lower corner (x, y) of the tool's workspace, 12 cm outside the objects' workspace [m]."""
     high: tuple[float, float] = (0.87, 0.47)
-    """Upper corner of the tool's workspace [m]."""
+    """Upper corner (x, y) of the tool's workspace [m]."""
     min_radius: float = 0.16
-    """Nearest to the robot's axis [m]."""
+    """Least distance of the tool from the robot's axis [m]."""
     max_radius: float = 0.885
-    """Farthest from the robot's axis [m]."""
+    """Largest distance of the tool from the robot's axis [m]."""
     num_knots: int = 4
-    """Inverse kinematics solves per control step; joint targets are ramped between them. With one
-    jump a step the tip bats the object ahead instead of pushing it."""
+    """Number of inverse kinematics solutions per control step; joint targets are interpolated between
+    them. With one jump per step the tip would knock the object ahead instead of pushing it."""
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -69,11 +63,11 @@ class PlannedMotion(NamedTuple):
     """What one control step commands."""
 
     target: Tensor
-    """Planar pose of the tip at the end of the step, `[B, 3]` [m, m, rad], yaw not wrapped."""
+    """Planar pose of the tip at the end of the step, yaw not wrapped, `[B, 3]` [m, m, rad]."""
     joints: Tensor
-    """Joint targets along the way, the start included, `[B, num_knots + 1, 6]` [rad]."""
+    """Joint targets at evenly spaced knots, the start included, `[B, num_knots + 1, 6]` [rad]."""
     reachable: Tensor
-    """False where the commanded pose has no solution and the target stayed, `[B]` bool."""
+    """False where the commanded pose has no solution and the target stays, `[B]` bool."""
 
 
 def plan_motion(
@@ -88,9 +82,9 @@ def plan_motion(
     Args:
         action: `[B, 3]` in [-1, 1]; values beyond are clipped.
         target: The previous step's target, `[B, 3]` [m, m, rad].
-        tip_pose: The tip as measured, `[B, 3]` [m, m, rad].
-        flange_height: Of the flange over the table, `[B]` [m].
-        config: Step sizes, anchor, workspace.
+        tip_pose: The measured pose of the tip, `[B, 3]` [m, m, rad].
+        flange_height: Height of the flange over the table, `[B]` [m].
+        config: Step sizes, anchor and workspace.
 
     Returns:
         The motion, in the dtype of `target`.
@@ -127,15 +121,15 @@ def clamp_to_workspace(position: Tensor, config: MotionConfig) -> Tensor:
 
 
 def ramp(joints: Tensor, num_substeps: int, control_freq: float) -> tuple[Tensor, Tensor]:
-    """Where the drives aim during each substep of a control step.
+    """Targets of the joint drives for each substep of a control step.
 
-    The velocity goes with the position: without it the drives' damping makes the tip lag by 7 mm
-    at full speed, with it by 1 mm.
+    Velocity targets go with the position targets: without them the drives' damping makes the tip lag
+    by 7 mm at full speed, with them by 1 mm.
 
     Args:
         joints: Knots, the start included, `[..., K + 1, 6]` [rad].
-        num_substeps: Physics steps of the control step, `S`.
-        control_freq: [Hz]
+        num_substeps: Number of physics steps per control step, `S`.
+        control_freq: Control steps per second [Hz].
 
     Returns:
         Positions at the end of every substep, `[..., S, 6]` [rad], and velocities in it,
@@ -147,140 +141,3 @@ def ramp(joints: Tensor, num_substeps: int, control_freq: float) -> tuple[Tensor
     start, step = joints[..., left, :], joints.diff(dim=-2)[..., left, :]
     fraction = (at.to(joints.device) - left).unsqueeze(-1)
     return start + fraction * step, step * (num_knots * control_freq)
-
-
-def plan_motion_cpu(
-    action: NDArray[np.float64],
-    target: NDArray[np.float64],
-    tip_pose: NDArray[np.float64],
-    flange_height: NDArray[np.float64],
-    config: MotionConfig,
-    num_substeps: int,
-    control_freq: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-    """`plan_motion` and `ramp` in one compiled call: the same numbers at a twentieth of the time.
-
-    Torch spends 5 microseconds on an operation of eight numbers, and these are a hundred.
-
-    Args:
-        action: `[B, 3]` in [-1, 1].
-        target: `[B, 3]` [m, m, rad].
-        tip_pose: `[B, 3]` [m, m, rad].
-        flange_height: `[B]` [m].
-        config: Step sizes, anchor, workspace.
-        num_substeps: Physics steps of the control step, `S`.
-        control_freq: [Hz]
-
-    Returns:
-        New target `[B, 3]`, positions `[B, S, 6]` [rad], velocities `[B, S, 6]` [rad/s] and
-        reachable `[B]`.
-    """
-    numbers = np.array(
-        [
-            config.max_step,
-            config.max_turn,
-            config.anchor_distance,
-            config.anchor_angle,
-            *config.low,
-            *config.high,
-            config.min_radius,
-            config.max_radius,
-        ]
-    )
-    return _plan(
-        action,
-        target,
-        tip_pose,
-        flange_height,
-        numbers,
-        config.num_knots,
-        num_substeps,
-        control_freq,
-    )
-
-
-def planar_joints_cpu(
-    pose: NDArray[np.float64], flange_height: float
-) -> tuple[NDArray[np.float64], bool]:
-    """`kinematics.planar_inverse_kinematics` of one pose, compiled.
-
-    Args:
-        pose: `[3]` [m, m, rad].
-        flange_height: [m]
-
-    Returns:
-        Joint position `[6]` [rad], and whether the pose can be reached.
-    """
-    joints = np.empty(6)
-    return joints, bool(_planar_ik(pose, flange_height, joints))
-
-
-@numba.njit(cache=True)
-def _plan(action, target, tip, height, numbers, num_knots, num_substeps, control_freq):  # type: ignore[no-untyped-def]
-    B = len(action)
-    goals = np.empty((B, 3))
-    position, velocity = np.empty((B, num_substeps, 6)), np.empty((B, num_substeps, 6))
-    reachable = np.ones(B, np.bool_)
-    start, goal, pose = np.empty(3), np.empty(3), np.empty(3)
-    knots = np.empty((num_knots + 1, 6))
-    for b in range(B):
-        _start_and_goal(action[b], target[b], tip[b], numbers, start, goal)
-        for k in range(num_knots + 1):
-            for i in range(3):
-                pose[i] = start[i] + (goal[i] - start[i]) * k / num_knots
-            reachable[b] &= _planar_ik(pose, height[b], knots[k])
-        if not reachable[b]:
-            goal[:] = start
-            for k in range(1, num_knots + 1):
-                knots[k] = knots[0]
-        goals[b] = goal
-        for s in range(num_substeps):
-            at = (s + 1) * num_knots / num_substeps
-            left = int(math.ceil(at - 1e-9)) - 1
-            for j in range(6):
-                step = knots[left + 1, j] - knots[left, j]
-                position[b, s, j] = knots[left, j] + (at - left) * step
-                velocity[b, s, j] = step * (num_knots * control_freq)
-    return goals, position, velocity, reachable
-
-
-@numba.njit(cache=True)
-def _start_and_goal(action, target, tip, numbers, start, goal):  # type: ignore[no-untyped-def]
-    """`_anchor`, the step, and `clamp_to_workspace`."""
-    max_step, max_turn, reach, max_angle = numbers[0], numbers[1], numbers[2], numbers[3]
-    dx, dy = target[0] - tip[0], target[1] - tip[1]
-    pull = min(reach / max(math.hypot(dx, dy), 1e-12), 1.0)
-    turn = (target[2] - tip[2] + math.pi) % (2 * math.pi) - math.pi
-    start[0], start[1] = tip[0] + dx * pull, tip[1] + dy * pull
-    start[2] = target[2] - (turn - min(max(turn, -max_angle), max_angle))
-    for i in range(2):
-        goal[i] = start[i] + min(max(action[i], -1.0), 1.0) * max_step
-        goal[i] = min(max(goal[i], numbers[4 + i]), numbers[6 + i])
-    goal[2] = start[2] + min(max(action[2], -1.0), 1.0) * max_turn
-    radius = max(math.hypot(goal[0], goal[1]), 1e-12)
-    scale = min(max(radius, numbers[8]), numbers[9]) / radius
-    goal[0] *= scale
-    goal[1] *= scale
-
-
-_D1, _D4, _D5, _D6 = DH_D[0], DH_D[3], DH_D[4], DH_D[5]
-_A2, _A3 = DH_A[1], DH_A[2]
-
-
-@numba.njit(cache=True)
-def _planar_ik(pose, flange_height, q):  # type: ignore[no-untyped-def]
-    """`kinematics.planar_inverse_kinematics` for one pose; writes `q`, returns reachable."""
-    x, y, yaw = pose
-    radius_sq = x * x + y * y
-    lever = _D4 / math.sqrt(max(radius_sq, 1e-12))
-    q[0] = math.atan2(y, x) - math.acos(min(max(lever, -1.0), 1.0)) + math.pi / 2
-    r = math.sqrt(max(radius_sq - _D4 * _D4, 0.0)) - _D5
-    h = flange_height + _D6 - _D1
-    bend = (r * r + h * h - _A2 * _A2 - _A3 * _A3) / (2 * _A2 * _A3)
-    q[2] = -math.acos(min(max(bend, -1.0), 1.0))
-    q[1] = math.atan2(h, r) - math.atan2(_A3 * math.sin(q[2]), _A2 + _A3 * math.cos(q[2]))
-    q[3] = -1.5 * math.pi - q[1] - q[2]
-    q[4] = math.pi / 2
-    q[5] = q[0] - yaw - math.pi / 2
-    within = abs(lever) <= 1 + 1e-9 and abs(bend) <= 1 + 1e-9
-    return within and radius_sq > 1e-12 and abs(q[5]) <= 2 * math.pi

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from modpush.envs.depth.base import DepthCameraFactory
-from modpush.envs.robot.control import plan_motion_cpu
+from modpush.envs.robot.control_cpu import plan_motion_cpu
 from modpush.envs.scenes.scenario import Scenario
 from modpush.envs.sim.batch import Measurement, SceneBatch, SceneState
 from modpush.envs.sim.task import ClutterPushEnv

@@ -8,7 +8,7 @@ from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.utils.structs import Articulation
 from numpy.typing import NDArray
 
-from modpush.envs.robot.control import planar_joints_cpu
+from modpush.envs.robot.control_cpu import planar_joints_cpu
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.scenario import Scenario
 from modpush.envs.sim import bodies
