@@ -7,7 +7,7 @@ from .depth.base import (
 )
 from .gym_env import PushGymEnv as PushGymEnv
 from .push_env import PushEnv as PushEnv
-from .push_env import PushState as PushState
+from .push_state import PushState as PushState
 from .scenes.layouts import (
     HARD_SCENES as HARD_SCENES,
 )

@@ -1,4 +1,4 @@
-"""The task as a plain Gymnasium environment, for those who bring Stable-Baselines3."""
+"""The task as a plain Gymnasium environment, for instance for Stable-Baselines3."""
 
 import math
 from typing import Any
@@ -24,7 +24,7 @@ OBSERVATION_KEYS = (
     "obstacle_contact",
     "tool_obstacle_contact",
 )
-"""What the observation strings together, see `PushEnv` for units: 3 + 2 + 3 + 6 + 1 + 1 + 1."""
+"""Keys of `PushEnv` that make up the observation, of 3 + 2 + 3 + 6 + 1 + 1 + 1 numbers."""
 
 
 class PushGymEnv(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -35,8 +35,12 @@ class PushGymEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     and the contacts as Python bools.
 
     Args:
-        render_mode: None or `"rgb_array"`: a drawn top view, which needs no renderer.
-        **kwargs: Of `PushEnv`.
+        render_mode: None, or `"rgb_array"` for a drawn top view, which needs no renderer.
+        **kwargs: Further arguments of `PushEnv`, without `num_envs`.
+
+    Raises:
+        TypeError: For unknown arguments, with the list of those there are.
+        ValueError: For `num_envs`, and for values out of range.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 15}  # noqa: RUF012 (Gymnasium's form)
@@ -45,6 +49,11 @@ class PushGymEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if render_mode not in (None, "rgb_array"):
             raise ValueError(
                 f"PushGymEnv: render_mode must be None or 'rgb_array', got {render_mode!r}."
+            )
+        if "num_envs" in kwargs:
+            raise ValueError(
+                f"PushGymEnv: it has one scene, got num_envs={kwargs['num_envs']}; for several use "
+                f"gymnasium.make_vec('ClutterPushState-v1', num_envs=...) or modpush.envs.PushEnv."
             )
         self.render_mode = render_mode
         self.env = PushEnv(1, **{"depth": None, **kwargs})
@@ -61,12 +70,23 @@ class PushGymEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start an episode; `options={"scenario": Scenario}` says which."""
+        """Start an episode.
+
+        Args:
+            seed: Restarts the random numbers that episodes are drawn with.
+            options: May have `scenario`, a `Scenario` to start from instead of drawing it.
+
+        Raises:
+            ValueError: For unknown options.
+        """
         super().reset(seed=seed)
-        if seed is not None:
-            self.env.set_seed(seed)
-        scenario = (options or {}).get("scenario")
-        state = self.env.reset(scenarios=None if scenario is None else [scenario])
+        options = options or {}
+        if unknown := sorted(set(options) - {"scenario"}):
+            raise ValueError(
+                f"PushGymEnv.reset: unknown options {unknown}, expected ['scenario'] or none."
+            )
+        scenario = options.get("scenario")
+        state = self.env.reset(seed=seed, scenarios=None if scenario is None else [scenario])
         return self._observation(state), self._info(state)
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:

@@ -1,6 +1,6 @@
-"""Where an episode stands: at the goal, or out of bounds."""
+"""When an episode succeeds, when it is out of bounds, and when it ends."""
 
-from typing import Any, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 import torch
@@ -9,7 +9,7 @@ from torch import Tensor
 
 from modpush.geometry.workspace import Rectangle
 
-__all__ = ["GOAL_THRESHOLD", "is_at_goal", "is_out_of_bounds"]
+__all__ = ["GOAL_THRESHOLD", "EpisodeStatus", "episode_status", "is_at_goal", "is_out_of_bounds"]
 
 GOAL_THRESHOLD = 0.05
 """An episode succeeds when the object's centre is this near to the goal [m]."""
@@ -46,3 +46,46 @@ def is_out_of_bounds(position: Array, bounds: Rectangle) -> Array:
     (low_x, low_y), (high_x, high_y) = bounds
     x, y = position.T
     return (x < low_x) | (x > high_x) | (y < low_y) | (y > high_y)
+
+
+class EpisodeStatus(NamedTuple):
+    """How the episodes of a batch stand, `[B]` bool each; the fields are keys of `PushEnv`."""
+
+    success: NDArray[np.bool_]
+    """The object is at its goal."""
+    out_of_bounds: NDArray[np.bool_]
+    """The object has left the workspace."""
+    terminated: NDArray[np.bool_]
+    """The episode is over, and nothing follows that an agent should value."""
+    truncated: NDArray[np.bool_]
+    """The episode was cut off: what would follow still has a value."""
+    done: NDArray[np.bool_]
+    """Either of the two."""
+
+
+def episode_status(
+    position: NDArray[np.float64],
+    goal: NDArray[np.float64],
+    bounds: Rectangle,
+    step_count: NDArray[np.int64],
+    max_episode_steps: int | None,
+    oob: Literal["truncate", "terminate"],
+) -> EpisodeStatus:
+    """Decide which episodes have ended, and how.
+
+    In numpy, which on a few numbers is several times faster than torch.
+
+    Args:
+        position: The object's centre, `[B, 2]` [m].
+        goal: The goal, `[B, 2]` [m].
+        bounds: Lower and upper corner, see `is_out_of_bounds` [m].
+        step_count: Number of steps since the reset, `[B]`.
+        max_episode_steps: Number of steps after which an episode is truncated; None for no limit.
+        oob: Whether being out of bounds truncates or terminates.
+    """
+    success, outside = is_at_goal(position, goal), is_out_of_bounds(position, bounds)
+    terminated = success | outside if oob == "terminate" else success
+    truncated = outside
+    if max_episode_steps is not None:
+        truncated = outside | (step_count >= max_episode_steps)
+    return EpisodeStatus(success, outside, terminated, truncated, terminated | truncated)

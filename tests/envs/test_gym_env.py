@@ -4,6 +4,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3 import SAC
 from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
+from torchrl.envs import GymEnv
+from torchrl.envs.utils import check_env_specs
 
 from modpush.envs import PushGymEnv  # importing modpush.envs registers the environment
 from tests.envs.sim.test_agent import scenario
@@ -51,3 +53,19 @@ def test_wrong_actions_and_modes_are_refused(env) -> None:
         env.unwrapped.step(np.zeros(2, np.float32))
     with pytest.raises(ValueError, match="render_mode must be None or 'rgb_array', got 'human'"):
         PushGymEnv(render_mode="human")
+
+
+def test_several_scenes_and_unknown_options_are_refused(env) -> None:
+    with pytest.raises(ValueError, match=r"one scene, got num_envs=4; for several use .*make_vec"):
+        gym.make("ClutterPushState-v1", num_envs=4)
+    with pytest.raises(
+        ValueError, match=r"unknown options \['scenarios'\], expected \['scenario'\]"
+    ):
+        env.reset(options={"scenarios": []})
+
+
+def test_torchrls_gym_env() -> None:
+    env = GymEnv("ClutterPushState-v1", scene="slot")
+    check_env_specs(env)
+    assert env.rollout(3)["next", "observation"].shape == (3, 17)
+    env.close()

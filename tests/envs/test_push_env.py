@@ -373,13 +373,94 @@ def test_bad_actions_are_refused_with_the_scenes_index(env, action, message) -> 
         ({"tool": "hook"}, "no tool 'hook', expected one of"),
         ({"oob": "explode"}, "oob must be 'truncate' or 'terminate', got 'explode'"),
         ({"max_episode_steps": 0}, "max_episode_steps must be >= 1 or None, got 0"),
-        ({"colour": "red"}, r"unknown arguments \['colour'\]"),
         ({"scenario": ScenarioConfig(), "scene": "slot"}, "either scenario or its fields"),
     ],
 )
 def test_bad_arguments(kwargs, message) -> None:
     with pytest.raises(ValueError, match=message):
         PushEnv(**kwargs)
+
+
+def test_a_misspelt_argument_lists_the_parameters_and_the_fields_of_the_scenario() -> None:
+    with pytest.raises(TypeError, match="unexpected keyword argument 'max_steps'") as error:
+        PushEnv(max_steps=10)
+    assert "'max_episode_steps'" in str(error.value)
+    assert "fields of ScenarioConfig: ['center_of_mass'" in str(error.value)
+
+
+def test_a_scenario_that_is_no_config_is_refused(env) -> None:
+    with pytest.raises(TypeError, match="scenario must be a ScenarioConfig, got 'slot'"):
+        PushEnv(scenario="slot")
+    with pytest.raises(TypeError, match="scenario must be a ScenarioConfig, got 'posts'"):
+        env.scenario = "posts"
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device")
+def test_cuda_without_a_device_is_refused() -> None:
+    with pytest.raises(RuntimeError, match="device='cuda' needs CUDA, which torch does not find"):
+        PushEnv(2, device="cuda")
+
+
+def test_a_seed_given_to_reset_is_that_of_set_seed() -> None:
+    env = TransformedEnv(PushEnv(3, scene="posts", depth=None), StepCounter())
+    env.set_seed(3)
+    env.reset()
+    wanted = [env.scenarios, (env.reset(), env.scenarios)[1]]
+    env.reset(seed=3)
+    got = [env.scenarios, (env.reset(), env.scenarios)[1]]
+    assert got == wanted
+    # In a partial reset only the scenes that are reset start anew.
+    mask = torch.tensor([[False], [True], [False]])
+    env.reset(TensorDict({"_reset": mask}, [3]), seed=3)
+    assert env.scenarios == [wanted[1][0], wanted[0][1], wanted[1][2]]
+    env.close()
+
+
+def test_unknown_arguments_of_reset_are_refused(env) -> None:
+    where = scenario((0.4, 0.1, 0.0))
+    with pytest.raises(TypeError, match=r"argument 'scenario'; expected .*'scenarios', 'seed'"):
+        env.reset(scenario=where)
+
+
+@pytest.mark.parametrize(
+    ("action", "got"),
+    [
+        (torch.zeros(3, 2), r"float32 of shape \(3, 2\)"),
+        (torch.zeros(3, 4), r"float32 of shape \(3, 4\)"),
+        (torch.zeros(3, 1), r"float32 of shape \(3, 1\)"),
+        (torch.zeros(3, 3, dtype=torch.int64), r"int64 of shape \(3, 3\)"),
+    ],
+)
+def test_actions_of_another_shape_or_type_are_refused(env, action, got) -> None:
+    td = env.reset()
+    td["action"] = action
+    with pytest.raises(ValueError, match=rf"must be float32 of shape \(3, 3\), got {got}"):
+        env.step(td)
+
+
+def test_closing_frees_the_simulators_once_and_for_all() -> None:
+    env = make_small()
+    td = env.rand_step(env.reset())
+    state = env.get_state()
+    assert not env.is_closed
+    env.close()
+    assert env.is_closed
+    assert not env._batch.tasks
+    env.close()  # a second time does nothing
+    uses = {
+        "step": lambda: env.step(td),
+        "reset": env.reset,
+        "render": env.render,
+        "get_state": env.get_state,
+        "set_state": lambda: env.set_state(state),
+        "scenarios": lambda: env.scenarios,
+        "cast": lambda: env.cast(0, np.zeros((1, 2))),
+    }
+    for name, use in uses.items():
+        with pytest.raises(
+            RuntimeError, match=rf"PushEnv\.{name}: the environment has been closed"
+        ):
+            use()
 
 
 def test_use_before_reset_is_refused() -> None:

@@ -6,11 +6,14 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
 from modpush.envs.depth.analytic import AnalyticDepthCamera
 from modpush.envs.depth.base import DepthCamera, DepthCameraFactory
+from modpush.envs.depth.image_memory import ImageMemory
+from modpush.envs.scenes.obstacle import MAX_OBSTACLES
 from modpush.envs.scenes.scenario import Scenario
 from modpush.envs.sim.task import ClutterPushEnv
 
@@ -51,6 +54,9 @@ class SceneState:
 class SceneBatch(ABC):
     """Scenes that are reset, stepped and measured together.
 
+    What stays the same throughout an episode is kept in `goal_position` `[B, 2]` [m],
+    `object_radius` `[B, 1]` [m] and `object_symmetry` `[B, 1]`.
+
     Args:
         tasks: One task for each scene, or one task that holds all scenes.
         depth: What makes the depth camera of a task, or None.
@@ -64,6 +70,11 @@ class SceneBatch(ABC):
         arm_in_depth: bool,
     ) -> None:
         self.tasks = list(tasks)
+        self.num_envs = sum(task.num_envs for task in tasks)
+        self.goal_position = np.zeros((self.num_envs, 2))
+        self.object_radius = np.zeros((self.num_envs, 1))
+        self.object_symmetry = np.zeros((self.num_envs, 1))
+        self._images = ImageMemory(self.num_envs)
         self._analytic = [AnalyticDepthCamera(task, arm_in_depth) for task in tasks]
         self._cameras: Sequence[DepthCamera] = self._analytic
         if depth not in (AnalyticDepthCamera, None):
@@ -93,17 +104,25 @@ class SceneBatch(ABC):
         """Which task a scene is in, and its index there."""
         return (index, 0) if len(self.tasks) > 1 else (0, index)
 
-    def _reset_cameras(self, index: int) -> None:
-        """Let the depth cameras draw the fixed bodies of a scene whose layout has changed."""
+    def _begin_episode(self, index: int) -> None:
+        """Store the constants of an episode that has just started, and draw its fixed bodies."""
         number, i = self._locate(index)
+        scenario = self.scenario(index)
+        item = self.tasks[number].objects.item(scenario.pushed_object)
+        self.goal_position[index] = scenario.goal_position
+        self.object_radius[index] = item.radius
+        self.object_symmetry[index] = item.symmetry
         self._analytic[number].reset(i)
         if self._cameras is not self._analytic:
             self._cameras[number].reset(i)
 
-    def capture(self, index: int, depth: np.ndarray, segmentation: np.ndarray) -> None:
-        """Write the depth image [m] and the labels of one scene into `[H, W]` arrays."""
-        number, i = self._locate(index)
-        self._cameras[number].capture(i, depth, segmentation)
+    def capture(self) -> tuple[Tensor, Tensor]:
+        """Depth [m] and labels of all scenes, `[B, 1, H, W]` float32 and uint8."""
+        depth, segmentation = self._images.take()
+        for index in range(self.num_envs):
+            number, i = self._locate(index)
+            self._cameras[number].capture(i, depth[index, 0], segmentation[index, 0])
+        return torch.from_numpy(depth), torch.from_numpy(segmentation)
 
     def cast(self, index: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Depth [m] and label at single pixels `[..., 2]` (u, v) of one scene's image."""
@@ -115,10 +134,16 @@ class SceneBatch(ABC):
         number, i = self._locate(index)
         return self.tasks[number].scenarios[i]
 
-    def obstacle_positions(self, index: int) -> np.ndarray:
-        """Where the obstacles of one scene are now, `[n, 2]` [m]."""
-        number, i = self._locate(index)
-        return self.tasks[number].obstacles.transforms(i)[:, :2]
+    def obstacle_displacement(self) -> Tensor:
+        """How far each obstacle has moved in its episode, `[B, MAX_OBSTACLES]` float32 [m]."""
+        moved = np.zeros((self.num_envs, MAX_OBSTACLES))
+        for index in range(self.num_envs):
+            number, i = self._locate(index)
+            start = np.array([o.pose[:2] for o in self.scenario(index).obstacles])
+            if len(start):
+                now = self.tasks[number].obstacles.transforms(i)[:, :2]
+                moved[index, : len(start)] = np.linalg.norm(now - start, axis=-1)
+        return torch.from_numpy(moved.astype(np.float32))
 
     def render(self, index: int) -> np.ndarray:
         """A picture of one scene from the side, `[H, W, 3]` uint8.

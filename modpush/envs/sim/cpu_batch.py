@@ -53,12 +53,12 @@ class CpuBatch(SceneBatch):
             self._target_reachable[i] = True
 
     def _after_change(self, i: int, scenario: Scenario, target: Sequence[float]) -> None:
-        """Update controller, cameras and the tip's pose for a scene that has been changed."""
+        """Update all that is kept of a scene whose task has been put into another state."""
         task = self.tasks[i]
         item = task.objects.item(scenario.pushed_object)
         self._target[i] = target
         self._flange_height[i] = item.tool_height + task.agent.tool.length
-        self._reset_cameras(i)
+        self._begin_episode(i)
         self._ee_pose[i] = _planar_poses(self._scenes[i].link_transforms(("tip",)))[0]
 
     def step(self, action: Tensor) -> None:

@@ -26,15 +26,13 @@ class CudaBatch(SceneBatch):
         **task: Arguments of `ClutterPushEnv`.
 
     Raises:
-        RuntimeError: If there is no CUDA device.
+        ValueError: If there is no CUDA device.
     """
 
     def __init__(
         self, num_envs: int, depth: DepthCameraFactory | None, arm_in_depth: bool, **task: Any
     ) -> None:
         warn_experimental()
-        if not torch.cuda.is_available():
-            raise RuntimeError("PushEnv: device='cuda' needs a CUDA device, and torch finds none.")
         self._task = ClutterPushEnv(
             obs_mode="none", num_envs=num_envs, sim_backend="physx_cuda", **task
         )
@@ -45,7 +43,7 @@ class CudaBatch(SceneBatch):
         rows = torch.as_tensor(indices, device=self._task.device)
         self._task.reset(options={"env_idx": rows, "scenarios": list(scenarios)})
         for i in indices:
-            self._reset_cameras(i)
+            self._begin_episode(i)
 
     def step(self, action: Tensor) -> None:
         """See `SceneBatch`."""

@@ -338,7 +338,8 @@ class ClutterPushEnv(BaseEnv):
 
 
 def _check_backend(num_envs: int, sim_backend: str) -> None:
-    if num_envs > 1 and (not torch.cuda.is_available() or "cpu" in sim_backend):
+    on_cpu = not torch.cuda.is_available() or "cpu" in sim_backend
+    if on_cpu and (num_envs > 1 or "cuda" in sim_backend):
         raise ValueError(
             f"ClutterPushEnv: num_envs={num_envs} in one task needs CUDA, since on a CPU a task "
             f"holds one scene. Use modpush.envs.PushEnv({num_envs}), or "

@@ -1,0 +1,141 @@
+"""Checks of the arguments that users give to the environments."""
+
+import inspect
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor
+
+from modpush.envs.robot.ur5_2f85 import TOOLS
+from modpush.envs.scenes.scenario import ScenarioConfig
+from modpush.envs.specs import ACTION_SIZE
+
+__all__ = [
+    "check_action",
+    "check_options",
+    "make_scenario_config",
+    "parameter_names",
+    "refuse_unknown",
+    "scenes_to_reset",
+]
+
+_ROUNDING = 1e-4  # an action may exceed its bounds by this much
+
+
+def parameter_names(function: Callable[..., Any]) -> list[str]:
+    """Names of the parameters that a method declares, sorted, without `self`, `*args`, `**kwargs`."""
+    return sorted(
+        name
+        for name, parameter in inspect.signature(function).parameters.items()
+        if name != "self"
+        and parameter.kind not in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL)
+    )
+
+
+def refuse_unknown(who: str, unknown: Iterable[str], expected: str) -> None:
+    """Refuse keyword arguments that nobody reads.
+
+    Args:
+        who: The function that was called.
+        unknown: Names of the arguments.
+        expected: What the error says is expected.
+
+    Raises:
+        TypeError: If there are any.
+    """
+    # TorchRL's GymEnv looks for Python's own words to find out what an environment does not take.
+    if names := ", ".join(repr(name) for name in sorted(unknown)):
+        raise TypeError(f"{who}: got an unexpected keyword argument {names}; expected {expected}.")
+
+
+def make_scenario_config(
+    scenario: ScenarioConfig | None, options: Mapping[str, Any], constructor: Callable[..., Any]
+) -> ScenarioConfig:
+    """The `scenario` given to `PushEnv`, or one made of the fields given instead.
+
+    Args:
+        scenario: A configuration, or None.
+        options: The further keyword arguments of `PushEnv`.
+        constructor: `PushEnv.__init__`, whose parameters an error lists.
+
+    Raises:
+        TypeError: For arguments that are neither `PushEnv`'s nor fields of `ScenarioConfig`.
+        ValueError: If both a scenario and fields are given.
+    """
+    known = sorted(field.name for field in fields(ScenarioConfig))
+    refuse_unknown(
+        "PushEnv",
+        set(options) - set(known),
+        f"some of {parameter_names(constructor)}, or fields of ScenarioConfig: {known}",
+    )
+    if scenario is None:
+        return ScenarioConfig(**options)
+    if options:
+        raise ValueError(
+            f"PushEnv: give either scenario or its fields, got both: {sorted(options)}."
+        )
+    return scenario
+
+
+def check_options(
+    num_envs: int, max_episode_steps: int | None, tool: str, oob: str, device: torch.device
+) -> None:
+    """Check the options of `PushEnv` that nothing else checks.
+
+    Raises:
+        ValueError: If one is unknown or out of range.
+        RuntimeError: If the device is not there.
+    """
+    if num_envs < 1:
+        raise ValueError(f"PushEnv: num_envs must be >= 1, got {num_envs}.")
+    if max_episode_steps is not None and max_episode_steps < 1:
+        raise ValueError(
+            f"PushEnv: max_episode_steps must be >= 1 or None, got {max_episode_steps}."
+        )
+    if tool not in TOOLS:
+        raise ValueError(f"PushEnv: no tool {tool!r}, expected one of {sorted(TOOLS)}.")
+    if oob not in ("truncate", "terminate"):
+        raise ValueError(f"PushEnv: oob must be 'truncate' or 'terminate', got {oob!r}.")
+    if device.type == "cuda" and not torch.cuda.is_available():
+        raise RuntimeError(
+            f"PushEnv: device={str(device)!r} needs CUDA, which torch does not find."
+        )
+
+
+def scenes_to_reset(tensordict: TensorDictBase | None, num_envs: int) -> list[int]:
+    """Indices of the scenes where the key `"_reset"` is True, or of all without that key."""
+    if tensordict is None or "_reset" not in tensordict.keys():
+        return list(range(num_envs))
+    mask = tensordict["_reset"].reshape(num_envs, -1).any(-1)
+    return torch.nonzero(mask).flatten().tolist()
+
+
+def check_action(action: Tensor, num_envs: int) -> None:
+    """Check an action before it reaches compiled code, which checks nothing.
+
+    Args:
+        action: Must be `[num_envs, 3]`, float32 or float64, finite and in [-1, 1].
+        num_envs: Number of scenes.
+
+    Raises:
+        ValueError: If it is not; the message names the scene.
+    """
+    if action.shape != (num_envs, ACTION_SIZE) or action.dtype not in (
+        torch.float32,
+        torch.float64,
+    ):
+        raise ValueError(
+            f"PushEnv.step: action must be float32 of shape ({num_envs}, {ACTION_SIZE}), "
+            f"got {str(action.dtype).removeprefix('torch.')} of shape {tuple(action.shape)}."
+        )
+    good = (np.abs(action.cpu().numpy()) <= 1.0 + _ROUNDING).all(-1)  # False for NaN
+    if not good.all():
+        index = int(np.argmin(good))
+        raise ValueError(
+            f"PushEnv.step: action of scene {index} must be finite and in [-1, 1], "
+            f"got {action[index].tolist()}."
+        )
