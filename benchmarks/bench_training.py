@@ -4,7 +4,7 @@
     python benchmarks/bench_training.py --preset cpu --seconds 20 --encoder rays
 
 One table: each part alone, their sum beside the loop that joins them, acting alone, learning alone,
-both side by side on two cores and taking turns on one; memory with a full buffer; depth to action.
+both in two processes on two cores and taking turns on one; memory with a full buffer; depth to action.
 Everything on one thread a process. Memory comes first, in a process that has done nothing else, and
 is what Linux calls proportional set size: pages that both processes share are counted once.
 """
@@ -32,9 +32,9 @@ from torchrl.envs import Compose, ExplorationType, set_exploration_type
 from torchrl.envs.utils import step_mdp
 
 from modpush.agents import make_tqc
-from modpush.recipes.paper import make_push_env
+from modpush.recipes import make_push_env
 from modpush.replay import make_replay_buffer
-from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer, check_run_folder
+from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
 from modpush.training.worker import SceneWorker, StartMethod
 
 
@@ -102,7 +102,8 @@ def acting(config: TrainConfig) -> list[tuple[str, float]]:
     weights = {k: v.numpy() for k, v in worker.actor.state_dict().items()}
     worker.collect(10, weights)
     scenes = config.env.num_envs
-    loop = median_ms(lambda: worker.collect(config.chunk, weights), 25) / config.chunk / scenes
+    steps = config.rollout_length
+    loop = median_ms(lambda: worker.collect(steps, weights), 25) / steps / scenes
     # The parts, on the very states that the loop is in.
     env, td = worker.env, worker._td
     assert td is not None
@@ -168,7 +169,7 @@ def learning(config: TrainConfig, buffer_size: int) -> list[tuple[str, float]]:
 def running(
     config: TrainConfig, start_method: StartMethod = "spawn"
 ) -> Iterator[tuple[Trainer, Callable[[], None]]]:
-    """A run beyond its start, and a function that takes it one chunk further."""
+    """A run beyond its start, and a function that takes it one rollout further."""
     with tempfile.TemporaryDirectory() as folder:
         never = 10**9
         config = replace(
@@ -179,48 +180,48 @@ def running(
             total_steps=never,
             tqc=replace(config.tqc, learning_starts=2_000),
         )
-        run_folder = check_run_folder(Path(folder) / "run", config, resume=False)
-        trainer = Trainer(config, run_folder, start_method=start_method)
-        trainer._start_scenes()
-        trainer._ask()
+        trainer = Trainer(config, Path(folder) / "run", start_method=start_method)
+        trainer.worker.call(SceneWorker.restart, trainer.worker_seed())
+        pending = trainer.collect()
 
         def once() -> None:
+            nonlocal pending
             before = trainer.steps
-            trainer._store(trainer.worker.answer())
-            trainer._ask()
-            trainer._learn(before)
+            trainer.store(pending.result())
+            pending = trainer.collect()
+            trainer.learner.learn(before, trainer.steps)
 
         while trainer.steps < 3_500:
             once()
         try:
             yield trainer, once
         finally:
-            trainer.worker.answer()
+            trainer.worker.discard()
             trainer.close()
 
 
 def speed(config: TrainConfig, seconds: float) -> tuple[float, float]:
     """Scene-steps/s and updates/s of a run."""
     with running(config) as (trainer, once):
-        began, steps, updates = time.perf_counter(), trainer.steps, trainer.updates
+        began, steps, updates = time.perf_counter(), trainer.steps, trainer.learner.updates
         while time.perf_counter() - began < seconds:
             once()
         spent = time.perf_counter() - began
-        return (trainer.steps - steps) / spent, (trainer.updates - updates) / spent
+        return (trainer.steps - steps) / spent, (trainer.learner.updates - updates) / spent
 
 
 def memory(config: TrainConfig) -> list[tuple[str, float]]:
     """Both processes' memory [MB]: after an evaluation, and then with a full buffer."""
     with running(config, "fork" if sys.platform == "linux" else "spawn") as (trainer, once):
-        trainer.worker.answer()
-        trainer.worker.call("evaluate", trainer._actor_weights())
-        trainer._ask()
-        nearly_empty = proportional_set_size()
-        width, scenes = trainer.observation_dim, config.env.num_envs
-        observations = torch.randn(scenes, width)
-        while len(trainer.buffer) < config.replay.capacity:
-            observations = fill(trainer, observations)
         once()
+        trainer.worker.discard()
+        trainer.worker.call(SceneWorker.evaluate, trainer.learner.actor_weights())
+        nearly_empty = proportional_set_size()
+        width, scenes = trainer.learner.observation_dim, config.env.num_envs
+        observations = torch.randn(scenes, width)
+        while len(trainer.learner.buffer) < config.replay.capacity:
+            observations = fill(trainer, observations)
+        trainer.learner.buffer.sample()
         full = proportional_set_size()
     rows = [("buffer nearly empty", nearly_empty), ("buffer full", full)]
     return [
@@ -239,7 +240,7 @@ def fill(trainer: Trainer, observations: torch.Tensor, steps: int = 500) -> torc
     after = {"observation": walk[1:], "reward": torch.randn(steps, scenes, 1)}
     after |= {"done": ends, "terminated": ends.clone()}
     now = {"observation": walk[:-1], "action": torch.rand(steps, scenes, 3) * 2 - 1}
-    trainer.buffer.extend(TensorDict({**now, "next": after}, [steps, scenes]).reshape(-1))
+    trainer.learner.buffer.extend(TensorDict({**now, "next": after}, [steps, scenes]).reshape(-1))
     return torch.randn(scenes, width)
 
 
@@ -256,7 +257,7 @@ def proportional_set_size() -> dict[str, float]:
 
 def depth_to_action(config: TrainConfig) -> float:
     """Milliseconds from one scene's depth image to its action, transforms and policy."""
-    worker = SceneWorker(replace(config, env=replace(config.env, num_envs=2), greedy_scenes=0))
+    worker = SceneWorker(replace(config, env=replace(config.env, num_envs=2), greedy_envs=0))
     env = make_push_env(replace(config.env, num_envs=1), keep_images=True, seed=0)
     td = env.reset()
     td = env.step(env.rand_action(td))
@@ -291,10 +292,10 @@ def main(bench: BenchConfig) -> None:
     acted = dict(rows)["acting, all together"]
     update = dict(learned)["sample and update"]
     print("\n| the loop | scene-steps/s | updates/s | busy with its parts |\n|---|---|---|---|")
-    for name, side in (("side by side", True), ("taking turns", False)):
-        steps, updates = speed(replace(config, side_by_side=side), bench.seconds)
+    for name, apart in (("in two processes", True), ("taking turns", False)):
+        steps, updates = speed(replace(config, async_collection=apart), bench.seconds)
         act, learn = steps * acted / 1e3, updates * update / 1e3
-        busy = max(act, learn) if side else act + learn
+        busy = max(act, learn) if apart else act + learn
         print(f"| {name} | {steps:.0f} | {updates:.0f} | {busy:.0%} |")
     print(f"\n| memory ({config.replay.capacity:,} transitions at most) and latency | |\n|---|---|")
     for name, size in used:

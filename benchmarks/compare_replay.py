@@ -44,7 +44,7 @@ class CompareConfig:
 
 
 def run(folder: Path, sampler: str, seed: int, config: CompareConfig) -> None:
-    arguments = ["cpu", "--out", folder, "--train.no-side-by-side", "--train.no-progress"]
+    arguments = ["cpu", "--out", folder, "--train.no-async-collection", "--train.no-progress"]
     arguments += ["--train.replay.sampler", sampler, "--train.seed", seed]
     arguments += ["--train.total-steps", config.steps, "--train.env.encoder", config.encoder]
     arguments += ["--train.evaluate-every", 25_000, "--train.no-save-buffer"]

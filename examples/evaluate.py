@@ -71,11 +71,10 @@ def run(method: Method, evaluation_set: EvaluationSet, config: EvaluateConfig) -
     """One policy on one set: results, tables, pictures."""
     folder = config.out / method.name / evaluation_set.name
     rows = evaluate(
-        method.make_env,
         method.make_policy(),
         evaluation_set,
         folder,
-        label=method.label,
+        make_env=method.make_env,
         config=EvaluationConfig(
             num_envs=config.num_envs,
             workers=config.workers,

@@ -1,9 +1,8 @@
 """The policies that `evaluate.py` and `demo.py` know, each with the environment that it needs."""
 
 import functools
-import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ import modpush
 from modpush.agents import PushingCorridorController, ScriptedPusher, faithful_config
 from modpush.envs import PushEnv
 from modpush.planners import DistanceField, OccupancyGrid, PlannerSubgoals
-from modpush.recipes.paper import load_agent, make_push_env
+from modpush.recipes.agent_file import load_agent, make_push_env
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,8 +22,6 @@ class Method:
 
     name: str
     """For tables, pictures and folders."""
-    label: str
-    """Policy and settings; results of another label are not mixed in."""
     make_policy: Callable[[], TensorDictModuleBase]
     make_env: Callable[..., EnvBase]
     """`(number of scenes, names of the objects, **options of PushEnv)`; can be pickled."""
@@ -74,7 +71,6 @@ def get_method(policy: str, objects: Sequence[str] = ("small_cube",)) -> Method:
         config = faithful_config() if policy == "corridor_faithful" else None
         return Method(
             name=policy,
-            label=f"{policy} {asdict(PushingCorridorController(config).config)}",
             make_policy=functools.partial(PushingCorridorController, config),
             make_env=functools.partial(plain_env, planner=False),
             path_key=("next", "corridor", "path"),
@@ -83,7 +79,6 @@ def get_method(policy: str, objects: Sequence[str] = ("small_cube",)) -> Method:
     if policy == "scripted":
         return Method(
             name=policy,
-            label=f"{policy} {{}}",
             make_policy=functools.partial(ScriptedPusher, target_key="subgoal"),
             make_env=functools.partial(plain_env, planner=True),
             path_key="path",
@@ -107,13 +102,8 @@ def _agent(policy: str, objects: Sequence[str]) -> Method:
         name, source = path.stem, policy
     else:
         raise ValueError(f"policy: no {policy!r}, expected {known}.")
-    agent = load_agent(source)
-    weights = hashlib.sha256()
-    for value in agent.policy.state_dict().values():
-        weights.update(value.numpy().tobytes())
     return Method(
         name=name,
-        label=f"agent {weights.hexdigest()[:16]}",
         make_policy=lambda: load_agent(source).policy,
         make_env=functools.partial(agent_env, agent=source),
         path_key="path",

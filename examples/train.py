@@ -25,7 +25,7 @@ from typing import Any, Literal
 import torch
 import tyro
 
-from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer, check_run_folder
+from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
 from modpush.training.curve import draw_curve
 
 
@@ -44,14 +44,14 @@ class Run:
 def main(run: Run) -> dict[str, float]:
     """Train, and draw the learning curve."""
     torch.set_num_threads(1)
-    folder = check_run_folder(run.out, run.train, resume=run.resume)
     print("The first run on a machine compiles for about a minute before the arm moves.")
     # Nothing has run in this process yet, so that the worker may share its libraries' memory.
     start_method: Literal["fork", "spawn"] = "fork" if sys.platform == "linux" else "spawn"
-    trainer = Trainer(run.train, folder, resume=run.resume, start_method=start_method)
+    trainer = Trainer(run.train, run.out, resume=run.resume, start_method=start_method)
+    folder = trainer.folder
 
     def interrupt(*_: Any) -> None:
-        # At the end of the present chunk, when all is in order; a second time means at once.
+        # At the end of the present rollout, when all is in order; a second time means at once.
         if trainer.interrupted:
             raise KeyboardInterrupt
         trainer.interrupted = True

@@ -12,7 +12,7 @@ import pytest
 import modpush
 
 ROOT = Path(modpush.__file__).parent
-SHARED = {"_batching", "_checks", "_keys", "files", "parts"}
+SHARED = {"_batching", "_checks", "_hash", "_keys", "files", "parts"}
 MAY_KNOW = {
     "geometry": set(),
     "envs": {"geometry"},

@@ -1,4 +1,4 @@
-"""What is measured of an episode: pure functions of what was recorded of it (spec 10)."""
+"""Metrics of an episode, as pure functions of its recorded positions, contacts and rewards."""
 
 from dataclasses import asdict, dataclass
 
@@ -19,35 +19,35 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeMetrics:
-    """One episode in numbers."""
+    """Metrics of one episode."""
 
     success: bool
     """The object's centre came within 5 cm of the goal."""
     steps: int
-    """Control steps."""
+    """Number of control steps."""
     episode_return: float
     """Sum of the environment's rewards."""
     contact_rate: float
     """Share of the control steps in contact, from the first contact on; 0 if there was none."""
     collision_rate: float
-    """Share of all control steps in which object or arm touched an obstacle."""
+    """Share of all control steps in which the object, the tool or the arm touched an obstacle."""
     collision_rate_object: float
-    """The same of the object alone."""
+    """Share of all control steps in which the object touched an obstacle."""
     collision_rate_arm: float
-    """The same of tool and arm."""
+    """Share of all control steps in which the tool or the arm touched an obstacle."""
     path_length: float
-    """Of the object, plus its last distance to the goal [m]."""
+    """Length of the object's path, plus its distance to the goal at the end [m]."""
     final_distance: float
-    """From the object to the goal [m]."""
+    """Distance from the object to the goal at the end [m]."""
     shortest_length: float
-    """Of the common planner's path at reset [m]."""
+    """Length of the shortest path at reset, see `shortest_path` [m]."""
     spl: float
     """Success weighted by path length."""
     out_of_bounds: bool
     """The object left the workspace."""
 
     def to_dict(self) -> dict[str, float | int | bool]:
-        """By name."""
+        """The metrics by name."""
         return asdict(self)
 
 
@@ -78,11 +78,11 @@ def collision_rate(*collisions: Flags) -> float:
 
 
 def pushed_length(position: NDArray[np.float64], goal: NDArray[np.float64]) -> tuple[float, float]:
-    """How far the object went, plus what was missing at the end.
+    """Length of the object's path, plus its distance to the goal at the end.
 
     Args:
-        position: Of the object, at reset and after each step, `[T + 1, 2]` [m].
-        goal: `[2]` [m].
+        position: The object's position at reset and after each step, `[T + 1, 2]` [m].
+        goal: The goal's position, `[2]` [m].
 
     Returns:
         Length of its path plus the final distance [m], and the final distance alone [m].
@@ -92,12 +92,12 @@ def pushed_length(position: NDArray[np.float64], goal: NDArray[np.float64]) -> t
 
 
 def success_weighted_by_path_length(success: bool, shortest: float, taken: float) -> float:
-    """S l / max(p, l).
+    """Success weighted by path length, `S * l / max(p, l)`.
 
     Args:
-        success: S.
-        shortest: l, length of the shortest path [m].
-        taken: p, length of the path taken [m].
+        success: Whether the episode succeeded (S).
+        shortest: Length of the shortest path (l) [m].
+        taken: Length of the path taken (p) [m].
 
     Returns:
         In [0, 1].
@@ -129,9 +129,9 @@ def episode_metrics(
     """All metrics of an episode of T control steps.
 
     Args:
-        object_position: At reset and after each step, `[T + 1, 2]` [m].
-        goal_position: `[2]` [m].
-        reward: `[T]`.
+        object_position: The object's position at reset and after each step, `[T + 1, 2]` [m].
+        goal_position: The goal's position, `[2]` [m].
+        reward: Rewards of the steps, `[T]`.
         object_contact: Tool or arm touched the object, `[T]` bool.
         obstacle_contact: The object touched an obstacle, `[T]` bool.
         tool_obstacle_contact: Tool or arm touched an obstacle, `[T]` bool.

@@ -1,4 +1,4 @@
-"""Episodes as pictures like the paper's Fig. 6, contact sheets, videos. Drawn from stored results."""
+"""Pictures of stored episodes like the paper's Fig. 6, sheets of several pictures, and videos."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -28,10 +28,10 @@ def draw_episode(
     """An episode up to a step: start red, goal green, first planned path magenta, arm black.
 
     Args:
-        scenario: What it started from.
-        trajectory: How it went.
-        step: Control steps since reset; None for the last.
-        caption: Written at the top.
+        scenario: Start of the episode.
+        trajectory: Course of the episode.
+        step: Number of control steps since reset; None for the last.
+        caption: Text at the top.
         objects: Objects of your own by name, as in `PushEnv.pushed_objects`.
 
     Returns:
@@ -72,12 +72,12 @@ def draw_frames(
 
 
 def contact_sheet(pictures: Sequence[Picture], *, columns: int = 4, width: int = 360) -> Picture:
-    """Pictures in rows.
+    """Several pictures on one sheet, row by row.
 
     Args:
-        pictures: All of one shape.
-        columns: In a row.
-        width: Of each picture on the sheet [px].
+        pictures: The pictures, all of one shape.
+        columns: Number of pictures in a row.
+        width: Width of each picture on the sheet [px].
 
     Returns:
         `[H, W, 3]` uint8.

@@ -1,4 +1,4 @@
-"""The paper's figures, to stand beside ours."""
+"""The results that the paper printed, for comparison with ours."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ __all__ = ["PAPER", "PaperFigures", "beside_paper"]
 
 @dataclass(frozen=True, kw_only=True)
 class PaperFigures:
-    """A line of the paper's tables: of its learned agent, and of Krivic and Piater's controller."""
+    """One set's results in the paper: of its learned agent, and of Krivic and Piater's controller."""
 
     success: tuple[float, float]
     contact_rate: tuple[float, float]
@@ -65,15 +65,15 @@ PAPER = {
         path_length=(0.492, 0.550),
     ),
 }
-"""By evaluation set. Source: the paper's tables of results."""
+"""The paper's results by evaluation set. Source: the paper's tables of results (Sec. V)."""
 
 
 def beside_paper(summary: pd.DataFrame, evaluation_set: str) -> pd.DataFrame:
-    """A summary's means cell by cell beside the paper's.
+    """A summary's means beside the paper's, cell by cell.
 
     Args:
-        summary: From `summarize`.
-        evaluation_set: Its name. Sets that the paper has not get empty cells.
+        summary: What `summarize` returned.
+        evaluation_set: Name of the set. Sets that the paper does not have get empty cells.
 
     Returns:
         By metric: a column for each method, then `paper_controller` and `paper_agent`.

@@ -1,19 +1,23 @@
 """Per-episode results on disk: a row as soon as an episode ends, so that a run can go on later."""
 
 import csv
-import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from tensordict.nn import TensorDictModuleBase
+from torch import nn
 
+from modpush._hash import weights_hash
 from modpush.evaluation.episodes import Episode, Trajectory
 from modpush.evaluation.metrics import EpisodeMetrics
 from modpush.evaluation.sets import EvaluationSet
+from modpush.files import write_text
 
-__all__ = ["COLUMNS", "ResultStore", "load_trajectory"]
+__all__ = ["COLUMNS", "ResultStore", "describe_policy", "load_trajectory"]
 
 _TRAJECTORIES = "trajectories"
 
@@ -24,11 +28,11 @@ COLUMNS = (
     "difficulty",
     *(field.name for field in fields(EpisodeMetrics)),
 )
-"""Of `episodes.csv`."""
+"""Columns of `episodes.csv`."""
 
 
 class ResultStore:
-    """A folder with `episodes.csv`, `trajectories/` and `run.json`, which says what was run.
+    """Results of one policy on one set: `episodes.csv`, `trajectories/` and `run.json` in a folder.
 
     Rows are written whole and flushed; a last row that was cut off by a kill is dropped when the
     folder is opened again, and its episode runs anew.
@@ -36,7 +40,8 @@ class ResultStore:
     Args:
         folder: Made if it is not there.
         evaluation_set: What is run.
-        label: What runs, any text that tells one policy and its settings from another.
+        policy: What runs, as plain data that tells one policy and its settings from another, see
+        `describe_policy`.
         resume: Go on with what the folder holds; False starts over and drops it.
 
     Raises:
@@ -45,7 +50,12 @@ class ResultStore:
     """
 
     def __init__(
-        self, folder: Path, evaluation_set: EvaluationSet, label: str, *, resume: bool = True
+        self,
+        folder: Path | str,
+        evaluation_set: EvaluationSet,
+        policy: Mapping[str, Any],
+        *,
+        resume: bool = True,
     ) -> None:
         self.folder, self.evaluation_set = Path(folder), evaluation_set
         self.trajectories.mkdir(parents=True, exist_ok=True)
@@ -57,20 +67,20 @@ class ResultStore:
         about = {
             "set": evaluation_set.name,
             "set_version": evaluation_set.version,
-            "first_episode": _digest(evaluation_set),
-            "policy": label,
+            "episodes": evaluation_set.digest,
+            "policy": dict(policy),
         }
         self._claim(about)
         self._open()
 
     @property
     def csv(self) -> Path:
-        """The rows."""
+        """The file with a row for each episode."""
         return self.folder / "episodes.csv"
 
     @property
     def trajectories(self) -> Path:
-        """One `.npz` an episode."""
+        """The folder with an `.npz` for each episode."""
         return self.folder / _TRAJECTORIES
 
     @property
@@ -90,7 +100,13 @@ class ResultStore:
                     f"ResultStore: {self.folder} holds another run, (there, expected): {other}. "
                     "Choose another folder, or start over with resume=False."
                 )
-        self._about.write_text(json.dumps(about, indent=1))
+            return
+        if self.csv.exists() and self.csv.read_text().count("\n") > 1:
+            raise ValueError(
+                f"ResultStore: {self.folder} holds rows, but no {self._about.name} that says whose. "
+                "Choose another folder, or start over with resume=False."
+            )
+        write_text(self._about, json.dumps(about, indent=1))
 
     def _open(self) -> None:
         """Write the header, or drop a row that was cut off."""
@@ -103,10 +119,10 @@ class ResultStore:
                 f"got {whole.splitlines()[0].split(',')}."
             )
         if whole != text or not whole:
-            self.csv.write_text(whole or header)
+            write_text(self.csv, whole or header)
 
     def write(self, episode: Episode) -> None:
-        """Keep an episode."""
+        """Add an episode's row and trajectory."""
         episode.trajectory.save(self.trajectories / f"{episode.number:05d}.npz")
         about = {
             "episode": episode.number,
@@ -135,6 +151,22 @@ def load_trajectory(folder: Path, number: int) -> Trajectory:
     return Trajectory.load(Path(folder) / _TRAJECTORIES / f"{number:05d}.npz")
 
 
-def _digest(evaluation_set: EvaluationSet) -> str:
-    first = json.dumps(evaluation_set.scenarios[0].to_dict(), sort_keys=True)
-    return hashlib.sha256(first.encode()).hexdigest()[:16]
+def describe_policy(policy: Any, label: str = "") -> dict[str, Any]:
+    """What tells a policy and its settings from another, as plain data.
+
+    Args:
+        policy: A policy. The weights and keys of a module count, and the `config` of anything that
+            has one.
+        label: Further text to tell them apart.
+    """
+    described: dict[str, Any] = {
+        "class": f"{type(policy).__module__}:{type(policy).__qualname__}",
+        "label": label,
+    }
+    if isinstance(policy, nn.Module):
+        described["weights"] = weights_hash(policy)
+    if isinstance(policy, TensorDictModuleBase):
+        described["in_keys"] = [str(key) for key in policy.in_keys]
+    if (config := getattr(policy, "config", None)) is not None:
+        described["config"] = repr(config)
+    return described

@@ -1,11 +1,12 @@
 """A policy over an evaluation set: batched, resumable, in one process or several."""
 
+import functools
 import multiprocessing
 import queue
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import pandas as pd
 import torch
@@ -16,10 +17,12 @@ from tqdm import tqdm
 
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.episodes import Episode, Policy, run_episodes
-from modpush.evaluation.results import ResultStore
-from modpush.evaluation.sets import EvaluationSet
+from modpush.evaluation.results import ResultStore, describe_policy
+from modpush.evaluation.sets import EvaluationSet, load_set
 
-__all__ = ["EnvFactory", "EvaluationConfig", "evaluate"]
+__all__ = ["EnvFactory", "EvaluationConfig", "TrainedAgent", "evaluate"]
+
+_MAX_WAYPOINTS = 32  # of the first planned path, for pictures
 
 EnvFactory = Callable[[int, Sequence[str]], EnvBase]
 """`(number of scenes, names of the objects that will be pushed) -> environment`. With several
@@ -31,19 +34,19 @@ class EvaluationConfig:
     """How episodes are run."""
 
     num_envs: int = 8
-    """Scenes stepped together in a process."""
+    """Number of scenes stepped together in each process."""
     workers: int = 1
-    """Processes; 1 runs in this one."""
+    """Number of processes; 1 runs in this one."""
     seed: int = 0
-    """Of torch, for policies that draw."""
+    """Seed of torch, for policies that draw random numbers."""
     deterministic: bool = True
-    """Let a stochastic policy take its mode."""
+    """Let a stochastic policy take its most likely action."""
     path_key: NestedKey | None = None
-    """See `run_episodes`."""
+    """Key of the planned path, see `run_episodes`."""
     target_key: NestedKey | None = None
-    """See `run_episodes`."""
+    """Key of the sub-goal that the policy acts upon, see `run_episodes`."""
     progress: bool = True
-    """Show a bar."""
+    """Show a progress bar."""
 
     def __post_init__(self) -> None:
         for name in ("num_envs", "workers"):
@@ -58,24 +61,35 @@ class EvaluationConfig:
         return ExplorationType.DETERMINISTIC if self.deterministic else ExplorationType.RANDOM
 
 
+class TrainedAgent(Protocol):
+    """A policy that knows its environment, such as `modpush.load_agent` gives."""
+
+    policy: Any
+
+    def make_env(self, num_envs: int | None = None, **options: Any) -> EnvBase:
+        """The environment that the policy was trained in, with other options of `make_push_env`."""
+
+
 def evaluate(
-    make_env: EnvFactory,
-    policy: Policy,
-    evaluation_set: EvaluationSet,
-    folder: Path,
+    policy: Any,
+    evaluation_set: EvaluationSet | str | Path,
+    folder: Path | str,
     *,
-    label: str,
+    make_env: EnvFactory | None = None,
+    label: str = "",
     config: EvaluationConfig | None = None,
     resume: bool = True,
 ) -> pd.DataFrame:
     """Run what is missing of a set, and return a row for each of its episodes.
 
     Args:
-        make_env: Makes the environment, transforms included.
-        policy: Acts. With several workers it is pickled.
-        evaluation_set: The episodes.
-        folder: Where results are kept, see `ResultStore`.
-        label: Names policy and settings; a folder of another label is refused.
+        policy: What acts: a `Policy`, or a `TrainedAgent`, which knows its environment. With several
+            workers it is pickled.
+        evaluation_set: The episodes, or what `load_set` takes: a name or a file.
+        folder: Folder that results are kept in, see `ResultStore`.
+        make_env: Makes the environment, transforms included; needed unless an agent is given.
+        label: Text that tells this policy's settings from others, where neither weights nor a
+            `config` do.
         config: How episodes are run.
         resume: Go on with what the folder holds.
 
@@ -83,11 +97,27 @@ def evaluate(
         Columns `COLUMNS` of `modpush.evaluation.results`, sorted by episode.
 
     Raises:
-        ValueError: If the folder holds another run.
+        ValueError: If the folder holds results of another policy (told by its class, weights, config
+            and label) or another set, or there is nothing to make the environment with.
         RuntimeError: If a worker fails; what has finished is kept.
     """
     config = config or EvaluationConfig()
-    store = ResultStore(folder, evaluation_set, label, resume=resume)
+    if not isinstance(evaluation_set, EvaluationSet):
+        evaluation_set = load_set(evaluation_set)
+    if make_env is None:
+        if not hasattr(policy, "make_env"):
+            raise ValueError(
+                "evaluate: make_env is needed for a policy that is not an agent of load_agent, got "
+                f"{type(policy).__name__}."
+            )
+        make_env = functools.partial(_agent_env, policy)
+        config = replace(
+            config,
+            path_key=config.path_key or "path",
+            target_key=config.target_key or "subgoal",
+        )
+    acting: Policy = getattr(policy, "policy", policy)
+    store = ResultStore(folder, evaluation_set, describe_policy(acting, label), resume=resume)
     missing = [(n, evaluation_set.scenarios[n]) for n in store.missing()]
     run = _run_here if config.workers == 1 else _run_in_workers
     done = store.rows()["success"].tolist()
@@ -98,12 +128,16 @@ def evaluate(
         desc=evaluation_set.name,
         disable=not config.progress,
     ) as bar:
-        for episode in run(make_env, policy, missing, config):
+        for episode in run(make_env, acting, missing, config):
             store.write(episode)
             done.append(episode.metrics.success)
             bar.set_postfix(success=f"{sum(done) / len(done):.3f}", refresh=False)
             bar.update()
     return store.rows()
+
+
+def _agent_env(agent: TrainedAgent, num_envs: int, objects: Sequence[str]) -> EnvBase:
+    return agent.make_env(num_envs, pushed_object=tuple(objects), max_waypoints=_MAX_WAYPOINTS)
 
 
 def _run_here(

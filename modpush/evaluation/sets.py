@@ -3,7 +3,7 @@
     python -m modpush.evaluation.sets            # writes the files anew, bit for bit the same
     python -m modpush.evaluation.sets --check    # compares them instead
 
-Source: paper Sec. V (numbers of episodes, scenes, objects, distances), spec 2.
+Source: paper Sec. V (numbers of episodes, scenes, objects, distances).
 """
 
 import argparse
@@ -11,13 +11,14 @@ import gzip
 import json
 import zlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from modpush._hash import data_hash
 from modpush.envs.scenes.layouts import HARD_SCENES, OBSTACLE_SCENES, SCENES
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.envs.scenes.sampling import sample_scenario
@@ -26,14 +27,14 @@ from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 __all__ = ["SET_NAMES", "SET_VERSION", "EvaluationSet", "generate_set", "load_set"]
 
 SET_VERSION = 2
-"""Of the files; another number means other episodes, or another form."""
+"""Version of the files; another number means other episodes, or another form."""
 _FORMAT = "modpush-evaluation-set"
 _DECIMALS = 6  # micrometres and microradians: exact enough, and the same on every machine
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Recipe:
-    """What a set is drawn from. Episode i takes the i-th family and object in turn."""
+    """What a set is drawn from. Episode i takes the i-th family and object, in turn."""
 
     seed: int
     count: int
@@ -57,18 +58,25 @@ _RECIPES = {
 }
 
 SET_NAMES = tuple(_RECIPES)
-"""All sets in the package."""
+"""Names of all sets in the package."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluationSet:
-    """Numbered episodes that every method is judged by."""
+    """Numbered episodes on which every method is evaluated."""
 
     name: str
     scenarios: tuple[Scenario, ...]
     """Episode i starts from `scenarios[i]`. Any first part of a set holds its families and objects
     in equal shares."""
     version: int = SET_VERSION
+    digest: str = ""
+    """Hash of all episodes of the set that this is the first part of; computed if not given."""
+
+    def __post_init__(self) -> None:
+        if not self.digest:
+            episodes = data_hash([scenario.to_dict() for scenario in self.scenarios])
+            object.__setattr__(self, "digest", episodes)
 
     def __len__(self) -> int:
         return len(self.scenarios)
@@ -82,14 +90,14 @@ class EvaluationSet:
         return tuple(dict.fromkeys(s.pushed_object for s in self.scenarios))
 
     def first(self, count: int | None) -> "EvaluationSet":
-        """The first so many episodes; all of them for None.
+        """The first `count` episodes; all of them for None.
 
         Raises:
             ValueError: If `count` is not positive.
         """
         if count is not None and count < 1:
             raise ValueError(f"EvaluationSet.first: count must be >= 1 or None, got {count}.")
-        return EvaluationSet(name=self.name, scenarios=self.scenarios[:count], version=self.version)
+        return replace(self, scenarios=self.scenarios[:count])
 
     def save(self, path: Path) -> None:
         """Write the set as gzip-compressed JSON; the same set always gives the same bytes."""
@@ -158,7 +166,7 @@ def generate_set(name: str, episodes: Sequence[int] | None = None) -> Evaluation
 
     Args:
         name: One of `SET_NAMES`.
-        episodes: Their numbers; None for all.
+        episodes: Numbers of the episodes; None for all.
 
     Raises:
         ValueError: If there is no such set, with the list of those there are.

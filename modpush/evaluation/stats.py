@@ -16,10 +16,10 @@ def bootstrap_interval(
     """Percentile bootstrap interval of the mean.
 
     Args:
-        values: One for each episode, `[N]`.
-        confidence: In (0, 1).
-        resamples: How many.
-        seed: Of the resampling; the same values always give the same interval.
+        values: One value for each episode, `[N]`.
+        confidence: Confidence level in (0, 1).
+        resamples: Number of resamples.
+        seed: Seed of the resampling; the same values always give the same interval.
 
     Returns:
         Lower and upper end; NaN without values. Where all values are equal both ends are that
@@ -53,11 +53,13 @@ class PairedTest:
     """Outcome of a two-sided paired t-test."""
 
     count: int
-    """Pairs."""
+    """Number of pairs."""
     difference: float
-    """Mean of first minus second."""
+    """Mean of the first minus the second method's values."""
     t: float
+    """The test's statistic."""
     p: float
+    """Probability of a difference at least this large if the means were equal."""
     effect_size: float
     """Cohen's d of the differences: their mean over their standard deviation."""
 
@@ -67,11 +69,11 @@ class PairedTest:
 
 
 def paired_t_test(first: ArrayLike, second: ArrayLike) -> PairedTest:
-    """Whether two methods differ on the same episodes.
+    """A paired t-test of two methods on the same episodes.
 
     Args:
-        first: `[N]`.
-        second: `[N]`, of the same episodes in the same order.
+        first: Values of the first method, `[N]`.
+        second: Values of the second method on the same episodes in the same order, `[N]`.
 
     Returns:
         The test. NaN with fewer than two pairs. Where all differences are the same, t and effect

@@ -1,4 +1,4 @@
-"""From per-episode rows to the tables of the paper (spec 10)."""
+"""The paper's tables from per-episode rows."""
 
 from collections.abc import Mapping, Sequence
 from typing import Literal, get_args
@@ -29,7 +29,7 @@ def summarize(rows: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     """One line for each method, over the same episodes.
 
     Args:
-        rows: By method, what `evaluate` returned.
+        rows: What `evaluate` returned, by method.
 
     Returns:
         By method: `episodes`; `success` and `spl` with `_low` and `_high` of their 95 % bootstrap
@@ -62,9 +62,9 @@ def compare(first: pd.DataFrame, second: pd.DataFrame, level: float = 0.05) -> p
     """Paired t-tests between two methods over the same episodes.
 
     Args:
-        first: What `evaluate` returned of one method.
-        second: Of the other.
-        level: Of significance.
+        first: What `evaluate` returned for the first method.
+        second: What `evaluate` returned for the second method.
+        level: Significance level.
 
     Returns:
         By metric: `count` of pairs, `first` and `second` mean, `difference`, `t`, `p`,
@@ -150,7 +150,7 @@ def format_table(table: pd.DataFrame, how: TableFormat = "markdown") -> str:
     """Write a table, its index as first columns.
 
     Args:
-        table: Any; numbers are written with three decimals, except in CSV, which keeps all.
+        table: Any table; numbers are written with three decimals, except in CSV, which keeps all.
         how: `"markdown"`, `"latex"` or `"csv"`.
 
     Raises:

@@ -137,7 +137,10 @@ def fingerprint_differences(stored: Mapping[str, Any], now: Mapping[str, Any]) -
     if names != names_now:
         return [*found, f"entries: {names} -> {names_now}"]
     for one, other in zip(before, after, strict=True):
-        for field in ("columns", "shift", "scale"):
+        widths = len(one["shift"]), len(other["shift"])
+        if widths[0] != widths[1]:
+            return [*found, f"values of {one['name']!r}: {widths[0]} -> {widths[1]}"]
+        for field in ("shift", "scale"):
             if not _close(one[field], other[field]):
                 found.append(f"{field} of {one['name']!r}: {one[field]} -> {other[field]}")
     return found

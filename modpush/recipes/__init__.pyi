@@ -1,15 +1,7 @@
-from .paper import (
-    Agent as Agent,
-)
-from .paper import (
-    PushEnvConfig as PushEnvConfig,
-)
-from .paper import (
-    load_agent as load_agent,
-)
-from .paper import (
-    make_push_env as make_push_env,
-)
-from .paper import (
-    save_agent as save_agent,
-)
+from .agent_file import Agent as Agent
+from .agent_file import load_agent as load_agent
+from .agent_file import save_agent as save_agent
+from .agent_file import shipped_agents as shipped_agents
+from .config import PushEnvConfig as PushEnvConfig
+from .fingerprint import environment_fingerprint as environment_fingerprint
+from .make_env import make_push_env as make_push_env

@@ -27,7 +27,7 @@ def draw_curve(
 
     Args:
         runs: Run folders; or groups of them, one colour each, with the mean over their runs.
-        path: Of the picture.
+        path: The picture's file.
         against: The horizontal axis: `"minutes"`, `"step"` or `"updates"`.
 
     Raises:

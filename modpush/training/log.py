@@ -6,6 +6,7 @@ from typing import Any
 import pandas as pd
 from torchrl.record.loggers import get_logger
 
+from modpush.files import replacing
 from modpush.training.config import TrainConfig
 from modpush.training.run_folder import RunFolder
 
@@ -18,11 +19,11 @@ _METRICS = (
 
 
 class RunLog:
-    """Writes numbers to where one looks for them.
+    """Writes the log's tables, and sends the same numbers to TorchRL's loggers.
 
     Args:
-        config: Says which of TorchRL's loggers.
-        folder: The run's.
+        config: The run's configuration, which names TorchRL's loggers.
+        folder: The run's folder.
         resumed_at: Step that a resumed run goes on from; what was logged after it is dropped.
     """
 
@@ -42,7 +43,7 @@ class RunLog:
             self._rows = pd.read_csv(folder.log).to_dict("records")
 
     def write(self, step: int, row: dict[str, float]) -> None:
-        """A line of the training log."""
+        """Write a row of the training log."""
         self._rows.append({"step": step, **row})
         _write(self.folder.log, pd.DataFrame(self._rows))
         self._send(step, row)
@@ -50,7 +51,7 @@ class RunLog:
     def write_evaluation(
         self, step: int, updates: int, minutes: float, rows: pd.DataFrame
     ) -> dict[str, float]:
-        """A line of the evaluations' table, from a row for each held-out episode.
+        """Write a row of the evaluations' table, from a row for each held-out episode.
 
         Returns:
             Means over the episodes, and success by family as `success/<family>`.
@@ -80,7 +81,5 @@ class RunLog:
 
 
 def _write(path: Path, table: pd.DataFrame) -> None:
-    """Whole or not at all."""
-    partial = path.with_suffix(".partial")
-    table.to_csv(partial, index=False)
-    partial.replace(path)
+    with replacing(path) as unfinished:
+        table.to_csv(unfinished, index=False)

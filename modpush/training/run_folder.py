@@ -1,4 +1,4 @@
-"""What a run leaves on disk: config, log, checkpoints, the best agent."""
+"""The files of a training run: config, log, checkpoints, the best agent."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -7,7 +7,8 @@ from typing import Any
 import yaml
 from torchrl.checkpoint import CheckpointRotation
 
-from modpush.recipes.paper import config_from_dict
+from modpush.files import write_text
+from modpush.recipes.config import config_from_dict
 from modpush.training.config import TrainConfig
 
 __all__ = ["RunFolder", "check_run_folder"]
@@ -17,8 +18,8 @@ class RunFolder:
     """Names of the files in a run's folder.
 
     Args:
-        path: Of the folder.
-        keep_checkpoints: Newest checkpoints kept.
+        path: The folder.
+        keep_checkpoints: Number of newest checkpoints that are kept.
     """
 
     def __init__(self, path: str | Path, keep_checkpoints: int = 2) -> None:
@@ -34,9 +35,8 @@ class RunFolder:
         )
 
     def write_config(self, config: TrainConfig) -> None:
-        """As YAML."""
-        self.path.mkdir(parents=True, exist_ok=True)
-        self.config.write_text(yaml.safe_dump(_plain(asdict(config)), sort_keys=False))
+        """Write the run's config as YAML; the folder is made."""
+        write_text(self.config, yaml.safe_dump(_plain(asdict(config)), sort_keys=False))
 
     def read_config(self) -> TrainConfig:
         """Inverse of `write_config`.
@@ -51,8 +51,8 @@ def check_run_folder(path: str | Path, config: TrainConfig, *, resume: bool) -> 
     """Refuse a folder that this run must not write to, before any work is done.
 
     Args:
-        path: Of the folder.
-        config: The run's.
+        path: The folder.
+        config: The run's configuration.
         resume: Go on with what the folder holds.
 
     Raises:

@@ -83,11 +83,10 @@ def assert_an_l_is_drawn(picture: np.ndarray, pose: np.ndarray) -> None:
 def test_an_object_given_by_text_is_evaluated_and_drawn_without_saying_more(tmp_path) -> None:
     chosen = EvaluationSet(name="mine", scenarios=tuple(drawn(f"{__name__}:L_SHAPE")))
     rows = evaluate(
-        make_env,
         ScriptedPusher(),
         chosen,
         tmp_path / "results",
-        label="scripted",
+        make_env=make_env,
         config=EvaluationConfig(num_envs=2, progress=False),
     )
     assert len(rows) == 3

@@ -8,13 +8,16 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from tensordict.nn import TensorDictModule
+from torch import nn
 
 from modpush.agents import ScriptedPusher
-from modpush.evaluation.results import COLUMNS, ResultStore
+from modpush.evaluation.results import COLUMNS, ResultStore, describe_policy
 from modpush.evaluation.runner import EvaluationConfig, evaluate
 from modpush.evaluation.sets import EvaluationSet, load_set
 from tests.evaluation.conftest import make_env, make_episode
 
+MADE, OTHER = {"class": "made"}, {"class": "other"}
 QUIET = EvaluationConfig(num_envs=3, progress=False)
 RUN = """
 import sys, warnings
@@ -23,8 +26,8 @@ warnings.simplefilter("ignore")
 from modpush.agents import ScriptedPusher
 from modpush.evaluation import EvaluationConfig, evaluate, load_set
 from tests.evaluation.conftest import make_env
-evaluate(make_env, ScriptedPusher(), load_set("free/small_cube").first(10), Path(sys.argv[1]),
-         label="scripted", config=EvaluationConfig(num_envs=3, progress=False))
+evaluate(ScriptedPusher(), load_set("free/small_cube").first(10), Path(sys.argv[1]),
+         make_env=make_env, config=EvaluationConfig(num_envs=3, progress=False))
 """
 
 
@@ -40,7 +43,7 @@ def break_down(num_envs: int, objects: object) -> None:
 def unbroken(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
     folder = tmp_path_factory.mktemp("unbroken")
     episodes = load_set("free/small_cube").first(10)
-    return evaluate(make_env, ScriptedPusher(), episodes, folder, label="scripted", config=QUIET)
+    return evaluate(ScriptedPusher(), episodes, folder, make_env=make_env, config=QUIET)
 
 
 def assert_same_results(first: pd.DataFrame, second: pd.DataFrame) -> None:
@@ -72,7 +75,7 @@ def test_a_killed_run_goes_on_where_it_stopped(tmp_path: Path, unbroken: pd.Data
     before = csv.stat().st_size
 
     episodes = load_set("free/small_cube").first(10)
-    rows = evaluate(make_env, ScriptedPusher(), episodes, tmp_path, label="scripted", config=QUIET)
+    rows = evaluate(ScriptedPusher(), episodes, tmp_path, make_env=make_env, config=QUIET)
     assert csv.read_text().startswith(kept)  # nothing was run again
     assert csv.stat().st_size > before
     assert_same_results(rows, unbroken)
@@ -80,45 +83,45 @@ def test_a_killed_run_goes_on_where_it_stopped(tmp_path: Path, unbroken: pd.Data
 
 def test_a_finished_run_is_not_run_again(tmp_path: Path, free: EvaluationSet) -> None:
     episodes = free.first(2)
-    store = ResultStore(tmp_path, episodes, "made")
+    store = ResultStore(tmp_path, episodes, describe_policy(ScriptedPusher()))
     for number in (1, 0):
         store.write(make_episode(number, episodes.scenarios[number], success=number == 1))
-    rows = evaluate(fail, ScriptedPusher(), episodes, tmp_path, label="made", config=QUIET)
+    rows = evaluate(ScriptedPusher(), episodes, tmp_path, make_env=fail, config=QUIET)
     assert rows["success"].tolist() == [False, True]
 
 
 def test_more_episodes_can_be_asked_for_later(tmp_path: Path, free: EvaluationSet) -> None:
-    store = ResultStore(tmp_path, free.first(2), "made")
+    store = ResultStore(tmp_path, free.first(2), MADE)
     for number in range(2):
         store.write(make_episode(number, free.scenarios[number]))
-    assert ResultStore(tmp_path, free.first(5), "made").missing() == [2, 3, 4]
-    assert len(ResultStore(tmp_path, free.first(1), "made").rows()) == 1
+    assert ResultStore(tmp_path, free.first(5), MADE).missing() == [2, 3, 4]
+    assert len(ResultStore(tmp_path, free.first(1), MADE).rows()) == 1
 
 
 def test_another_run_is_not_mixed_in(tmp_path: Path, free: EvaluationSet) -> None:
-    store = ResultStore(tmp_path, free, "made")
+    store = ResultStore(tmp_path, free, MADE)
     store.write(make_episode(0, free.scenarios[0]))
-    with pytest.raises(ValueError, match=r"holds another run.*'policy': \('made', 'other'\)"):
-        ResultStore(tmp_path, free, "other")
+    with pytest.raises(ValueError, match=r"holds another run.*'policy': \(\{'class': 'made'\}"):
+        ResultStore(tmp_path, free, OTHER)
     with pytest.raises(ValueError, match=r"holds another run.*'set': \('free/small_cube', 'smoke'"):
-        ResultStore(tmp_path, load_set("smoke"), "made")
-    assert ResultStore(tmp_path, free, "other", resume=False).missing() == list(range(500))
+        ResultStore(tmp_path, load_set("smoke"), MADE)
+    assert ResultStore(tmp_path, free, OTHER, resume=False).missing() == list(range(500))
     assert not list((tmp_path / "trajectories").iterdir())
 
 
 def test_another_csv_is_refused(tmp_path: Path, free: EvaluationSet) -> None:
+    ResultStore(tmp_path, free, MADE)
     (tmp_path / "episodes.csv").write_text("a,b\n1,2\n")
     with pytest.raises(ValueError, match=r"must have the columns \['episode', .*got \['a', 'b'\]"):
-        ResultStore(tmp_path, free, "made")
+        ResultStore(tmp_path, free, MADE)
 
 
 def test_two_workers_give_the_same_rows(tmp_path: Path, unbroken: pd.DataFrame) -> None:
     rows = evaluate(
-        make_env,
         ScriptedPusher(),
         load_set("free/small_cube").first(4),
         tmp_path,
-        label="scripted",
+        make_env=make_env,
         config=EvaluationConfig(num_envs=2, workers=2, progress=False),
     )
     assert_same_results(rows, unbroken.head(4))
@@ -128,7 +131,7 @@ def test_two_workers_give_the_same_rows(tmp_path: Path, unbroken: pd.DataFrame) 
 def test_a_worker_that_fails_is_reported(tmp_path: Path, free: EvaluationSet) -> None:
     config = EvaluationConfig(workers=2, progress=False)
     with pytest.raises(RuntimeError, match="a worker ended early, exit codes"):
-        evaluate(break_down, ScriptedPusher(), free.first(1), tmp_path, label="x", config=config)
+        evaluate(ScriptedPusher(), free.first(1), tmp_path, make_env=break_down, config=config)
 
 
 @pytest.mark.parametrize("name", ["num_envs", "workers"])
@@ -139,8 +142,51 @@ def test_numbers_are_checked(name: str) -> None:
 
 def test_a_row_keeps_every_digit(tmp_path: Path, free: EvaluationSet) -> None:
     episode = make_episode(0, free.scenarios[0])
-    store = ResultStore(tmp_path, free, "made")
+    store = ResultStore(tmp_path, free, MADE)
     store.write(episode)
     row = store.rows().iloc[0]
     for key, value in episode.metrics.to_dict().items():
         np.testing.assert_array_equal(row[key], value)
+
+
+class Linear(TensorDictModule):
+    """A policy with weights, which do nothing here."""
+
+    def __init__(self, weight: float) -> None:
+        super().__init__(nn.Linear(3, 3), in_keys=["object_pose"], out_keys=["action"])
+        nn.init.constant_(self.module.weight, weight)
+        nn.init.zeros_(self.module.bias)
+
+
+def test_other_weights_of_the_same_policy_are_another_policy(
+    tmp_path: Path, free: EvaluationSet
+) -> None:
+    episodes = free.first(1)
+    store = ResultStore(tmp_path, episodes, describe_policy(Linear(0.0)))
+    store.write(make_episode(0, episodes.scenarios[0]))
+    evaluate(Linear(0.0), episodes, tmp_path, make_env=fail, config=QUIET)
+    with pytest.raises(ValueError, match=r"holds another run.*'weights'"):
+        evaluate(Linear(0.1), episodes, tmp_path, make_env=fail, config=QUIET)
+
+
+def test_another_set_of_the_same_name_and_first_episode_is_refused(
+    tmp_path: Path, free: EvaluationSet
+) -> None:
+    ResultStore(tmp_path, free.first(3), MADE)
+    swapped = (free.scenarios[0], *reversed(free.scenarios[1:]))
+    other = EvaluationSet(name=free.name, scenarios=swapped)
+    with pytest.raises(ValueError, match=r"holds another run.*'episodes'"):
+        ResultStore(tmp_path, other, MADE)
+
+
+def test_rows_of_nobody_are_not_adopted(tmp_path: Path, free: EvaluationSet) -> None:
+    store = ResultStore(tmp_path, free.first(1), MADE)
+    store.write(make_episode(0, free.scenarios[0]))
+    (tmp_path / "run.json").unlink()
+    with pytest.raises(ValueError, match=r"holds rows, but no run.json"):
+        ResultStore(tmp_path, free.first(1), MADE)
+
+
+def test_a_policy_without_an_environment_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="make_env is needed for a policy that is not an agent"):
+        evaluate(ScriptedPusher(), "smoke", tmp_path)

@@ -1,10 +1,12 @@
 """`evaluate.py` and the policies that it knows, for a few episodes."""
 
+import itertools
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
+from modpush.evaluation.results import describe_policy
 from tests.examples import load_example
 
 
@@ -43,7 +45,8 @@ def test_all_stands_for_the_papers_sets() -> None:
 def test_every_method_is_known_by_its_name_and_settings(tmp_path: Path) -> None:
     methods = load_example("methods")
     found = [methods.get_method(name) for name in ("corridor", "corridor_faithful", "scripted")]
-    assert len({method.label for method in found}) == 3
+    described = [describe_policy(method.make_policy()) for method in found]
+    assert all(a != b for a, b in itertools.combinations(described, 2))
     assert found[1].make_policy().config.rules == "faithful"
     with pytest.raises(
         ValueError, match=r"no 'nobody', expected corridor, .*training run's folder"

@@ -50,7 +50,7 @@ def test_other_frames_widths_and_scales_differ_and_rounding_does_not():
     ]
     wide = fingerprint(entries=[("own", Entry(lambda inputs: inputs.latent, scale=2.0))])
     found = fingerprint_differences(stored, wide)
-    assert found[0] == "columns of 'own': [0, 2] -> [0, 32]"
+    assert found == ["values of 'own': 2 -> 32"]
 
 
 def test_before_there_is_an_observation_nothing_is_known():

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -14,20 +15,41 @@ import psutil
 import pytest
 import torch
 import yaml
+from torchrl.envs import RewardScaling
+from torchrl.objectives import SACLoss
 
 import modpush
-from modpush.recipes.paper import load_agent
-from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer, check_run_folder
-from modpush.training.trainer import NonFiniteLossError
-from modpush.training.worker import SceneWorker, held_out_scenarios
+from modpush import evaluate
+from modpush.evaluation import EvaluationConfig, load_set
+from modpush.mdp import Curriculum, Phase
+from modpush.recipes.agent_file import load_agent
+from modpush.replay import cosine
+from modpush.training import (
+    TRAIN_PRESETS,
+    NonFiniteLossError,
+    Trainer,
+    check_run_folder,
+    held_out_scenarios,
+)
+from modpush.training.checkpoints import load_checkpoint
+from modpush.training.scene_worker import SceneWorker
+from modpush.training.worker import InlineWorker, ProcessWorker
+from tests.own_parts import (
+    MeanHeight,
+    SmallConv,
+    goal_direction,
+    make_scaled_env,
+    one_post,
+    small_actions,
+)
 
 SMOKE = TRAIN_PRESETS["smoke"][1]
-SMOKE_SIDE_BY_SIDE = replace(SMOKE, side_by_side=True)
+SMOKE_ASYNC = replace(SMOKE, async_collection=True)
 SCRIPT = Path(modpush.__file__).parents[1] / "examples" / "train.py"
 
 
 def train(folder, config=SMOKE, *, resume=False):
-    return Trainer(config, check_run_folder(folder, config, resume=resume), resume=resume).run()
+    return Trainer(config, folder, resume=resume).run()
 
 
 def numbers(folder):
@@ -80,7 +102,6 @@ def test_a_run_leaves_config_logs_agents_and_checkpoints(unbroken):
     assert evaluations["step"].tolist() == [240, 480]
     assert {"success", "contact_rate", "success/free", "success/posts"} <= set(evaluations)
     assert len(list((unbroken / "checkpoints").glob("step-*"))) == 2
-    assert list((unbroken / "logs").rglob("events.out.tfevents*"))
     assert list((unbroken / "logs" / "csv").rglob("*.csv"))
     assert load_agent(unbroken / "best_agent.safetensors").config == SMOKE.env
 
@@ -113,18 +134,15 @@ def test_ctrl_c_writes_a_checkpoint_that_can_be_resumed(tmp_path):
     train(folder, replace(SMOKE, total_steps=steps + 32), resume=True)
 
 
-def test_side_by_side_learns_from_as_much_as_taking_turns(unbroken, tmp_path):
-    train(tmp_path / "run", SMOKE_SIDE_BY_SIDE)
-    log = pd.read_csv(tmp_path / "run" / "log.csv")
-    alone = pd.read_csv(unbroken / "log.csv")
-    assert log["step"].tolist() == alone["step"].tolist()
-    assert log["updates"].tolist() == alone["updates"].tolist()
+def test_async_collection_learns_the_same_as_taking_turns(unbroken, tmp_path):
+    train(tmp_path / "run", SMOKE_ASYNC)
+    assert_same(numbers(unbroken), numbers(tmp_path / "run"))
 
 
 def test_the_script_shares_its_libraries_with_the_worker_which_ends_with_it(tmp_path):
     """On Linux the worker is a fork, and hears of its caller's end all the same."""
     folder = tmp_path / "run"
-    process = start(folder, "--train.side-by-side", "--train.total-steps", "100000")
+    process = start(folder, "--train.async-collection", "--train.total-steps", "100000")
     wait_for_checkpoint(folder, process)
     workers = psutil.Process(process.pid).children(recursive=True)
     assert workers
@@ -136,20 +154,39 @@ def test_the_script_shares_its_libraries_with_the_worker_which_ends_with_it(tmp_
     process.stdout.close()
     _, alive = psutil.wait_procs(workers, timeout=60)
     assert not alive
-    latest = check_run_folder(folder, SMOKE_SIDE_BY_SIDE, resume=True).checkpoints.latest()
+    latest = check_run_folder(folder, SMOKE_ASYNC, resume=True).checkpoints.latest()
     steps = int(latest.name.removeprefix("step-"))
-    train(folder, replace(SMOKE_SIDE_BY_SIDE, total_steps=steps + 32), resume=True)
+    train(folder, replace(SMOKE_ASYNC, total_steps=steps + 32), resume=True)
 
 
 def test_a_failing_worker_process_is_heard():
-    from modpush.training.worker import WorkerProcess
-
-    worker = WorkerProcess(SMOKE)
+    worker = ProcessWorker(partial(SceneWorker, SMOKE))
     try:
-        with pytest.raises(RuntimeError, match="restart comes first"):
-            worker.call("collect", 1, None)
+        with pytest.raises(RuntimeError, match="call restart first"):
+            worker.call(SceneWorker.collect, 1, None)
     finally:
         worker.close()
+
+
+def test_one_call_at_a_time(tmp_path):
+    worker = InlineWorker(partial(SceneWorker, SMOKE))
+    worker.submit(SceneWorker.restart, 0)
+    with pytest.raises(RuntimeError, match="ask for the result of the call before first"):
+        worker.submit(SceneWorker.get_state)
+    worker.discard()
+    assert not worker.busy
+    worker.close()
+
+
+def test_a_worker_in_this_process_leaves_the_callers_random_numbers_alone():
+    worker = InlineWorker(partial(SceneWorker, SMOKE))
+    torch.manual_seed(7)
+    expected = torch.rand(4)
+    torch.manual_seed(7)
+    worker.call(SceneWorker.restart, 0)
+    worker.call(SceneWorker.collect, 2, None)
+    assert torch.equal(torch.rand(4), expected)
+    worker.close()
 
 
 def test_a_folder_that_is_not_empty_is_refused(unbroken):
@@ -174,10 +211,9 @@ def test_a_checkpoint_of_another_config_says_which_fields_differ(unbroken):
     ("change", "message"),
     [
         ({"total_steps": 0}, "total_steps must be >= 1, got 0"),
-        ({"greedy_scenes": 2}, r"greedy_scenes must be in \[0, 1\] with 2 scenes"),
+        ({"greedy_envs": 2}, r"greedy_envs must be in \[0, 1\] with 2 scenes"),
         ({"replay": replace(SMOKE.replay, batch_size=8)}, "batch_size must be tqc.batch_size"),
         ({"tqc": replace(SMOKE.tqc, learning_starts=63)}, "learning_starts must be >= 64"),
-        ({"replay": replace(SMOKE.replay, n_steps=3)}, "n_steps must be 1"),
     ],
 )
 def test_configs_that_cannot_work_are_refused(change, message):
@@ -185,52 +221,45 @@ def test_configs_that_cannot_work_are_refused(change, message):
         replace(SMOKE, **change)
 
 
-def test_every_preset_is_a_config():
-    assert set(TRAIN_PRESETS) == {"cpu", "paper", "gpu", "smoke"}
-    paper = TRAIN_PRESETS["paper"][1]
-    assert isinstance(paper, TrainConfig)
-    assert (paper.total_steps, paper.tqc.updates_per_step) == (7_000_000, 1.0)
-    assert paper.replay.sampler == "attentive"
-
-
-def test_a_blind_start_hears_nothing_of_the_latent(tmp_path):
-    trainer = Trainer(SMOKE, check_run_folder(tmp_path / "run", SMOKE, resume=False))
+def test_zero_initial_weights_leave_the_latent_without_effect(tmp_path):
+    trainer = Trainer(SMOKE, tmp_path / "run")
     trainer.close()
-    observation = torch.randn(5, trainer.observation_dim)
+    observation = torch.randn(5, trainer.learner.observation_dim)
     other = observation.clone()
     other[:, :32] += 1.0  # the latent of RayScan comes first
-    actor = trainer.agent.actor
+    actor = trainer.learner.agent.actor
     assert torch.equal(actor(observation)[0], actor(other)[0])
     other[:, 32] += 1.0
     assert not torch.equal(actor(observation)[0], actor(other)[0])
 
 
 def test_a_loss_that_is_not_finite_stops_the_run_and_keeps_the_batch(tmp_path):
-    trainer = Trainer(SMOKE, check_run_folder(tmp_path / "run", SMOKE, resume=False))
+    trainer = Trainer(SMOKE, tmp_path / "run")
     with torch.no_grad():
-        next(p for n, p in trainer.agent.loss.named_parameters() if "qvalue" in n).fill_(torch.nan)
+        parameters = trainer.learner.agent.loss.named_parameters()
+        next(value for name, value in parameters if "qvalue" in name).fill_(torch.nan)
     with pytest.raises(NonFiniteLossError, match=r"loss_\w+ is nan at update 1, step 80"):
         trainer.run()
     batch = torch.load(tmp_path / "run" / "non_finite_batch.pt")
-    assert batch["observation"].shape == (16, trainer.observation_dim)
+    assert batch["observation"].shape == (16, trainer.learner.observation_dim)
 
 
 def test_a_checkpoint_that_cannot_be_written_leaves_the_one_before(tmp_path):
-    trainer = Trainer(SMOKE, check_run_folder(tmp_path / "run", SMOKE, resume=False))
-    trainer.worker.call("restart", 0)
-    trainer._store(trainer.worker.call("collect", 4, None))
-    trainer._save()
+    trainer = Trainer(SMOKE, tmp_path / "run")
+    trainer.worker.call(SceneWorker.restart, 0)
+    trainer.store(trainer.worker.call(SceneWorker.collect, 4, None))
+    trainer.save()
     first = trainer.folder.checkpoints.latest()
     trainer.steps += 1
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (2_000, limits[1]))  # no file over 2 kB
     try:
         with pytest.warns(UserWarning, match="could not be written.*the one before stays"):
-            trainer._save()
+            trainer.save()
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert trainer.folder.checkpoints.checkpoints() == (first,)
-    trainer._load()
+    load_checkpoint(trainer)
     trainer.close()
 
 
@@ -255,3 +284,124 @@ def test_the_scene_of_the_environment_is_what_is_trained_and_evaluated_on():
 def _distance(scenario):
     (x, y, _), (a, b) = scenario.object_pose, scenario.goal_position
     return ((x - a) ** 2 + (y - b) ** 2) ** 0.5
+
+
+def test_one_trains_resumes_and_evaluates_with_parts_of_ones_own(tmp_path):
+    parts = {
+        "encoder": MeanHeight(2.0),
+        "scene": one_post,
+        "entries": ["latent", "ee_position", "goal", goal_direction],
+        "reward_terms": {"small_actions": small_actions},
+        "similarity": cosine,
+    }
+    weights = {**SMOKE.env.reward.weights, "small_actions": 0.1}
+    config = replace(
+        SMOKE,
+        env=replace(SMOKE.env, reward=replace(SMOKE.env.reward, weights=weights)),
+        curriculum=replace(SMOKE.curriculum, phases=(Phase(),)),  # the environment's own scenes
+        async_collection=True,
+    )
+    short = replace(config, total_steps=240)
+    Trainer(short, tmp_path / "run", parts=parts).run()
+    trainer = Trainer(config, tmp_path / "run", parts=parts, resume=True)
+    trainer.run()
+    assert trainer.specs.observation["observation"].shape == (4 + 2 + 2 + 2,)
+    table = pd.read_csv(tmp_path / "run" / "evaluations.csv")
+    assert "success/tests.own_parts:one_post" in table
+    file = tmp_path / "run" / "last_agent.safetensors"
+    agent = load_agent(file, parts=parts)
+    rows = evaluate(
+        agent,
+        load_set("free/small_cube").first(2),
+        tmp_path / "evaluation",
+        config=EvaluationConfig(num_envs=2, progress=False),
+    )
+    assert len(rows) == 2
+
+
+def test_an_environment_of_ones_own_is_trained_in(tmp_path):
+    trainer = Trainer(SMOKE, tmp_path / "run", make_env=make_scaled_env)
+    trainer.run()
+    agent = load_agent(tmp_path / "run" / "last_agent.safetensors", allow=("tests",))
+    env = agent.make_env()
+    assert any(isinstance(t, RewardScaling) for t in env.transform)
+    env.close()
+
+
+def test_a_convolutional_encoder_is_trained_with_the_agent(tmp_path):
+    config = replace(
+        SMOKE,
+        env=replace(SMOKE.env, encoder="end_to_end", window_size=32),
+        tqc=replace(SMOKE.tqc, encoder="tests.own_parts:SmallConv"),
+    )
+    trainer = Trainer(config, tmp_path / "run")
+    before = SmallConv().state_dict()
+    trainer.run()
+    batch = trainer.learner.buffer.sample()
+    assert batch["window"].dtype == batch["next", "window"].dtype == torch.uint8
+    agent = load_agent(tmp_path / "run" / "last_agent.safetensors", allow=("tests",))
+    encoder = next(m for m in agent.policy.modules() if isinstance(m, SmallConv))
+    name = (
+        "layers.3.weight"  # windows of free space are all zeros, and do not reach the first layer
+    )
+    assert not torch.equal(encoder.state_dict()[name], before[name])
+    env = agent.make_env(num_envs=2)
+    env.rollout(2, agent.policy)
+    env.close()
+
+
+def test_a_learned_encoder_and_images_go_together(tmp_path):
+    images = replace(SMOKE, env=replace(SMOKE.env, encoder="end_to_end"))
+    with pytest.raises(ValueError, match="needs an encoder for the learner to train"):
+        Trainer(images, tmp_path / "run")
+    encoder = replace(SMOKE, tqc=replace(SMOKE.tqc, encoder="modpush.encoders:ConvEncoder"))
+    with pytest.raises(ValueError, match=r"needs env\.encoder='end_to_end'"):
+        Trainer(encoder, tmp_path / "run")
+
+
+@pytest.mark.parametrize("n_steps", [1, 3])
+@pytest.mark.parametrize("sampler", ["uniform", "tests.own_parts:newest_half"])
+def test_returns_over_several_steps_and_other_samplers(tmp_path, n_steps, sampler):
+    replay = replace(SMOKE.replay, n_steps=n_steps, sampler=sampler)
+    trainer = Trainer(replace(SMOKE, replay=replay), tmp_path / "run")
+    trainer.run()
+    batch = trainer.learner.buffer.sample()
+    if n_steps == 3:
+        assert batch["steps_to_next_obs"].max() == 3
+    assert trainer.learner.updates == 34
+
+
+def test_a_loss_of_ones_own_is_trained(tmp_path):
+    config = replace(
+        SMOKE,
+        tqc=replace(
+            SMOKE.tqc,
+            loss="tests.own_parts:sac_loss",
+            num_quantiles=1,
+            top_quantiles_to_drop_per_net=0,
+        ),
+    )
+    trainer = Trainer(config, tmp_path / "run")
+    trainer.run()
+    assert isinstance(trainer.learner.agent.loss, SACLoss)
+    assert {"learner/loss_actor", "learner/loss_qvalue"} <= set(
+        pd.read_csv(tmp_path / "run" / "log.csv")
+    )
+
+
+def test_parts_of_an_unknown_kind_are_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"parts has no \['coder'\], expected some of \['actor', "):
+        Trainer(SMOKE, tmp_path / "run", parts={"coder": None})
+
+
+def test_a_part_that_cannot_be_pickled_is_refused_before_any_work(tmp_path):
+    with pytest.raises(ValueError, match=r"parts\['scene'\] must be picklable.*top level of a mod"):
+        Trainer(SMOKE_ASYNC, tmp_path / "run", parts={"scene": lambda rng, difficulty: []})
+    assert not (tmp_path / "run").exists()
+
+
+def test_the_scene_of_the_environment_is_obeyed(tmp_path):
+    config = replace(TRAIN_PRESETS["cpu"][1], evaluation_episodes=3)
+    slots = replace(config, env=replace(config.env, scene=("slot",)))
+    assert {start.scene for start in held_out_scenarios(slots)} == {"slot"}
+    assert Curriculum(slots.curriculum).config.phases[-1].scenes == ()

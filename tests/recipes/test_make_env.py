@@ -1,29 +1,21 @@
-"""The paper's stack, as one call, and agents on disk."""
+"""The paper's stack of transforms in one call."""
 
-import json
 from dataclasses import replace
 from functools import partial
 
 import pytest
-import safetensors
-import safetensors.torch
 import torch
 from torch import nn
-from torchrl.data import Bounded
 from torchrl.envs import ParallelEnv, check_env_specs
 from torchrl.envs.utils import step_mdp
 
-from modpush.agents.tqc.networks import make_actor
+from modpush.encoders import ConvEncoder
+from modpush.envs import ScenarioConfig
 from modpush.geometry import rotate
-from modpush.mdp import Curriculum, Entry, RewardConfig
+from modpush.mdp import PATH_ENTRIES, Curriculum, Entry, RewardConfig
 from modpush.planners import StraightLine
-from modpush.recipes.paper import (
-    PushEnvConfig,
-    config_from_dict,
-    load_agent,
-    make_push_env,
-    save_agent,
-)
+from modpush.recipes import PushEnvConfig, make_push_env
+from tests.own_parts import MeanHeight, goal_direction
 
 RAYS = PushEnvConfig.preset("cpu", num_envs=2, encoder="rays", scene=("posts",))
 
@@ -126,88 +118,61 @@ def test_the_same_in_parallel_workers_as_in_one_process():
         parallel.close()
 
 
-def test_unknown_names_are_answered_with_what_there_is():
-    with pytest.raises(ValueError, match=r"encoder must be one of .*'rays'.* got 'eyes'"):
-        PushEnvConfig(encoder="eyes")
-    with pytest.raises(ValueError, match=r"planner must be one of .*'a_star'.* got 'luck'"):
-        PushEnvConfig(planner="luck")
-    with pytest.raises(ValueError, match="there is no 'duck'"):
-        PushEnvConfig(pushed_object="duck")
-    with pytest.raises(ValueError, match="preset must be one of"):
-        PushEnvConfig.preset("gpu")
-
-
-def test_a_config_survives_json():
-    config = PushEnvConfig.preset("cpu")
-    assert config_from_dict(PushEnvConfig, json.loads(json.dumps(_asdict(config)))) == config
-
-
-def test_a_config_with_an_unknown_field_is_refused():
-    with pytest.raises(ValueError, match=r"PushEnvConfig: .*colour"):
-        config_from_dict(PushEnvConfig, {"colour": "red"})
-
-
-def _asdict(config):
-    from dataclasses import asdict
-
-    return asdict(config)
-
-
-@pytest.fixture
-def saved(tmp_path):
-    spec = Bounded(-1.0, 1.0, (3,), dtype=torch.float32)
-    actor = make_actor(54, spec, (16, 8))
-    path = tmp_path / "agent.safetensors"
-    save_agent(path, actor, RAYS, hidden_sizes=(16, 8), observation_dim=54, metadata={"steps": 7})
-    return path, actor
-
-
-def test_an_agent_comes_back_as_it_was_and_acts(saved):
-    path, actor = saved
-    agent = load_agent(path)
-    assert agent.config == RAYS
-    assert agent.metadata == {"steps": 7}
-    env = agent.make_env(num_envs=2, seed=0)
-    td = env.reset()
-    assert torch.equal(agent.policy(td.clone())["loc"], actor(td.clone())["loc"])
-    rollout = env.rollout(3, agent.policy, break_when_any_done=False)
-    assert rollout["action"].abs().max() <= 1
+def test_a_scenario_takes_the_place_of_the_configs_scenes():
+    scenario = ScenarioConfig(scene="slot", distance=(0.2, 0.25), difficulty=1.0)
+    env = make_push_env(RAYS, scenario=scenario, seed=0)
+    env.reset()
+    assert env.base_env.scenario == scenario
+    assert {start.scene for start in env.base_env.scenarios} == {"slot"}
     env.close()
 
 
-def test_a_truncated_agent_is_refused(saved):
-    path, _ = saved
-    path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(ValueError, match="not a whole safetensors file"):
-        load_agent(path)
+def test_text_stands_for_parts_as_in_the_config():
+    named = replace(RAYS, planner="straight_line", encoder="tests.own_parts:MeanHeight")
+    env = make_push_env(replace(named, add=("tests.own_parts:goal_direction",)), seed=0)
+    other = make_push_env(
+        RAYS,
+        planner=StraightLine(),
+        encoder=MeanHeight(),
+        entries=[*PATH_ENTRIES, goal_direction],
+        seed=0,
+    )
+    one, two = env.reset(), other.reset()
+    assert one["latent"].shape == (2, 4)
+    assert torch.equal(one["observation"], two["observation"])
+    env.close()
+    other.close()
 
 
-def test_a_file_of_something_else_is_refused(tmp_path):
-    path = tmp_path / "other.safetensors"
-    safetensors.torch.save_file({"x": torch.zeros(1)}, path)
-    with pytest.raises(ValueError, match="format None, expected 'modpush-agent"):
-        load_agent(path)
+def test_entries_can_be_left_out_for_an_ablation():
+    env = make_push_env(replace(RAYS, leave_out=("edges", "contact")), seed=0)
+    assert env.observation_spec["observation"].shape == (2, 54 - 4 - 1)
+    env.close()
 
 
-def test_an_agent_of_an_earlier_format_is_refused(saved):
-    path, _ = saved
-    with safetensors.safe_open(path, framework="pt") as file:
-        header, tensors = file.metadata(), {key: file.get_tensor(key) for key in file.keys()}
-    safetensors.torch.save_file(tensors, path, metadata={**header, "format": "modpush-agent-1"})
-    with pytest.raises(ValueError, match=r"'modpush-agent-1', expected .* trained anew"):
-        load_agent(path)
+def test_an_action_penalty_is_a_reward_term():
+    weights = {"goal": 1.0, "tests.own_parts:small_actions": 0.5}
+    env = make_push_env(replace(RAYS, reward=RewardConfig(weights=weights, scale=1.0)), seed=0)
+    td = env.reset().set("action", torch.tensor([[1.0, 0.5, 0.0], [0.0, 0.0, -1.0]]))
+    reward = env.step(td)["next", "reward"]
+    torch.testing.assert_close(reward, torch.tensor([[-0.625], [-0.5]]))
+    env.close()
 
 
-def test_weights_of_another_network_are_refused(saved):
-    path, _ = saved
-    with safetensors.safe_open(path, framework="pt") as file:
-        header, tensors = file.metadata(), {key: file.get_tensor(key) for key in file.keys()}
-    header["network"] = json.dumps({"hidden_sizes": [32, 8], "observation_dim": 54})
-    safetensors.torch.save_file(tensors, path, metadata=header)
-    with pytest.raises(ValueError, match="do not fit its config"):
-        load_agent(path)
+def test_end_to_end_emits_the_window_as_bytes():
+    env = make_push_env(replace(RAYS, encoder="end_to_end", window_size=32), seed=0)
+    check_env_specs(env)
+    window = env.reset()["window"]
+    assert window.dtype == torch.uint8
+    assert window.shape == (2, 1, 32, 32)
+    assert "latent" not in env.observation_spec.keys()
+    keeping = make_push_env(replace(RAYS, window_outside="blocked"), keep_images=True, seed=0)
+    assert keeping.reset()["window"].max() > 0
+    env.close()
+    keeping.close()
 
 
-def test_an_unknown_agent_is_answered_with_those_there_are():
-    with pytest.raises(ValueError, match=r"no agent 'duck', expected a file or one of \["):
-        load_agent("duck")
+def test_an_untrained_conv_encoder_is_warned_of():
+    with pytest.warns(UserWarning, match="nothing trains the weights of this ConvEncoder"):
+        make_push_env(RAYS, encoder=ConvEncoder()).close()
+    make_push_env(RAYS, encoder=ConvEncoder().requires_grad_(False)).close()

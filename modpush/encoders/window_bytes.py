@@ -1,0 +1,52 @@
+"""`WindowBytes`: the local window as bytes, to be stored and encoded later."""
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from torchrl.data import Bounded, TensorSpec
+from torchrl.envs import Transform
+
+from modpush._keys import check_spec_has, read_key
+
+__all__ = ["WindowBytes"]
+
+
+class WindowBytes(Transform):
+    """Replaces the window by whole numbers from 0 to 255, a quarter of the memory.
+
+    Networks that learn their own encoder read it: a value stands for itself divided by 255.
+
+    Args:
+        window_key: Read, `[..., 1, S, S]` float32 in [0, 1]; written, the same shape, uint8.
+
+    Raises:
+        KeyError: If the window is missing.
+    """
+
+    def __init__(self, window_key: NestedKey = "window") -> None:
+        super().__init__(in_keys=[window_key], out_keys=[window_key])
+        self.window_key = window_key
+
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        window = read_key("WindowBytes", next_tensordict, self.window_key)
+        if window.dtype == torch.uint8:  # stored data, which this has written
+            return next_tensordict
+        return next_tensordict.set(self.window_key, (window * 255).round().to(torch.uint8))
+
+    forward = _call
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        return self._call(tensordict_reset)
+
+    def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
+        """Make the window's spec one of bytes."""
+        check_spec_has("WindowBytes", observation_spec, [self.window_key])
+        observation_spec[self.window_key] = Bounded(
+            low=0,
+            high=255,
+            shape=observation_spec[self.window_key].shape,
+            dtype=torch.uint8,
+            device=observation_spec.device,
+        )
+        return observation_spec

@@ -1,0 +1,280 @@
+"""Trained agents on disk: a policy, the configuration of its environment, and its fingerprint."""
+
+import json
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import safetensors
+import safetensors.torch
+import torch
+from tensordict.nn import TensorDictModuleBase
+from torchrl.data import Bounded, Composite, Unbounded
+from torchrl.envs import EnvBase
+from torchrl.modules import ProbabilisticActor
+
+from modpush.agents.tqc.config import TQCConfig
+from modpush.agents.tqc.encoder import make_encoder
+from modpush.agents.tqc.factories import ACTORS
+from modpush.agents.tqc.specs import LearnerSpecs
+from modpush.files import replacing
+from modpush.parts import check_allowed, find_part, part_module, part_name
+from modpush.recipes.config import END_TO_END, PushEnvConfig, config_from_dict
+from modpush.recipes.fingerprint import environment_fingerprint, fingerprint_differences
+from modpush.recipes.make_env import ENV_PARTS, make_push_env
+
+__all__ = ["Agent", "load_agent", "save_agent", "shipped_agents"]
+
+_FORMAT = "modpush-agent-3"
+_TEXT_OF_PART = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Agent:
+    """A trained policy, and the environment that it was trained in."""
+
+    policy: ProbabilisticActor
+    """Policy that reads `observation` and writes `action`; greedy unless TorchRL's exploration type
+    says otherwise."""
+    config: PushEnvConfig
+    """Configuration of the environment, for `make_push_env`."""
+    metadata: Mapping[str, Any]
+    """What else was saved with the agent."""
+    fingerprint: Mapping[str, Any] = field(default_factory=dict)
+    """What the policy depends on, see `environment_fingerprint`."""
+    parts: Mapping[str, Any] = field(default_factory=dict)
+    """Parts given as objects, by the names of `make_push_env`'s arguments."""
+    factory: Callable[..., EnvBase] = make_push_env
+    """What makes the environment."""
+    missing: Mapping[str, str] = field(default_factory=dict)
+    """Parts that the environment needs and that were not given, with what they were."""
+
+    def make_env(self, num_envs: int | None = None, **options: Any) -> EnvBase:
+        """The environment that the agent was trained in.
+
+        Args:
+            num_envs: Number of scenes; by default the config's.
+            **options: Further arguments of `make_push_env`.
+
+        Raises:
+            ValueError: If a part is missing that `load_agent` was not given, or if the environment
+                shows the policy other values than those it was trained on; the message says which.
+        """
+        if missing := {kind: was for kind, was in self.missing.items() if kind not in options}:
+            raise ValueError(
+                f"Agent.make_env: this agent was trained with parts of its user's own, {missing}; "
+                f"give them to load_agent as parts={{{', '.join(f'{k!r}: ...' for k in missing)}}}."
+            )
+        num_envs = self.config.num_envs if num_envs is None else num_envs
+        kinds = set(ENV_PARTS) - ({"encoder"} if self.config.encoder == END_TO_END else set())
+        parts = {kind: part for kind, part in self.parts.items() if kind in kinds}
+        env = self.factory(replace(self.config, num_envs=num_envs), **{**parts, **options})
+        differences = fingerprint_differences(self.fingerprint, environment_fingerprint(env))
+        if self.fingerprint and differences:
+            env.close()
+            raise ValueError(
+                "Agent.make_env: this is not the environment that the agent was trained in. "
+                + "; ".join(differences)
+            )
+        return env
+
+
+def save_agent(
+    path: str | Path,
+    policy: TensorDictModuleBase,
+    config: PushEnvConfig,
+    *,
+    hidden_sizes: Sequence[int],
+    observation_dim: int,
+    fingerprint: Mapping[str, Any],
+    actor: str = "mlp",
+    encoder: str | None = None,
+    parts: Mapping[str, Any] | None = None,
+    make_env: Callable[..., EnvBase] = make_push_env,
+    metadata: Mapping[str, Any] | None = None,
+) -> None:
+    """Write a policy and its environment's config as one safetensors file, whole or not at all.
+
+    Args:
+        path: The file to write.
+        policy: The policy, as `make_actor` makes it.
+        config: Configuration of the environment that it was trained in.
+        hidden_sizes: Widths of the policy network's hidden layers.
+        observation_dim: Width of its observation.
+        fingerprint: `environment_fingerprint` of the environment that it was trained in.
+        actor: Network of the policy, as in `TQCConfig.actor`.
+        encoder: Image encoder inside the policy, as in `TQCConfig.encoder`.
+        parts: Parts that were given as objects. Those that can be imported are remembered by
+            `"module:name"`, of the others what they were.
+        make_env: What made the environment, remembered in the same way.
+        metadata: What else to keep, ready for JSON.
+    """
+    header = {
+        "format": _FORMAT,
+        "env": json.dumps(asdict(config)),
+        "network": json.dumps(
+            {
+                "hidden_sizes": list(hidden_sizes),
+                "observation_dim": observation_dim,
+                "actor": actor,
+                "encoder": encoder,
+            }
+        ),
+        "fingerprint": json.dumps(dict(fingerprint)),
+        "parts": json.dumps(
+            {
+                kind: _describe(part)
+                for kind, part in (parts or {}).items()
+                if kind in (*ENV_PARTS, "actor")  # others matter in training only
+            }
+        ),
+        "make_env": json.dumps(None if make_env is make_push_env else _describe(make_env)),
+        "metadata": json.dumps(dict(metadata or {})),
+    }
+    tensors = {name: value.contiguous() for name, value in policy.state_dict().items()}
+    with replacing(path) as unfinished:
+        safetensors.torch.save_file(tensors, unfinished, metadata=header)
+
+
+def _describe(part: Any) -> dict[str, str]:
+    """How a part is found again, or what it was."""
+    try:
+        return {"name": part_name("save_agent", part, {})}
+    except ValueError:
+        return {"was": f"an object of {type(part).__module__}:{type(part).__qualname__}"}
+
+
+def shipped_agents() -> dict[str, Path]:
+    """Files of the agents that come with the library, by name."""
+    return {
+        entry.name.removeprefix("agent_").removesuffix(".safetensors"): Path(str(entry))
+        for entry in files("modpush").joinpath("weights").iterdir()
+        if entry.name.startswith("agent_") and entry.name.endswith(".safetensors")
+    }
+
+
+def load_agent(
+    name: str | Path,
+    *,
+    parts: Mapping[str, Any] | None = None,
+    make_env: Callable[..., EnvBase] | None = None,
+    allow: Iterable[str] = (),
+) -> Agent:
+    """A trained agent: one that is shipped, by its name, or a file of `save_agent`.
+
+    A file may name parts of its author's own, `"module:name"`. They are imported only from modules
+    that the caller names in `allow`, since importing runs code; or the caller gives the parts.
+
+    Args:
+        name: `"small_cube"`, or the path of a file.
+        parts: Parts of the environment by the names of `make_push_env`'s arguments, instead of those
+            that the file names.
+        make_env: What makes the environment, instead of what the file names.
+        allow: Modules and packages that parts may be imported from.
+
+    Raises:
+        ValueError: If there is no such agent, with the list of those that are shipped; if the file
+            is truncated, not an agent, names modules that are not allowed, or its weights do not
+            fit its config.
+    """
+    path = shipped_agents().get(str(name), Path(name))
+    if not path.is_file():
+        raise ValueError(
+            f"load_agent: no agent {str(name)!r}, expected a file or one of "
+            f"{sorted(shipped_agents())}."
+        )
+    header, tensors = _read(path)
+    data, described = json.loads(header["env"]), json.loads(header["parts"])
+    given = dict(parts or {})
+    named = {k: d["name"] for k, d in described.items() if "name" in d and k not in given}
+    factory = json.loads(header["make_env"])
+    if make_env is None and factory is not None and "name" in factory:
+        named["make_env"] = factory["name"]
+    network = json.loads(header["network"])
+    texts = [*named.values(), *_texts_of_parts(data, given), *_texts_of_parts(network, given)]
+    modules = [part_module(text) for text in texts]
+    check_allowed(f"load_agent: {path}", [m for m in modules if m is not None], allow)
+    config = config_from_dict(PushEnvConfig, data)
+    found = {kind: find_part(f"load_agent: {kind}", text, {}) for kind, text in named.items()}
+    missing = {k: d["was"] for k, d in described.items() if "was" in d and k not in given}
+    if make_env is None and factory is not None and "was" in factory:
+        missing["make_env"] = factory["was"]
+    needed = ("actor", "encoder") if config.encoder == END_TO_END else ("actor",)
+    if lacking := {kind: missing[kind] for kind in needed if kind in missing}:
+        raise ValueError(
+            f"load_agent: the policy in {path} is made of parts that no file can name, {lacking}; "
+            f"give them as parts={{{', '.join(f'{kind!r}: ...' for kind in lacking)}}}."
+        )
+    return Agent(
+        policy=_policy(path, network, config, {**found, **given}, tensors),
+        config=config,
+        metadata=json.loads(header["metadata"]),
+        fingerprint=json.loads(header["fingerprint"]),
+        factory=make_env or found.pop("make_env", make_push_env),
+        parts={**found, **given},
+        missing=missing,
+    )
+
+
+def _read(path: Path) -> tuple[dict[str, str], dict[str, torch.Tensor]]:
+    try:
+        with safetensors.safe_open(path, framework="pt") as file:
+            header = file.metadata() or {}
+            tensors = {key: file.get_tensor(key) for key in file.keys()}
+    except safetensors.SafetensorError as error:
+        raise ValueError(
+            f"load_agent: {path} is not a whole safetensors file ({error})."
+        ) from error
+    if header.get("format") != _FORMAT:
+        raise ValueError(
+            f"load_agent: {path} is of format {header.get('format')!r}, expected {_FORMAT!r}; an "
+            "agent of an earlier format has to be trained anew."
+        )
+    return header, tensors
+
+
+def _policy(
+    path: Path,
+    network: Mapping[str, Any],
+    config: PushEnvConfig,
+    parts: Mapping[str, Any],
+    tensors: Mapping[str, torch.Tensor],
+) -> ProbabilisticActor:
+    """Build the network that the file describes, and put the weights into it."""
+    encoder = network["encoder"]
+    if config.encoder == END_TO_END:
+        encoder = parts.get("encoder", encoder)
+    side = config.window_size
+    specs = LearnerSpecs(
+        observation=Composite(
+            observation=Unbounded((network["observation_dim"],)),
+            window=Bounded(0, 255, (1, side, side), dtype=torch.uint8),
+        ),
+        action=Bounded(-1.0, 1.0, (3,), dtype=torch.float32),
+        encoder=None if encoder is None else make_encoder(encoder),
+    )
+    factory = find_part("load_agent: actor", parts.get("actor", network["actor"]), ACTORS)
+    policy = factory(TQCConfig(hidden_sizes=tuple(network["hidden_sizes"])), specs)
+    try:
+        policy.load_state_dict(tensors)
+    except RuntimeError as error:
+        raise ValueError(
+            f"load_agent: the weights in {path} do not fit its config: {error}"
+        ) from error
+    return policy.eval().requires_grad_(False)
+
+
+def _texts_of_parts(data: Mapping[str, Any], given: Mapping[str, Any]) -> list[str]:
+    """All `"module:name"` in a config, save those of parts that are given as objects."""
+    found: list[str] = []
+    for name, value in data.items():
+        values = value if isinstance(value, list) else [value]
+        if isinstance(value, dict):  # the reward's weights, by the names of its terms
+            found += _texts_of_parts(value, {})
+            values = list(value)
+        if name not in given:
+            found += [v for v in values if isinstance(v, str) and _TEXT_OF_PART.fullmatch(v)]
+    return found

@@ -1,0 +1,66 @@
+"""What a policy depends on in its environment, as plain data that can be compared."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+from torchrl.envs import EnvBase, TransformedEnv
+
+from modpush._hash import weights_hash
+from modpush.encoders.encode import Encode
+from modpush.encoders.window_transform import EgocentricWindow
+from modpush.mdp.action_frame import ActionFrame
+from modpush.mdp.observation_layout import fingerprint_differences as observation_differences
+from modpush.mdp.push_observation import PushObservation
+from modpush.mdp.push_reward import PushReward
+
+__all__ = ["environment_fingerprint", "fingerprint_differences"]
+
+
+def environment_fingerprint(env: EnvBase) -> dict[str, Any]:
+    """What a policy of this environment depends on: entries, frames, encoder, and the reward.
+
+    Args:
+        env: An environment with the transforms that `make_push_env` stacks; what is not there is
+            left out.
+
+    Returns:
+        Plain data, ready for JSON: `observation` (frame, and name, columns, scale and shift of each
+        entry), `action_frame`, `window`, `encoder` (class and hash of its weights) and `reward`.
+    """
+    _ = env.observation_spec  # lays the observation out
+    found: dict[str, Any] = {}
+    for transform in env.transform if isinstance(env, TransformedEnv) else ():
+        match transform:
+            case PushObservation():
+                found["observation"] = transform.fingerprint()
+            case ActionFrame():
+                found["action_frame"] = transform.frame
+            case EgocentricWindow():
+                found["window"] = {
+                    "frame": transform.frame,
+                    "size": transform.size,
+                    "outside": transform.outside,
+                    "max_height": transform.max_height,
+                }
+            case Encode():
+                encoder = transform.encoder
+                found["encoder"] = {
+                    "class": f"{type(encoder).__module__}:{type(encoder).__qualname__}",
+                    "weights": weights_hash(encoder),
+                }
+            case PushReward():
+                found["reward"] = {**asdict(transform.config), "terms": sorted(transform.terms)}
+    return found
+
+
+def fingerprint_differences(stored: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """What differs between two fingerprints, in words; empty where nothing does."""
+    found = []
+    for name in dict.fromkeys((*stored, *now)):
+        a, b = stored.get(name), now.get(name)
+        if name == "observation" and a is not None and b is not None:
+            found += [f"observation, {text}" for text in observation_differences(a, b)]
+        elif a != b:
+            found.append(f"{name}: trained with {a!r}, this environment has {b!r}")
+    return found

@@ -1,0 +1,177 @@
+"""The paper's stack of transforms on a `PushEnv`, in one call."""
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import Any
+
+from torch import nn
+from torchrl.envs import Compose, EnvBase, ExcludeTransform, InitTracker, Transform, TransformedEnv
+
+from modpush.encoders.encode import Encode
+from modpush.encoders.named import make_encoder
+from modpush.encoders.networks.conv_encoder import ConvEncoder
+from modpush.encoders.networks.ray_scan import RayScan
+from modpush.encoders.window_bytes import WindowBytes
+from modpush.encoders.window_transform import EgocentricWindow
+from modpush.envs.push_env import PushEnv
+from modpush.mdp.action_frame import ActionFrame
+from modpush.mdp.blank_latent import latent_entry
+from modpush.mdp.curriculum import Curriculum
+from modpush.mdp.curriculum_scenes import CurriculumScenes
+from modpush.mdp.entry_list import resolve_entries
+from modpush.mdp.observation_entries import ENTRIES, Entry, EntryLike
+from modpush.mdp.push_observation import PushObservation
+from modpush.mdp.push_reward import PushReward
+from modpush.mdp.reward_terms import RewardTerm
+from modpush.planners.base import Planner
+from modpush.planners.occupancy import OccupancyGrid
+from modpush.planners.subgoals import PlannerSubgoals
+from modpush.recipes.config import END_TO_END, PushEnvConfig
+
+__all__ = ["ENV_PARTS", "make_push_env"]
+
+ENV_PARTS = ("encoder", "planner", "scene", "pushed_object", "depth", "entries", "reward_terms")
+"""Arguments of `make_push_env` that are parts, and may be given as objects."""
+_FOR_PUSH_ENV = (
+    "num_envs",
+    "scene",
+    "pushed_object",
+    "difficulty",
+    "distance",
+    "max_episode_steps",
+    "oob",
+    "tool",
+    "sim_freq",
+    "depth",
+    "randomize_dynamics",
+)
+"""Fields of `PushEnvConfig` that are arguments of `PushEnv`."""
+_OF_SCENARIO = ("scene", "pushed_object", "difficulty", "distance", "randomize_dynamics")
+
+
+def make_push_env(
+    config: PushEnvConfig | None = None,
+    *,
+    encoder: str | nn.Module | None = None,
+    planner: str | Planner | None = None,
+    scene: Any = None,
+    pushed_object: Any = None,
+    depth: Any = None,
+    entries: Sequence[EntryLike | tuple[str, EntryLike]] | None = None,
+    reward_terms: Mapping[str, RewardTerm | str] | None = None,
+    curriculum: Curriculum | None = None,
+    evaluated_envs: Sequence[int] | None = None,
+    max_waypoints: int = 0,
+    keep_images: bool = False,
+    seed: int | None = None,
+    **options: Any,
+) -> EnvBase:
+    """The paper's stack of transforms on a `PushEnv`, batch size `[num_envs]`.
+
+    It emits what `PushEnv` does, without the images, and `path_length`, `subgoal`, `subgoal_past`,
+    `path_found` (see `PlannerSubgoals`), `latent` `[B, d]`, `observation` `[B, n]` float32,
+    `reward` `[B, 1]` and its terms under `reward_terms`. With `encoder="end_to_end"` it emits `window`
+    `[B, 1, S, S]` uint8 instead of `latent`, for networks that encode it themselves.
+
+    Args:
+        config: What is stacked; the paper's environment by default.
+        encoder: Encoder of the window instead of what the config names: a name, `"module:name"`, or
+            a module.
+        planner: Path planner instead of what the config names: a name, `"module:name"`, or an
+            object.
+        scene: Scene families instead of what the config names, see `PushEnv`.
+        pushed_object: Objects instead of what the config names, see `PushEnv`.
+        depth: Depth camera instead of what the config names, see `PushEnv`.
+        entries: Entries of the observation instead of what the config names, see `PushObservation`.
+            From `"latent"` the encoder's latent of an empty window is subtracted.
+        reward_terms: Reward terms of your own by name; give each a weight in `config.reward`.
+        curriculum: Says which episodes are drawn.
+        evaluated_envs: Scenes whose episodes count for promotion, see `CurriculumScenes`.
+        max_waypoints: Number of waypoints of `path`, which is emitted if it is not 0, see
+            `PlannerSubgoals`.
+        keep_images: Emit depth, segmentation, occupancy and window, too.
+        seed: Seed of the first scene, see `PushEnv`.
+        **options: Further arguments of `PushEnv`, which override those of the config. A `scenario`
+            takes the place of the config's scene, object, difficulty, distance and dynamics.
+
+    Raises:
+        ValueError: If a part is unknown or refuses its settings.
+    """
+    config = config or PushEnvConfig()
+    given = {"scene": scene, "pushed_object": pushed_object, "depth": depth, "seed": seed}
+    base = _make_base(config, {**{k: v for k, v in given.items() if v is not None}, **options})
+    transforms: list[Transform] = [InitTracker()]
+    if curriculum is not None:
+        transforms.append(CurriculumScenes(curriculum, evaluated_envs=evaluated_envs))
+    transforms += [
+        OccupancyGrid(object_radius_key="object_radius", inflation=config.inflation),
+        PlannerSubgoals(
+            config.planner if planner is None else planner,
+            mode=config.subgoal_mode,
+            fraction=config.subgoal_fraction,
+            lookahead=config.subgoal_lookahead,
+            max_waypoints=max_waypoints,
+        ),
+    ]
+    module = _make_encoder(config, encoder)
+    images = ["depth", "segmentation", "occupancy"]
+    if module is not None or config.encoder == END_TO_END:
+        size = int(getattr(module, "window_size", config.window_size))
+        transforms.append(EgocentricWindow(config.frame, size=size, outside=config.window_outside))
+        if module is not None:
+            transforms.append(Encode(module))
+            images.append("window")
+        else:
+            transforms.append(WindowBytes())
+    transforms += [
+        ActionFrame(config.frame if config.action_frame is None else config.action_frame),
+        PushObservation(
+            config.frame,
+            entries=_entries(config, entries, module),
+            bounds=base.bounds,
+            raw=config.raw,
+        ),
+        PushReward(config.reward, terms=reward_terms),
+    ]
+    if not keep_images:
+        transforms.append(ExcludeTransform(*images))
+    return TransformedEnv(base, Compose(*transforms))
+
+
+def _make_base(config: PushEnvConfig, options: dict[str, Any]) -> PushEnv:
+    names = [field.name for field in fields(config) if field.name in _FOR_PUSH_ENV]
+    if "scenario" in options:
+        names = [name for name in names if name not in _OF_SCENARIO]
+    return PushEnv(**{**{name: getattr(config, name) for name in names}, **options})
+
+
+def _make_encoder(config: PushEnvConfig, given: Any) -> nn.Module | None:
+    if given is None and config.encoder == END_TO_END:
+        return None
+    if given is None and config.encoder == "rays" and config.latent_dim is not None:
+        return RayScan(num_rays=config.latent_dim)
+    encoder = make_encoder("make_push_env", config.encoder if given is None else given)
+    if isinstance(encoder, ConvEncoder) and any(p.requires_grad for p in encoder.parameters()):
+        warnings.warn(
+            "make_push_env: nothing trains the weights of this ConvEncoder. To train it with the "
+            "agent use encoder='end_to_end' and the learner's encoder (TQCConfig.encoder); if it "
+            "is trained already, say so with encoder.requires_grad_(False).",
+            stacklevel=3,
+        )
+    return encoder
+
+
+def _entries(
+    config: PushEnvConfig,
+    given: Sequence[EntryLike | tuple[str, EntryLike]] | None,
+    encoder: nn.Module | None,
+) -> dict[str, Entry]:
+    """The observation's entries, the latent relative to that of an empty window."""
+    chosen = given if given is not None else config.entries or None
+    entries = resolve_entries(config.frame, chosen, leave_out=config.leave_out, add=config.add)
+    if encoder is not None and entries.get("latent") is ENTRIES["latent"]:
+        entries["latent"] = latent_entry(encoder)
+    if encoder is None and chosen is None:
+        entries.pop("latent", None)
+    return entries

@@ -1,0 +1,43 @@
+"""The episodes that a run is evaluated on while it trains."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from modpush.envs.scenes.sampling import sample_scenario
+from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
+from modpush.training.config import TrainConfig
+
+__all__ = ["held_out_scenarios"]
+
+_HELD_OUT_SEED = 20_221_023  # no training run and no evaluation set draws with it
+
+
+def held_out_scenarios(
+    config: TrainConfig, *, scene: Any = None, pushed_object: Any = None
+) -> list[Scenario]:
+    """Episodes to evaluate on during training: never trained on, and the same in every run.
+
+    Difficulty and distance are those of the environment's config, whatever the curriculum draws.
+
+    Args:
+        config: The run's configuration.
+        scene: Scene families given as objects, instead of those that the config names.
+        pushed_object: Objects given as such, instead of those that the config names.
+    """
+    families = config.curriculum.phases[-1].scenes or scene or config.env.scene
+    families = [families] if callable(families) else list(families)
+    base = ScenarioConfig(
+        pushed_object=config.env.pushed_object if pushed_object is None else pushed_object,
+        difficulty=config.env.difficulty,
+        distance=config.env.distance,
+    )
+    return [
+        sample_scenario(
+            np.random.default_rng([_HELD_OUT_SEED, n]),
+            replace(base, scene=families[n % len(families)]),
+            tool=config.env.tool,
+        )
+        for n in range(config.evaluation_episodes)
+    ]

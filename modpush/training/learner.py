@@ -1,0 +1,134 @@
+"""The side of training that learns: agent, replay buffer and updates."""
+
+import math
+from collections import defaultdict
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from numpy.typing import NDArray
+from tensordict import TensorDict, TensorDictBase
+from torchrl.objectives import LossModule
+
+from modpush.agents.tqc.build import make_tqc_from_specs
+from modpush.replay.attentive import AttentiveSampler
+from modpush.replay.buffer import make_replay_buffer, update_priorities
+from modpush.replay.n_step import extend_rollout, forget_open_steps
+from modpush.training.config import TrainConfig
+from modpush.training.parts import learner_parts, replay_parts
+from modpush.training.rollout import Rollout, WorkerSpecs
+
+__all__ = ["Learner", "NonFiniteLossError"]
+
+
+class NonFiniteLossError(RuntimeError):
+    """A loss is NaN or infinite, so that nothing that comes after would be worth anything."""
+
+
+class Learner:
+    """Agent and replay buffer, paced by environment steps.
+
+    Args:
+        config: The run's configuration.
+        specs: The environment's specs.
+        parts: Parts given as objects, see `Trainer`.
+        folder: Where a batch with a loss that is not finite is saved.
+    """
+
+    def __init__(
+        self,
+        config: TrainConfig,
+        specs: WorkerSpecs,
+        parts: Mapping[str, Any] | None,
+        folder: Path,
+    ) -> None:
+        torch.manual_seed(config.seed)
+        self.config, self.folder = config, folder
+        self.observation_dim: int = specs.observation["observation"].shape[-1]
+        self.agent = make_tqc_from_specs(
+            config.tqc, specs.observation, specs.action, **learner_parts(config, parts)
+        )
+        if config.zero_init_latent and specs.latent.stop:
+            zero_input_weights(self.agent.loss, specs.latent)
+        self.buffer = make_replay_buffer(config.filled_replay(), **replay_parts(parts))
+        self.updates = 0
+        self.pending_updates = 0.0
+        """Updates that are due but not made, less than one."""
+        self.metrics: dict[str, list[float]] = defaultdict(list)
+        """What the updates reported since the log was last written, by name."""
+
+    def actor_weights(self) -> dict[str, NDArray]:
+        """The actor's `state_dict` as arrays."""
+        state = self.agent.actor.state_dict()
+        return {name: value.detach().cpu().numpy().copy() for name, value in state.items()}
+
+    def store(self, rollout: Rollout) -> int:
+        """Put a rollout's transitions into the buffer; returns how many there were."""
+        count = len(rollout.transitions["action"])
+        transitions = TensorDict({}, batch_size=[count])
+        for key, value in rollout.transitions.items():
+            transitions.set(key, torch.from_numpy(value))
+        transitions = transitions.to(self.config.replay.device)
+        extend_rollout(self.buffer, transitions, self.config.env.num_envs)
+        if self.config.replay.num_queries is None and isinstance(
+            self.buffer.sampler, AttentiveSampler
+        ):
+            self.buffer.sampler.set_query(torch.from_numpy(rollout.last_observation))
+        return count
+
+    def forget_open_steps(self) -> None:
+        """Drop transitions that wait for their n-step returns, since the scenes begin anew."""
+        forget_open_steps(self.buffer)
+
+    def learn(self, before: int, now: int) -> None:
+        """Make the updates that are due.
+
+        Args:
+            before: Environment steps before the last rollout.
+            now: Environment steps after it.
+
+        Raises:
+            NonFiniteLossError: After the batch was saved.
+        """
+        starts = self.config.tqc.learning_starts
+        if now <= starts:
+            return
+        self.pending_updates += (now - max(before, starts)) * self.config.tqc.updates_per_step
+        count, self.pending_updates = int(self.pending_updates), self.pending_updates % 1.0
+        for _ in range(count):
+            batch = self.buffer.sample()
+            result = self.agent.update(batch.to(self.config.tqc.device))
+            self.updates += 1
+            update_priorities(self.buffer, batch, result)
+            self._note(result, batch, now)
+
+    def _note(self, result: TensorDictBase, batch: TensorDictBase, step: int) -> None:
+        for name, entry in result.items():
+            if entry.numel() != 1:  # priorities
+                continue
+            value = float(entry)
+            if not math.isfinite(value):
+                path = self.folder / "non_finite_batch.pt"
+                torch.save(batch.to_dict(), path)
+                raise NonFiniteLossError(
+                    f"Trainer: {name} is {value} at update {self.updates}, step {step}; the "
+                    f"batch is in {path}, the newest checkpoint is from before."
+                )
+            self.metrics[f"learner/{name}"].append(value)
+        if "similarity" in batch.keys():
+            self.metrics["learner/similarity"].append(float(batch["similarity"].mean()))
+
+
+@torch.no_grad()
+def zero_input_weights(loss: LossModule, columns: slice) -> None:
+    """Set the weights of some columns of the observation to zero, in all first layers of a loss.
+
+    Args:
+        loss: A loss with an actor and critics.
+        columns: Columns of the observation, which comes first in the networks' inputs.
+    """
+    names = ("actor_network_params", "qvalue_network_params", "target_qvalue_network_params")
+    for networks in (getattr(loss, name) for name in names if hasattr(loss, name)):
+        first = next(value for _, value in networks.items(True, True) if value.ndim > 1)
+        first.data[..., columns] = 0.0

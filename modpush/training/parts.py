@@ -1,0 +1,78 @@
+"""Parts of one's own in a training run."""
+
+import pickle
+from collections.abc import Mapping
+from typing import Any
+
+from modpush.recipes.config import END_TO_END
+from modpush.recipes.make_env import ENV_PARTS
+from modpush.training.config import TrainConfig
+
+__all__ = [
+    "LEARNER_PARTS",
+    "REPLAY_PARTS",
+    "check_parts",
+    "env_parts",
+    "learner_parts",
+    "replay_parts",
+]
+
+LEARNER_PARTS = ("loss", "actor", "critic")
+"""Parts that `make_tqc` takes as arguments."""
+REPLAY_PARTS = ("sampler", "similarity")
+"""Parts that `make_replay_buffer` takes as arguments."""
+
+
+def check_parts(
+    who: str, config: TrainConfig, parts: Mapping[str, Any] | None, *, pickled: bool = False
+) -> None:
+    """Refuse parts of an unknown kind, and those that another process could not be given.
+
+    Args:
+        who: What was given the parts, for error messages.
+        config: The run's configuration.
+        parts: Parts by kind.
+        pickled: Whether they go to a spawned process.
+
+    Raises:
+        ValueError: If a kind is unknown, or a part cannot be pickled and has to be.
+    """
+    known = (*ENV_PARTS, *LEARNER_PARTS, *REPLAY_PARTS)
+    if unknown := sorted(set(parts or {}) - set(known)):
+        raise ValueError(f"{who}: parts has no {unknown}, expected some of {sorted(known)}.")
+    if config.env.encoder == END_TO_END and not (config.tqc.encoder or "encoder" in (parts or {})):
+        raise ValueError(
+            f"{who}: env.encoder={END_TO_END!r} needs an encoder for the learner to train: "
+            "tqc.encoder='modpush.encoders:ConvEncoder', 'module:name', or parts={'encoder': ...}."
+        )
+    if config.tqc.encoder and config.env.encoder != END_TO_END:
+        raise ValueError(
+            f"{who}: tqc.encoder={config.tqc.encoder!r} needs env.encoder={END_TO_END!r}, which "
+            f"gives it images to encode, got {config.env.encoder!r}."
+        )
+    for kind, part in (parts or {}).items() if pickled else ():
+        try:
+            pickle.dumps(part)
+        except Exception as error:
+            raise ValueError(
+                f"{who}: parts[{kind!r}] must be picklable, since the environment runs in a process "
+                f"of its own ({error}). Define it at the top level of a module, or use "
+                "async_collection=False."
+            ) from error
+
+
+def env_parts(config: TrainConfig, parts: Mapping[str, Any] | None) -> dict[str, Any]:
+    """The arguments of `make_push_env` among the parts."""
+    kinds = set(ENV_PARTS) - ({"encoder"} if config.env.encoder == END_TO_END else set())
+    return {kind: part for kind, part in (parts or {}).items() if kind in kinds}
+
+
+def learner_parts(config: TrainConfig, parts: Mapping[str, Any] | None) -> dict[str, Any]:
+    """The arguments of `make_tqc` among the parts."""
+    kinds = {*LEARNER_PARTS, *(["encoder"] if config.env.encoder == END_TO_END else [])}
+    return {kind: part for kind, part in (parts or {}).items() if kind in kinds}
+
+
+def replay_parts(parts: Mapping[str, Any] | None) -> dict[str, Any]:
+    """The arguments of `make_replay_buffer` among the parts."""
+    return {kind: part for kind, part in (parts or {}).items() if kind in REPLAY_PARTS}

@@ -1,0 +1,67 @@
+"""Named training configurations."""
+
+from dataclasses import replace
+
+from modpush.agents.tqc.config import TQCConfig
+from modpush.mdp.curriculum import CurriculumConfig, Phase
+from modpush.recipes.config import PushEnvConfig
+from modpush.replay.config import ReplayConfig
+from modpush.training.config import TrainConfig
+
+__all__ = ["TRAIN_PRESETS"]
+
+
+def _cpu() -> TrainConfig:
+    return TrainConfig(
+        env=PushEnvConfig.preset("cpu"),
+        tqc=TQCConfig.preset("cpu", updates_per_step=1 / 12),
+        replay=ReplayConfig(batch_size=256, storage="compact"),
+        zero_init_latent=True,
+        total_steps=800_000,
+        evaluate_every=50_000,
+    )
+
+
+def _smoke() -> TrainConfig:
+    cpu = _cpu()
+    return replace(
+        cpu,
+        env=replace(
+            cpu.env, num_envs=2, max_episode_steps=20, encoder="rays", scene=("free", "posts")
+        ),
+        tqc=replace(cpu.tqc, hidden_sizes=(16,), batch_size=16, learning_starts=64),
+        replay=ReplayConfig(batch_size=16, capacity=10_000, storage="compact"),
+        curriculum=CurriculumConfig(
+            phases=(Phase(scenes=("free",)), Phase(first_stage=10)),
+            window=4,
+        ),
+        total_steps=480,
+        greedy_envs=1,
+        evaluate_every=240,
+        evaluation_episodes=4,
+        log_every=48,
+        checkpoint_every=160,
+        async_collection=False,
+        progress=False,
+    )
+
+
+TRAIN_PRESETS: dict[str, tuple[str, TrainConfig]] = {
+    "cpu": ("The configuration that learned best on two CPU cores, in about 20 minutes.", _cpu()),
+    "paper": (
+        "The paper's configuration: 7e6 steps with one update each, which takes days on a CPU.",
+        TrainConfig(env=PushEnvConfig.preset("paper"), tqc=TQCConfig.preset("paper")),
+    ),
+    "gpu": (
+        "Experimental, never run: the paper's networks in CUDA graphs, the environment on the CPU.",
+        TrainConfig(
+            env=PushEnvConfig.preset("cpu"),
+            tqc=TQCConfig.preset("gpu"),
+            replay=ReplayConfig(device="cuda"),
+            zero_init_latent=True,
+            total_steps=2_000_000,
+        ),
+    ),
+    "smoke": ("A run of a few seconds that does everything once and learns nothing.", _smoke()),
+}
+"""What each preset is for, and its configuration, by name."""

@@ -1,0 +1,201 @@
+"""The side of training that acts: scenes, exploration, curriculum and evaluation."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from tensordict import NestedKey, TensorDict, TensorDictBase
+from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
+
+from modpush.agents.tqc.build import make_tqc
+from modpush.evaluation.episodes import run_episodes
+from modpush.mdp.curriculum import Curriculum
+from modpush.mdp.push_observation import PushObservation
+from modpush.recipes.config import END_TO_END
+from modpush.recipes.fingerprint import environment_fingerprint
+from modpush.recipes.make_env import make_push_env
+from modpush.training.config import TrainConfig
+from modpush.training.held_out import held_out_scenarios
+from modpush.training.parts import env_parts, learner_parts
+from modpush.training.rollout import Rollout, WorkerSpecs
+
+__all__ = ["EnvFactory", "SceneWorker"]
+
+EnvFactory = Callable[..., EnvBase]
+"""`(PushEnvConfig, *, curriculum=None, evaluated_envs=None, seed=None, **parts) -> environment`, as
+`make_push_env` is. It must emit `observation`, `reward`, `success`, `out_of_bounds` and the contact
+keys of `PushEnv`."""
+
+_FLAGS = ("done", "terminated")
+_EVALUATION_ENVS = 8
+
+
+class SceneWorker:
+    """Steps the training scenes with noise, and the held-out episodes without.
+
+    Args:
+        config: The run's configuration.
+        parts: Parts given as objects, see `Trainer`.
+        make_env: Makes the environment.
+    """
+
+    def __init__(
+        self,
+        config: TrainConfig,
+        parts: Mapping[str, Any] | None = None,
+        make_env: EnvFactory = make_push_env,
+    ) -> None:
+        self.config = config
+        self._make_env, self._env_parts = make_env, env_parts(config, parts)
+        self.curriculum = Curriculum(config.curriculum)
+        num_envs = config.env.num_envs
+        self.greedy_envs = list(range(num_envs - config.greedy_envs, num_envs))
+        self.env = make_env(
+            config.env,
+            curriculum=self.curriculum,
+            evaluated_envs=self.greedy_envs or None,
+            seed=config.seed,
+            **self._env_parts,
+        )
+        agent = make_tqc(
+            replace(config.tqc, device="cpu", execution="eager"),
+            self.env,
+            **learner_parts(config, parts),
+        )
+        self.actor, self.explore = agent.actor, agent.exploration_policy
+        self._evaluation_env: EnvBase | None = None
+        self._scenarios = held_out_scenarios(
+            config,
+            scene=self._env_parts.get("scene"),
+            pushed_object=self._env_parts.get("pushed_object"),
+        )
+        observed = (
+            "observation",
+            *([config.tqc.image_key] if config.env.encoder == END_TO_END else []),
+        )
+        self._stored: list[NestedKey] = [
+            *observed,
+            "action",
+            ("next", "reward"),
+            *(("next", key) for key in (*observed, *_FLAGS)),
+        ]
+        self._td: TensorDictBase | None = None
+        self._sums = torch.zeros(num_envs, 4)  # steps, return, contact, collision of the episode
+
+    def specs(self) -> WorkerSpecs:
+        """What the learner has to know of the environment."""
+        columns = [t.columns for t in self.env.transform if isinstance(t, PushObservation)]
+        return WorkerSpecs(
+            observation=self.env.full_observation_spec_unbatched,
+            action=self.env.full_action_spec_unbatched["action"],
+            latent=columns[0].get("latent", slice(0, 0)) if columns else slice(0, 0),
+            fingerprint=environment_fingerprint(self.env),
+        )
+
+    def restart(self, seed: int) -> None:
+        """Begin new episodes in all scenes, drawn from a seed."""
+        self.env.set_seed(seed)
+        torch.manual_seed(seed)
+        self._td = self.env.reset()
+        self._sums.zero_()
+
+    def load_policy(self, weights: dict[str, NDArray]) -> None:
+        """Take over the actor's `state_dict`, given as arrays."""
+        state = {name: torch.from_numpy(np.array(value)) for name, value in weights.items()}
+        self.actor.load_state_dict(state)
+
+    @torch.no_grad()
+    def collect(self, steps: int, weights: dict[str, NDArray] | None) -> Rollout:
+        """Step every scene.
+
+        Args:
+            steps: Number of steps of each scene.
+            weights: The actor's weights; None acts at random.
+
+        Raises:
+            RuntimeError: If `restart` has not been called.
+        """
+        if self._td is None:
+            raise RuntimeError("SceneWorker.collect: call restart first.")
+        random = weights is None
+        if weights is not None:
+            self.load_policy(weights)
+        td, rows, episodes = self._td, [], []
+        for _ in range(steps):
+            td = self.env.rand_action(td) if random else self._act(td)
+            td, following = self.env.step_and_maybe_reset(td)
+            rows.append(td.select(*self._stored))
+            episodes += self._ended_episodes(td["next"], random)
+            td = following
+        self._td = td
+        stacked = TensorDict.stack(rows).reshape(-1)
+        return Rollout(
+            transitions={key: value.numpy() for key, value in stacked.items(True, True)},
+            last_observation=td["observation"].numpy().copy(),
+            episodes=episodes,
+            level=self.curriculum.level,
+            success_by_family=self.curriculum.scene_success_rates,
+        )
+
+    def _act(self, td: TensorDictBase) -> TensorDictBase:
+        with set_exploration_type(ExplorationType.RANDOM):
+            td = self.explore(td)
+        if self.greedy_envs:
+            dist = self.actor.get_dist(td.select(*self.actor.in_keys)[self.greedy_envs])
+            td["action"][self.greedy_envs] = dist.deterministic_sample
+        return td
+
+    def _ended_episodes(self, after: TensorDictBase, random: bool) -> list[dict[str, float]]:
+        """Add a step to the episodes' sums; returns the metrics of those that ended with it."""
+        collision = after["obstacle_contact"] | after["tool_obstacle_contact"]
+        contact = after["object_contact"].float()
+        row = [torch.ones_like(contact), after["reward"], contact, collision.float()]
+        self._sums += torch.cat(row, -1)
+        ended = []
+        for i in after["done"].flatten().nonzero().flatten().tolist():
+            steps, total, in_contact, in_collision = self._sums[i].tolist()
+            ended.append(
+                {
+                    "success": float(after["success"][i]),
+                    "out_of_bounds": float(after["out_of_bounds"][i]),
+                    "steps": steps,
+                    "return": total,
+                    "contact": in_contact / steps,
+                    "collision": in_collision / steps,
+                    "greedy": float(i in self.greedy_envs and not random),
+                }
+            )
+            self._sums[i] = 0.0
+        return ended
+
+    def evaluate(self, weights: dict[str, NDArray]) -> list[dict[str, Any]]:
+        """Run the held-out episodes greedily; returns a row of metrics for each, by number."""
+        self.load_policy(weights)
+        if self._evaluation_env is None:
+            few = min(self.config.env.num_envs, _EVALUATION_ENVS)  # each takes memory
+            self._evaluation_env = self._make_env(
+                replace(self.config.env, num_envs=few), **self._env_parts
+            )
+        episodes = run_episodes(self._evaluation_env, self.actor, enumerate(self._scenarios))
+        rows = [
+            {"episode": e.number, "scene": e.scenario.scene, **e.metrics.to_dict()}
+            for e in episodes
+        ]
+        return sorted(rows, key=lambda row: row["episode"])
+
+    def get_state(self) -> dict[str, Any]:
+        """The curriculum's state."""
+        return self.curriculum.state_dict()
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Inverse of `get_state`."""
+        self.curriculum.load_state_dict(state)
+
+    def close(self) -> None:
+        """Free the simulators."""
+        for env in (self.env, self._evaluation_env):
+            if env is not None and not env.is_closed:
+                env.close()

@@ -1,0 +1,172 @@
+"""Agents on disk."""
+
+import json
+from dataclasses import replace
+
+import pytest
+import safetensors
+import safetensors.torch
+import torch
+from torchrl.data import Bounded
+
+from modpush.agents.tqc.networks import make_actor
+from modpush.encoders import RayScan
+from modpush.mdp import PATH_ENTRIES, RewardConfig
+from modpush.recipes import (
+    PushEnvConfig,
+    environment_fingerprint,
+    load_agent,
+    make_push_env,
+    save_agent,
+)
+from tests.own_parts import MeanHeight, one_post
+
+RAYS = PushEnvConfig.preset("cpu", num_envs=2, encoder="rays", scene=("posts",))
+
+
+@pytest.fixture(scope="module")
+def fingerprint():
+    env = make_push_env(RAYS)
+    found = environment_fingerprint(env)
+    env.close()
+    return found
+
+
+def save(path, config=RAYS, **options):
+    spec = Bounded(-1.0, 1.0, (3,), dtype=torch.float32)
+    actor = make_actor(options.pop("width", 54), spec, (16, 8))
+    options = {"metadata": {"steps": 7}, "hidden_sizes": (16, 8), **options}
+    save_agent(path, actor, config, **options)
+    return actor
+
+
+@pytest.fixture
+def saved(tmp_path, fingerprint):
+    path = tmp_path / "agent.safetensors"
+    return path, save(path, observation_dim=54, fingerprint=fingerprint)
+
+
+def test_an_agent_comes_back_as_it_was_and_acts(saved):
+    path, actor = saved
+    agent = load_agent(path)
+    assert agent.config == RAYS
+    assert agent.metadata == {"steps": 7}
+    env = agent.make_env(num_envs=2, seed=0)
+    td = env.reset()
+    assert torch.equal(agent.policy(td.clone())["loc"], actor(td.clone())["loc"])
+    rollout = env.rollout(3, agent.policy, break_when_any_done=False)
+    assert rollout["action"].abs().max() <= 1
+    env.close()
+
+
+def test_permuted_entries_are_refused(saved):
+    """They have the same width: without the fingerprint the agent would run on wrong values."""
+    agent = load_agent(saved[0])
+    permuted = ["ee_position", "latent", *PATH_ENTRIES[2:]]
+    with pytest.raises(ValueError, match=r"not the environment.*entries: \['latent', 'ee_pos"):
+        agent.make_env(entries=permuted)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"encoder": RayScan(num_rays=16)}, r"values of 'latent': 32 -> 16"),
+        ({"entries": PATH_ENTRIES[:-1]}, "entries:"),
+    ],
+)
+def test_another_environment_is_refused(saved, options, message):
+    with pytest.raises(ValueError, match=message):
+        load_agent(saved[0]).make_env(**options)
+
+
+def test_another_frame_or_reward_is_refused(saved):
+    agent = load_agent(saved[0])
+    for change, message in (
+        ({"action_frame": "base"}, "action_frame: trained with 'path'"),
+        ({"reward": RewardConfig(scale=1.0)}, "reward: trained with"),
+    ):
+        other = replace(agent, config=replace(agent.config, **change))
+        with pytest.raises(ValueError, match=message):
+            other.make_env()
+
+
+def test_a_file_runs_no_code_unless_its_reader_allows_it(tmp_path, fingerprint):
+    path = tmp_path / "agent.safetensors"
+    config = replace(RAYS, encoder="tests.own_parts:MeanHeight")
+    save(path, config, observation_dim=54, fingerprint=fingerprint)
+    with pytest.raises(
+        ValueError, match=r"parts in \['tests.own_parts'\], which are imported only"
+    ):
+        load_agent(path)
+    assert load_agent(path, allow=("tests",)).config == config
+    given = load_agent(path, parts={"encoder": MeanHeight()})
+    assert isinstance(given.parts["encoder"], MeanHeight)
+
+
+def test_parts_given_as_objects_are_remembered_as_far_as_they_can_be(tmp_path):
+    path = tmp_path / "agent.safetensors"
+    parts = {"encoder": MeanHeight(2.0), "scene": one_post}
+    env = make_push_env(RAYS, **parts)
+    width = env.observation_spec["observation"].shape[-1]
+    save(
+        path,
+        width=width,
+        observation_dim=width,
+        fingerprint=environment_fingerprint(env),
+        parts=parts,
+    )
+    env.close()
+    with pytest.raises(ValueError, match=r"\['tests.own_parts'\]"):
+        load_agent(path)  # the scene can be imported, but only if the reader says so
+    agent = load_agent(path, allow=["tests.own_parts"])
+    with pytest.raises(
+        ValueError, match=r"'encoder': 'an object of tests.own_parts:MeanHeight'.*par"
+    ):
+        agent.make_env()
+    with pytest.raises(ValueError, match="encoder: trained with"):
+        load_agent(path, allow=["tests"], parts={"encoder": MeanHeight(1.0)}).make_env()
+    env = load_agent(path, allow=["tests"], parts={"encoder": MeanHeight(2.0)}).make_env()
+    assert env.reset()["latent"].shape == (2, 4)
+    assert [scenario.scene for scenario in env.base_env.scenarios] == [
+        "tests.own_parts:one_post"
+    ] * 2
+    env.close()
+
+
+def test_a_truncated_agent_is_refused(saved):
+    path, _ = saved
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(ValueError, match="not a whole safetensors file"):
+        load_agent(path)
+
+
+def test_a_file_of_something_else_is_refused(tmp_path):
+    path = tmp_path / "other.safetensors"
+    safetensors.torch.save_file({"x": torch.zeros(1)}, path)
+    with pytest.raises(ValueError, match="format None, expected 'modpush-agent"):
+        load_agent(path)
+
+
+def test_an_agent_of_an_earlier_format_is_refused(saved):
+    path, _ = saved
+    with safetensors.safe_open(path, framework="pt") as file:
+        header, tensors = file.metadata(), {key: file.get_tensor(key) for key in file.keys()}
+    safetensors.torch.save_file(tensors, path, metadata={**header, "format": "modpush-agent-1"})
+    with pytest.raises(ValueError, match=r"'modpush-agent-1', expected .* trained anew"):
+        load_agent(path)
+
+
+def test_weights_of_another_network_are_refused(saved):
+    path, _ = saved
+    with safetensors.safe_open(path, framework="pt") as file:
+        header, tensors = file.metadata(), {key: file.get_tensor(key) for key in file.keys()}
+    network = json.loads(header["network"]) | {"hidden_sizes": [32, 8]}
+    header["network"] = json.dumps(network)
+    safetensors.torch.save_file(tensors, path, metadata=header)
+    with pytest.raises(ValueError, match="do not fit its config"):
+        load_agent(path)
+
+
+def test_an_unknown_agent_is_answered_with_those_there_are():
+    with pytest.raises(ValueError, match=r"no agent 'duck', expected a file or one of \["):
+        load_agent("duck")

@@ -1,0 +1,47 @@
+import json
+from dataclasses import asdict
+
+import pytest
+
+from modpush.recipes import make_push_env
+from modpush.recipes.config import PushEnvConfig, config_from_dict
+
+
+def test_unknown_names_are_answered_with_what_there_is():
+    with pytest.raises(ValueError, match=r"encoder must be one of .*'rays'.* got 'eyes'"):
+        PushEnvConfig(encoder="eyes")
+    with pytest.raises(ValueError, match=r"planner must be one of .*'a_star'.* got 'luck'"):
+        PushEnvConfig(planner="luck")
+    with pytest.raises(ValueError, match=r"pushed_object must be one of .* got 'duck'"):
+        PushEnvConfig(pushed_object="duck")
+    with pytest.raises(ValueError, match="preset must be one of"):
+        PushEnvConfig.preset("gpu")
+
+
+def test_a_config_survives_json():
+    config = PushEnvConfig.preset("cpu")
+    assert config_from_dict(PushEnvConfig, json.loads(json.dumps(asdict(config)))) == config
+
+
+def test_a_config_with_an_unknown_field_is_refused():
+    with pytest.raises(ValueError, match=r"PushEnvConfig: .*colour"):
+        config_from_dict(PushEnvConfig, {"colour": "red"})
+
+
+def test_a_part_of_ones_own_is_not_imported_by_a_config():
+    """A config may come from a file, and a file must not decide what code is run."""
+    config = PushEnvConfig(
+        encoder="no_such_module:Encoder", planner="no_such_module:plan", scene=("no_such_module:s",)
+    )
+    with pytest.raises(ValueError, match="cannot import 'no_such_module'"):
+        make_push_env(config)
+
+
+def test_an_encoder_that_nothing_would_train_is_refused():
+    with pytest.raises(ValueError, match=r"encoder must be one of .*'end_to_end'.* got 'conv'"):
+        PushEnvConfig(encoder="conv")
+
+
+def test_a_latent_size_is_for_rays():
+    with pytest.raises(ValueError, match="latent_dim is for the encoder 'rays', got 8 with 'vae'"):
+        PushEnvConfig(latent_dim=8)
