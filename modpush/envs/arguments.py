@@ -17,6 +17,7 @@ from modpush.envs.specs import ACTION_SIZE
 __all__ = [
     "check_action",
     "check_options",
+    "check_simulation",
     "make_scenario_config",
     "parameter_names",
     "refuse_unknown",
@@ -53,31 +54,33 @@ def refuse_unknown(who: str, unknown: Iterable[str], expected: str) -> None:
 
 
 def make_scenario_config(
-    scenario: ScenarioConfig | None, options: Mapping[str, Any], constructor: Callable[..., Any]
+    who: str,
+    scenario: ScenarioConfig | None,
+    options: Mapping[str, Any],
+    constructor: Callable[..., Any],
 ) -> ScenarioConfig:
-    """The `scenario` given to `PushEnv`, or one made of the fields given instead.
+    """The `scenario` given to an environment, or one made of the fields given instead.
 
     Args:
+        who: The environment.
         scenario: A configuration, or None.
-        options: The further keyword arguments of `PushEnv`.
-        constructor: `PushEnv.__init__`, whose parameters an error lists.
+        options: Further keyword arguments of the environment.
+        constructor: Its `__init__`, whose parameters an error lists.
 
     Raises:
-        TypeError: For arguments that are neither `PushEnv`'s nor fields of `ScenarioConfig`.
+        TypeError: For arguments that are neither parameters nor fields of `ScenarioConfig`.
         ValueError: If both a scenario and fields are given.
     """
     known = sorted(field.name for field in fields(ScenarioConfig))
     refuse_unknown(
-        "PushEnv",
+        who,
         set(options) - set(known),
         f"some of {parameter_names(constructor)}, or fields of ScenarioConfig: {known}",
     )
     if scenario is None:
         return ScenarioConfig(**options)
     if options:
-        raise ValueError(
-            f"PushEnv: give either scenario or its fields, got both: {sorted(options)}."
-        )
+        raise ValueError(f"{who}: give either scenario or its fields, got both: {sorted(options)}.")
     return scenario
 
 
@@ -103,6 +106,26 @@ def check_options(
     if device.type == "cuda" and not torch.cuda.is_available():
         raise RuntimeError(
             f"PushEnv: device={str(device)!r} needs CUDA, which torch does not find."
+        )
+
+
+def check_simulation(num_envs: int, sim_backend: str, sim_freq: int, control_freq: int) -> None:
+    """Check the options of `ClutterPushEnv` that ManiSkill does not check, or not in plain words.
+
+    Raises:
+        ValueError: If CUDA is needed and there is none, or the frequencies do not fit.
+    """
+    on_cpu = not torch.cuda.is_available() or "cpu" in sim_backend
+    if on_cpu and (num_envs > 1 or "cuda" in sim_backend):
+        raise ValueError(
+            f"ClutterPushEnv: num_envs={num_envs} in one task needs CUDA, since on a CPU a task "
+            f"holds one scene. Use modpush.envs.PushEnv({num_envs}), or "
+            f"gymnasium.make_vec('ClutterPushState-v1', num_envs={num_envs})."
+        )
+    if sim_freq % control_freq:
+        raise ValueError(
+            f"ClutterPushEnv: sim_freq must be a multiple of control_freq, "
+            f"got {sim_freq} and {control_freq}."
         )
 
 

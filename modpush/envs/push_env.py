@@ -126,7 +126,7 @@ class PushEnv(EnvBase):
     ) -> None:
         check_options(num_envs, max_episode_steps, tool, oob, torch.device(device))
         super().__init__(device=torch.device(device), batch_size=torch.Size([num_envs]))
-        self.scenario = make_scenario_config(scenario, fields, type(self).__init__)
+        self.scenario = make_scenario_config("PushEnv", scenario, fields, type(self).__init__)
         self.pushed_objects = {item.name: item for item in self.scenario.objects}
         """The objects that may be pushed, by name."""
         self._batch = build_batch(

@@ -42,7 +42,7 @@ JOINT_NAMES = (
     "wrist_3",
 )
 JOINT_LIMIT = (2 * math.pi, 2 * math.pi, math.pi, 2 * math.pi, 2 * math.pi, 2 * math.pi)
-"""Symmetric limits [rad]."""
+"""Largest absolute angle of each joint [rad]."""
 FORCE_LIMIT = (150.0, 150.0, 150.0, 28.0, 28.0, 28.0)
 """Torque limits of the joint drives [N m]. SAPIEN's URDF loader ignores those in the file."""
 _VELOCITY_LIMIT = (3.15, 3.15, 3.15, 3.2, 3.2, 3.2)
@@ -56,19 +56,19 @@ class Link:
 
     name: str
     mass: float
-    """[kg]"""
+    """Mass [kg]."""
     shapes: tuple[Primitive, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tool:
-    """What is mounted on the flange; z out of the flange."""
+    """A tool that is mounted on the flange; its frame's z axis points out of the flange."""
 
     name: ToolName
     mass: float
-    """[kg]"""
+    """Mass [kg]."""
     length: float
-    """From the flange to the tip [m]."""
+    """Distance from the flange to the tip [m]."""
     tip_half_extents: tuple[float, float]
     """Half the footprint of the tip along the tool's x and y [m]."""
     shapes: tuple[Primitive, ...]
@@ -140,7 +140,7 @@ TOOLS: dict[ToolName, Tool] = {
         shapes=(box(0.02, 0.02, 0.16, (0.0, 0.0, 0.08), color=_DARK),),
     ),
 }
-"""`rod` is what the authors' released code pushes with; the paper names the gripper."""
+"""The tools by name. The paper names the gripper; the authors' released code pushes with the rod."""
 
 
 def urdf_path(tool: ToolName) -> Path:
@@ -149,7 +149,7 @@ def urdf_path(tool: ToolName) -> Path:
 
 
 def urdf_text(tool: ToolName) -> str:
-    """The URDF that the tables of this module say, as shipped in `assets/`."""
+    """The URDF made from the tables of this module, as shipped in `assets/`."""
     robot = ET.Element("robot", name=f"ur5_{tool}")
     for link in LINKS:
         _add_link(robot, link.name, link.mass, link.shapes)

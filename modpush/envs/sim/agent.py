@@ -29,16 +29,16 @@ from modpush.envs.sim import bodies
 __all__ = ["DAMPING", "STIFFNESS", "UR5", "PlanarController", "PlanarControllerConfig", "UR5Rod"]
 
 STIFFNESS = 2e4
-"""Of the joint drives [N m/rad]."""
+"""Stiffness of the joint drives [N m/rad]."""
 DAMPING = 5e2
-"""Of the joint drives [N m s/rad]. Velocity targets go with the ramp, so it causes no lag."""
+"""Damping of the joint drives [N m s/rad]. With velocity targets it causes no lag."""
 
 
 class PlanarController(BaseController):
     """Moves the tip in the plane, tool down, at a constant height: `(dx, dy, dyaw)` in [-1, 1]^3.
 
-    `modpush.envs.robot.control.plan_motion` makes the joint targets; this class ramps them over the
-    substeps and keeps the commanded pose, `target` `[B, 3]`.
+    `modpush.envs.robot.control.plan_motion` computes the joint targets; this class interpolates them
+    over the substeps and keeps the commanded pose, `target` `[B, 3]` [m, m, rad].
     """
 
     config: "PlanarControllerConfig"
@@ -49,12 +49,12 @@ class PlanarController(BaseController):
         self.single_action_space = spaces.Box(-1.0, 1.0, (3,), dtype=np.float32)
 
     def set_drive_property(self) -> None:
-        """Set gains and force limits, the latter being those that SAPIEN's URDF loader drops."""
+        """Set gains, and the force limits, which SAPIEN's URDF loader drops."""
         for joint, limit in zip(self.joints, FORCE_LIMIT, strict=True):
             joint.set_drive_properties(STIFFNESS, DAMPING, force_limit=limit, mode="force")
 
     def reset(self) -> None:
-        """Take the measured pose as the target in the scenes that are being reset."""
+        """Make the measured pose the target in the scenes that are being reset."""
         mask = self.scene._reset_mask
         pose, height = self._measure()
         if not hasattr(self, "target"):
@@ -73,7 +73,7 @@ class PlanarController(BaseController):
         return torch.cat([position[:, :2], yaw[:, None]], -1), height
 
     def set_action(self, action: Tensor) -> None:
-        """Plan the ramp of one control step.
+        """Plan the joint targets of one control step.
 
         Args:
             action: `[B, 3]` in [-1, 1].
@@ -84,15 +84,15 @@ class PlanarController(BaseController):
         self.target, self.reachable = motion.target, motion.reachable
         self._ramp = ramp(motion.joints.float(), self._sim_steps, self.control_freq)
         self._substep = 0
-        self._aim()  # ManiSkill sends targets to a GPU once per action, right after this
+        self._set_drive_targets()  # ManiSkill sends targets to a GPU once per action, right after this
 
     def before_simulation_step(self) -> None:
-        """Move the drives' targets along the ramp."""
+        """Set the drives' targets for the next substep."""
         if self._ramp is not None and self._substep < self._sim_steps:
-            self._aim()
+            self._set_drive_targets()
             self._substep += 1
 
-    def _aim(self) -> None:
+    def _set_drive_targets(self) -> None:
         assert self._ramp is not None
         position, velocity = (values[:, self._substep] for values in self._ramp)
         self.articulation.set_joint_drive_targets(position, self.joints, self.active_joint_indices)
@@ -122,7 +122,7 @@ def tip_yaw(quaternion: Tensor) -> Tensor:
 
 @dataclass
 class PlanarControllerConfig(ControllerConfig):
-    """What ManiSkill builds the controller from."""
+    """What ManiSkill builds the controller from: tool length [m], and limits of the motion."""
 
     tool_length: float = 0.163
     motion: MotionConfig = field(default_factory=MotionConfig)
@@ -144,7 +144,7 @@ class UR5(BaseAgent):
 
     @property
     def tool(self) -> Tool:
-        """What is mounted on the flange."""
+        """The tool on the flange."""
         return TOOLS[self.tool_name]
 
     def place_tip(

@@ -1,4 +1,4 @@
-"""SAPIEN shapes from our primitives: collision for every machine, visuals where there is a renderer."""
+"""SAPIEN bodies made of primitives: collision shapes, and visuals where there is a renderer."""
 
 import functools
 import math

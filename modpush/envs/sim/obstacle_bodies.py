@@ -1,4 +1,4 @@
-"""Obstacles inside a running scene: swapped on a CPU, taken from a pool on CUDA."""
+"""Obstacles of a running scene: replaced on a CPU, taken from a pool on CUDA."""
 
 import math
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["DYNAMIC_MASS", "ObstaclePool", "ObstacleSwapper", "obstacle_part"]
 
 DYNAMIC_MASS = 0.5
-"""Of a movable obstacle [kg]."""
+"""Mass of a movable obstacle [kg]."""
 _COLOR = (0.30, 0.33, 0.38)
 
 
@@ -51,7 +51,7 @@ class ObstacleSwapper:
     def place(
         self, indices: Sequence[int], layouts: Sequence[Sequence[Obstacle]]
     ) -> list[tuple[Obstacle, ...]]:
-        """Replace the obstacles that stand by those of a layout; returns what now stands."""
+        """Replace the obstacles by those of a layout; returns the layout that was placed."""
         for _, entity in self._placed:
             self._scene.remove_entity(entity)
         self._placed = [(o, self._build(o, i)) for i, o in enumerate(layouts[0])]
@@ -64,7 +64,7 @@ class ObstacleSwapper:
         return [tuple(layouts[0])]
 
     def _build(self, obstacle: Obstacle, index: int) -> sapien.Entity:
-        """An obstacle at its place, not yet in the scene."""
+        """An obstacle at its pose, not yet added to the scene."""
         part = obstacle_part(obstacle)
         mass = DYNAMIC_MASS if self._dynamic else None
         entity = bodies.rigid_body([part], self._material, mass=mass)
@@ -76,24 +76,24 @@ class ObstacleSwapper:
         return entity
 
     def rigid_bodies(self, index: int = 0) -> list[physx.PhysxRigidBaseComponent]:
-        """The bodies in play."""
+        """The bodies of the present obstacles."""
         return self._rigid
 
     def entities(self, index: int = 0) -> list[sapien.Entity]:
-        """The entities in play."""
+        """The entities of the present obstacles."""
         return [entity for _, entity in self._placed]
 
     def transforms(self, index: int = 0) -> np.ndarray:
-        """Where they are now, `[n, 7]` position and quaternion (w, x, y, z) [m]."""
+        """Position [m] and quaternion (w, x, y, z) of the present obstacles, `[n, 7]`."""
         poses = [entity.pose for _, entity in self._placed]
         return np.array([[*pose.p, *pose.q] for pose in poses]).reshape(-1, 7)
 
 
 class ObstaclePool:
-    """The same for scenes whose bodies cannot be added to while they run: a GPU simulation.
+    """Obstacles of scenes that bodies cannot be added to while they run, as in a GPU simulation.
 
-    Bars come in steps of 5 cm, and short ones of 7; a layout's lengths are rounded to them, and what
-    `place` returns says so. What is not in play is parked far away.
+    The pool has cubes, bars of 7 cm, and bars in steps of 5 cm. A layout's lengths are rounded to
+    these, and `place` returns the layout that was placed. Unused obstacles are parked far away.
     """
 
     _SIZES = (
@@ -151,7 +151,7 @@ class ObstaclePool:
     def place(
         self, indices: Sequence[int], layouts: Sequence[Sequence[Obstacle]]
     ) -> list[tuple[Obstacle, ...]]:
-        """Bring layouts into play in the scenes of these indices; returns what now stands."""
+        """Place layouts in the scenes of these indices; returns the layouts that were placed."""
         standing = []
         for i, layout in zip(indices, layouts, strict=True):
             self._in_play[i] = []
@@ -190,14 +190,14 @@ class ObstaclePool:
         return best
 
     def rigid_bodies(self, index: int = 0) -> list[physx.PhysxRigidBaseComponent]:
-        """The bodies in play in one scene."""
+        """The bodies of the present obstacles of one scene."""
         return [self.actors[slot]._bodies[index] for slot in self._in_play[index]]
 
     def entities(self, index: int = 0) -> list[sapien.Entity]:
-        """The entities in play in one scene."""
+        """The entities of the present obstacles of one scene."""
         return [self.actors[slot]._objs[index] for slot in self._in_play[index]]
 
     def transforms(self, index: int = 0) -> np.ndarray:
-        """Where they are now in one scene, `[n, 7]` position and quaternion (w, x, y, z) [m]."""
+        """Position [m] and quaternion (w, x, y, z) of one scene's obstacles, `[n, 7]`."""
         rows = [self.actors[slot].pose.raw_pose[index].tolist() for slot in self._in_play[index]]
         return np.array(rows).reshape(-1, 7)

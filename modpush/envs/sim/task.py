@@ -16,10 +16,10 @@ from mani_skill.envs.sapien_env import BaseEnv
 from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.registration import register
 from mani_skill.utils.structs import Pose
-from mani_skill.utils.structs.types import SceneConfig, SimConfig
-from sapien import physx
+from mani_skill.utils.structs.types import SimConfig
 from torch import Tensor
 
+from modpush.envs.arguments import check_simulation, make_scenario_config
 from modpush.envs.outcome import GOAL_THRESHOLD, is_at_goal, is_out_of_bounds
 from modpush.envs.robot.ur5_2f85 import Tool
 from modpush.envs.scenes.sampling import sample_scenario
@@ -30,20 +30,19 @@ from modpush.envs.sim.builders import (
     build_table,
     camera_from_above,
     camera_from_the_side,
+    make_material,
+    set_material,
+    simulation_config,
 )
 from modpush.envs.sim.contacts import CONTACT_KEYS, CpuContacts, CudaContacts
 from modpush.envs.sim.cpu_scene import CpuScene
 from modpush.envs.sim.object_bodies import ObjectBodies
 from modpush.envs.sim.obstacle_bodies import ObstaclePool, ObstacleSwapper
 from modpush.envs.sim.rendering import choose_render_backend
+from modpush.envs.sim.seeding import make_generators
 from modpush.geometry.workspace import BOUNDS_MARGIN
 
-__all__ = ["FRICTION", "MAX_EPISODE_STEPS", "ClutterPushEnv"]
-
-MAX_EPISODE_STEPS = 200
-FRICTION: dict[str, float] = {"object": 0.5, "table": 0.5, "obstacle": 0.5, "tool": 0.0}
-"""Friction coefficient of each material. PhysX takes the mean of two, so that it is 0.5 between object
-and table, 0.25 between tool and object, and 0.5 between object and obstacle."""
+__all__ = ["ClutterPushEnv"]
 
 
 class ClutterPushEnv(BaseEnv):
@@ -62,10 +61,8 @@ class ClutterPushEnv(BaseEnv):
         sim_freq: Physics steps per second.
         control_freq: Actions per second.
         goal_threshold: Largest distance from the object's centre to the goal that is a success [m].
-        bounds_margin: The object is out of bounds when its centre is farther outside the workspace
-            than this [m].
-        obstacle_pool: Place bodies on a CPU as on CUDA, for tests: obstacles come from a pool,
-            unused objects are parked, mass and friction stay as built.
+        bounds_margin: Distance outside the workspace at which the object is out of bounds [m].
+        obstacle_pool: Place bodies on a CPU as on CUDA, with obstacles from a pool, for tests.
         **kwargs: Arguments of ManiSkill's `BaseEnv`: `obs_mode`, `render_mode`, `sim_backend`, ...
 
     Raises:
@@ -93,25 +90,16 @@ class ClutterPushEnv(BaseEnv):
         render_backend: str = "auto",
         **kwargs: Any,
     ) -> None:
-        _check_backend(num_envs, kwargs.get("sim_backend", "auto"))
+        check_simulation(num_envs, kwargs.get("sim_backend", "auto"), sim_freq, control_freq)
         fields = {k: kwargs.pop(k) for k in list(kwargs) if k in ScenarioConfig.__annotations__}
-        if scenario is not None and fields:
-            raise ValueError(
-                f"ClutterPushEnv: give either scenario or its fields, got both: {sorted(fields)}."
-            )
-        if sim_freq % control_freq:
-            raise ValueError(
-                f"ClutterPushEnv: sim_freq must be a multiple of control_freq, "
-                f"got {sim_freq} and {control_freq}."
-            )
-        self.scenario_config = scenario or ScenarioConfig(**fields)
+        self.scenario_config = make_scenario_config(
+            "ClutterPushEnv", scenario, fields, type(self).__init__
+        )
         self.pushed_objects = self.scenario_config.objects
         self.dynamic_obstacles = dynamic_obstacles
-        self.goal_threshold = goal_threshold
-        self.bounds_margin = bounds_margin
+        self.goal_threshold, self.bounds_margin = goal_threshold, bounds_margin
         self.scenarios: list[Scenario] = []
-        self._frequencies = (sim_freq, control_freq)
-        self._want_pool = obstacle_pool
+        self._frequencies, self._want_pool = (sim_freq, control_freq), obstacle_pool
         self._rngs: list[np.random.Generator] = []
         if render_backend == "auto":
             drawn = kwargs.get("obs_mode") not in (None, "none", "state", "state_dict")
@@ -126,17 +114,7 @@ class ClutterPushEnv(BaseEnv):
 
     @property
     def _default_sim_config(self) -> SimConfig:
-        sim_freq, control_freq = self._frequencies
-        return SimConfig(
-            sim_freq=sim_freq,
-            control_freq=control_freq,
-            spacing=3,
-            # A small contact offset keeps the number of contact pairs small; the fastest body
-            # moves 2.5 mm in a physics step.
-            # With 8 solver iterations instead of ManiSkill's 15, a squeezed object sank 3.9 mm into
-            # an obstacle once in a 10-minute soak.
-            scene_config=SceneConfig(contact_offset=0.005, solver_position_iterations=15),
-        )
+        return simulation_config(*self._frequencies)
 
     @property
     def _default_sensor_configs(self) -> list[CameraConfig]:
@@ -158,19 +136,12 @@ class ClutterPushEnv(BaseEnv):
 
     def _load_scene(self, options: dict[str, Any]) -> None:
         scene, robot = self.scene, self.agent.robot
-        table, tool, thing, obstacle = (
-            physx.PhysxMaterial(FRICTION[name], FRICTION[name], 0.0)
-            for name in ("table", "tool", "object", "obstacle")
-        )
-        build_table(scene, robot.links_map["base"], table)
-        for link in robot.links:
-            for raw in link._objs:
-                for shape in raw.collision_shapes:
-                    shape.physical_material = tool
-        self.objects = ObjectBodies(scene, self.pushed_objects, thing)
+        build_table(scene, robot.links_map["base"], make_material("table"))
+        set_material(robot, make_material("tool"))
+        self.objects = ObjectBodies(scene, self.pushed_objects, make_material("object"))
         pool = self._want_pool or self.gpu_sim_enabled
         self.obstacles = (ObstaclePool if pool else ObstacleSwapper)(
-            scene, obstacle, self.dynamic_obstacles
+            scene, make_material("obstacle"), self.dynamic_obstacles
         )
         self._marker = build_goal_marker(scene, self.goal_threshold) if scene.can_render() else None
         if self._marker is not None:
@@ -188,9 +159,7 @@ class ClutterPushEnv(BaseEnv):
                 )
 
     def reset(
-        self,
-        seed: int | Sequence[int] | None = None,
-        options: dict[str, Any] | None = None,
+        self, seed: int | Sequence[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Start new episodes.
 
@@ -199,21 +168,18 @@ class ClutterPushEnv(BaseEnv):
             options: ManiSkill's, and `scenarios`, from which episodes start instead of drawing
                 them: one `Scenario` for each scene that is reset.
         """
-        if seed is not None:
-            seeds = [seed] if isinstance(seed, int | np.integer) else list(seed)
-            if len(seeds) != self.num_envs:
-                seeds = [seeds[0] + i for i in range(self.num_envs)]
-            self._rngs = [np.random.default_rng(s) for s in seeds]
-        elif not self._rngs:
-            sequences = np.random.SeedSequence().spawn(self.num_envs)
-            self._rngs = [np.random.default_rng(s) for s in sequences]
+        if seed is not None or not self._rngs:
+            self._rngs = make_generators(seed, self.num_envs)
         return super().reset(seed=seed, options=options)
 
     def _initialize_episode(self, env_idx: Tensor, options: dict[str, Any]) -> None:
         indices = env_idx.tolist()
         scenarios = options.get("scenarios")
         if scenarios is None:
-            scenarios = [self.draw_scenario(self._rngs[i]) for i in indices]
+            tool = self.agent.tool_name
+            scenarios = [
+                sample_scenario(self._rngs[i], self.scenario_config, tool=tool) for i in indices
+            ]
         if len(scenarios) != len(indices):
             raise ValueError(
                 f"ClutterPushEnv.reset: scenarios must have one entry for each of the "
@@ -222,11 +188,10 @@ class ClutterPushEnv(BaseEnv):
         if not self.scenarios:
             self.scenarios = list(scenarios)
             self._goal = torch.zeros(self.num_envs, 2, dtype=torch.float64, device=self.device)
-        for i, scenario in zip(indices, scenarios, strict=True):
-            self._goal[i] = self._goal.new_tensor(scenario.goal_position)
         standing = self.obstacles.place(indices, [s.obstacles for s in scenarios])
         for i, scenario, obstacles in zip(indices, scenarios, standing, strict=True):
             self.scenarios[i] = replace(scenario, obstacles=obstacles)
+            self._goal[i] = self._goal.new_tensor(scenario.goal_position)
         if self._marker is not None:
             goal = torch.nn.functional.pad(self._goal[env_idx].float(), (0, 1), value=0.0005)
             self._marker.set_pose(Pose.create_from_pq(goal))
@@ -238,10 +203,6 @@ class ClutterPushEnv(BaseEnv):
             self.agent.place_tip([s.tool_pose for s in scenarios], tip_height)
         self.contacts.reset(env_idx)
 
-    def draw_scenario(self, rng: np.random.Generator) -> Scenario:
-        """An episode's start from this task's configuration."""
-        return sample_scenario(rng, self.scenario_config, tool=self.agent.tool_name)
-
     def _before_control_step(self) -> None:
         self.contacts.clear()
         self._substep = 0
@@ -251,7 +212,7 @@ class ClutterPushEnv(BaseEnv):
         self.contacts.after_substep(self._substep, self._sim_steps_per_control)
 
     def step(self, action: Any) -> Any:
-        """ManiSkill's step; actions with NaN are refused before anything moves."""
+        """Take ManiSkill's step, after refusing actions that are not finite."""
         if action is not None:
             values = torch.as_tensor(action)
             if not torch.isfinite(values).all():
@@ -285,8 +246,7 @@ class ClutterPushEnv(BaseEnv):
     def object_pose(self) -> Tensor:
         """x, y, yaw of the pushed body, `[num_envs, 3]` float64 [m, m, rad]."""
         transform = self.object_transform.double()
-        yaw = tip_yaw(transform[:, 3:])
-        return torch.cat([transform[:, :2], yaw[:, None]], -1)
+        return torch.cat([transform[:, :2], tip_yaw(transform[:, 3:])[:, None]], -1)
 
     def object_transform_of(self, index: int) -> np.ndarray:
         """Position and quaternion (w, x, y, z) of the pushed body of one scene, `[7]` [m]."""
@@ -296,7 +256,7 @@ class ClutterPushEnv(BaseEnv):
         return np.array(actor.pose.raw_pose[index].tolist())
 
     def obstacle_transforms_of(self, index: int) -> np.ndarray:
-        """The same for the obstacles of one scene, in the order of its layout, `[n, 7]` [m]."""
+        """Position and quaternion of the obstacles of one scene, in its layout's order, `[n, 7]`."""
         return self.obstacles.transforms(index)
 
     @property
@@ -305,7 +265,7 @@ class ClutterPushEnv(BaseEnv):
         return self.agent.tool
 
     def link_transforms_of(self, index: int, names: Sequence[str]) -> np.ndarray:
-        """The same for links of the robot, `[len(names), 7]` [m]."""
+        """Position and quaternion of links of the robot of one scene, `[len(names), 7]` [m]."""
         if self.cpu_scene is not None:
             return np.array(self.cpu_scene.link_transforms(names))
         links = self.agent.robot.links_map
@@ -327,7 +287,7 @@ class ClutterPushEnv(BaseEnv):
         self._initialize_episode(torch.tensor([0]), {"scenarios": [scenario]})
 
     def set_state_dict(self, state: dict[str, Any], env_idx: Tensor | None = None) -> None:
-        """ManiSkill's, and the controller's state with it.
+        """Put bodies and controller into a state of `get_state_dict`.
 
         The state does not hold the layout: to go back to another episode, first
         `reset(options={"scenarios": ...})` with the `scenarios` of that episode.
@@ -337,14 +297,4 @@ class ClutterPushEnv(BaseEnv):
             self.agent.controller.set_state(state["controller"])
 
 
-def _check_backend(num_envs: int, sim_backend: str) -> None:
-    on_cpu = not torch.cuda.is_available() or "cpu" in sim_backend
-    if on_cpu and (num_envs > 1 or "cuda" in sim_backend):
-        raise ValueError(
-            f"ClutterPushEnv: num_envs={num_envs} in one task needs CUDA, since on a CPU a task "
-            f"holds one scene. Use modpush.envs.PushEnv({num_envs}), or "
-            f"gymnasium.make_vec('ClutterPushState-v1', num_envs={num_envs})."
-        )
-
-
-register("ClutterPush-v1", ClutterPushEnv, max_episode_steps=MAX_EPISODE_STEPS)
+register("ClutterPush-v1", ClutterPushEnv, max_episode_steps=200)
