@@ -42,6 +42,7 @@ def state_entries(
         "ee_pose": measured.ee_pose,
         "joint_position": measured.joint_position,
         "object_radius": batch.object_radius,
+        "object_inscribed_radius": batch.object_inscribed_radius,
         "object_symmetry": batch.object_symmetry,
     }
     entries = {key: torch.from_numpy(value[:, None].copy()) for key, value in flags.items()}

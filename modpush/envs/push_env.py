@@ -54,13 +54,13 @@ class PushEnv(EnvBase):
     ee_pose                 `[B, 3]` float32     pose of the tool's tip
     joint_position          `[B, 6]` float32     angles of the arm's joints
     object_radius           `[B, 1]` float32     circumscribed radius of the object's footprint
+    object_inscribed_radius `[B, 1]` float32     radius of the circle inside the object's footprint
     object_symmetry         `[B, 1]` float32     number of yaw angles at which the object looks the
                                                  same: 4 for a square footprint, 0 for a disc
     object_contact          `[B, 1]` bool        tool or arm touched the object during the step
     obstacle_contact        `[B, 1]` bool        the object touched an obstacle during the step
     tool_obstacle_contact   `[B, 1]` bool        tool or arm touched an obstacle during the step
-    target_reachable        `[B, 1]` bool        False if the arm cannot reach the commanded pose, so
-                                                 that it stays
+    target_reachable        `[B, 1]` bool        False if the arm cannot reach the commanded pose
     obstacle_displacement   `[B, 24]` float32    how far each obstacle has moved since reset (only with
                                                  `dynamic_obstacles=True`)
     success                 `[B, 1]` bool        the object's centre is within 5 cm of the goal

@@ -43,6 +43,7 @@ def make_specs(
         "ee_pose": real(3),
         "joint_position": real(6),
         "object_radius": real(1),
+        "object_inscribed_radius": real(1),
         "object_symmetry": real(1),
         **{key: flag() for key in CONTACT_KEYS},
         "target_reachable": flag(),

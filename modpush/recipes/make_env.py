@@ -105,7 +105,11 @@ def make_push_env(
     if curriculum is not None:
         transforms.append(CurriculumScenes(curriculum, evaluated_envs=evaluated_envs))
     transforms += [
-        OccupancyGrid(object_radius_key="object_radius", inflation=config.inflation),
+        OccupancyGrid(
+            object_radius_key="object_radius",
+            inscribed_radius_key="object_inscribed_radius",
+            inflation=config.inflation,
+        ),
         PlannerSubgoals(
             config.planner if planner is None else planner,
             mode=config.subgoal_mode,

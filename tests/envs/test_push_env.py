@@ -64,7 +64,7 @@ def test_every_key_of_the_docstring_is_emitted_and_no_other() -> None:
     assert said == emitted
 
 
-def test_each_scene_tells_the_radius_and_the_symmetry_of_its_own_object() -> None:
+def test_each_scene_emits_the_radii_and_the_symmetry_of_its_own_object() -> None:
     env = PushEnv(len(OBJECTS), pushed_object=tuple(OBJECTS), depth=None)
     td = env.reset(scenarios=[scenario((0.4, 0.1, 0.0), name=name) for name in OBJECTS])
     for state in (td, act(env, td)):
@@ -72,6 +72,9 @@ def test_each_scene_tells_the_radius_and_the_symmetry_of_its_own_object() -> Non
         assert state["object_symmetry"].tolist() == [[4.0], [2.0], [0.0], [1.0]]
         torch.testing.assert_close(
             state["object_radius"][:3], torch.tensor([[0.0353553], [0.0471699], [0.03]])
+        )
+        torch.testing.assert_close(
+            state["object_inscribed_radius"][:3], torch.tensor([[0.025], [0.025], [0.03]])
         )
     cylinder = env.get_state([2])
     env.reset(scenarios=[scenario((0.4, 0.1, 0.0))] * len(OBJECTS))

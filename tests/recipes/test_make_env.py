@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
 import pytest
 import torch
 from torch import nn
@@ -11,9 +12,11 @@ from torchrl.envs.utils import step_mdp
 
 from modpush.encoders import ConvEncoder
 from modpush.envs import ScenarioConfig
-from modpush.geometry import rotate
+from modpush.envs.scenes.objects import OBJECTS, PushedObject
+from modpush.envs.scenes.sampling import sample_scenario
+from modpush.geometry import box, rotate
 from modpush.mdp import PATH_ENTRIES, Curriculum, Entry, RewardConfig
-from modpush.planners import StraightLine
+from modpush.planners import OccupancyGrid, StraightLine
 from modpush.recipes import PushEnvConfig, make_push_env
 from tests.own_parts import MeanHeight, goal_direction
 
@@ -176,3 +179,20 @@ def test_an_untrained_conv_encoder_is_warned_of():
     with pytest.warns(UserWarning, match="nothing trains the weights of this ConvEncoder"):
         make_push_env(RAYS, encoder=ConvEncoder()).close()
     make_push_env(RAYS, encoder=ConvEncoder().requires_grad_(False)).close()
+
+
+@pytest.mark.parametrize(
+    ("inflation", "attribute"), [("inscribed", "inscribed_radius"), ("circumscribed", "radius")]
+)
+def test_obstacles_are_inflated_by_the_size_of_each_scene_s_object(inflation, attribute):
+    bar = PushedObject(name="bar", parts=(box(0.12, 0.03, 0.05),))
+    objects = (*OBJECTS.values(), bar)
+    config = replace(RAYS, num_envs=len(objects), inflation=inflation)
+    env = make_push_env(config, pushed_object=objects, keep_images=True, seed=0)
+    scenario = sample_scenario(np.random.default_rng(0), ScenarioConfig(scene="posts"))
+    td = env.reset(scenarios=[replace(scenario, pushed_object=item.name) for item in objects])
+    for state, item in zip(td, objects, strict=True):
+        images = state[None].select("depth", "segmentation")
+        expected = OccupancyGrid(inflation=getattr(item, attribute))(images)["occupancy"]
+        assert torch.equal(state["occupancy"], expected[0]), item.name
+    env.close()

@@ -14,6 +14,7 @@ from modpush.geometry.footprint import (
     vertical_range,
     yaw_symmetry,
 )
+from modpush.geometry.inscribed import inscribed_radius
 from modpush.geometry.shapes import Primitive, box, cylinder, prism
 from modpush.parts import find_part
 
@@ -28,8 +29,8 @@ class PushedObject:
     """A rigid body to push, made of convex, upright parts.
 
     Its frame sits in the middle of its height, over the centroid of its parts; `centered` moves parts
-    there. It rests on the table on its lowest parts. Height, radius and symmetry are computed from
-    the parts.
+    there. It rests on the table on its lowest parts. Height, radii and symmetry are computed from the
+    parts.
 
     Raises:
         ValueError: If there are no parts, one of them is tilted, the frame sits elsewhere, the mass is
@@ -49,6 +50,8 @@ class PushedObject:
     """Height, computed [m]."""
     radius: float = field(init=False)
     """Radius of the circle about the object's origin that holds its footprint, computed [m]."""
+    inscribed_radius: float = field(init=False)
+    """Radius of the largest circle about the object's origin that its footprint holds, computed [m]."""
 
     def __post_init__(self) -> None:
         """Check the parts, and compute what follows from them."""
@@ -68,6 +71,7 @@ class PushedObject:
         low, high = zip(*map(vertical_range, self.parts), strict=True)
         object.__setattr__(self, "height", max(high) - min(low))
         object.__setattr__(self, "radius", circumscribed_radius(self.parts))
+        object.__setattr__(self, "inscribed_radius", inscribed_radius(self.parts))
         offset = (*centroid(self.parts), (max(high) + min(low)) / 2)
         if max(map(abs, offset)) > _TOLERANCE:
             raise ValueError(

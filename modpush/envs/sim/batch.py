@@ -55,7 +55,7 @@ class SceneBatch(ABC):
     """Scenes that are reset, stepped and measured together.
 
     What stays the same throughout an episode is kept in `goal_position` `[B, 2]` [m],
-    `object_radius` `[B, 1]` [m] and `object_symmetry` `[B, 1]`.
+    `object_radius` and `object_inscribed_radius` `[B, 1]` [m], and `object_symmetry` `[B, 1]`.
 
     Args:
         tasks: One task for each scene, or one task that holds all scenes.
@@ -73,6 +73,7 @@ class SceneBatch(ABC):
         self.num_envs = sum(task.num_envs for task in tasks)
         self.goal_position = np.zeros((self.num_envs, 2))
         self.object_radius = np.zeros((self.num_envs, 1))
+        self.object_inscribed_radius = np.zeros((self.num_envs, 1))
         self.object_symmetry = np.zeros((self.num_envs, 1))
         self._images = ImageMemory(self.num_envs)
         self._analytic = [AnalyticDepthCamera(task, arm_in_depth) for task in tasks]
@@ -111,6 +112,7 @@ class SceneBatch(ABC):
         item = self.tasks[number].objects.item(scenario.pushed_object)
         self.goal_position[index] = scenario.goal_position
         self.object_radius[index] = item.radius
+        self.object_inscribed_radius[index] = item.inscribed_radius
         self.object_symmetry[index] = item.symmetry
         self._analytic[number].reset(i)
         if self._cameras is not self._analytic:
