@@ -12,7 +12,17 @@ import pytest
 import modpush
 
 ROOT = Path(modpush.__file__).parent
-SHARED = {"_batching", "_checks", "_hash", "_keys", "files", "parts"}
+SHARED = {
+    "_atomic",
+    "_batching",
+    "_checks",
+    "_hash",
+    "_keys",
+    "_folder_lock",
+    "_weights",
+    "files",
+    "parts",
+}
 MAY_KNOW = {
     "geometry": set(),
     "envs": {"geometry"},

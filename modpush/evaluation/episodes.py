@@ -17,6 +17,7 @@ from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.metrics import EpisodeMetrics, episode_metrics
 from modpush.evaluation.shortest import shortest_path
+from modpush.files import read_arrays, write_arrays
 
 __all__ = ["Episode", "Policy", "Trajectory", "run_episodes"]
 
@@ -45,14 +46,23 @@ class Trajectory:
     """Sub-goal that the policy acted upon, `[T, 2]`; `[0, 2]` where it has none."""
 
     def save(self, path: Path) -> None:
-        """Write as a compressed `.npz`."""
-        np.savez_compressed(path, **vars(self))
+        """Write as a compressed `.npz`, whole or not at all."""
+        write_arrays(path, vars(self), "modpush.Trajectory", 1)
 
     @classmethod
     def load(cls, path: Path) -> "Trajectory":
-        """Read what `save` wrote."""
-        with np.load(path) as data:
-            return cls(**{name: data[name] for name in cls.__dataclass_fields__})
+        """Read what `save` wrote.
+
+        Raises:
+            FileNotFoundError: If there is no such file.
+            ValueError: If it is damaged, or no trajectory.
+        """
+        arrays = read_arrays(path, "modpush.Trajectory", 1)
+        if (names := set(cls.__dataclass_fields__)) != set(arrays):
+            raise ValueError(
+                f"modpush.Trajectory: {path} must hold {sorted(names)}, got {sorted(arrays)}."
+            )
+        return cls(**arrays)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,7 +1,5 @@
 """Per-episode results on disk: a row as soon as an episode ends, so that a run can go on later."""
 
-import csv
-import json
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -14,11 +12,13 @@ from torch import nn
 from modpush._hash import weights_hash
 from modpush.evaluation.episodes import Episode, Trajectory
 from modpush.evaluation.metrics import EpisodeMetrics
+from modpush.evaluation.sealed_rows import append_row, begin_rows, read_rows
 from modpush.evaluation.sets import EvaluationSet
-from modpush.files import write_text
+from modpush.files import read_json, write_json
 
 __all__ = ["COLUMNS", "ResultStore", "describe_policy", "load_trajectory"]
 
+_KIND, _VERSION = "modpush.Results", 1
 _TRAJECTORIES = "trajectories"
 
 COLUMNS = (
@@ -28,7 +28,7 @@ COLUMNS = (
     "difficulty",
     *(field.name for field in fields(EpisodeMetrics)),
 )
-"""Columns of `episodes.csv`."""
+"""Columns of `episodes.csv`, which has a checksum of each row besides."""
 
 
 class ResultStore:
@@ -38,15 +38,15 @@ class ResultStore:
     folder is opened again, and its episode runs anew.
 
     Args:
-        folder: Made if it is not there.
+        folder: Made if it is not there. One that holds all there is to run is only read.
         evaluation_set: What is run.
         policy: What runs, as plain data that tells one policy and its settings from another, see
-        `describe_policy`.
+            `describe_policy`.
         resume: Go on with what the folder holds; False starts over and drops it.
 
     Raises:
-        ValueError: If the folder holds results of another set, version or policy, or its CSV has
-            other columns.
+        ValueError: If the folder holds results of another set, version or policy, its CSV has
+            other columns, or a file is damaged.
     """
 
     def __init__(
@@ -58,7 +58,6 @@ class ResultStore:
         resume: bool = True,
     ) -> None:
         self.folder, self.evaluation_set = Path(folder), evaluation_set
-        self.trajectories.mkdir(parents=True, exist_ok=True)
         if not resume:
             self.csv.unlink(missing_ok=True)
             self._about.unlink(missing_ok=True)
@@ -71,7 +70,7 @@ class ResultStore:
             "policy": dict(policy),
         }
         self._claim(about)
-        self._open()
+        begin_rows(self.csv, COLUMNS)
 
     @property
     def csv(self) -> Path:
@@ -89,7 +88,7 @@ class ResultStore:
 
     def _claim(self, about: dict[str, Any]) -> None:
         if self._about.exists():
-            found = json.loads(self._about.read_text())
+            found = read_json(self._about, _KIND, _VERSION)
             other = {
                 key: (found.get(key), value)
                 for key, value in about.items()
@@ -101,25 +100,12 @@ class ResultStore:
                     "Choose another folder, or start over with resume=False."
                 )
             return
-        if self.csv.exists() and self.csv.read_text().count("\n") > 1:
+        if self.csv.exists() and self.csv.read_bytes().count(b"\n") > 1:
             raise ValueError(
                 f"ResultStore: {self.folder} holds rows, but no {self._about.name} that says whose. "
                 "Choose another folder, or start over with resume=False."
             )
-        write_text(self._about, json.dumps(about, indent=1))
-
-    def _open(self) -> None:
-        """Write the header, or drop a row that was cut off."""
-        header = ",".join(COLUMNS) + "\n"
-        text = self.csv.read_text() if self.csv.exists() else ""
-        whole = text[: text.rfind("\n") + 1]
-        if whole and not whole.startswith(header):
-            raise ValueError(
-                f"ResultStore: {self.csv} must have the columns {list(COLUMNS)}, "
-                f"got {whole.splitlines()[0].split(',')}."
-            )
-        if whole != text or not whole:
-            write_text(self.csv, whole or header)
+        write_json(self._about, about, _KIND, _VERSION)
 
     def write(self, episode: Episode) -> None:
         """Add an episode's row and trajectory."""
@@ -130,13 +116,16 @@ class ResultStore:
             "pushed_object": episode.scenario.pushed_object,
             "difficulty": episode.scenario.difficulty,
         }
-        with self.csv.open("a", newline="") as file:
-            row = about | episode.metrics.to_dict()
-            csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow(row)
+        append_row(self.csv, COLUMNS, about | episode.metrics.to_dict())
 
     def rows(self) -> pd.DataFrame:
-        """All finished episodes of the set, by number; those past its end are left out."""
-        rows = pd.read_csv(self.csv).sort_values("episode", ignore_index=True)
+        """All finished episodes of the set, by number; those past its end are left out.
+
+        Raises:
+            ValueError: If a row is damaged; the message says which.
+        """
+        rows = read_rows(self.csv, COLUMNS, integers=["episode"])
+        rows = rows.sort_values("episode", ignore_index=True)
         rows = rows[rows["episode"] < len(self.evaluation_set)]
         return rows.drop_duplicates("episode", ignore_index=True)
 

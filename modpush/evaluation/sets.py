@@ -7,9 +7,7 @@ Source: paper Sec. V (numbers of episodes, scenes, objects, distances).
 """
 
 import argparse
-import gzip
-import json
-import zlib
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
@@ -23,12 +21,14 @@ from modpush.envs.scenes.layouts import HARD_SCENES, OBSTACLE_SCENES, SCENES
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
+from modpush.files import read_packed_json, write_packed_json
 
 __all__ = ["SET_NAMES", "SET_VERSION", "EvaluationSet", "generate_set", "load_set"]
 
 SET_VERSION = 2
 """Version of the files; another number means other episodes, or another form."""
-_FORMAT = "modpush-evaluation-set"
+_KIND = "modpush.EvaluationSet"
+_NAME = re.compile(r"[\w+-][\w.+-]*(/[\w+-][\w.+-]*)*")
 _DECIMALS = 6  # micrometres and microradians: exact enough, and the same on every machine
 
 
@@ -66,6 +66,8 @@ class EvaluationSet:
     """Numbered episodes on which every method is evaluated."""
 
     name: str
+    """Letters, digits and `_.+-`, in parts separated by `/`: results are kept in a folder of this
+    name."""
     scenarios: tuple[Scenario, ...]
     """Episode i starts from `scenarios[i]`. Any first part of a set holds its families and objects
     in equal shares."""
@@ -74,6 +76,11 @@ class EvaluationSet:
     """Hash of all episodes of the set that this is the first part of; computed if not given."""
 
     def __post_init__(self) -> None:
+        if not _NAME.fullmatch(self.name):
+            raise ValueError(
+                "EvaluationSet: name must be letters, digits and _.+- in parts separated by '/', "
+                f"none of which begins with a dot, got {self.name!r}."
+            )
         if not self.digest:
             episodes = data_hash([scenario.to_dict() for scenario in self.scenarios])
             object.__setattr__(self, "digest", episodes)
@@ -101,18 +108,8 @@ class EvaluationSet:
 
     def save(self, path: Path) -> None:
         """Write the set as gzip-compressed JSON; the same set always gives the same bytes."""
-        text = json.dumps(
-            {
-                "format": _FORMAT,
-                "version": self.version,
-                "name": self.name,
-                "count": len(self),
-                "episodes": [s.to_dict() for s in self.scenarios],
-            },
-            separators=(",", ":"),
-        )
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(gzip.compress(text.encode(), mtime=0))
+        content = {"name": self.name, "episodes": [s.to_dict() for s in self.scenarios]}
+        write_packed_json(path, content, _KIND, self.version)
 
 
 def load_set(name: str | Path) -> EvaluationSet:
@@ -123,40 +120,19 @@ def load_set(name: str | Path) -> EvaluationSet:
 
     Raises:
         ValueError: If there is no such set, with the list of those there are; or if the file is
-            truncated, no evaluation set, or of another version.
+            damaged, no evaluation set, or of another version.
     """
     if isinstance(name, str) and name in _RECIPES:
-        source: Any = files("modpush.evaluation").joinpath("data", f"{name}.json.gz")
+        source = Path(str(files("modpush.evaluation"))) / "data" / f"{name}.json.gz"
     else:
         source = Path(name)
     if not source.is_file():
         raise ValueError(
             f"load_set: no set {str(name)!r}, expected one of {list(SET_NAMES)} or a file's path."
         )
-    return _parse(source.read_bytes(), str(name))
-
-
-def _parse(data: bytes, name: str) -> EvaluationSet:
-    try:
-        content = json.loads(gzip.decompress(data))
-    except (EOFError, OSError, zlib.error, ValueError) as error:
-        raise ValueError(
-            f"load_set: {name!r} is truncated or not gzip-compressed JSON "
-            f"({type(error).__name__}: {error})."
-        ) from error
-    found = content.get("format") if isinstance(content, dict) else type(content).__name__
-    if found != _FORMAT:
-        raise ValueError(f"load_set: {name!r} must have the format {_FORMAT!r}, got {found!r}.")
-    if content.get("version") != SET_VERSION:
-        raise ValueError(
-            f"load_set: {name!r} has version {content.get('version')}, this code reads version "
-            f"{SET_VERSION}; generate it anew or use the release that wrote it."
-        )
-    if content.get("count") != len(content.get("episodes", ())):
-        raise ValueError(
-            f"load_set: {name!r} says it has {content.get('count')} episodes, got "
-            f"{len(content.get('episodes', ()))}."
-        )
+    content = read_packed_json(source, _KIND, SET_VERSION)
+    if not isinstance(content, dict) or not {"name", "episodes"} <= set(content):
+        raise ValueError(f"load_set: {source} must hold a name and episodes.")
     scenarios = tuple(Scenario.from_dict(episode) for episode in content["episodes"])
     return EvaluationSet(name=content["name"], scenarios=scenarios)
 

@@ -1,6 +1,5 @@
 """Trained agents on disk: a policy, the configuration of its environment, and its fingerprint."""
 
-import json
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -8,19 +7,18 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import safetensors
-import safetensors.torch
 import torch
 from tensordict.nn import TensorDictModuleBase
 from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 from torchrl.modules import ProbabilisticActor
 
+from modpush._weights import check_weights
 from modpush.agents.tqc.config import TQCConfig
 from modpush.agents.tqc.encoder import make_encoder
 from modpush.agents.tqc.factories import ACTORS
 from modpush.agents.tqc.specs import LearnerSpecs
-from modpush.files import replacing
+from modpush.files import read_tensors, write_tensors
 from modpush.parts import check_allowed, find_part, part_module, part_name
 from modpush.recipes.config import END_TO_END, PushEnvConfig, config_from_dict
 from modpush.recipes.fingerprint import environment_fingerprint, fingerprint_differences
@@ -28,7 +26,7 @@ from modpush.recipes.make_env import ENV_PARTS, make_push_env
 
 __all__ = ["Agent", "load_agent", "save_agent", "shipped_agents"]
 
-_FORMAT = "modpush-agent-3"
+_KIND, _VERSION = "modpush.Agent", 4
 _TEXT_OF_PART = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
 
 
@@ -112,31 +110,24 @@ def save_agent(
         make_env: What made the environment, remembered in the same way.
         metadata: What else to keep, ready for JSON.
     """
-    header = {
-        "format": _FORMAT,
-        "env": json.dumps(asdict(config)),
-        "network": json.dumps(
-            {
-                "hidden_sizes": list(hidden_sizes),
-                "observation_dim": observation_dim,
-                "actor": actor,
-                "encoder": encoder,
-            }
-        ),
-        "fingerprint": json.dumps(dict(fingerprint)),
-        "parts": json.dumps(
-            {
-                kind: _describe(part)
-                for kind, part in (parts or {}).items()
-                if kind in (*ENV_PARTS, "actor")  # others matter in training only
-            }
-        ),
-        "make_env": json.dumps(None if make_env is make_push_env else _describe(make_env)),
-        "metadata": json.dumps(dict(metadata or {})),
+    about = {
+        "env": asdict(config),
+        "network": {
+            "hidden_sizes": list(hidden_sizes),
+            "observation_dim": observation_dim,
+            "actor": actor,
+            "encoder": encoder,
+        },
+        "fingerprint": dict(fingerprint),
+        "parts": {
+            kind: _describe(part)
+            for kind, part in (parts or {}).items()
+            if kind in (*ENV_PARTS, "actor")  # others matter in training only
+        },
+        "make_env": None if make_env is make_push_env else _describe(make_env),
+        "metadata": dict(metadata or {}),
     }
-    tensors = {name: value.contiguous() for name, value in policy.state_dict().items()}
-    with replacing(path) as unfinished:
-        safetensors.torch.save_file(tensors, unfinished, metadata=header)
+    write_tensors(path, policy.state_dict(), _KIND, _VERSION, about)
 
 
 def _describe(part: Any) -> dict[str, str]:
@@ -177,8 +168,8 @@ def load_agent(
 
     Raises:
         ValueError: If there is no such agent, with the list of those that are shipped; if the file
-            is truncated, not an agent, names modules that are not allowed, or its weights do not
-            fit its config.
+            is damaged, not an agent, names modules that are not allowed, or its weights do not fit
+            its config or are not finite.
     """
     path = shipped_agents().get(str(name), Path(name))
     if not path.is_file():
@@ -186,14 +177,14 @@ def load_agent(
             f"load_agent: no agent {str(name)!r}, expected a file or one of "
             f"{sorted(shipped_agents())}."
         )
-    header, tensors = _read(path)
-    data, described = json.loads(header["env"]), json.loads(header["parts"])
+    tensors, about = read_tensors(path, _KIND, _VERSION)
+    data, described = about["env"], about["parts"]
     given = dict(parts or {})
     named = {k: d["name"] for k, d in described.items() if "name" in d and k not in given}
-    factory = json.loads(header["make_env"])
+    factory = about["make_env"]
     if make_env is None and factory is not None and "name" in factory:
         named["make_env"] = factory["name"]
-    network = json.loads(header["network"])
+    network = about["network"]
     texts = [*named.values(), *_texts_of_parts(data, given), *_texts_of_parts(network, given)]
     modules = [part_module(text) for text in texts]
     check_allowed(f"load_agent: {path}", [m for m in modules if m is not None], allow)
@@ -211,29 +202,12 @@ def load_agent(
     return Agent(
         policy=_policy(path, network, config, {**found, **given}, tensors),
         config=config,
-        metadata=json.loads(header["metadata"]),
-        fingerprint=json.loads(header["fingerprint"]),
+        metadata=about["metadata"],
+        fingerprint=about["fingerprint"],
         factory=make_env or found.pop("make_env", make_push_env),
         parts={**found, **given},
         missing=missing,
     )
-
-
-def _read(path: Path) -> tuple[dict[str, str], dict[str, torch.Tensor]]:
-    try:
-        with safetensors.safe_open(path, framework="pt") as file:
-            header = file.metadata() or {}
-            tensors = {key: file.get_tensor(key) for key in file.keys()}
-    except safetensors.SafetensorError as error:
-        raise ValueError(
-            f"load_agent: {path} is not a whole safetensors file ({error})."
-        ) from error
-    if header.get("format") != _FORMAT:
-        raise ValueError(
-            f"load_agent: {path} is of format {header.get('format')!r}, expected {_FORMAT!r}; an "
-            "agent of an earlier format has to be trained anew."
-        )
-    return header, tensors
 
 
 def _policy(
@@ -258,12 +232,8 @@ def _policy(
     )
     factory = find_part("load_agent: actor", parts.get("actor", network["actor"]), ACTORS)
     policy = factory(TQCConfig(hidden_sizes=tuple(network["hidden_sizes"])), specs)
-    try:
-        policy.load_state_dict(tensors)
-    except RuntimeError as error:
-        raise ValueError(
-            f"load_agent: the weights in {path} do not fit its config: {error}"
-        ) from error
+    check_weights(f"load_agent: {path}", policy.state_dict(), tensors)
+    policy.load_state_dict(tensors)
     return policy.eval().requires_grad_(False)
 
 

@@ -4,14 +4,15 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import yaml
 from torchrl.checkpoint import CheckpointRotation
 
-from modpush.files import write_text
+from modpush.files import read_yaml, write_yaml
 from modpush.recipes.config import config_from_dict
 from modpush.training.config import TrainConfig
 
 __all__ = ["RunFolder", "check_run_folder"]
+
+_KIND, _VERSION = "modpush.TrainConfig", 1
 
 
 class RunFolder:
@@ -36,15 +37,20 @@ class RunFolder:
 
     def write_config(self, config: TrainConfig) -> None:
         """Write the run's config as YAML; the folder is made."""
-        write_text(self.config, yaml.safe_dump(_plain(asdict(config)), sort_keys=False))
+        write_yaml(self.config, _plain(asdict(config)), _KIND, _VERSION)
 
     def read_config(self) -> TrainConfig:
         """Inverse of `write_config`.
 
         Raises:
-            ValueError: If the file is not a run's config; the message names the field.
+            ValueError: If the file is damaged or not a run's config; the message names it and the
+                field.
         """
-        return config_from_dict(TrainConfig, yaml.safe_load(self.config.read_text()))
+        data = read_yaml(self.config, _KIND, _VERSION)
+        try:
+            return config_from_dict(TrainConfig, data)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"RunFolder: {self.config} is no run's config: {error}") from error
 
 
 def check_run_folder(path: str | Path, config: TrainConfig, *, resume: bool) -> RunFolder:

@@ -1,5 +1,3 @@
-import gzip
-import json
 from collections import Counter
 from pathlib import Path
 
@@ -9,7 +7,8 @@ import pytest
 from modpush.envs.scenes.objects import get_object
 from modpush.envs.scenes.rectangles import obstacle_distance
 from modpush.evaluation import sets
-from modpush.evaluation.sets import SET_NAMES, EvaluationSet, generate_set, load_set
+from modpush.evaluation.sets import SET_NAMES, SET_VERSION, EvaluationSet, generate_set, load_set
+from modpush.files import write_packed_json
 
 COUNTS = {
     "smoke": 20,
@@ -83,29 +82,38 @@ def test_a_truncated_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "set.json.gz"
     load_set("smoke").save(path)
     path.write_bytes(path.read_bytes()[:-200])
-    with pytest.raises(ValueError, match=r"truncated or not gzip-compressed JSON \(EOFError"):
+    with pytest.raises(ValueError, match=r"set.json.gz is cut short or damaged"):
         load_set(path)
     path.write_bytes(b"{}")
-    with pytest.raises(ValueError, match=r"truncated or not gzip-compressed JSON \(BadGzipFile"):
+    with pytest.raises(ValueError, match=r"set.json.gz carries no checksum"):
         load_set(path)
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("content", "message"),
     [
-        ({"version": 99}, "has version 99, this code reads version 2"),
-        ({"format": "song"}, "must have the format 'modpush-evaluation-set', got 'song'"),
-        ({"count": 21}, "says it has 21 episodes, got 20"),
-        ({"episodes": [{"scene": "free"}] * 20}, "Scenario: fields missing"),
+        ([], "must hold a name and episodes"),
+        ({"name": "mine", "episodes": [{"scene": "free"}]}, "Scenario: fields missing"),
+        ({"name": "../mine", "episodes": []}, r"EvaluationSet: name must be .*got '../mine'"),
     ],
 )
-def test_another_file_is_refused(tmp_path: Path, change: dict, message: str) -> None:
+def test_another_file_is_refused(tmp_path: Path, content: object, message: str) -> None:
     path = tmp_path / "set.json.gz"
-    load_set("smoke").save(path)
-    content = json.loads(gzip.decompress(path.read_bytes())) | change
-    path.write_bytes(gzip.compress(json.dumps(content).encode()))
+    write_packed_json(path, content, "modpush.EvaluationSet", SET_VERSION)
     with pytest.raises(ValueError, match=message):
         load_set(path)
+
+
+def test_a_set_of_another_version_is_refused(tmp_path: Path) -> None:
+    write_packed_json(tmp_path / "set.json.gz", {}, "modpush.EvaluationSet", 99)
+    with pytest.raises(ValueError, match="is of version 99, expected 2"):
+        load_set(tmp_path / "set.json.gz")
+
+
+@pytest.mark.parametrize("name", ["..", "a/../b", "/tmp/x", "", "a//b", "a\\b", ".hidden", "a/"])
+def test_a_name_that_leads_out_of_a_results_folder_is_refused(name: str) -> None:
+    with pytest.raises(ValueError, match="EvaluationSet: name must be letters, digits"):
+        EvaluationSet(name=name, scenarios=())
 
 
 def test_first_takes_the_first_episodes() -> None:

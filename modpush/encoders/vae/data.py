@@ -13,7 +13,7 @@ from modpush.files import read_tensors, write_tensors
 
 __all__ = ["WindowData"]
 
-_KIND, _VERSION = "modpush.WindowData", 1
+_KIND, _VERSION = "modpush.WindowData", 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +109,7 @@ class WindowData:
 
         Raises:
             FileNotFoundError: If there is none.
-            ValueError: If it is cut short, or of another kind or version.
+            ValueError: If it is damaged, or of another kind or version.
         """
         tensors, config = read_tensors(path, _KIND, _VERSION)
         if missing := {"windows", "family", "held_out"} - set(tensors):

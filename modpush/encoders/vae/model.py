@@ -9,12 +9,13 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import softplus
 
+from modpush._weights import check_weights
 from modpush.encoders.base import Encoder, check_window
 from modpush.files import read_tensors, write_tensors
 
 __all__ = ["DepthVAE", "shipped_weights"]
 
-_KIND, _VERSION = "modpush.DepthVAE", 1
+_KIND, _VERSION = "modpush.DepthVAE", 2
 _MIN_STD = 1e-4
 _FINAL_SIDE = 4  # of the encoder's last and the decoder's first map [px]
 
@@ -135,8 +136,8 @@ class DepthVAE(Encoder):
 
         Raises:
             FileNotFoundError: If there is no such file; the message lists the shipped names.
-            ValueError: If the file is cut short, of another kind, or its weights do not fit the
-                architecture it names.
+            ValueError: If the file is damaged, of another kind, or its weights are not finite or do
+                not fit the architecture it names.
         """
         path = shipped_weights().get(str(name_or_path), Path(name_or_path))
         if not path.is_file():
@@ -156,18 +157,9 @@ class DepthVAE(Encoder):
         """Take over all weights, or none of them.
 
         Raises:
-            ValueError: If one is missing, unknown, or of another shape.
+            ValueError: If one is missing, unknown, of another shape or dtype, or not finite.
         """
-        own = self.state_dict()
-        missing, unknown = sorted(set(own) - set(tensors)), sorted(set(tensors) - set(own))
-        if missing or unknown:
-            raise ValueError(f"DepthVAE: weights missing {missing}, unknown {unknown}.")
-        for name, value in own.items():
-            if tensors[name].shape != value.shape:
-                raise ValueError(
-                    f"DepthVAE: weights of another architecture: {name} must be "
-                    f"{list(value.shape)}, got {list(tensors[name].shape)}."
-                )
+        check_weights("DepthVAE", self.state_dict(), tensors)
         self.load_state_dict(dict(tensors))
 
 
