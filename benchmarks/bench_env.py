@@ -58,7 +58,7 @@ def timed(function: Callable[[], object]) -> float:
 def bench_step(sim_freq: int, repetitions: int, steps: int = 40) -> list[Row]:
     """The environment's step beside the bare SAPIEN calls, per scene-step."""
     env = PushEnv(NUM_ENVS, scene=OBSTACLE_SCENES, seed=0, sim_freq=sim_freq)
-    blind = PushEnv(NUM_ENVS, scene=OBSTACLE_SCENES, seed=0, sim_freq=sim_freq, depth=None)
+    without_images = PushEnv(NUM_ENVS, scene=OBSTACLE_SCENES, seed=0, sim_freq=sim_freq, depth=None)
     todo = actions(steps)
     recorded: list[list[tuple]] = []
     advance = CpuScene.advance
@@ -94,18 +94,18 @@ def bench_step(sim_freq: int, repetitions: int, steps: int = 40) -> list[Row]:
         return time.perf_counter() - start
 
     states = {}
-    for which in (env, blind):
+    for which in (env, without_images):
         which.reset()
         states[which] = which.get_state()
     CpuScene.advance = recording
     run(env)
     CpuScene.advance = advance
-    run(blind)
+    run(without_images)
     floor_times, with_depth, without = [], [], []
     for _ in range(repetitions):
         floor_times.append(floor())
         with_depth.append(run(env))
-        without.append(run(blind))
+        without.append(run(without_images))
     per = 1e3 / (steps * NUM_ENVS)
     base = np.median(floor_times) * per
     name = f"{sim_freq} Hz x {sim_freq // 15}"
@@ -125,7 +125,7 @@ def bench_step(sim_freq: int, repetitions: int, steps: int = 40) -> list[Row]:
         ),
     ]
     env.close()
-    blind.close()
+    without_images.close()
     return rows
 
 

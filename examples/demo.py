@@ -110,7 +110,7 @@ def run(
     return episodes, frames
 
 
-def side_by_side(clips: list[list[np.ndarray]]) -> list[np.ndarray]:
+def join_clips(clips: list[list[np.ndarray]]) -> list[np.ndarray]:
     """Clips of different lengths next to each other; one that has ended shows its last frame."""
     length = max(map(len, clips))
     padded = [clip + [clip[-1]] * (length - len(clip)) for clip in clips]
@@ -166,7 +166,7 @@ def write(
             list(draw_frames(e[0].scenario, e[0].trajectory, caption=f"{name}: {scene}"))
             for name, e in shown.items()
         ]
-        video += side_by_side(clips)
+        video += join_clips(clips)
     (config.out / "table.md").write_text(table)
     write_video(config.out / "demo.mp4", video)
     rendered = list(itertools.chain.from_iterable(arm[number] for number in sorted(arm)))

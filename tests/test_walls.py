@@ -34,7 +34,14 @@ MAY_KNOW = {
     "recipes": {"geometry", "envs", "planners", "encoders", "mdp", "agents", "replay"},
     "evaluation": {"geometry", "envs.scenes", "planners"},
     "training": {
-        *("geometry", "envs", "planners", "encoders", "mdp", "agents", "replay", "recipes"),
+        "geometry",
+        "envs",
+        "planners",
+        "encoders",
+        "mdp",
+        "agents",
+        "replay",
+        "recipes",
         "evaluation",
     },
 }

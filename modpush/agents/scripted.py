@@ -1,4 +1,4 @@
-"""A scripted pusher: it goes behind the object, pushes it at the target, and corrects."""
+"""A scripted pusher: it goes behind the object, pushes it at the target, and corrects its direction."""
 
 import math
 from dataclasses import dataclass
@@ -57,35 +57,35 @@ def scripted_push(
     """The next action of the scripted pusher.
 
     Args:
-        object_position: `[B, 2]` [m].
+        object_position: Position of the object, `[B, 2]` [m].
         target: Where to push the object, `[B, 2]` [m].
         ee_pose: x, y, yaw of the tool's tip, `[B, 3]` [m, m, rad].
         contact: Whether the tool touches the object, `[B, 1]` bool.
         object_radius: Circumscribed radius of the object, `[B, 1]` [m].
-        config: Gains.
+        config: Gains of the pusher.
 
     Returns:
-        `[B, 3]` in [-1, 1].
+        Actions, `[B, 3]` in [-1, 1].
     """
     to_object = object_position - ee_pose[:, :2]
     to_target = target - object_position
     distance = torch.linalg.vector_norm(to_object, dim=-1)
-    bearing, way = _angle(to_object), _angle(to_target)
-    off = wrap_angle(bearing - way)  # 0: the tool is right behind the object
+    bearing, heading = _angle(to_object), _angle(to_target)
+    off = wrap_angle(bearing - heading)  # 0: the tool is right behind the object
     behind = off.abs() < torch.where(contact[:, 0], config.push_angle, config.approach_angle)
 
-    push = _unit(way + (1 + config.steer_gain) * off)
+    push = _unit(heading + (1 + config.steer_gain) * off)
     push = push * torch.where(contact[:, 0], config.push_speed, 1.0)[:, None]
 
-    # Round the object on a circle, the shorter way; the farther from the circle, the more radial.
+    # Around the object on a circle, in the shorter direction; far from the circle, towards it.
     circle = object_radius[:, 0] + config.tool_radius + config.margin
     side = torch.where(off > 0, 1.0, -1.0).to(off)
     inwards = ((distance - circle) / 0.02).clamp(-1.2, 1.2)
     round_about = _unit(bearing + side * (math.pi / 2 - inwards))
 
     move = torch.where(behind[:, None], push, round_about)
-    # The wide side of the gripper faces the way; it looks the same turned by half a turn.
-    turn = wrap_angle(2 * (way + math.pi / 2 - ee_pose[:, 2])) / 2
+    # The wide side of the gripper faces the pushing direction; half a turn makes no difference.
+    turn = wrap_angle(2 * (heading + math.pi / 2 - ee_pose[:, 2])) / 2
     action = torch.cat([move, (turn / config.max_turn)[:, None]], -1)
     return action.clamp(-1.0, 1.0)
 
@@ -105,13 +105,13 @@ class ScriptedPusher(TensorDictModuleBase):
     (`target_key="subgoal"`) to push along a path.
 
     Args:
-        config: Gains.
-        target_key: Where to push the object, `[B, 2]` [m], base frame.
-        object_pose_key: `[B, 3]` [m, m, rad].
-        ee_pose_key: `[B, 3]` [m, m, rad].
-        contact_key: `[B, 1]` bool.
-        object_radius_key: `[B, 1]` [m].
-        action_key: `[B, 3]`, written.
+        config: Gains of the pusher; the tuned ones by default.
+        target_key: Key of the position to which the object is pushed, `[B, 2]` [m], base frame.
+        object_pose_key: Key of the object's pose, `[B, 3]` [m, m, rad], base frame.
+        ee_pose_key: Key of the pose of the tool's tip, `[B, 3]` [m, m, rad], base frame.
+        contact_key: Key of the contact between tool and object, `[B, 1]` bool.
+        object_radius_key: Key of the object's circumscribed radius, `[B, 1]` [m].
+        action_key: Key of the action, `[B, 3]`, written.
     """
 
     def __init__(

@@ -30,7 +30,7 @@ MAX_HEIGHT = 0.08
 """Height over the table that a window shows as 1 [m]."""
 Outside = Literal["free", "blocked"]
 _PARALLEL_FROM = 64
-"""Scenes from which on threads are worth waking: fewer take less than a millisecond in all."""
+"""Number of scenes from which on several threads are used: fewer take less than a millisecond."""
 Cast = Callable[[NDArray[np.float64]], tuple[NDArray[np.float32], NDArray[np.uint8]]]
 
 
@@ -108,8 +108,8 @@ def window_pixels(
     Args:
         pose: `[..., 3]` (x, y, yaw) of the window's frame in the base frame [m, rad].
         size: Side of the window [px].
-        height: Over the table [m].
-        camera: The camera.
+        height: Height over the table [m].
+        camera: The camera; the default is the one of `PushEnv`.
 
     Returns:
         `[..., size, size, 2]` (u, v) [px], float64.
@@ -153,8 +153,8 @@ def cast_window(
     depth = np.full((1, camera.height, camera.width), camera.z, dtype=np.float32)
     labels = np.zeros(depth.shape, dtype=np.uint8)
     heights = (0.0, max_height) if upright else (0.0,)
-    seen = torch.cat([window_pixels(pose, size, z, camera).reshape(-1, 2) for z in heights])
-    low, high = (seen.min(0).values - 1).floor().long(), (seen.max(0).values + 1).ceil().long()
+    pixels = torch.cat([window_pixels(pose, size, z, camera).reshape(-1, 2) for z in heights])
+    low, high = (pixels.min(0).values - 1).floor().long(), (pixels.max(0).values + 1).ceil().long()
     columns = np.arange(max(int(low[0]), 0), min(int(high[0]), camera.width - 1) + 1)
     rows = np.arange(max(int(low[1]), 0), min(int(high[1]), camera.height - 1) + 1)
     if len(rows) and len(columns):

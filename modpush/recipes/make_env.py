@@ -14,7 +14,9 @@ from modpush.encoders.networks.conv_encoder import ConvEncoder
 from modpush.encoders.networks.ray_scan import RayScan
 from modpush.encoders.window_bytes import WindowBytes
 from modpush.encoders.window_transform import EgocentricWindow
+from modpush.envs.arguments import parameter_names, refuse_unknown
 from modpush.envs.push_env import PushEnv
+from modpush.envs.scenes.scenario import ScenarioConfig
 from modpush.mdp.action_frame import ActionFrame
 from modpush.mdp.blank_latent import latent_entry
 from modpush.mdp.curriculum import Curriculum
@@ -96,9 +98,16 @@ def make_push_env(
             takes the place of the config's scene, object, difficulty, distance and dynamics.
 
     Raises:
+        TypeError: If an argument is neither this function's nor `PushEnv`'s.
         ValueError: If a part is unknown or refuses its settings.
     """
     config = config or PushEnvConfig()
+    known = {*parameter_names(PushEnv.__init__), *(field.name for field in fields(ScenarioConfig))}
+    refuse_unknown(
+        "make_push_env",
+        set(options) - known,
+        f"some of {parameter_names(make_push_env)}, or arguments of PushEnv: {sorted(known)}",
+    )
     given = {"scene": scene, "pushed_object": pushed_object, "depth": depth, "seed": seed}
     base = _make_base(config, {**{k: v for k, v in given.items() if v is not None}, **options})
     transforms: list[Transform] = [InitTracker()]

@@ -46,13 +46,13 @@ class AttentiveSampler(Sampler):
         key: The observation that is compared, flattened to `[*, D]`; bytes are compared as floats.
         similarity: `"cosine"`, `"negative_l2"`, `"module:name"`, or a callable
             `(candidates [Q, C, D], queries [Q, D]) -> [Q, C]`, larger is more alike.
-        num_queries: How many of the newest entries are the default query. By default one, or in
+        num_queries: Number of newest entries that are the default query. By default one, or in
             a storage of several dimensions the newest row, one entry per environment.
-        query_key: Which key of the newest entries is the query, by default `key`. `("next", key)`
+        query_key: Key of the newest entries that is the query, by default `key`. `("next", key)`
             is one step newer, but after an episode's end it is not where the environment is now.
         candidate_replacement: Whether a candidate may be drawn twice.
-        k_end: Where `k` is annealed to, linearly; by default it stays.
-        annealing_num_samples: Over how many calls of `sample`.
+        k_end: Value to which `k` is annealed linearly; by default it stays.
+        annealing_num_samples: Number of calls of `sample` over which it is annealed.
 
     Raises:
         ValueError: If an argument is out of range. In `sample`: if there are more candidates than
@@ -143,7 +143,7 @@ class AttentiveSampler(Sampler):
 
         Args:
             storage: A storage of tensordicts.
-            batch_size: Entries to draw.
+            batch_size: Number of entries to draw.
 
         Returns:
             The index (a tuple of indices for several dimensions) and the info.

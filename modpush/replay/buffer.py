@@ -77,10 +77,10 @@ def update_priorities(
     result: TensorDictBase,
     key: NestedKey = "td_error",
 ) -> None:
-    """Tell the buffer's sampler how wrong the loss was about a batch; others than prioritized ignore it.
+    """Give a prioritized sampler the new priorities of a batch; other samplers ignore them.
 
     Args:
-        buffer: Where the batch was sampled.
+        buffer: The buffer from which the batch was sampled.
         batch: The sample, with its `"index"`, `[B]`.
         result: What `TQCUpdate` returned.
         key: Key of the priorities in the result, `[B]`, positive.

@@ -53,7 +53,7 @@ class CompactStorage(LazyTensorStorage):
     Args:
         max_size: Capacity in transitions.
         keys: Observation keys; each is expected under `("next", key)`, too.
-        device: Where the data lives.
+        device: Device of the data.
     """
 
     _default_checkpointer = _Checkpointer
@@ -205,7 +205,7 @@ class CompactStorage(LazyTensorStorage):
         return {**deepcopy(super().state_dict()), "links": self._links_state()}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Restore data and links."""
+        """Restore the data and the links."""
         super().load_state_dict(state_dict)
         self._load_links(state_dict["links"])
 

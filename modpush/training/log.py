@@ -13,7 +13,12 @@ from modpush.training.run_folder import RunFolder
 __all__ = ["RunLog"]
 
 _METRICS = (
-    *("success", "spl", "contact_rate", "collision_rate", "collision_rate_object", "steps"),
+    "success",
+    "spl",
+    "contact_rate",
+    "collision_rate",
+    "collision_rate_object",
+    "steps",
     "out_of_bounds",
 )
 

@@ -1,4 +1,4 @@
-"""Stored windows, and windows that might as well have been seen."""
+"""Stored windows and their augmentation."""
 
 import pytest
 import torch

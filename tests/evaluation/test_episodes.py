@@ -137,7 +137,7 @@ def test_transforms_do_not_change_where_an_episode_begins(
 
 
 def test_what_transforms_must_not_drop_is_named(env: EnvBase, free: EvaluationSet) -> None:
-    blind = TransformedEnv(
+    incomplete = TransformedEnv(
         PushEnv(1, depth=None), ExcludeTransform("tool_obstacle_contact", "ee_pose")
     )
     still = TensorDictModule(
@@ -146,8 +146,8 @@ def test_what_transforms_must_not_drop_is_named(env: EnvBase, free: EvaluationSe
     with pytest.raises(
         KeyError, match=r"must emit .*'ee_pose', 'tool_obstacle_contact'.* there is"
     ):
-        list(run_episodes(blind, still, [(0, free.scenarios[0])]))
-    blind.close()
+        list(run_episodes(incomplete, still, [(0, free.scenarios[0])]))
+    incomplete.close()
 
 
 def test_a_missing_key_is_named(env: EnvBase, free: EvaluationSet) -> None:

@@ -196,3 +196,8 @@ def test_obstacles_are_inflated_by_the_size_of_each_scene_s_object(inflation, at
         expected = OccupancyGrid(inflation=getattr(item, attribute))(images)["occupancy"]
         assert torch.equal(state["occupancy"], expected[0]), item.name
     env.close()
+
+
+def test_an_unknown_argument_is_refused_with_all_there_are():
+    with pytest.raises(TypeError, match=r"make_push_env: .*'keep_image'; .*'keep_images'.*'oob'"):
+        make_push_env(RAYS, keep_image=True)

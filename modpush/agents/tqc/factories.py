@@ -1,6 +1,6 @@
 """The parts of an agent by name: actor networks, critic networks and losses.
 
-An own part is a function of the same signature, given as an object or as "module:name".
+A part of your own is a function of the same signature, given as an object or as "module:name".
 """
 
 from collections.abc import Callable, Mapping

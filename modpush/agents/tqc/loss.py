@@ -30,9 +30,9 @@ class TQCLoss(_TorchRLTQCLoss):
 
     The constructor, keys, outputs, random draws and results are TorchRL's, and everything that
     works with its loss works with this one (`SoftUpdate`, `make_value_estimator`, `set_keys`,
-    `SACTrainer`, prioritized weights, every reduction). What differs is the way there: the
-    critics are one batched matrix product per layer, and the quantile-Huber loss brings its
-    gradient in closed form, in compiled code on CPU.
+    `SACTrainer`, prioritized weights, every reduction). It computes them
+    differently: the critics are one batched matrix product per layer, and the quantile-Huber loss
+    has its gradient in closed form, in compiled code on CPU.
 
     Critics that `BatchedEnsemble` cannot batch (anything but a multilayer perceptron) take
     TorchRL's path, about which one `UserWarning` is given at construction. So do target computations

@@ -47,7 +47,7 @@ def make_actor(
         encoder: Encoder whose latent is read beside the observation, without gradient; see
             `encode_images`.
         image_key: Where the encoder's images are read, `[*B, C, H, W]`.
-        device: Where the parameters live.
+        device: Device of the parameters.
 
     Returns:
         An actor that writes `loc`, `scale` and the action. Its log standard deviation is clamped
@@ -103,7 +103,7 @@ def make_critic(
         latent_dim: Width of an image's latent, which is read under `"image_latent"`; 0 for none.
         observation_key: Where the observation is read, `[*B, observation_dim]`.
         action_key: Where the action is read, `[*B, action_dim]`.
-        device: Where the parameters live.
+        device: Device of the parameters.
 
     Returns:
         A critic that writes `state_action_value`, `[*B, num_quantiles]`.

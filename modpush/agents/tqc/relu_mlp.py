@@ -31,7 +31,7 @@ class ReluMLP(MLP):
         in_features: Width of the (concatenated) input.
         out_features: Width of the output.
         num_cells: Widths of the hidden layers.
-        device: Where the parameters live.
+        device: Device of the parameters.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class ReluMLP(MLP):
     def forward(self, *inputs: Tensor) -> Tensor:
         """`[*B, d_i]` each, to `[*B, out_features]`."""
         if torch._C._are_functorch_transforms_active():
-            return super().forward(*inputs)  # `vmap` sees through layers, not through ours
+            return super().forward(*inputs)  # `vmap` cannot transform our operation
         linear = [layer for layer in self if isinstance(layer, nn.Linear)]
         output = relu_mlp(
             [x.reshape(-1, x.shape[-1]) for x in inputs],

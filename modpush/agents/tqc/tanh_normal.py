@@ -20,9 +20,9 @@ _CONSTANT = math.log(2) + 0.25 * math.log(2 * math.pi)
 def tanh_normal_rsample(
     loc: Tensor, scale: Tensor, bounds: tuple[Tensor, Tensor] | None = None
 ) -> tuple[Tensor, Tensor]:
-    """Draw actions and score them, as `TanhNormal(loc, scale, ...).rsample_and_log_prob()`.
+    """Draw actions and their log-probabilities, as `TanhNormal(loc, scale, ...).rsample_and_log_prob()`.
 
-    The same draw for the same state of torch's random generator. Differentiable once.
+    The draw is the same for the same state of torch's random generator. Differentiable once.
 
     Args:
         loc: Mean before the squashing, `[*B, A]`.

@@ -1,4 +1,4 @@
-"""Windows that might as well have been seen."""
+"""Random changes of windows that give windows of other possible scenes."""
 
 import torch
 from torch import Tensor
@@ -7,16 +7,16 @@ __all__ = ["augment_windows"]
 
 
 def augment_windows(windows: Tensor, others: Tensor, overlay: float = 0.5) -> Tensor:
-    """Quarter turns, mirror images, and two scenes laid over each other; random, batch by batch.
+    """Turn and mirror windows at random, and lay others over some of them.
 
-    All three make windows of scenes that could stand on the table: obstacles know no handedness and
-    no direction, and the higher of two heights is what a camera sees of two layouts at once. The
-    last is what lets an encoder trained on the paper's simple families serve in clutter it has not
-    seen. Blank windows stay blank.
+    All results are windows of possible scenes: a quarter turn or a mirror image of a layout is a
+    layout, and the higher of two heights is what a camera sees of two layouts at once. With the
+    overlays, an encoder that is trained on the paper's families also represents clutter of other
+    families. Blank windows stay blank.
 
     Args:
-        windows: `[B, 1, S, S]`.
-        others: `[B, 1, S, S]`, laid over the first.
+        windows: Windows to change, `[B, 1, S, S]`.
+        others: Windows that are laid over them, `[B, 1, S, S]`.
         overlay: Share of the windows that get another laid over.
 
     Returns:
@@ -32,8 +32,8 @@ def augment_windows(windows: Tensor, others: Tensor, overlay: float = 0.5) -> Te
             f"augment_windows: others must be shaped like windows {list(windows.shape)}, "
             f"got {list(others.shape)}."
         )
-    seen = windows.flatten(1).amax(1) > 0
-    chosen = seen & (torch.rand(len(windows)) < overlay).to(windows.device)
+    filled = windows.flatten(1).amax(1) > 0
+    chosen = filled & (torch.rand(len(windows)) < overlay).to(windows.device)
     together = torch.maximum(_turned(windows), _turned(others) * chosen[:, None, None, None])
     return together
 

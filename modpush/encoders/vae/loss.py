@@ -14,7 +14,7 @@ __all__ = ["VAELoss", "bernoulli_entropy", "kl_divergence"]
 
 
 def kl_divergence(mean: Tensor, std: Tensor) -> Tensor:
-    """From N(mean, std) to N(0, 1), of each number by itself, shaped like both [nat]."""
+    """KL divergence from N(mean, std) to N(0, 1) of each number, shaped like both [nat]."""
     return 0.5 * (mean.square() + std.square() - 1.0) - std.log()
 
 
@@ -59,11 +59,11 @@ class VAELoss(LossModule):
 
     @property
     def in_keys(self) -> list[NestedKey]:
-        """What is read: the window."""
+        """Keys that are read: the window."""
         return [self.tensor_keys.window]
 
     def _forward_value_estimator_keys(self, **kwargs: object) -> None:
-        """There is no value to estimate."""
+        """Do nothing: there is no value to estimate."""
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Both losses of a batch of windows `[B, 1, 64, 64]`."""

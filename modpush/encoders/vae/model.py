@@ -28,8 +28,8 @@ class DepthVAE(Encoder):
     give the distributions.
 
     Widths and strides are ours (the paper gives none), chosen by `benchmarks/bench_encoders.py`: the
-    picture is halved early, the last encoder map keeps 4x4 places (the authors' keeps one), and the
-    decoder is narrow where its maps are large. Weights are laid out channels-last, which halves the
+    window is halved early, the last map of the encoder is 4x4 (the authors' is 1x1), and the decoder
+    has few channels where its maps are large. Weights are laid out channels-last, which halves the
     time on a CPU.
 
     Args:
@@ -113,8 +113,8 @@ class DepthVAE(Encoder):
         """Write weights and architecture to a safetensors file.
 
         Args:
-            path: The file.
-            card: Anything to be kept with them that JSON can hold: data, command, figures.
+            path: File that is written.
+            card: What is stored with them, such as data, command and figures; anything that JSON holds.
         """
         config = {**self._architecture(), "card": dict(card or {})}
         write_tensors(path, self.state_dict(), _KIND, _VERSION, config)

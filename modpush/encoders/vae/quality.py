@@ -106,7 +106,7 @@ def _overlap(a: Tensor, b: Tensor, threshold: float) -> tuple[Tensor, Tensor]:
 def encode_all(
     encoder: Callable[[Tensor], Tensor], windows: Callable[[slice], Tensor], count: int
 ) -> Tensor:
-    """Latents `[count, d]`, some windows at a time; arguments as in `vae_quality`."""
+    """Latents `[count, d]`, encoded in batches; arguments as in `vae_quality`."""
     starts = range(0, count, _BATCH)
     return torch.cat([encoder(windows(slice(s, min(s + _BATCH, count)))) for s in starts])
 
@@ -115,14 +115,19 @@ def r_squared(predicted: Tensor, true: Tensor) -> float:
     """Share of the targets' variance that is predicted, over all of them together.
 
     Args:
-        predicted: `[N, T]`.
-        true: `[N, T]`.
+        predicted: Predictions, `[N, T]`.
+        true: Targets, `[N, T]`.
     """
     return 1.0 - ((predicted - true).square().sum() / (true - true.mean(0)).square().sum()).item()
 
 
 def linear_probe(train: tuple[Tensor, Tensor], test: tuple[Tensor, Tensor]) -> float:
-    """R² of least squares from latents `[N, d]` to targets `[N, T]`, from one part to the other."""
+    """R² on the test part of least squares, fitted on the training part.
+
+    Args:
+        train: Latents `[N, d]` and targets `[N, T]`.
+        test: The same for the test.
+    """
     one = [torch.cat([x, torch.ones_like(x[:, :1])], 1).double() for x, _ in (train, test)]
     weights = torch.linalg.lstsq(one[0], train[1].double()).solution
     return r_squared(one[1] @ weights, test[1].double())
@@ -136,11 +141,11 @@ def mlp_probe(
     epochs: int = 40,
     seed: int = 0,
 ) -> float:
-    """R² of a small network, two hidden layers, fitted on the one and tested on the other.
+    """R² on the test part of a network with two hidden layers, fitted on the training part.
 
     Args:
         train: Latents `[N, d]` and targets `[N, T]`.
-        test: The same to test on.
+        test: The same for the test.
         width: Width of the hidden layers.
         epochs: Number of passes over the training part.
         seed: Seed of the initialisation and of the order of the windows.
