@@ -20,10 +20,10 @@ $(STAMP): pyproject.toml constraints.txt
 	touch $@
 
 train: setup
-	$(BIN)/python examples/train.py cpu --out runs/train
+	$(BIN)/modpush train cpu --out runs/train
 
 demo: setup
-	$(BIN)/python examples/demo.py
+	$(BIN)/modpush demo
 
 test: setup
 	$(BIN)/python -m pytest

@@ -20,7 +20,7 @@ import tyro
 
 from modpush.training.curve import draw_curve
 
-TRAIN = Path(__file__).parents[1] / "examples" / "train.py"
+TRAIN = (sys.executable, "-m", "modpush", "train")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +49,7 @@ def run(folder: Path, sampler: str, seed: int, config: CompareConfig) -> None:
     arguments += ["--train.total-steps", config.steps, "--train.env.encoder", config.encoder]
     arguments += ["--train.evaluate-every", 25_000, "--train.no-save-buffer"]
     arguments += ["--train.checkpoint-every", config.steps, "--train.evaluation-episodes", 60]
-    subprocess.run([sys.executable, TRAIN, *map(str, arguments)], check=True)
+    subprocess.run([*TRAIN, *map(str, arguments)], check=True)
 
 
 def main(config: CompareConfig) -> None:

@@ -5,3 +5,5 @@ from .recipes.agent_file import save_agent as save_agent
 from .recipes.config import PushEnvConfig as PushEnvConfig
 from .recipes.make_env import make_push_env as make_push_env
 from .training.trainer import Trainer as Trainer
+
+__version__: str

@@ -16,6 +16,7 @@ SHARED = {
     "_atomic",
     "_batching",
     "_checks",
+    "_extras",
     "_hash",
     "_keys",
     "_folder_lock",
@@ -44,10 +45,14 @@ MAY_KNOW = {
         "recipes",
         "evaluation",
     },
+    "cli": {
+        *("geometry", "envs", "planners", "encoders", "mdp", "agents", "replay", "recipes"),
+        *("evaluation", "training"),
+    },
 }
 """What each package may import besides itself and the shared modules."""
 SIMULATOR = {"sapien", "mani_skill"}
-WITHOUT_SIMULATOR = sorted(set(MAY_KNOW) - {"recipes", "training"})
+WITHOUT_SIMULATOR = sorted(set(MAY_KNOW) - {"recipes", "training", "cli"})
 
 
 def imported_modules(source: str, package: str) -> set[str]:
@@ -175,6 +180,14 @@ def test_importing_the_top_level_loads_nothing_heavy() -> None:
     code = "import sys, modpush; print(sorted({'torch', 'numba', 'cv2'} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_the_overview_of_the_command_loads_nothing_heavy() -> None:
+    code = (
+        "import sys\nfrom modpush.cli.command import run_command\nrun_command(['--help'])\n"
+        "assert not {'torch', 'numpy', 'numba', 'cv2', 'tyro', 'gymnasium'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
 
 
 def test_opencv_works_beside_the_copy_that_sapien_asks_for() -> None:

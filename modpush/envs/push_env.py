@@ -93,7 +93,7 @@ class PushEnv(EnvBase):
         max_episode_steps: Number of steps after which an episode is truncated; None for no limit.
         oob: Whether leaving the workspace truncates an episode (so that its value is bootstrapped)
             or terminates it.
-        pictures: Build the scenes with a renderer, for `render`.
+        pictures: Build the scenes with a renderer, so that `render` shows the arm from the side.
         seed: Seed of the first scene; scene `i` gets `seed + i`, so that it draws the same episodes
             in a batch of any size. None for unpredictable episodes.
         device: `"cpu"` or a CUDA device.
@@ -196,16 +196,16 @@ class PushEnv(EnvBase):
         self._step_count[indices] = 0
         return self._observe()
 
-    def _check_open(self, what: str) -> None:
+    def _check_open(self, what: str, started: bool = False) -> None:
         if self.is_closed:
             raise RuntimeError(f"PushEnv.{what}: the environment has been closed.")
+        if started and not self._started:
+            raise RuntimeError(f"PushEnv.{what}: call reset first.")
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        self._check_open("step")
+        self._check_open("step", started=True)
         action = tensordict["action"].detach()
         check_action(action, self.batch_size[0])
-        if not self._started:
-            raise RuntimeError("PushEnv.step: call reset first.")
         self._batch.step(action)
         self._step_count += 1
         return self._observe(after_step=True)
@@ -253,8 +253,8 @@ class PushEnv(EnvBase):
         return self._batch.cast(index, pixels)
 
     def render(self, index: int = 0) -> np.ndarray:
-        """A picture of one scene from the side, `[H, W, 3]` uint8; needs `pictures=True`."""
-        self._check_open("render")
+        """A picture of a scene, `[H, W, 3]` uint8: drawn from above, or rendered with `pictures`."""
+        self._check_open("render", started=True)
         return self._batch.render(index)
 
     def get_state(self, indices: Sequence[int] | None = None) -> PushState:

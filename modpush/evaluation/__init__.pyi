@@ -9,6 +9,9 @@ from .episodes import (
 )
 from .metrics import EpisodeMetrics as EpisodeMetrics
 from .metrics import episode_metrics as episode_metrics
+from .report import comparison_report as comparison_report
+from .report import draw_results as draw_results
+from .report import write_tables as write_tables
 from .results import ResultStore as ResultStore
 from .runner import EvaluationConfig as EvaluationConfig
 from .runner import evaluate as evaluate

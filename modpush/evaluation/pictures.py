@@ -12,7 +12,14 @@ from modpush.envs.scenes.objects import PushedObject, get_object
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.episodes import Trajectory
 
-__all__ = ["contact_sheet", "draw_episode", "draw_frames", "write_picture", "write_video"]
+__all__ = [
+    "contact_sheet",
+    "draw_episode",
+    "draw_frames",
+    "join_clips",
+    "write_picture",
+    "write_video",
+]
 
 Picture = NDArray[np.uint8]
 
@@ -69,6 +76,17 @@ def draw_frames(
     last = len(trajectory.object_pose) - 1
     for step in [*range(0, last, every), last]:
         yield draw_episode(scenario, trajectory, step=step, caption=caption, objects=objects)
+
+
+def join_clips(clips: Sequence[Sequence[Picture]]) -> list[Picture]:
+    """Clips of different lengths next to each other; one that has ended shows its last frame.
+
+    Args:
+        clips: Frames `[H, W, 3]` of each clip, all of one height.
+    """
+    length = max(map(len, clips))
+    padded = [[*clip, *[clip[-1]] * (length - len(clip))] for clip in clips]
+    return [np.concatenate(frames, axis=1) for frames in zip(*padded, strict=True)]
 
 
 def contact_sheet(pictures: Sequence[Picture], *, columns: int = 4, width: int = 360) -> Picture:

@@ -4,4 +4,8 @@ from .agent_file import save_agent as save_agent
 from .agent_file import shipped_agents as shipped_agents
 from .config import PushEnvConfig as PushEnvConfig
 from .fingerprint import environment_fingerprint as environment_fingerprint
+from .gym_env import PaperGymEnv as PaperGymEnv
 from .make_env import make_push_env as make_push_env
+from .methods import METHODS as METHODS
+from .methods import Method as Method
+from .methods import get_method as get_method

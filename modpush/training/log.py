@@ -6,6 +6,7 @@ from typing import Any
 import pandas as pd
 from torchrl.record.loggers import get_logger
 
+from modpush._extras import require_extra
 from modpush.files import replacing
 from modpush.training.config import TrainConfig
 from modpush.training.run_folder import RunFolder
@@ -30,9 +31,14 @@ class RunLog:
         config: The run's configuration, which names TorchRL's loggers.
         folder: The run's folder.
         resumed_at: Step that a resumed run goes on from; what was logged after it is dropped.
+
+    Raises:
+        MissingExtraError: If TensorBoard is asked for and not installed.
     """
 
     def __init__(self, config: TrainConfig, folder: RunFolder, resumed_at: int | None) -> None:
+        if "tensorboard" in config.loggers:
+            require_extra("RunLog: the logger 'tensorboard'", "tensorboard")
         self.folder = folder
         logs = folder.path / "logs"
         self._loggers: list[Any] = [

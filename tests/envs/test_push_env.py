@@ -14,8 +14,10 @@ from torchrl.envs import (
     TransformedEnv,
 )
 from torchrl.envs.utils import check_env_specs
+from torchrl.record import CSVLogger, PixelRenderTransform, VideoRecorder
 
 from modpush.envs import OBJECTS, PushEnv, ScenarioConfig
+from modpush.envs.scenes.drawing import draw_top_view
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES
 from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.sim.task import ClutterPushEnv
@@ -470,11 +472,36 @@ def test_use_before_reset_is_refused() -> None:
     env = PushEnv(2, depth=None)
     with pytest.raises(RuntimeError, match="call reset first"):
         env.step(TensorDict({"action": torch.zeros(2, 3)}, [2]))
+    with pytest.raises(RuntimeError, match=r"PushEnv\.render: call reset first"):
+        env.render()
     with pytest.raises(RuntimeError, match="first reset must be of all scenes"):
         env.reset(TensorDict({"_reset": torch.tensor([[True], [False]])}, [2]))
     env.reset()
     with pytest.raises(ValueError, match="one entry for each of the 2 scenes being reset, got 1"):
         env.reset(scenarios=[scenario((0.4, 0.0, 0.0))])
-    with pytest.raises(RuntimeError, match="pictures=True"):
-        env.render()
     env.close()
+
+
+def test_render_draws_each_scene_from_above_where_there_is_no_renderer() -> None:
+    env = PushEnv(2, scene="posts", dynamic_obstacles=True, depth=None, seed=0)
+    state = env.reset()
+    first, second = env.render(), env.render(1)
+    assert (first != second).any()
+    objects, tools = state["object_pose"].tolist(), state["ee_pose"].tolist()
+    for picture, start, pose, tool in zip(
+        (first, second), env.scenarios, objects, tools, strict=True
+    ):
+        np.testing.assert_array_equal(picture, draw_top_view(start, pose, tool))
+    env.close()
+
+
+def test_torchrl_s_video_recorder_records_it(tmp_path) -> None:
+    logger = CSVLogger("run", log_dir=str(tmp_path), video_format="pt")
+    env = TransformedEnv(PushEnv(2, scene="slot", depth=None, seed=0))
+    env.append_transform(PixelRenderTransform())
+    env.append_transform(VideoRecorder(logger, tag="top"))
+    env.rollout(5)
+    env.transform[-1].dump()
+    env.close()
+    (video,) = tmp_path.rglob("*.pt")
+    assert torch.load(video).float().std() > 10

@@ -13,6 +13,7 @@ from torch import Tensor
 from modpush.envs.depth.analytic import AnalyticDepthCamera
 from modpush.envs.depth.base import DepthCamera, DepthCameraFactory
 from modpush.envs.depth.image_memory import ImageMemory
+from modpush.envs.scenes.drawing import draw_top_view
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES
 from modpush.envs.scenes.scenario import Scenario
 from modpush.envs.sim.task import ClutterPushEnv
@@ -148,16 +149,22 @@ class SceneBatch(ABC):
         return torch.from_numpy(moved.astype(np.float32))
 
     def render(self, index: int) -> np.ndarray:
-        """A picture of one scene from the side, `[H, W, 3]` uint8.
-
-        Raises:
-            RuntimeError: If the tasks were built without a renderer.
-        """
+        """A picture of one scene, `[H, W, 3]` uint8: rendered from the side, or the drawn top view."""
         number, i = self._locate(index)
         task = self.tasks[number]
-        if not task.scene.can_render():
-            raise RuntimeError("PushEnv.render: build the environment with pictures=True.")
-        return task.render_rgb_array()[i].cpu().numpy()
+        if task.scene.can_render():
+            return task.render_rgb_array()[i].cpu().numpy()
+        measured, scenario = self.measure(), self.scenario(index)
+        w, x, y, z = task.obstacles.transforms(i)[:, 3:].T
+        yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y**2 + z**2))
+        return draw_top_view(
+            scenario,
+            measured.object_pose[index].tolist(),
+            measured.ee_pose[index].tolist(),
+            obstacle_poses=np.column_stack([task.obstacles.transforms(i)[:, :2], yaw]),
+            tool=task.agent.tool_name,
+            objects={scenario.pushed_object: task.objects.item(scenario.pushed_object)},
+        )
 
     def close(self) -> None:
         """Free the simulators."""

@@ -1,15 +1,13 @@
-"""The demo writes what it says, on two families and one episode each."""
+"""`modpush demo` writes what it says, on two families and one episode each."""
 
 import subprocess
 import sys
 
 import cv2
 
-from tests.examples import EXAMPLES
-
 
 def test_demo(tmp_path) -> None:
-    command = [sys.executable, str(EXAMPLES / "demo.py"), "--episodes", "1"]
+    command = [sys.executable, "-m", "modpush", "demo", "--episodes", "1"]
     command += ["--out", str(tmp_path), "--scenes", "free", "posts", "--no-rendered"]
     done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
     assert "| scene | policy | success | contact_rate | collision_rate |" in done.stdout

@@ -1,0 +1,37 @@
+"""Packages that only some commands need, and what to install for them."""
+
+import importlib.util
+
+__all__ = ["EXTRAS", "MissingExtraError", "require_extra"]
+
+EXTRAS = {
+    "tensorboard": "train",
+    "viser": "view",
+    "onnx": "export",
+    "onnxscript": "export",
+    "onnxruntime": "export",
+}
+"""The extra of `pip install 'modpush[extra]'` that brings each optional package."""
+
+
+class MissingExtraError(ImportError):
+    """A package that an extra brings is not installed."""
+
+
+def require_extra(who: str, *packages: str) -> None:
+    """Check that optional packages are installed, without importing them.
+
+    Args:
+        who: What needs them, for the error message.
+        *packages: Names of packages in `EXTRAS`.
+
+    Raises:
+        MissingExtraError: If one is not there; the message says what to install.
+    """
+    missing = [name for name in packages if importlib.util.find_spec(name) is None]
+    if missing:
+        extras = ",".join(sorted({EXTRAS[name] for name in missing}))
+        raise MissingExtraError(
+            f"{who}: {', '.join(missing)} not installed; get it with pip install "
+            f"'modpush[{extras}]'."
+        )

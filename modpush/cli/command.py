@@ -1,0 +1,94 @@
+"""The command `modpush`, which finds the subcommand and imports no other."""
+
+import difflib
+import importlib
+import os
+import sys
+import textwrap
+import traceback
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import modpush
+
+__all__ = ["SUBCOMMANDS", "run_command"]
+
+SUBCOMMANDS = {
+    "demo": "Watch the trained agent beside the corridor controller, in every scene family.",
+    "train": "Train an agent: environment and learner side by side on two cores.",
+    "evaluate": "Evaluate policies on the evaluation sets: tables beside the paper's, pictures, videos.",
+}
+"""What each subcommand does. `modpush.cli.<name>` has a function `main(arguments)`."""
+
+
+def run_command(arguments: Sequence[str] | None = None) -> int:
+    """Run `modpush <subcommand> <arguments>`.
+
+    Errors that the library raises itself are worded for the user and are shown without a traceback.
+
+    Args:
+        arguments: The command's arguments; by default those of the process.
+
+    Returns:
+        The exit status: 0, 2 for a usage error, 130 after an interrupt.
+    """
+    name, *rest = [*(sys.argv[1:] if arguments is None else arguments)] or ["--help"]
+    if name in ("-h", "--help"):
+        print(_overview())
+        return 0
+    if name == "--version":
+        print(f"modpush {modpush.__version__}")
+        return 0
+    if name not in SUBCOMMANDS:
+        print(_unknown(name), file=sys.stderr)
+        return 2
+    if name == "train":
+        # One thread for the learner; the other core is the environment's. Before torch is imported.
+        os.environ.setdefault("OMP_NUM_THREADS", "1")
+    warnings.filterwarnings("ignore", message="Failed to find system libvulkan")
+    if not {"", os.getcwd()} & set(sys.path):
+        sys.path.insert(0, os.getcwd())  # as `python -m` does, so that "module:name" is found there
+    try:
+        importlib.import_module(f"modpush.cli.{name}").main(rest)
+    except KeyboardInterrupt:
+        return 130
+    except (ValueError, TypeError, OSError, ImportError) as error:
+        if not _is_ours(error):
+            raise
+        print(f"modpush {name}: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _overview() -> str:
+    width = max(map(len, SUBCOMMANDS)) + 4
+    lines = [
+        textwrap.fill(
+            text, 100, initial_indent=f"  {name:{width - 2}}", subsequent_indent=" " * width
+        )
+        for name, text in SUBCOMMANDS.items()
+    ]
+    return "\n".join(
+        [
+            "usage: modpush [--help] [--version] SUBCOMMAND ...",
+            "",
+            "Learning to push objects through clutter with a UR5 arm.",
+            "",
+            *lines,
+            "",
+            "`modpush SUBCOMMAND --help` lists the options of one.",
+        ]
+    )
+
+
+def _unknown(name: str) -> str:
+    close = difflib.get_close_matches(name, SUBCOMMANDS, n=1)
+    hint = f" Did you mean {close[0]!r}?" if close else ""
+    return f"modpush: no subcommand {name!r}, there are {', '.join(SUBCOMMANDS)}.{hint}"
+
+
+def _is_ours(error: BaseException) -> bool:
+    """Whether the library raised an error itself, rather than a package that it uses."""
+    frames = traceback.extract_tb(error.__traceback__)
+    return bool(frames) and Path(frames[-1].filename).is_relative_to(Path(modpush.__file__).parent)

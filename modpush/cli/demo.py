@@ -1,0 +1,189 @@
+"""Watch the trained agent beside the corridor controller, in every scene family.
+
+    modpush demo                                 # what `make demo` runs
+    modpush demo --episodes 8 --scenes slot posts
+    modpush demo --policy scripted               # a simpler pusher, along the planner's sub-goals
+
+Writes `runs/demo/`: `table.md`, one picture for each family and `demo.mp4`, top views of the same
+episodes side by side; magenta are the first planned path and the present sub-goal. With a Vulkan
+device there is `arm.mp4`, too: the first policy's episodes rendered by SAPIEN.
+"""
+
+import itertools
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import torch
+import tyro
+from numpy.typing import NDArray
+from torchrl.envs import EnvBase
+from tqdm import tqdm
+
+from modpush.envs import (
+    SCENES,
+    PushEnv,
+    Scenario,
+    ScenarioConfig,
+    find_render_device,
+    sample_scenario,
+)
+from modpush.evaluation.episodes import Episode, run_episodes
+from modpush.evaluation.pictures import (
+    contact_sheet,
+    draw_episode,
+    draw_frames,
+    join_clips,
+    write_picture,
+    write_video,
+)
+from modpush.evaluation.tables import format_table
+from modpush.recipes.methods import Method, get_method
+
+__all__ = ["DemoConfig", "main", "show_demo"]
+
+Frames = dict[int, list[NDArray[np.uint8]]]
+"""Pictures by number of the episode."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemoConfig:
+    """Settings of the demo."""
+
+    policy: tuple[str, ...] = ("agent", "corridor")
+    """Policies to show side by side: `agent`, `corridor`, `corridor_faithful`, `scripted`, a training
+    run's folder, or an agent's file."""
+    scenes: tuple[str, ...] = field(default_factory=lambda: tuple(SCENES))
+    """Scene families to show."""
+    episodes: int = 4
+    """Number of episodes of each family; the first one is in the video."""
+    pushed_object: str = "small_cube"
+    """Name of the object that is pushed."""
+    difficulty: float = 0.3
+    """Difficulty of the scenes, 0 to 1."""
+    seed: int = 0
+    """Seed of the episodes."""
+    out: Path = Path("runs/demo")
+    """Folder to write to."""
+    rendered: bool = True
+    """Have SAPIEN render the first policy's video where there is a Vulkan device."""
+
+
+def show_demo(config: DemoConfig) -> str:
+    """Run the policies on the same episodes, and write table, pictures and videos.
+
+    Returns:
+        The table in Markdown.
+    """
+    methods = [get_method(policy, (config.pushed_object,)) for policy in config.policy]
+    rendered = config.rendered and find_render_device() is not None
+    print("The first run on a machine compiles for about a minute before the arm moves.")
+    scenarios = _draw_scenarios(config)
+    runs: dict[str, list[Episode]] = {}
+    arm: Frames = {}
+    for k, method in enumerate(methods):
+        runs[method.name], frames = _run(method, scenarios, config, rendered and k == 0)
+        arm.update(frames)
+    table = _table(runs, config)
+    print("\n" + table)
+    _write_pictures(config, runs)
+    (config.out / "table.md").write_text(table)
+    told = "no arm.mp4: no Vulkan device"
+    if arm:
+        path = config.out / "arm.mp4"
+        write_video(path, [*itertools.chain.from_iterable(arm[n] for n in sorted(arm))], fps=8)
+        told = f"{path}, rendered by SAPIEN"
+    print(f"Wrote {config.out}/demo.mp4 ({told}), table.md and a picture of each family.")
+    return table
+
+
+def _draw_scenarios(config: DemoConfig) -> list[Scenario]:
+    """The episodes, family by family."""
+    return [
+        sample_scenario(
+            np.random.default_rng([config.seed, k]),
+            ScenarioConfig(
+                scene=scene, pushed_object=config.pushed_object, difficulty=config.difficulty
+            ),
+        )
+        for scene in config.scenes
+        for k in range(config.episodes)
+    ]
+
+
+def _run(
+    method: Method, scenarios: Sequence[Scenario], config: DemoConfig, rendered: bool
+) -> tuple[list[Episode], Frames]:
+    """One policy's episodes, in order, and rendered pictures of the first of each family."""
+    frames: Frames = {}
+    steps: Counter[int] = Counter()
+    num_envs = min(8, len(scenarios))
+    env: EnvBase = method.make_env(num_envs, (config.pushed_object,), pictures=rendered)
+    simulator = env.base_env
+    assert isinstance(simulator, PushEnv)
+
+    def record_frame(scene: int, number: int) -> None:
+        steps[number] += 1
+        # A software renderer takes a fifth of a second a frame: every other step, and at most 50 frames.
+        wanted = number % config.episodes == 0 and steps[number] % 2 and steps[number] <= 100
+        if rendered and wanted:
+            frames.setdefault(number, []).append(simulator.render(scene))
+
+    running = run_episodes(
+        env,
+        method.make_policy(),
+        enumerate(scenarios),
+        path_key=method.path_key,
+        target_key=method.target_key,
+        on_step=record_frame,
+    )
+    bar = tqdm(running, total=len(scenarios), unit="episode", desc=method.name)
+    episodes = sorted(bar, key=lambda episode: episode.number)
+    env.close()
+    return episodes, frames
+
+
+def _table(runs: Mapping[str, Sequence[Episode]], config: DemoConfig) -> str:
+    """Means by family and policy."""
+    rows = pd.DataFrame(
+        [
+            {"scene": e.scenario.scene, "policy": name, **e.metrics.to_dict()}
+            for name, episodes in runs.items()
+            for e in episodes
+        ]
+    )
+    columns = ["success", "contact_rate", "collision_rate", "spl", "steps"]
+    means = rows.groupby(["scene", "policy"], sort=False)[columns].mean().loc[list(config.scenes)]
+    return format_table(means.reset_index().set_index("scene"))
+
+
+def _write_pictures(config: DemoConfig, runs: Mapping[str, Sequence[Episode]]) -> None:
+    """A picture of each family with a row for each policy, and the video of their first episodes."""
+    video: list[NDArray[np.uint8]] = []
+    for k, scene in enumerate(config.scenes):
+        shown = {
+            name: episodes[k * config.episodes : (k + 1) * config.episodes]
+            for name, episodes in runs.items()
+        }
+        pictures = [
+            draw_episode(e.scenario, e.trajectory, caption=f"{name}: {scene} {n}")
+            for name, episodes in shown.items()
+            for n, e in enumerate(episodes)
+        ]
+        write_picture(config.out / f"{scene}.png", contact_sheet(pictures, columns=config.episodes))
+        clips = [
+            list(draw_frames(e[0].scenario, e[0].trajectory, caption=f"{name}: {scene}"))
+            for name, e in shown.items()
+        ]
+        video += join_clips(clips)
+    write_video(config.out / "demo.mp4", video)
+
+
+def main(arguments: Sequence[str]) -> None:
+    """`modpush demo <arguments>`."""
+    torch.set_num_threads(1)
+    config = tyro.cli(DemoConfig, prog="modpush demo", description=__doc__, args=[*arguments])
+    show_demo(config)

@@ -1,0 +1,120 @@
+"""Evaluate policies on the evaluation sets: tables beside the paper's, pictures, videos.
+
+    modpush evaluate --policy corridor --set obstacles/small_cube
+    modpush evaluate --policy agent corridor --set all --episodes 100
+    modpush evaluate --policy runs/train --set free/small_cube
+    modpush evaluate --policy corridor --set smoke        # half a minute
+
+For each policy and set `runs/evaluate/<policy>/<set>/` gets `episodes.csv` (a row for each episode),
+`table.md`, `.tex` and `.csv`, `failures.png`, `successes.png` and a video for each family. With
+several policies `runs/evaluate/comparison/<set>.md` has metrics over the episodes that all solved,
+and paired t-tests. An interrupted run goes on where it stopped; `--fresh` starts over.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import pandas as pd
+import torch
+import tyro
+
+from modpush.evaluation.report import comparison_report, draw_results, write_tables
+from modpush.evaluation.runner import EvaluationConfig, evaluate
+from modpush.evaluation.sets import SET_NAMES, EvaluationSet, load_set
+from modpush.recipes.methods import Method, get_method
+
+__all__ = ["EvaluateConfig", "evaluate_policies", "main"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluateConfig:
+    """Policies, evaluation sets and what to write."""
+
+    policy: tuple[str, ...] = ("agent",)
+    """Policies to evaluate: `agent` (the one that is shipped for the set's object, or the small
+    cube's where there is none, which the output says), `corridor`, `corridor_faithful`, `scripted`, a
+    training run's folder, or an agent's file. Several are compared with each other."""
+    sets: Annotated[tuple[str, ...], tyro.conf.arg(name="set")] = ("smoke",)
+    """Evaluation sets, or `all` for those of the paper."""
+    episodes: int | None = None
+    """Number of episodes to run of each set, from its first on; all by default."""
+    num_envs: int = 8
+    """Number of scenes that a process steps together."""
+    workers: int = 1
+    """Number of processes."""
+    pictures: int = 24
+    """Largest number of failed episodes that are drawn; half as many solved ones are."""
+    videos: bool = True
+    """Whether to write a video for each family."""
+    fresh: bool = False
+    """Start over instead of resuming an interrupted run."""
+    allow: tuple[str, ...] = ()
+    """Modules that an agent's file may import parts of its author's own from."""
+    out: Path = Path("runs/evaluate")
+    """Folder to write to."""
+
+    @property
+    def set_names(self) -> tuple[str, ...]:
+        """The sets asked for, `all` spelled out."""
+        return tuple(n for n in SET_NAMES if n != "smoke") if "all" in self.sets else self.sets
+
+
+def evaluate_policies(config: EvaluateConfig) -> dict[str, dict[str, pd.DataFrame]]:
+    """Run every policy on every set, and write tables, pictures and videos.
+
+    Returns:
+        A row for each episode, by set and policy.
+    """
+    results: dict[str, dict[str, pd.DataFrame]] = {}
+    for name in config.set_names:
+        episodes = load_set(name).first(config.episodes)
+        methods = [get_method(p, episodes.objects, allow=config.allow) for p in config.policy]
+        rows = {method.name: _evaluate_one(method, episodes, config) for method in methods}
+        report = comparison_report(name, rows)
+        path = config.out / "comparison" / f"{name}.md"
+        if len(rows) == 1:
+            path = config.out / methods[0].name / name / "beside_paper.md"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(report)
+        print(f"\n{report}")
+        results[name] = rows
+    print(f"Wrote tables, per-episode data, pictures and videos to {config.out}/.")
+    return results
+
+
+def _evaluate_one(
+    method: Method, evaluation_set: EvaluationSet, config: EvaluateConfig
+) -> pd.DataFrame:
+    """One policy on one set."""
+    folder = config.out / method.name / evaluation_set.name
+    rows = evaluate(
+        method.make_policy(),
+        evaluation_set,
+        folder,
+        make_env=method.make_env,
+        config=EvaluationConfig(
+            num_envs=config.num_envs,
+            workers=config.workers,
+            path_key=method.path_key,
+            target_key=method.target_key,
+        ),
+        resume=not config.fresh,
+    )
+    table = write_tables(rows, folder)
+    print(f"\n{method.name} on {evaluation_set.name}\n\n{table}")
+    draw_results(
+        rows, evaluation_set, folder, method.name, pictures=config.pictures, videos=config.videos
+    )
+    return rows
+
+
+def main(arguments: Sequence[str]) -> None:
+    """`modpush evaluate <arguments>`."""
+    # Kernels on 8 scenes are too short to share out: waiting for each other costs more.
+    torch.set_num_threads(1)
+    config = tyro.cli(
+        EvaluateConfig, prog="modpush evaluate", description=__doc__, args=[*arguments]
+    )
+    evaluate_policies(config)

@@ -1,0 +1,93 @@
+"""Train an agent: environment and learner side by side on two cores.
+
+    modpush train cpu --out runs/train            # what `make train` runs, 21 minutes
+    modpush train cpu --out runs/train --resume   # go on after an interrupt
+    modpush train smoke --out /tmp/smoke          # everything once, in some seconds
+    modpush train cpu --out runs/rays --train.env.encoder rays --train.seed 1
+
+The folder gets `config.yaml`, `log.csv`, `evaluations.csv` (greedy, on held-out episodes), `curve.png`,
+`best_agent.safetensors` (give it to `modpush.load_agent` or `modpush evaluate --policy`),
+`checkpoints/`, and what TensorBoard reads in `logs/`. Ctrl-C writes a checkpoint and stops.
+"""
+
+import signal
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import torch
+import tyro
+
+from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
+from modpush.training.curve import draw_curve
+
+__all__ = ["RunConfig", "main", "train_agent"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunConfig:
+    """A training run and its folder."""
+
+    train: TrainConfig = field(default_factory=TrainConfig)
+    """Settings of the training run."""
+    out: Path = Path("runs/train")
+    """Folder of the run."""
+    resume: bool = False
+    """Resume the run in the folder from its newest checkpoint."""
+
+
+def train_agent(run: RunConfig) -> dict[str, float]:
+    """Train, and draw the learning curve. Ctrl-C and SIGTERM end the run with a checkpoint.
+
+    On Linux the environment's process is forked, so call this before anything has run on several
+    threads of torch or numba, or use `Trainer` itself.
+
+    Returns:
+        Success and contact of the best agent on the held-out episodes.
+
+    Raises:
+        KeyboardInterrupt: After an interrupt, once the checkpoint is written.
+    """
+    torch.set_num_threads(1)
+    print("The first run on a machine compiles for about a minute before the arm moves.")
+    # Nothing has run in this process yet, so that the worker may share its libraries' memory.
+    start_method: Literal["fork", "spawn"] = "fork" if sys.platform == "linux" else "spawn"
+    trainer = Trainer(run.train, run.out, resume=run.resume, start_method=start_method)
+    folder = trainer.folder
+
+    def interrupt(*_: Any) -> None:
+        # At the end of the present rollout, when all is in order; a second time means at once.
+        if trainer.interrupted:
+            raise KeyboardInterrupt
+        trainer.interrupted = True
+
+    for number in (signal.SIGINT, signal.SIGTERM):  # a polite kill ends a run as Ctrl-C does
+        signal.signal(number, interrupt)
+    try:
+        best = trainer.run()
+    finally:
+        if folder.evaluations.exists():
+            draw_curve([folder.path], folder.curve)
+    print(
+        f"Best on the held-out episodes: success {best['success']:.3f}, contact "
+        f"{best['contact']:.3f}. Wrote {folder.best_agent} and {folder.curve}."
+    )
+    return best
+
+
+def main(arguments: Sequence[str]) -> None:
+    """`modpush train <arguments>`."""
+    presets = {
+        name: (text, RunConfig(train=config, out=Path("runs") / f"train_{name}"))
+        for name, (text, config) in TRAIN_PRESETS.items()
+    }
+    run = tyro.extras.overridable_config_cli(
+        presets, prog="modpush train", description=__doc__, args=[*arguments]
+    )
+    try:
+        train_agent(run)
+    except KeyboardInterrupt:
+        print(f"\nStopped; a checkpoint is in {run.out}. Go on with --resume.")
+        raise

@@ -1,0 +1,108 @@
+"""Tables, pictures and videos of evaluated policies."""
+
+import functools
+from collections.abc import Mapping
+from pathlib import Path
+
+import pandas as pd
+
+from modpush.evaluation.pictures import (
+    contact_sheet,
+    draw_episode,
+    draw_frames,
+    write_picture,
+    write_video,
+)
+from modpush.evaluation.published_results import beside_paper
+from modpush.evaluation.results import load_trajectory
+from modpush.evaluation.sets import EvaluationSet
+from modpush.evaluation.tables import compare, format_table, summarize, to_display
+
+__all__ = ["comparison_report", "draw_results", "write_tables"]
+
+
+def write_tables(rows: pd.DataFrame, folder: Path) -> str:
+    """Write means over all episodes and over each scene family as `table.csv`, `.tex` and `.md`.
+
+    Args:
+        rows: A row for each episode, as `evaluate` returns them.
+        folder: Folder to write to.
+
+    Returns:
+        The table in Markdown.
+    """
+    by_scene = {str(scene): frame for scene, frame in rows.groupby("scene", sort=False)}
+    table = pd.concat(
+        [summarize({name: frame}) for name, frame in [("all", rows), *by_scene.items()]]
+    ).rename_axis("scene")
+    text = format_table(to_display(table))
+    (folder / "table.csv").write_text(format_table(table, "csv"))
+    (folder / "table.tex").write_text(format_table(to_display(table), "latex"))
+    (folder / "table.md").write_text(text)
+    return text
+
+
+def draw_results(
+    rows: pd.DataFrame,
+    episodes: EvaluationSet,
+    folder: Path,
+    policy: str,
+    *,
+    pictures: int = 24,
+    videos: bool = True,
+) -> None:
+    """Draw failed and solved episodes, spread over the set, and a video of each scene family.
+
+    Writes `failures.png`, `successes.png` and `videos/<family>.mp4`.
+
+    Args:
+        rows: A row for each episode, as `evaluate` returns them.
+        episodes: The evaluation set.
+        folder: Folder that `evaluate` kept its results in, which is written to.
+        policy: Name of the policy, for the captions.
+        pictures: Largest number of failed episodes that are drawn; half as many solved ones are.
+        videos: Whether to write the videos.
+    """
+    load = functools.partial(load_trajectory, folder)
+    for name, solved, most in (("failures", False, pictures), ("successes", True, pictures // 2)):
+        chosen = rows[rows["success"] == solved]
+        chosen = chosen.iloc[:: max(1, len(chosen) // max(1, most))].head(most)
+        path = folder / f"{name}.png"
+        path.unlink(missing_ok=True)
+        drawn = [
+            draw_episode(
+                episodes.scenarios[row.episode],
+                load(row.episode),
+                caption=f"{row.episode} {row.scene}: {'solved' if solved else 'failed'}, "
+                f"{row.steps} steps{', out of bounds' if row.out_of_bounds else ''}",
+            )
+            for row in chosen.itertuples()
+        ]
+        if drawn:
+            write_picture(path, contact_sheet(drawn))
+    for scene, frame in rows.groupby("scene") if videos else ():
+        number = int(frame["episode"].iloc[0])
+        frames = draw_frames(
+            episodes.scenarios[number], load(number), caption=f"{policy}: {scene}, #{number}"
+        )
+        write_video(folder / "videos" / f"{scene}.mp4", frames)
+
+
+def comparison_report(name: str, rows: Mapping[str, pd.DataFrame]) -> str:
+    """Policies beside the paper's figures; several of them are tested against the first.
+
+    Args:
+        name: Name of the evaluation set.
+        rows: A row for each episode, as `evaluate` returns them, by policy.
+
+    Returns:
+        Tables in Markdown. With several policies, metrics are over the episodes that all solved.
+    """
+    summary = summarize(dict(rows))
+    text = f"{name}: beside the paper\n\n{format_table(beside_paper(summary, name))}"
+    if len(rows) > 1:
+        text += f"\nmetrics over what all solved\n\n{format_table(to_display(summary))}"
+        (first, a), *others = rows.items()
+        for second, b in others:
+            text += f"\n{first} against {second}\n\n{format_table(compare(a, b))}"
+    return text

@@ -1,0 +1,128 @@
+"""The policies that the command line knows by name, each with the environment that it needs."""
+
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tensordict import NestedKey
+from tensordict.nn import TensorDictModuleBase
+from torchrl.envs import Compose, EnvBase, InitTracker, TransformedEnv
+
+from modpush.agents import PushingCorridorController, ScriptedPusher, faithful_config
+from modpush.envs import PushEnv
+from modpush.planners import DistanceField, OccupancyGrid, PlannerSubgoals
+from modpush.recipes.agent_file import load_agent, shipped_agents
+
+__all__ = ["METHODS", "Method", "get_method"]
+
+METHODS = {
+    "agent": "the agent that is shipped for the object, or the small cube's where there is none",
+    "corridor": "the pushing-corridor controller of Krivic and Piater",
+    "corridor_faithful": "the same, by the rules of its authors' code",
+    "scripted": "a simple pusher along the planner's sub-goals",
+}
+"""What each name stands for."""
+_MAX_WAYPOINTS = 32
+
+
+@dataclass(frozen=True, kw_only=True)
+class Method:
+    """A policy, the environment that it needs, and where it writes what it plans."""
+
+    name: str
+    """Name for tables, pictures and folders."""
+    make_policy: Callable[[], TensorDictModuleBase]
+    """Makes the policy."""
+    make_env: Callable[..., EnvBase]
+    """`(number of scenes, names of the objects, **options of PushEnv) -> environment`; picklable."""
+    path_key: NestedKey
+    """Key of the planned path, `[B, n, 2]` [m], in what a step returns."""
+    target_key: NestedKey
+    """Key of the sub-goal that is acted upon, `[B, 2]` [m], in what a step returns."""
+
+
+def get_method(
+    policy: str,
+    objects: Sequence[str] = ("small_cube",),
+    *,
+    allow: Sequence[str] = (),
+) -> Method:
+    """Look a policy up.
+
+    Args:
+        policy: A name in `METHODS`, a training run's folder, or an agent's file.
+        objects: Names of the objects that will be pushed.
+        allow: Modules that an agent's file may import parts of its author's own from.
+
+    Raises:
+        ValueError: If there is no such policy, with those there are; if the file is not an agent, or
+            names modules that are not allowed.
+    """
+    if policy in ("corridor", "corridor_faithful"):
+        config = faithful_config() if policy == "corridor_faithful" else None
+        return Method(
+            name=policy,
+            make_policy=functools.partial(PushingCorridorController, config),
+            make_env=functools.partial(_plain_env, planner=False),
+            path_key=("next", "corridor", "path"),
+            target_key=("next", "corridor", "target"),
+        )
+    if policy == "scripted":
+        return Method(
+            name=policy,
+            make_policy=functools.partial(ScriptedPusher, target_key="subgoal"),
+            make_env=functools.partial(_plain_env, planner=True),
+            path_key="path",
+            target_key="subgoal",
+        )
+    name, source = _find_agent(policy, objects)
+    agent = load_agent(source, allow=allow)
+    return Method(
+        name=name,
+        make_policy=lambda: agent.policy,
+        make_env=functools.partial(_agent_env, agent=source, allow=tuple(allow)),
+        path_key="path",
+        target_key="subgoal",
+    )
+
+
+def _find_agent(policy: str, objects: Sequence[str]) -> tuple[str, str]:
+    """Name and file of an agent."""
+    path = Path(policy)
+    if policy == "agent":
+        shipped = len(objects) == 1 and objects[0] in shipped_agents()
+        source = objects[0] if shipped else "small_cube"
+        if not shipped:
+            print(f"agent: none is shipped for {', '.join(objects)}; {source}'s agent is used.")
+        return "agent", source
+    if (path / "best_agent.safetensors").is_file():
+        return path.name, str(path / "best_agent.safetensors")
+    if path.is_file():
+        return path.stem, policy
+    raise ValueError(
+        f"policy: no {policy!r}, expected {', '.join(METHODS)}, a training run's folder or an "
+        "agent's file."
+    )
+
+
+def _plain_env(num_envs: int, objects: Sequence[str], *, planner: bool, **options: Any) -> EnvBase:
+    """`PushEnv`, with the planner's sub-goals for those that follow them."""
+    transforms: list[Any] = [InitTracker()]
+    if planner:
+        transforms += [
+            OccupancyGrid(object_radius_key="object_radius"),
+            PlannerSubgoals(DistanceField(), max_waypoints=_MAX_WAYPOINTS),
+        ]
+    env = PushEnv(num_envs, pushed_object=tuple(objects), **options)
+    return TransformedEnv(env, Compose(*transforms))
+
+
+def _agent_env(
+    num_envs: int, objects: Sequence[str], *, agent: str, allow: Sequence[str], **options: Any
+) -> EnvBase:
+    """The environment that an agent was trained in, with the objects of an evaluation set."""
+    return load_agent(agent, allow=allow).make_env(
+        num_envs, **{"pushed_object": tuple(objects), "max_waypoints": _MAX_WAYPOINTS, **options}
+    )

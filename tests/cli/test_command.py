@@ -1,0 +1,59 @@
+"""The command as a whole: what it lists, what it refuses, and how it says so."""
+
+import subprocess
+import sys
+
+import pytest
+
+from modpush._extras import EXTRAS, MissingExtraError, require_extra
+from modpush.cli import SUBCOMMANDS, run_command
+
+
+def test_the_overview_lists_every_subcommand(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_command([]) == 0
+    printed = capsys.readouterr().out
+    for name, text in SUBCOMMANDS.items():
+        assert name in printed
+        assert text.partition(":")[0] in " ".join(printed.split())
+
+
+def test_a_typo_lists_what_there_is_and_guesses(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_command(["evalute"]) == 2
+    printed = capsys.readouterr().err
+    assert "no subcommand 'evalute', there are demo, train, evaluate" in printed
+    assert "Did you mean 'evaluate'?" in printed
+
+
+@pytest.mark.parametrize("name", SUBCOMMANDS)
+def test_every_subcommand_explains_itself(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        run_command([name, "--help"])
+    assert ended.value.code == 0
+    printed = capsys.readouterr().out
+    assert f"usage: modpush {name}" in printed
+    assert SUBCOMMANDS[name].split()[:6] == printed.split("\n\n")[1].split()[:6]
+
+
+def test_an_unknown_option_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        run_command(["evaluate", "--polcy", "agent"])
+    assert ended.value.code == 2
+    assert "--polcy" in capsys.readouterr().err
+
+
+def test_the_library_s_own_errors_come_without_a_traceback(tmp_path) -> None:
+    command = [sys.executable, "-m", "modpush", "evaluate", "--policy", "nobody"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "modpush evaluate: policy: no 'nobody', expected agent, corridor" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_missing_extra_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(EXTRAS, "no_such_package", "view")
+    with pytest.raises(
+        MissingExtraError,
+        match=r"modpush play: no_such_package not installed; .* pip install 'modpush\[view\]'",
+    ):
+        require_extra("modpush play", "no_such_package")
+    require_extra("modpush play", "onnx")

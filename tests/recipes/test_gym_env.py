@@ -1,0 +1,129 @@
+"""`modpush/Push-v0`: the paper's observation and reward through Gymnasium's front door."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+from gymnasium.utils.env_checker import check_env
+from stable_baselines3 import SAC
+from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
+from tensordict import TensorDict
+from torchrl.envs import GymEnv
+from torchrl.envs.utils import check_env_specs, step_mdp
+
+import modpush.envs  # noqa: F401  # registers the environment
+from modpush.encoders import RayScan
+from modpush.recipes import PaperGymEnv, PushEnvConfig, load_agent, make_push_env
+
+
+@pytest.fixture
+def env():
+    env = gym.make("modpush/Push-v0", scene="posts", encoder="rays", render_mode="rgb_array")
+    yield env
+    env.close()
+
+
+def test_gymnasiums_and_stable_baselines_own_checks(env) -> None:
+    check_env(env.unwrapped)
+    check_env_of_sb3(env.unwrapped)
+
+
+def test_observation_and_reward_are_make_push_env_s() -> None:
+    task = PaperGymEnv("paper", encoder="rays", scene="slot", difficulty=0.5)
+    config = PushEnvConfig.preset("paper", num_envs=1, encoder="rays")
+    env = make_push_env(config, scene="slot", difficulty=0.5)
+    observation, _ = task.reset(seed=3)
+    state = env.reset(seed=3)
+    generator = np.random.default_rng(0)
+    for _ in range(10):
+        np.testing.assert_array_equal(observation, state["observation"][0])
+        action = generator.uniform(-1, 1, 3).astype(np.float32)
+        observation, reward, terminated, truncated, info = task.step(action)
+        stepped = env.step(state.set("action", torch.from_numpy(action)[None]))
+        assert reward == stepped["next", "reward"].item()
+        assert info["object_contact"] == stepped["next", "object_contact"].item()
+        assert not terminated
+        assert not truncated
+        state = step_mdp(stepped)
+    assert next(iter(task.columns)) == "latent"
+    task.close()
+    env.close()
+
+
+def test_the_shipped_agent_pushes_through_it() -> None:
+    agent = load_agent("small_cube")
+    env = gym.make("modpush/Push-v0", scene="slot", difficulty=0.3)
+    observation, _ = env.reset(seed=0)
+    done = False
+    while not done:
+        state = TensorDict({"observation": torch.from_numpy(observation)[None]}, [1])
+        action = agent.policy(state)["action"][0].numpy()
+        observation, _, terminated, truncated, info = env.step(action)
+        done = terminated or truncated
+    assert info["is_success"]
+    env.close()
+
+
+def test_options_are_obeyed_or_refused() -> None:
+    env = PaperGymEnv(
+        encoder=RayScan(num_rays=8), leave_out=("edges",), pushed_object="large_cube", seed=0
+    )
+    assert env.columns["latent"] == slice(0, 8)
+    assert "edges" not in env.columns
+    env.reset()
+    assert env.simulator.scenarios[0].pushed_object == "large_cube"
+    env.close()
+    with pytest.raises(TypeError, match=r"unexpected keyword argument 'scnee'; expected some of"):
+        PaperGymEnv(scnee="slot")
+    with pytest.raises(ValueError, match=r"one scene, got num_envs=4; for several use .*make_vec"):
+        gym.make("modpush/Push-v0", num_envs=4)
+    with pytest.raises(ValueError, match=r"preset must be one of \['cpu', 'paper'\], got 'gpu'"):
+        PaperGymEnv("gpu")
+    with pytest.raises(ValueError, match="'end_to_end' has an image beside the observation"):
+        PaperGymEnv(encoder="end_to_end")
+    with pytest.raises(ValueError, match="render_mode must be None or 'rgb_array', got 'human'"):
+        PaperGymEnv(render_mode="human")
+
+
+def test_step_before_reset_is_refused() -> None:
+    env = PaperGymEnv(encoder="none")
+    with pytest.raises(RuntimeError, match=r"PaperGymEnv\.step: call reset first"):
+        env.step(np.zeros(3, np.float32))
+    env.close()
+
+
+def test_several_scenes_at_once() -> None:
+    envs = gym.make_vec("modpush/Push-v0", num_envs=2, encoder="rays", max_episode_steps=3)
+    observation, _ = envs.reset(seed=0)
+    assert observation.shape == (2, envs.single_observation_space.shape[0])
+    assert (observation[0] != observation[1]).any()
+    for _ in range(5):
+        observation, _, _, _, _ = envs.step(envs.action_space.sample())
+        assert np.isfinite(observation).all()
+    envs.close()
+
+
+def test_torchrls_gym_env() -> None:
+    env = GymEnv("modpush/Push-v0", scene="slot", encoder="rays")
+    check_env_specs(env)
+    assert env.rollout(3)["next", "observation"].shape == (3, 54)
+    env.close()
+
+
+def test_the_picture_is_the_drawn_top_view(env) -> None:
+    assert env.unwrapped.render() is None  # no episode yet
+    env.reset(seed=0)
+    picture = env.render()
+    assert picture.dtype == np.uint8
+    assert picture.std() > 10
+
+
+@pytest.mark.slow
+def test_stable_baselines_sac_learns_on_it() -> None:
+    """In free space, 3000 steps: the mean reward of a step rises over that of random actions."""
+    env = gym.make("modpush/Push-v0", scene="free", encoder="none", distance=(0.2, 0.3))
+    rewards: list[float] = []
+    model = SAC("MlpPolicy", env, learning_starts=600, gamma=0.98, seed=0)
+    model.learn(3000, callback=lambda found, _: rewards.extend(found["rewards"]) or True)
+    assert np.mean(rewards[-600:]) > np.mean(rewards[:600])
+    env.close()

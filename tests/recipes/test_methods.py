@@ -1,0 +1,45 @@
+"""The policies that the command line knows by name."""
+
+import itertools
+from pathlib import Path
+
+import pytest
+
+from modpush.evaluation.results import describe_policy
+from modpush.recipes import METHODS, get_method
+from modpush.recipes.agent_file import shipped_agents
+
+
+def test_every_method_is_known_by_its_name_and_settings() -> None:
+    found = [get_method(name) for name in METHODS]
+    described = [describe_policy(method.make_policy()) for method in found]
+    assert all(a != b for a, b in itertools.combinations(described, 2))
+    assert found[2].make_policy().config.rules == "faithful"
+    with pytest.raises(ValueError, match=r"no 'nobody', expected agent, .*training run's folder"):
+        get_method("nobody")
+
+
+def test_the_agent_is_the_one_of_the_object_or_the_output_says_whose(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    own = get_method("agent", ("small_cube",))
+    assert capsys.readouterr().out == ""
+    for objects in (("large_cube",), ("small_cube", "fragment")):
+        other = get_method("agent", objects)
+        assert other.make_env.keywords == own.make_env.keywords
+        assert other.make_env.keywords["agent"] == "small_cube"
+        printed = capsys.readouterr().out
+        assert f"none is shipped for {', '.join(objects)}; small_cube's agent is used" in printed
+
+
+def test_an_agent_s_file_and_a_run_s_folder_are_found(tmp_path: Path) -> None:
+    run = tmp_path / "my_run"
+    run.mkdir()
+    file = run / "best_agent.safetensors"
+    file.write_bytes(shipped_agents()["small_cube"].read_bytes())
+    for text, name in ((str(run), "my_run"), (str(file), "best_agent")):
+        method = get_method(text)
+        assert method.name == name
+        env = method.make_env(1, ("small_cube",))
+        assert "path" in env.full_observation_spec.keys()
+        env.close()
