@@ -44,7 +44,7 @@ class SingleSceneEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], AB
         self, env: EnvBase, observation_space: spaces.Box, render_mode: str | None
     ) -> None:
         self.env, self.render_mode = env, render_mode
-        self.observation_space = observation_space
+        self.observation_space = observation_space  # type: ignore[assignment]  # a Box of float32
         self.action_space = spaces.Box(-1.0, 1.0, (ACTION_SIZE,), dtype=np.float32)
         self._state: TensorDictBase | None = None
 

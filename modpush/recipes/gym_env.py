@@ -27,7 +27,7 @@ class PaperGymEnv(SingleSceneEnv):
     """One scene with planner, encoder, observation and reward: `gymnasium.make("modpush/Push-v0")`.
 
     The observation is that of `make_push_env`, `[n]` float32 of order 1, clipped at 100; `columns` says
-    where each entry stands in it. The action is `[3]` float32 in [-1, 1], in the agent's frame; the reward
+    where each entry stands in it. The action is `[3]` float32 in [-1, 1] in the agent's frame; the reward
     is the paper's weighted sum. `info` has `success` (also as `is_success`), `out_of_bounds` and the
     contacts as Python bools.
 
