@@ -46,8 +46,16 @@ MAY_KNOW = {
         "evaluation",
     },
     "cli": {
-        *("geometry", "envs", "planners", "encoders", "mdp", "agents", "replay", "recipes"),
-        *("evaluation", "training"),
+        "geometry",
+        "envs",
+        "planners",
+        "encoders",
+        "mdp",
+        "agents",
+        "replay",
+        "recipes",
+        "evaluation",
+        "training",
     },
 }
 """What each package may import besides itself and the shared modules."""
