@@ -20,6 +20,8 @@ SHARED = {
     "_hash",
     "_keys",
     "_folder_lock",
+    "_types",
+    "_validation",
     "_weights",
     "files",
     "parts",

@@ -1,7 +1,6 @@
 """A scripted pusher: it goes behind the object, pushes it at the target, and corrects its direction."""
 
 import math
-from dataclasses import dataclass
 
 import torch
 from tensordict import NestedKey, TensorDictBase
@@ -9,40 +8,38 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
 from modpush._keys import read_key
+from modpush._types import Finite, HalfTurn, Length, NonNegative, Positive, PositiveFraction
+from modpush._validation import checked
 from modpush.geometry.angles import wrap_angle
 
 __all__ = ["ScriptedPusher", "ScriptedPusherConfig", "scripted_push"]
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked
 class ScriptedPusherConfig:
     """Gains of the scripted pusher, tuned by hand in free space."""
 
-    tool_radius: float = 0.034
+    tool_radius: Length = 0.034
     """Circumscribed radius of the tool's tip [m]."""
-    margin: float = 0.012
+    margin: NonNegative = 0.012
     """Distance kept between tool and object while going round the object [m]."""
-    approach_angle: float = 0.15
+    approach_angle: HalfTurn = 0.15
     """Largest angle off the line from target through object at which the tool closes in [rad]."""
-    push_angle: float = 0.7
+    push_angle: HalfTurn = 0.7
     """Largest angle off that line at which the tool goes on pushing while in contact [rad]."""
-    steer_gain: float = 1.5
+    steer_gain: Finite = 1.5
     """Correction of the pushing direction, as a multiple of the angle off the line."""
-    push_speed: float = 0.7
+    push_speed: PositiveFraction = 0.7
     """Length of a step while in contact, as a fraction of the largest step."""
-    max_turn: float = 0.05
+    max_turn: Positive = 0.05
     """Rotation of the tool that the largest action stands for [rad]."""
 
     def __post_init__(self) -> None:
-        """Check ranges."""
-        if not 0 < self.approach_angle <= self.push_angle < math.pi:
+        """Check what depends on several fields."""
+        if not self.approach_angle <= self.push_angle:
             raise ValueError(
-                "ScriptedPusherConfig: expected 0 < approach_angle <= push_angle < pi, "
+                "ScriptedPusherConfig: expected approach_angle <= push_angle, "
                 f"got {self.approach_angle} and {self.push_angle}."
-            )
-        if not 0 < self.push_speed <= 1:
-            raise ValueError(
-                f"ScriptedPusherConfig: push_speed must be in (0, 1], got {self.push_speed}."
             )
 
 

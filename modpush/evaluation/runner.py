@@ -4,17 +4,19 @@ import functools
 import multiprocessing
 import queue
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import pandas as pd
 import torch
-from tensordict import NestedKey
+from annotated_types import Le
 from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType
 from tqdm import tqdm
 
+from modpush._types import Count, Key, Scenes, Seed
+from modpush._validation import checked
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.episodes import Episode, Policy, run_episodes
 from modpush.evaluation.results import ResultStore, describe_policy
@@ -29,31 +31,24 @@ EnvFactory = Callable[[int, Sequence[str]], EnvBase]
 workers it must be picklable: a function of a module, or a `functools.partial` of one."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked
 class EvaluationConfig:
     """How episodes are run."""
 
-    num_envs: int = 8
+    num_envs: Scenes = 8
     """Number of scenes stepped together in each process."""
-    workers: int = 1
+    workers: Annotated[Count, Le(256)] = 1
     """Number of processes; 1 runs in this one."""
-    seed: int = 0
+    seed: Seed = 0
     """Seed of torch, for policies that draw random numbers."""
     deterministic: bool = True
     """Let a stochastic policy take its most likely action."""
-    path_key: NestedKey | None = None
+    path_key: Key | None = None
     """Key of the planned path, see `run_episodes`."""
-    target_key: NestedKey | None = None
+    target_key: Key | None = None
     """Key of the sub-goal that the policy acts upon, see `run_episodes`."""
     progress: bool = True
     """Show a progress bar."""
-
-    def __post_init__(self) -> None:
-        for name in ("num_envs", "workers"):
-            if getattr(self, name) < 1:
-                raise ValueError(
-                    f"EvaluationConfig: {name} must be >= 1, got {getattr(self, name)}."
-                )
 
     @property
     def exploration(self) -> ExplorationType:

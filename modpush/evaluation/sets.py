@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 
 from modpush._hash import data_hash
+from modpush._types import Count, Name, Several
+from modpush._validation import checked
 from modpush.envs.scenes.layouts import HARD_SCENES, OBSTACLE_SCENES, SCENES
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.envs.scenes.sampling import sample_scenario
@@ -61,17 +63,17 @@ SET_NAMES = tuple(_RECIPES)
 """Names of all sets in the package."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked
 class EvaluationSet:
     """Numbered episodes on which every method is evaluated."""
 
-    name: str
+    name: Name
     """Letters, digits and `_.+-`, in parts separated by `/`: results are kept in a folder of this
     name."""
-    scenarios: tuple[Scenario, ...]
+    scenarios: Several[Scenario]
     """Episode i starts from `scenarios[i]`. Any first part of a set holds its families and objects
     in equal shares."""
-    version: int = SET_VERSION
+    version: Count = SET_VERSION
     digest: str = ""
     """Hash of all episodes of the set that this is the first part of; computed if not given."""
 

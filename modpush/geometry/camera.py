@@ -1,7 +1,6 @@
 """The bird's-eye pinhole camera: the one place that turns pixels into metres and back."""
 
 import math
-from dataclasses import dataclass, fields
 from typing import TypeVar
 
 import numpy as np
@@ -9,13 +8,16 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from modpush._types import Coordinate, HalfTurn, Length, PixelCount
+from modpush._validation import checked
+
 __all__ = ["CAMERA", "Camera"]
 
 Points = TypeVar("Points", Tensor, NDArray[np.float64])
 """A torch tensor, or a numpy array: what comes in goes out."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked
 class Camera:
     """A pinhole camera that looks straight down on the table, and the grid that it lays over it.
 
@@ -30,35 +32,18 @@ class Camera:
     Source: The camera of the authors' released simulation.
     """
 
-    height: int = 256
+    height: PixelCount = 256
     """Height of the image, its number of rows [px]."""
-    width: int = 256
+    width: PixelCount = 256
     """Width of the image, its number of columns [px]."""
-    x: float = 0.60
+    x: Coordinate = 0.60
     """Position of the pinhole along x in the robot's base frame [m]."""
-    y: float = 0.0
+    y: Coordinate = 0.0
     """Position of the pinhole along y in the robot's base frame [m]."""
-    z: float = 1.1
+    z: Length = 1.1
     """Height of the pinhole over the table [m]."""
-    field_of_view: float = math.radians(45.0)
+    field_of_view: HalfTurn = math.radians(45.0)
     """Vertical opening angle [rad]."""
-
-    def __post_init__(self) -> None:
-        """Check every field."""
-        for name in ("height", "width"):
-            size = getattr(self, name)
-            if not isinstance(size, int | np.integer) or isinstance(size, bool) or size < 1:
-                raise ValueError(f"Camera: {name} must be an integer >= 1, got {size!r}.")
-        for field in fields(self)[2:]:
-            value = getattr(self, field.name)
-            if not math.isfinite(value):
-                raise ValueError(f"Camera: {field.name} must be finite, got {value}.")
-        if not self.z > 0:
-            raise ValueError(f"Camera: z must be > 0 m, got {self.z}.")
-        if not 0 < self.field_of_view < math.pi:
-            raise ValueError(
-                f"Camera: field_of_view must lie in (0, pi), got {self.field_of_view}."
-            )
 
     @property
     def position(self) -> tuple[float, float, float]:

@@ -2,11 +2,13 @@
 
 import functools
 import math
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from modpush._types import Angles, Color, Extents, Point, Position, Several
+from modpush._validation import checked
 
 __all__ = ["KINDS", "Kind", "Primitive", "box", "capsule", "cylinder", "prism", "rpy_matrix"]
 
@@ -14,7 +16,7 @@ Kind = Literal["box", "cylinder", "capsule", "prism"]
 KINDS: tuple[Kind, ...] = ("box", "cylinder", "capsule", "prism")
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked
 class Primitive:
     """A solid in the frame of the body it belongs to; see `box`, `cylinder`, `capsule`, `prism`.
 
@@ -27,25 +29,20 @@ class Primitive:
 
     kind: Kind
     """Kind of solid."""
-    size: tuple[float, float, float]
+    size: Extents
     """Half extents of a box and of a prism (about its origin); radius, half length and 0 of a cylinder
     and of a capsule [m]."""
-    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    position: Position = (0.0, 0.0, 0.0)
     """Centre in the body's frame [m]."""
-    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rpy: Angles = (0.0, 0.0, 0.0)
     """Fixed-axis roll, pitch, yaw in the body's frame [rad], as in URDF."""
-    outline: tuple[tuple[float, float], ...] = ()
+    outline: Several[Point] = ()
     """Prism only: convex outline, counter-clockwise [m]."""
-    color: tuple[float, float, float] = (0.6, 0.6, 0.6)
+    color: Color = (0.6, 0.6, 0.6)
     """Red, green and blue in [0, 1]; only rendered pictures show it."""
 
     def __post_init__(self) -> None:
-        """Check every number."""
-        if self.kind not in KINDS:
-            raise ValueError(f"Primitive: kind must be one of {KINDS}, got {self.kind!r}.")
-        numbers = (*self.size, *self.position, *self.rpy, *self.color, *sum(self.outline, ()))
-        if not all(map(math.isfinite, numbers)):
-            raise ValueError(f"Primitive: all numbers must be finite, got {self}.")
+        """Check what depends on the kind."""
         sizes = self.size if self.kind in ("box", "prism") else self.size[:2]
         if not min(sizes) > 0:
             raise ValueError(f"Primitive: the sizes of a {self.kind} must be > 0, got {sizes}.")

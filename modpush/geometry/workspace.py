@@ -5,19 +5,41 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from modpush._types import Point
+from modpush._validation import check_value
+
 __all__ = ["BOUNDS_MARGIN", "WORKSPACE", "Rectangle"]
 
 BOUNDS_MARGIN = 0.05
 """An episode ends when the object's centre is this far outside the workspace [m]."""
 
 
-class Rectangle(NamedTuple):
-    """An axis-aligned rectangle on the table, in the robot's base frame."""
+class _Corners(NamedTuple):
+    low: Point
+    high: Point
 
-    low: tuple[float, float]
-    """Lower corner (x, y) [m]."""
-    high: tuple[float, float]
-    """Upper corner (x, y) [m]."""
+
+class Rectangle(_Corners):
+    """An axis-aligned rectangle on the table, in the robot's base frame.
+
+    Args:
+        low: Lower corner (x, y) [m].
+        high: Upper corner (x, y) [m].
+
+    Raises:
+        ValueError: If a corner is no pair of finite numbers, or the lower one is not below the upper.
+    """
+
+    __slots__ = ()
+
+    def __new__(cls, low: tuple[float, float], high: tuple[float, float]) -> "Rectangle":
+        low, high = (
+            check_value("Rectangle", name, corner, Point)
+            for name, corner in (("low", low), ("high", high))
+        )
+        if not (low[0] < high[0] and low[1] < high[1]):
+            raise ValueError(f"Rectangle: low must be < high, got {low} and {high}.")
+        return super().__new__(cls, low, high)
 
     def bounds(self, margin: float = BOUNDS_MARGIN) -> "Rectangle":
         """The rectangle that is larger by a margin on every side [m].

@@ -2,9 +2,20 @@
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal
 
+from modpush._types import (
+    AtLeastOne,
+    Count,
+    Length,
+    LengthSpan,
+    Name,
+    NonNegativeInteger,
+    PositiveFraction,
+    Several,
+)
+from modpush._validation import checked
 from modpush.envs.scenes.scenario import ScenarioConfig
 
 __all__ = ["Curriculum", "CurriculumConfig", "Phase"]
@@ -14,71 +25,58 @@ _SCENE_WINDOW = 100
 """Number of the last episodes of a scene over which its success rate is taken."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked
 class Phase:
     """A part of the curriculum with scenes of its own."""
 
-    scenes: tuple[str, ...] = ()
+    scenes: Several[Name] = ()
     """Scenes of the phase, by name or as "module:name"; one is drawn for each episode. Empty for the
     environment's own scenes."""
-    first_stage: int = 0
+    first_stage: NonNegativeInteger = 0
     """Stage that the phase begins with, counted from 0."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked
 class CurriculumConfig:
     """Curriculum from short pushes in free space to long ones through clutter (paper Sec. IV-B)."""
 
-    distances: tuple[float, ...] = _DISTANCES
+    distances: AtLeastOne[Length] = _DISTANCES
     """Distances from start to goal [m]: stage s draws from [distances[s - 2], distances[s]]."""
-    final_distance: tuple[float, float] = (0.2, 0.6)
+    final_distance: LengthSpan = (0.2, 0.6)
     """Range of the distance from start to goal in the last stage [m]."""
-    phases: tuple[Phase, ...] = (Phase(scenes=("free",)), Phase(first_stage=6))
+    phases: AtLeastOne[Phase] = (Phase(scenes=("free",)), Phase(first_stage=6))
     """Phases, one after the other; each ends with the last stage. By default free space comes first,
     and then the environment's own scenes."""
     promotion: Literal["success", "steps", "off"] = "success"
     """When the next stage begins: "success" (enough episodes of this stage succeeded), "steps" (at
     given numbers of environment steps), or "off" (no curriculum: training begins with the last stage
     of the last phase and stays there)."""
-    threshold: float = 0.7
+    threshold: PositiveFraction = 0.7
     """Success rate over the last `window` episodes at which the next stage begins."""
-    window: int = 40
+    window: Count = 40
     """Number of episodes of a stage over which its success rate is taken."""
-    step_thresholds: tuple[int, ...] = ()
+    step_thresholds: Several[NonNegativeInteger] = ()
     """Environment steps after which the second, third, ... stage begins, counted through all phases;
     for the promotion "steps"."""
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
+        """Check what depends on several fields."""
         ascending = all(a < b for a, b in zip(self.distances, self.distances[1:], strict=False))
-        if not self.distances or not ascending or not self.distances[0] > 0:
+        if not ascending:
             raise ValueError(
-                f"CurriculumConfig: distances must be positive and ascending, got {self.distances}."
+                f"CurriculumConfig: distances must be ascending, got {self.distances}."
             )
-        if not 0 < self.final_distance[0] <= self.final_distance[1]:
+        if not self.final_distance[0] <= self.final_distance[1]:
             raise ValueError(
-                "CurriculumConfig: final_distance must be a range of positive lengths, got "
+                "CurriculumConfig: final_distance must be a range (low, high), got "
                 f"{self.final_distance}."
             )
-        if not self.phases:
-            raise ValueError("CurriculumConfig: phases is empty, expected at least one.")
         for phase in self.phases:
-            if not 0 <= phase.first_stage < len(self.distances):
+            if phase.first_stage >= len(self.distances):
                 raise ValueError(
                     "CurriculumConfig: first_stage must be in "
                     f"[0, {len(self.distances) - 1}], got {phase.first_stage}."
                 )
-        if self.promotion not in ("success", "steps", "off"):
-            raise ValueError(
-                "CurriculumConfig: promotion must be 'success', 'steps' or 'off', got "
-                f"{self.promotion!r}."
-            )
-        if not 0 < self.threshold <= 1:
-            raise ValueError(
-                f"CurriculumConfig: threshold must be in (0, 1], got {self.threshold}."
-            )
-        if self.window < 1:
-            raise ValueError(f"CurriculumConfig: window must be >= 1, got {self.window}.")
         if self.promotion == "steps" and not self.step_thresholds:
             raise ValueError("CurriculumConfig: promotion 'steps' needs step_thresholds, got none.")
         if list(self.step_thresholds) != sorted(self.step_thresholds):

@@ -1,7 +1,7 @@
 """`PushReward`: a weighted sum of terms as the reward."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 import torch
@@ -11,6 +11,8 @@ from torchrl.data import TensorSpec, Unbounded
 from torchrl.envs import Transform
 
 from modpush._keys import check_spec_has, read_key
+from modpush._types import Finite, Length, Name, Positive
+from modpush._validation import checked
 from modpush.mdp.reward_terms import REWARD_TERMS, RewardTerm
 from modpush.mdp.step_outcome import StepOutcome, measure_lengths
 from modpush.parts import find_part
@@ -31,35 +33,24 @@ def _paper_weights() -> dict[str, float]:
     }
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked
 class RewardConfig:
     """Reward of a step: a weighted sum of terms (paper Sec. IV-B, eq. 2 to 5)."""
 
-    weights: Mapping[str, float] = field(default_factory=_paper_weights)
+    weights: Mapping[Name, Finite] = field(default_factory=_paper_weights)
     """Weight of each term, by its name in `REWARD_TERMS` or as "module:name" for a term of your own.
     A term without a weight, or with weight 0, is not computed."""
-    scale: float = 0.1
+    scale: Positive = 0.1
     """Factor of the weighted sum; 1 gives the paper's numbers."""
     normalisation: Literal["initial", "constant"] = "initial"
     """Divide the path length and the tool's distance from the object by their values at reset
     ("initial", the paper), or by `path_length` and `approach_distance` ("constant")."""
-    path_length: float = 0.6
+    path_length: Length = 0.6
     """Path length that counts as 1 with the normalisation "constant" [m]."""
-    approach_distance: float = 0.15
+    approach_distance: Length = 0.15
     """Distance from tool to object that counts as 1 with the normalisation "constant" [m]."""
-    window_radius: float = 0.114
+    window_radius: Length = 0.114
     """Distance from the object beyond which the tool is outside the window: half its side [m]."""
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        if self.normalisation not in ("initial", "constant"):
-            raise ValueError(
-                "RewardConfig: normalisation must be 'initial' or 'constant', "
-                f"got {self.normalisation!r}."
-            )
-        for name in ("scale", "path_length", "approach_distance", "window_radius"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"RewardConfig: {name} must be > 0, got {getattr(self, name)}.")
 
 
 class PushReward(Transform):

@@ -13,6 +13,7 @@ from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 from torchrl.modules import ProbabilisticActor
 
+from modpush._validation import from_plain
 from modpush._weights import check_weights
 from modpush.agents.tqc.config import TQCConfig
 from modpush.agents.tqc.encoder import make_encoder
@@ -20,7 +21,7 @@ from modpush.agents.tqc.factories import ACTORS
 from modpush.agents.tqc.specs import LearnerSpecs
 from modpush.files import read_tensors, write_tensors
 from modpush.parts import check_allowed, find_part, part_module, part_name
-from modpush.recipes.config import END_TO_END, PushEnvConfig, config_from_dict
+from modpush.recipes.config import END_TO_END, PushEnvConfig
 from modpush.recipes.fingerprint import environment_fingerprint, fingerprint_differences
 from modpush.recipes.make_env import ENV_PARTS, make_push_env
 
@@ -188,7 +189,7 @@ def load_agent(
     texts = [*named.values(), *_texts_of_parts(data, given), *_texts_of_parts(network, given)]
     modules = [part_module(text) for text in texts]
     check_allowed(f"load_agent: {path}", [m for m in modules if m is not None], allow)
-    config = config_from_dict(PushEnvConfig, data)
+    config = from_plain(PushEnvConfig, data)
     found = {kind: find_part(f"load_agent: {kind}", text, {}) for kind, text in named.items()}
     missing = {k: d["was"] for k, d in described.items() if "was" in d and k not in given}
     if make_env is None and factory is not None and "was" in factory:

@@ -1,12 +1,24 @@
 """The environment of a pushing agent as one configuration, and its presets."""
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection
+from dataclasses import field, replace
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
-import dacite
+from annotated_types import Le
 
+from modpush._types import (
+    AtLeastOne,
+    Count,
+    FractionSpan,
+    LengthSpan,
+    Name,
+    NonNegative,
+    PositiveFraction,
+    Scenes,
+    Several,
+)
+from modpush._validation import checked
 from modpush.encoders import ENCODERS
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES, SCENES
 from modpush.envs.scenes.objects import OBJECTS
@@ -16,76 +28,75 @@ from modpush.parts import part_module
 from modpush.planners import PLANNERS
 from modpush.planners.subgoals import SubgoalMode
 
-__all__ = ["END_TO_END", "PushEnvConfig", "config_from_dict"]
+__all__ = ["END_TO_END", "PushEnvConfig"]
 
 END_TO_END = "end_to_end"
 """Name of the encoder that is trained with the agent."""
-T = TypeVar("T")
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked
 class PushEnvConfig:
     """What `make_push_env` stacks on a `PushEnv`: scenes, planner, encoder, observation and reward.
 
     Parts of your own are given as `"module:name"`.
     """
 
-    num_envs: int = 8
+    num_envs: Scenes = 8
     """Number of scenes stepped together."""
-    pushed_object: str | tuple[str, ...] = "small_cube"
+    pushed_object: Name | AtLeastOne[Name] = "small_cube"
     """Name of the pushed object, or several, one of which is drawn for each episode."""
-    scene: tuple[str, ...] = ("free", *OBSTACLE_SCENES)
+    scene: AtLeastOne[Name] = ("free", *OBSTACLE_SCENES)
     """Scene families, one of which is drawn for each episode. A curriculum's phases may name others."""
-    difficulty: tuple[float, float] = (0.0, 1.0)
+    difficulty: FractionSpan = (0.0, 1.0)
     """Range of the scenes' difficulty, drawn from uniformly."""
-    distance: tuple[float, float] = (0.2, 0.6)
+    distance: LengthSpan = (0.2, 0.6)
     """Range of the distance from start to goal [m]."""
     frame: Frame = "object"
     """Axes in which the agent observes and acts, and of the local window."""
     action_frame: Frame | None = None
     """Axes in which the agent acts, if other than `frame` (the paper: `base`)."""
-    encoder: str = "vae"
+    encoder: Name = "vae"
     """Encoder of the local window: `vae` (the shipped one), `rays`, `none`, the file of a trained
     `DepthVAE`, or `module:name`. With `end_to_end` the window itself is emitted as bytes, for the
     encoder of the learner (`tqc.encoder`), which is trained with the agent."""
-    latent_dim: int | None = None
+    latent_dim: Annotated[Count, Le(65_536)] | None = None
     """Number of values in the latent, for the encoder `rays`; its default is 32."""
-    window_size: int = 64
+    window_size: Annotated[Count, Le(4096)] = 64
     """Side of the window for `end_to_end` [px]; other encoders say which size they take."""
     window_outside: Literal["free", "blocked"] = "free"
     """What the local window shows beyond the camera's image."""
-    planner: str = "distance_field"
+    planner: Name = "distance_field"
     """Path planner by name, or `module:name`; `distance_field` gives the paths of Lazy Theta*, faster."""
-    inflation: Literal["circumscribed", "inscribed"] | float = "circumscribed"
+    inflation: Literal["circumscribed", "inscribed"] | NonNegative = "circumscribed"
     """How far obstacles are inflated for planning: the radius of the object's circumscribed or inscribed
     circle, or a distance [m]."""
     subgoal_mode: SubgoalMode = "fraction"
     """How the sub-goal is chosen on the path, see `PlannerSubgoals`."""
-    subgoal_fraction: float = 0.2
+    subgoal_fraction: PositiveFraction = 0.2
     """Share of the path's length at which the sub-goal lies, for the mode `fraction`."""
-    subgoal_lookahead: float = 0.2
+    subgoal_lookahead: NonNegative = 0.2
     """Distance along the path at which the sub-goal lies, for the mode `lookahead` [m]."""
-    entries: tuple[str, ...] = ()
+    entries: Several[Name] = ()
     """Entries of the observation in their order, by name or `module:name`; empty takes those of the
     frame."""
-    leave_out: tuple[str, ...] = ()
+    leave_out: Several[Name] = ()
     """Entries of the observation that are left out, for ablations."""
-    add: tuple[str, ...] = ()
+    add: Several[Name] = ()
     """Entries that are added to the observation, by name or `module:name`."""
     reward: RewardConfig = field(default_factory=RewardConfig)
     """Weights, scale and normalisation of the reward. A term of your own is a weight by the name
     `module:name`."""
     raw: bool = False
     """Observe SI units instead of values scaled to order 1."""
-    max_episode_steps: int = 200
+    max_episode_steps: Count = 200
     """Control steps after which an episode is truncated."""
     oob: Literal["truncate", "terminate"] = "truncate"
     """What happens when the object leaves the workspace."""
     tool: Literal["2f85", "rod"] = "2f85"
     """Tool of the arm: the closed gripper, or the rod of the authors' code."""
-    sim_freq: int = 120
+    sim_freq: Annotated[Count, Le(100_000)] = 120
     """Physics steps per second [Hz]."""
-    depth: str = "analytic"
+    depth: Name = "analytic"
     """Depth camera: `analytic`, `sapien` (rendered), or `module:name`."""
     randomize_dynamics: bool = False
     """Draw the object's mass, friction and centre of mass for each episode."""
@@ -154,15 +165,3 @@ def _check_name(field_name: str, name: str, known: Collection[str]) -> None:
             f"PushEnvConfig: {field_name} must be one of {sorted(known)} or 'module:name'"
             f"{' or a file' if field_name == 'encoder' else ''}, got {name!r}."
         )
-
-
-def config_from_dict(kind: type[T], data: Mapping[str, Any]) -> T:
-    """A config dataclass from what `asdict` made of it, after a way through JSON or YAML.
-
-    Raises:
-        ValueError: If a field is unknown or of another type; the message names it.
-    """
-    try:
-        return dacite.from_dict(kind, data, config=dacite.Config(cast=[tuple], strict=True))
-    except dacite.DaciteError as error:
-        raise ValueError(f"{kind.__name__}: {error}") from error

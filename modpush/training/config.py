@@ -1,8 +1,10 @@
 """Everything that defines a training run."""
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, field, replace
 from typing import Any, Literal
 
+from modpush._types import Count, NonNegativeInteger, Seed, Several
+from modpush._validation import checked
 from modpush.agents.tqc.config import TQCConfig
 from modpush.mdp.curriculum import CurriculumConfig
 from modpush.recipes.config import END_TO_END, PushEnvConfig
@@ -14,7 +16,7 @@ _MAY_CHANGE = {"total_steps", "evaluate_every", "log_every", "checkpoint_every",
 """Fields that a resumed run may set differently."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked
 class TrainConfig:
     """A training run. All numbers of steps are environment steps, summed over the scenes."""
 
@@ -29,49 +31,38 @@ class TrainConfig:
     zero_init_latent: bool = False
     """Start with zero weights for the latent in the first layer of actor and critics, so that what
     is learned in free space holds among obstacles until the latent is used."""
-    total_steps: int = 7_000_000
+    total_steps: Count = 7_000_000
     """Environment steps after which the run ends."""
-    rollout_length: int = 8
+    rollout_length: Count = 8
     """Steps of each scene between two exchanges of transitions and weights."""
     async_collection: bool = True
     """Step the environment in a process of its own while the learner learns. Without it the two take
     turns in one process, with the same results."""
-    greedy_envs: int = 4
+    greedy_envs: NonNegativeInteger = 4
     """Number of scenes that act without exploration noise; promotion in the curriculum is judged by
     them."""
-    evaluate_every: int = 25_000
+    evaluate_every: Count = 25_000
     """Environment steps between greedy evaluations on the held-out episodes."""
-    evaluation_episodes: int = 120
+    evaluation_episodes: Count = 120
     """Number of held-out episodes, the same in every run, spread evenly over the scene families of the
     curriculum's last phase."""
-    log_every: int = 2_500
+    log_every: Count = 2_500
     """Environment steps between rows of the log."""
-    checkpoint_every: int = 50_000
+    checkpoint_every: Count = 50_000
     """Environment steps between checkpoints."""
-    keep_checkpoints: int = 2
+    keep_checkpoints: Count = 2
     """Number of newest checkpoints that are kept."""
     save_buffer: bool = True
     """Keep the replay buffer in the checkpoints. Without it a resumed run fills a new one first."""
-    loggers: tuple[Literal["csv", "tensorboard"], ...] = ("csv",)
+    loggers: Several[Literal["csv", "tensorboard"]] = ("csv",)
     """TorchRL loggers that are written to, beside the run's own tables."""
     progress: bool = True
     """Show a progress bar."""
-    seed: int = 0
+    seed: Seed = 0
     """Seed of everything that is drawn at random."""
 
     def __post_init__(self) -> None:
-        """Check ranges, and that the parts fit together."""
-        for name in (
-            "total_steps",
-            "rollout_length",
-            "evaluate_every",
-            "evaluation_episodes",
-            "log_every",
-            "checkpoint_every",
-            "keep_checkpoints",
-        ):
-            if getattr(self, name) < 1:
-                raise ValueError(f"TrainConfig: {name} must be >= 1, got {getattr(self, name)}.")
+        """Check that the parts fit together."""
         if not 0 <= self.greedy_envs < self.env.num_envs:
             raise ValueError(
                 f"TrainConfig: greedy_envs must be in [0, {self.env.num_envs - 1}] with "

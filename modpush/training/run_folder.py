@@ -6,8 +6,8 @@ from typing import Any
 
 from torchrl.checkpoint import CheckpointRotation
 
+from modpush._validation import from_plain
 from modpush.files import read_yaml, write_yaml
-from modpush.recipes.config import config_from_dict
 from modpush.training.config import TrainConfig
 
 __all__ = ["RunFolder", "check_run_folder"]
@@ -48,7 +48,7 @@ class RunFolder:
         """
         data = read_yaml(self.config, _KIND, _VERSION)
         try:
-            return config_from_dict(TrainConfig, data)
+            return from_plain(TrainConfig, data)
         except (TypeError, ValueError) as error:
             raise ValueError(f"RunFolder: {self.config} is no run's config: {error}") from error
 

@@ -93,7 +93,7 @@ def test_a_truncated_file_is_refused(tmp_path: Path) -> None:
     ("content", "message"),
     [
         ([], "must hold a name and episodes"),
-        ({"name": "mine", "episodes": [{"scene": "free"}]}, "Scenario: fields missing"),
+        ({"name": "mine", "episodes": [{"scene": "free"}]}, "Scenario: 'difficulty' is missing"),
         ({"name": "../mine", "episodes": []}, r"EvaluationSet: name must be .*got '../mine'"),
     ],
 )

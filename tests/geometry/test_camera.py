@@ -71,16 +71,16 @@ def test_precision_is_kept():
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"height": 0}, "height must be an integer >= 1, got 0"),
-        ({"width": -3}, "width must be an integer >= 1, got -3"),
-        ({"height": 256.0}, "height must be an integer >= 1, got 256.0"),
-        ({"width": True}, "width must be an integer >= 1, got True"),
+        ({"height": 0}, "height must be >= 1, got 0"),
+        ({"width": -3}, "width must be >= 1, got -3"),
+        ({"height": 256.0}, "height must be a whole number, got 256.0"),
+        ({"width": True}, "width must be a whole number, got True"),
         ({"x": math.nan}, "x must be finite, got nan"),
         ({"y": -math.inf}, "y must be finite, got -inf"),
         ({"z": math.inf}, "z must be finite, got inf"),
-        ({"z": 0.0}, "z must be > 0 m, got 0.0"),
+        ({"z": 0.0}, "z must be > 0, got 0.0"),
         ({"field_of_view": math.nan}, "field_of_view must be finite, got nan"),
-        ({"field_of_view": 3.5}, r"field_of_view must lie in \(0, pi\), got 3.5"),
+        ({"field_of_view": 3.5}, "field_of_view must be < 3.14159, got 3.5"),
     ],
 )
 def test_impossible_cameras_are_refused(fields, message):

@@ -23,11 +23,14 @@ def test_rotations_are_about_fixed_axes_as_in_urdf():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Primitive(kind="cone", size=(1, 1, 1)), "kind must be one of .* got 'cone'"),
+        (
+            lambda: Primitive(kind="cone", size=(1, 1, 1)),
+            "kind must be 'box', .* or 'prism', got 'cone'",
+        ),
         (lambda: box(0.1, 0.0, 0.1), "the sizes of a box must be > 0"),
-        (lambda: cylinder(-0.1, 0.1), "the sizes of a cylinder must be > 0"),
-        (lambda: box(0.1, math.nan, 0.1), "all numbers must be finite"),
-        (lambda: box(0.1, 0.1, 0.1, (0.0, math.inf, 0.0)), "all numbers must be finite"),
+        (lambda: cylinder(-0.1, 0.1), r"size\[0\] must be >= 0, got -0.1"),
+        (lambda: box(0.1, math.nan, 0.1), r"size\[1\] must be finite, got nan"),
+        (lambda: box(0.1, 0.1, 0.1, (0.0, math.inf, 0.0)), r"position\[1\] must be finite"),
         (lambda: prism((), 0.1), "the sizes of a prism must be > 0"),
         (lambda: prism(SQUARE[:2], 0.1), "needs 3 corners"),
         (lambda: prism(SQUARE[::-1], 0.1), "convex and counter-clockwise"),

@@ -127,9 +127,9 @@ def test_a_state_of_a_longer_curriculum_is_refused():
     ("field", "message"),
     [
         ({"distances": (0.2, 0.1)}, "ascending"),
-        ({"threshold": 0.0}, "threshold must be in"),
+        ({"threshold": 0.0}, "threshold must be > 0, got 0.0"),
         ({"window": 0}, "window must be >= 1"),
-        ({"phases": ()}, "phases is empty"),
+        ({"phases": ()}, "phases must be of length >= 1"),
         ({"phases": (Phase(scenes=("free",), first_stage=12),)}, "first_stage must be in"),
         ({"promotion": "luck"}, "promotion must be"),
         ({"promotion": "steps"}, "needs step_thresholds"),

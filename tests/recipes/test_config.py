@@ -3,8 +3,9 @@ from dataclasses import asdict
 
 import pytest
 
+from modpush._validation import from_plain
 from modpush.recipes import make_push_env
-from modpush.recipes.config import PushEnvConfig, config_from_dict
+from modpush.recipes.config import PushEnvConfig
 
 
 def test_unknown_names_are_answered_with_what_there_is():
@@ -20,12 +21,12 @@ def test_unknown_names_are_answered_with_what_there_is():
 
 def test_a_config_survives_json():
     config = PushEnvConfig.preset("cpu")
-    assert config_from_dict(PushEnvConfig, json.loads(json.dumps(asdict(config)))) == config
+    assert from_plain(PushEnvConfig, json.loads(json.dumps(asdict(config)))) == config
 
 
 def test_a_config_with_an_unknown_field_is_refused():
     with pytest.raises(ValueError, match=r"PushEnvConfig: .*colour"):
-        config_from_dict(PushEnvConfig, {"colour": "red"})
+        from_plain(PushEnvConfig, {"colour": "red"})
 
 
 def test_a_part_of_ones_own_is_not_imported_by_a_config():

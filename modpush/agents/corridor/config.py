@@ -1,13 +1,26 @@
 """Settings of the pushing-corridor controller."""
 
 import math
-from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
+from annotated_types import Ge, Le
+from pydantic import Strict
+
+from modpush._types import (
+    Angle,
+    Count,
+    Finite,
+    NonNegative,
+    NonNegativeInteger,
+    Positive,
+    PositiveFraction,
+    Real,
+)
+from modpush._validation import checked
 from modpush.geometry.workspace import WORKSPACE, Rectangle
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked
 class CorridorConfig:
     """Settings of `PushingCorridorController`; `faithful_config` gives those of the authors.
 
@@ -17,98 +30,84 @@ class CorridorConfig:
 
     rules: Literal["mended", "faithful"] = "mended"
     """Whether the mistakes in the authors' code are mended, or kept as they are."""
-    prior_strength: float = 5.84
+    prior_strength: NonNegative = 5.84
     """Parameter R0 of the prior on (mu, kappa): length of the sum of the unit vectors that it stands
     for."""
-    prior_count: float = 7.0
+    prior_count: NonNegative = 7.0
     """Parameter c of the prior: number of angles that it stands for; with R0 the mode is kappa 3.37."""
-    prior_direction: float = 0.0
+    prior_direction: Angle = 0.0
     """Parameter phi of the prior: the angle that it expects to be best [rad]."""
-    inversion: float = 0.4
+    inversion: Finite = 0.4
     """Value of psi_relocate from which on the tool goes round the object instead of pushing it.
 
     At the prior's kappa of 3.37 it is reached 13 degrees off, the paper's 0.6 only 21 degrees off;
     the authors' own code ran at a kappa of 50, where 0.6 is reached 5 degrees off. What either
     does to success and contact is in `docs/evaluation.md`."""
-    approach_gain: float = 1.0
+    approach_gain: NonNegative = 1.0
     """Speed towards the object while the tool goes round it from afar, 1 is full speed."""
-    retreat_gain: float = 0.1
+    retreat_gain: NonNegative = 0.1
     """Speed away from the object while the tool goes round it nearby; it is multiplied by
     psi_relocate."""
-    near_distance: float = 0.035
+    near_distance: NonNegative = 0.035
     """Distance from the object's circumscribed circle at which the tool counts as near it [m]."""
-    mean_gain: float = 0.05
+    mean_gain: NonNegative = 0.05
     """Gain K_mu: share of the object's mean deviation that the controller steers against."""
-    last_gain: float = 0.1
+    last_gain: NonNegative = 0.1
     """Gain K_gamma: share of the object's last deviation that the controller steers against."""
-    learnable_deviation: float = 0.15
+    learnable_deviation: Annotated[Real, Ge(0)] = 0.15
     """Largest deviation of the object in a push that the controller learns from [rad]."""
-    moved_distance: float = 1e-4
+    moved_distance: NonNegative = 1e-4
     """Least distance by which the object must move in a step for the step to count [m]."""
-    inner_zone: float = 1.2
+    inner_zone: NonNegative = 1.2
     """Width of the inner zone around obstacles, in circumscribed radii of the object."""
-    outer_zone: float = 2.4
+    outer_zone: NonNegative = 2.4
     """Width of the outer zone around obstacles, in circumscribed radii of the object."""
-    touch_zone: float = 1.0
+    touch_zone: NonNegative = 1.0
     """Distance from an obstacle at which the object touches it, in circumscribed radii of the
     object."""
-    zone_costs: tuple[float, float, float] = (1.0, 50.0, 200.0)
+    zone_costs: Annotated[tuple[Positive, Positive, Positive], Strict(False)] = (1.0, 50.0, 200.0)
     """Cost of a free cell, of one in the outer zone, and of one in the inner zone."""
     workspace: Rectangle | None = WORKSPACE
     """Lower and upper corner (x, y) of the rectangle in which the object should stay; cells outside
     of it cost as much as the inner zone. None for no such rectangle [m]."""
     neighbours: Literal[4, 8] = 8
     """Number of neighbours of a cell in the search for the path."""
-    path_points: int = 256
+    path_points: Annotated[Count, Ge(2), Le(100_000)] = 256
     """Number of points of the planned path."""
-    behind_distance: float = 0.0816
+    behind_distance: NonNegative = 0.0816
     """Distance behind the object's centre at which the look-ahead expects the tool to push [m]."""
-    tool_clearance: float = 0.03
+    tool_clearance: NonNegative = 0.03
     """Distance that the tool's centre keeps from obstacles on its way behind the object [m]."""
-    path_step: int = 20
+    path_step: Count = 20
     """Number of points of the path by which the target is ahead of the object where the look-ahead
     finds no better one."""
-    max_angles: int = 200
+    max_angles: Annotated[Count, Le(1_000_000)] = 200
     """Largest number of angles of successful pushes that are remembered."""
-    action_length: float = 1.0
+    action_length: PositiveFraction = 1.0
     """Length of the action in the plane; 1 is the largest that the environment allows in an axis."""
-    contact_distance: float = 0.015
+    contact_distance: NonNegative = 0.015
     """Distance of the pushing tool's centre from the object's circumscribed circle: where obstacles
     leave no room for it there, the target is turned; 0 to never turn it [m]."""
-    navigate_distance: float = 0.08
+    navigate_distance: NonNegative = 0.08
     """Distance of the object from an obstacle below which the tool's path around the object is
     planned; 0 to never plan it [m]."""
-    avoid_distance: float = 0.05
+    avoid_distance: NonNegative = 0.05
     """Distance from an obstacle below which a tool that goes round the object is pushed away from
     it; 0 to never do so [m]."""
-    patience: int = 5
+    patience: NonNegativeInteger = 5
     """Number of steps in which nothing moves after which the tool backs off; 0 to never do so."""
-    escape_steps: int = 8
+    escape_steps: NonNegativeInteger = 8
     """Number of steps for which the tool backs off."""
-    max_turn: float = 0.05
+    max_turn: NonNegative = 0.05
     """Angle by which an action of 1 turns the tool, whose wide side is turned towards the push; 0
     to never turn it [rad]."""
 
     def __post_init__(self) -> None:
-        if self.rules not in ("mended", "faithful"):
+        """Check what depends on several fields."""
+        if not self.prior_count > self.prior_strength:
             raise ValueError(
-                f"CorridorConfig: rules must be 'mended' or 'faithful', got {self.rules!r}."
-            )
-        if not self.prior_count > self.prior_strength >= 0:
-            raise ValueError(
-                "CorridorConfig: prior_count must exceed prior_strength >= 0, got "
+                "CorridorConfig: prior_count must exceed prior_strength, got "
                 f"{self.prior_count} and {self.prior_strength}."
-            )
-        if self.neighbours not in (4, 8):
-            raise ValueError(f"CorridorConfig: neighbours must be 4 or 8, got {self.neighbours}.")
-        if not 0 < self.action_length <= 1:
-            raise ValueError(
-                f"CorridorConfig: action_length must lie in (0, 1], got {self.action_length}."
-            )
-        if self.path_points < 2 or self.max_angles < 1:
-            raise ValueError(
-                "CorridorConfig: path_points must be >= 2 and max_angles >= 1, got "
-                f"{self.path_points} and {self.max_angles}."
             )
 
 

@@ -1,11 +1,13 @@
 """From a planar action to joint targets, for a batch of arms and without a simulator."""
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import torch
+from annotated_types import Le
 from torch import Tensor
 
+from modpush._types import Count, Length, Point, Positive
+from modpush._validation import checked
 from modpush.envs.robot.kinematics import planar_inverse_kinematics
 from modpush.geometry.angles import wrap_angle
 
@@ -18,36 +20,33 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked
 class MotionConfig:
     """How an action in [-1, 1]^3 moves the tool, and where the tool may go."""
 
-    max_step: float = 0.02
+    max_step: Length = 0.02
     """Largest translation per axis and control step [m]."""
-    max_turn: float = 0.05
+    max_turn: Positive = 0.05
     """Largest rotation per control step [rad]."""
-    anchor_distance: float = 0.012
+    anchor_distance: Length = 0.012
     """Largest distance from the measured tip to the target at the start of a step [m], so that a
     blocked arm does not wind up."""
-    anchor_angle: float = 0.1
+    anchor_angle: Positive = 0.1
     """Largest yaw angle from the measured tip to the target at the start of a step [rad]."""
-    low: tuple[float, float] = (0.08, -0.47)
+    low: Point = (0.08, -0.47)
     """Lower corner (x, y) of the tool's workspace, 12 cm outside the objects' workspace [m]."""
-    high: tuple[float, float] = (0.87, 0.47)
+    high: Point = (0.87, 0.47)
     """Upper corner (x, y) of the tool's workspace [m]."""
-    min_radius: float = 0.16
+    min_radius: Length = 0.16
     """Least distance of the tool from the robot's axis [m]."""
-    max_radius: float = 0.885
+    max_radius: Length = 0.885
     """Largest distance of the tool from the robot's axis [m]."""
-    num_knots: int = 4
+    num_knots: Annotated[Count, Le(1000)] = 4
     """Number of inverse kinematics solutions per control step; joint targets are interpolated between
     them. With one jump per step the tip would knock the object ahead instead of pushing it."""
 
     def __post_init__(self) -> None:
-        """Check ranges."""
-        for name in ("max_step", "max_turn", "anchor_distance", "anchor_angle", "min_radius"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"MotionConfig: {name} must be > 0, got {getattr(self, name)}.")
+        """Check what depends on several fields."""
         if not self.max_radius > self.min_radius:
             raise ValueError(
                 f"MotionConfig: max_radius must be > min_radius = {self.min_radius}, "
@@ -55,8 +54,6 @@ class MotionConfig:
             )
         if not all(lo < hi for lo, hi in zip(self.low, self.high, strict=True)):
             raise ValueError(f"MotionConfig: low must be < high, got {self.low} and {self.high}.")
-        if self.num_knots < 1:
-            raise ValueError(f"MotionConfig: num_knots must be >= 1, got {self.num_knots}.")
 
 
 class PlannedMotion(NamedTuple):

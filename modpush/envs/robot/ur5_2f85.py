@@ -9,11 +9,12 @@ gripper as measured on the 2F-85.
 """
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 from xml.etree import ElementTree as ET
 
+from modpush._types import Length, LengthSpan, Name, Positive, Several
+from modpush._validation import checked
 from modpush.envs.robot.kinematics import DH_A, DH_ALPHA, DH_D
 from modpush.geometry.shapes import Primitive, box, capsule, cylinder
 
@@ -50,28 +51,28 @@ _VELOCITY_LIMIT = (3.15, 3.15, 3.15, 3.2, 3.2, 3.2)
 ToolName = Literal["2f85", "rod"]
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked
 class Link:
     """A link of the arm; its frame is the joint's, z along the joint's axis."""
 
-    name: str
-    mass: float
+    name: Name
+    mass: Positive
     """Mass [kg]."""
-    shapes: tuple[Primitive, ...]
+    shapes: Several[Primitive]
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked
 class Tool:
     """A tool that is mounted on the flange; its frame's z axis points out of the flange."""
 
     name: ToolName
-    mass: float
+    mass: Positive
     """Mass [kg]."""
-    length: float
+    length: Length
     """Distance from the flange to the tip [m]."""
-    tip_half_extents: tuple[float, float]
+    tip_half_extents: LengthSpan
     """Half the footprint of the tip along the tool's x and y [m]."""
-    shapes: tuple[Primitive, ...]
+    shapes: Several[Primitive]
 
 
 LINKS = (

@@ -2,12 +2,15 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import cv2
 import numpy as np
+from annotated_types import Le
 from numpy.typing import NDArray
 
+from modpush._types import Point, Positive
+from modpush._validation import checked
 from modpush.envs.robot.ur5_2f85 import TOOLS, ToolName
 from modpush.envs.scenes.objects import PushedObject, get_object
 from modpush.envs.scenes.scenario import Scenario
@@ -30,15 +33,23 @@ _COLORS = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked
 class TopView:
     """What part of the table a drawn top view shows. Up is +x, left is +y, as in the depth image."""
 
-    pixels_per_metre: float = 560.0
-    low: tuple[float, float] = (0.0, -0.5)
+    pixels_per_metre: Annotated[Positive, Le(10_000)] = 560.0
+    """Scale [px/m]."""
+    low: Point = (0.0, -0.5)
     """Lower corner [m]."""
-    high: tuple[float, float] = (0.95, 0.5)
+    high: Point = (0.95, 0.5)
     """Upper corner [m]."""
+
+    def __post_init__(self) -> None:
+        """Check that something is seen."""
+        if not min(self.shape) > 0:
+            raise ValueError(
+                f"TopView: high must be > low by 2 px or more, got {self.low} and {self.high}."
+            )
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -1,11 +1,14 @@
 """The pushed objects, as plain data."""
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Le
 
+from modpush._types import AtLeastOne, Name, Positive
+from modpush._validation import checked
 from modpush.geometry.footprint import (
     area_and_centroid,
     centroid,
@@ -24,7 +27,7 @@ __all__ = ["OBJECTS", "PushedObject", "get_object", "get_object_of"]
 _TOLERANCE = 1e-4  # of where an object's frame must be [m]
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked
 class PushedObject:
     """A rigid body to push, made of convex, upright parts.
 
@@ -37,13 +40,13 @@ class PushedObject:
             not positive, or the parts do not have the symmetry that is given.
     """
 
-    name: str
+    name: Name
     """Name of the object, different from those of the others in an environment."""
-    parts: tuple[Primitive, ...]
+    parts: AtLeastOne[Primitive]
     """Upright solids in the object's frame, see `modpush.geometry`."""
-    mass: float = 1.0
+    mass: Annotated[Positive, Ge(1e-3), Le(1e3)] = 1.0
     """Mass [kg]."""
-    symmetry: int = -1
+    symmetry: Annotated[int, Ge(-1), Le(360)] = -1
     """Number of yaw angles that look alike: 4 for a square footprint, 0 for a disc (all of them). -1
     computes it from the parts; a smaller one may be given where they differ in what is not seen."""
     height: float = field(init=False)
@@ -56,18 +59,9 @@ class PushedObject:
     def __post_init__(self) -> None:
         """Check the parts, and compute what follows from them."""
         who = f"PushedObject {self.name!r}"
-        if not isinstance(self.name, str) or not self.name:
-            raise ValueError(f"PushedObject: name must be text, got {self.name!r}.")
-        object.__setattr__(self, "parts", tuple(self.parts))
-        if not self.parts:
-            raise ValueError(f"{who}: parts is empty, expected at least one primitive.")
         for part in self.parts:
-            if not isinstance(part, Primitive):
-                raise ValueError(f"{who}: parts must be primitives, got {part!r}.")
             if part.rpy[:2] != (0.0, 0.0):
                 raise ValueError(f"{who}: parts must stand upright, got rpy {part.rpy}.")
-        if not (math.isfinite(self.mass) and self.mass > 0):
-            raise ValueError(f"{who}: mass must be finite and > 0 kg, got {self.mass}.")
         low, high = zip(*map(vertical_range, self.parts), strict=True)
         object.__setattr__(self, "height", max(high) - min(low))
         object.__setattr__(self, "radius", circumscribed_radius(self.parts))

@@ -1,6 +1,7 @@
 """`Obstacle`: an upright box on the table, as plain data."""
 
-from dataclasses import dataclass
+from modpush._types import Pose, Size
+from modpush._validation import checked
 
 __all__ = ["MAX_OBSTACLES", "Obstacle"]
 
@@ -8,11 +9,11 @@ MAX_OBSTACLES = 24
 """The most obstacles that a layout may have."""
 
 
-@dataclass(frozen=True)
+@checked(kw_only=False)
 class Obstacle:
     """An upright box on the table."""
 
-    size: tuple[float, float, float]
+    size: Size
     """Length, width and height [m]."""
-    pose: tuple[float, float, float]
+    pose: Pose
     """x and y of the centre, and yaw of the long axis, robot's base frame [m, m, rad]."""

@@ -1,46 +1,69 @@
 """What an episode starts from, and what episodes are drawn from, as plain data."""
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import asdict, field
+from typing import Annotated, Any
 
+from annotated_types import Ge, Le, MaxLen
+from pydantic import Strict
+
+from modpush._types import (
+    Fraction,
+    FractionSpan,
+    Length,
+    Name,
+    NonNegative,
+    NonNegativeLength,
+    Point,
+    Pose,
+    Positive,
+    Several,
+)
+from modpush._validation import checked, from_plain
 from modpush.envs.scenes.layouts import SceneFn, get_scene
 from modpush.envs.scenes.objects import PushedObject, get_object
-from modpush.envs.scenes.obstacle import Obstacle
+from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
 from modpush.geometry.workspace import BOUNDS_MARGIN, WORKSPACE, Rectangle
 
 __all__ = ["Dynamics", "Scenario", "ScenarioConfig"]
 
+Mass = Annotated[Positive, Ge(1e-3), Le(1e3)]
+"""Mass of an object [kg]."""
+Friction = Annotated[NonNegative, Le(10)]
+"""Friction coefficient of an object's material."""
+GoalDistance = Annotated[Length, Le(2)]
+"""Distance from start to goal [m]."""
 
-@dataclass(frozen=True, kw_only=True)
+
+@checked
 class Dynamics:
     """What the agent is not told about the pushed object."""
 
-    mass: float = 1.0
+    mass: Mass = 1.0
     """Mass of the object [kg]."""
-    friction: float = 0.5
+    friction: Friction = 0.5
     """Friction coefficient of the object's material; a pair's is the mean of both materials'."""
-    center_of_mass: tuple[float, float] = (0.0, 0.0)
+    center_of_mass: Point = (0.0, 0.0)
     """Offset of the centre of mass from the object's origin along its x and y [m]."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked
 class Scenario:
     """An episode's start: layout, object, goal and tool. Base frame, metres and radians."""
 
-    scene: str
+    scene: Name
     """Name of the scene family, by which `get_scene` finds it again."""
-    difficulty: float
+    difficulty: Fraction
     """Difficulty that the layout was made with, in [0, 1]."""
-    obstacles: tuple[Obstacle, ...]
+    obstacles: Annotated[Several[Obstacle], MaxLen(MAX_OBSTACLES)]
     """Layout of the obstacles."""
-    pushed_object: str
+    pushed_object: Name
     """Name of the pushed object."""
-    object_pose: tuple[float, float, float]
+    object_pose: Pose
     """x, y and yaw of the object [m, m, rad]."""
-    goal_position: tuple[float, float]
+    goal_position: Point
     """x and y of the goal [m]."""
-    tool_pose: tuple[float, float, float]
+    tool_pose: Pose
     """x and y of the tool's tip, and its yaw [m, m, rad]."""
     dynamics: Dynamics = field(default_factory=Dynamics)
     """What the agent is not told about the object."""
@@ -50,65 +73,55 @@ class Scenario:
         return asdict(self)
 
     @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> "Scenario":
+    def from_dict(cls, data: Mapping[str, Any]) -> "Scenario":
         """Inverse of `to_dict`, also after a way through JSON.
 
         Raises:
-            ValueError: If a field is missing or unknown; the message names it.
+            ValueError: If a field is missing, unknown or wrong; the message names it.
         """
-        data = dict(data)
-        expected = set(cls.__dataclass_fields__)
-        if set(data) != expected:
-            raise ValueError(
-                f"Scenario: fields missing {sorted(expected - set(data))}, "
-                f"unknown {sorted(set(data) - expected)}."
-            )
-        obstacles = tuple(Obstacle(tuple(o["size"]), tuple(o["pose"])) for o in data["obstacles"])
-        dynamics = dict(data["dynamics"])
-        dynamics["center_of_mass"] = tuple(dynamics["center_of_mass"])
-        data.update(obstacles=obstacles, dynamics=Dynamics(**dynamics))
-        for name in ("object_pose", "goal_position", "tool_pose"):
-            data[name] = tuple(data[name])
-        return cls(**data)
+        return from_plain(cls, data)
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked
 class ScenarioConfig:
     """What to draw episodes from."""
 
-    scene: str | SceneFn | Sequence[str | SceneFn] = "free"
+    scene: Name | SceneFn | Several[Name | SceneFn] = "free"
     """Scene family, by name, by `"module:function"` or as a function, or several of them, one of
     which is drawn for each episode."""
-    pushed_object: str | PushedObject | Sequence[str | PushedObject] = "small_cube"
+    pushed_object: Name | PushedObject | Several[Name | PushedObject] = "small_cube"
     """Pushed object, by name, by `"module:name"` or as a `PushedObject`, or several of them, one of
     which is drawn for each episode."""
-    difficulty: float | tuple[float, float] = (0.0, 1.0)
+    difficulty: Fraction | FractionSpan = (0.0, 1.0)
     """Difficulty of the scene in [0, 1], a number or a range drawn from uniformly."""
-    distance: float | tuple[float, float] = (0.2, 0.6)
+    distance: GoalDistance | Annotated[tuple[GoalDistance, GoalDistance], Strict(False)] = (
+        0.2,
+        0.6,
+    )
     """Distance from start to goal, a number or a range drawn from uniformly [m]."""
-    low: tuple[float, float] = WORKSPACE.low
+    low: Point = WORKSPACE.low
     """Lower corner of the workspace [m]."""
-    high: tuple[float, float] = WORKSPACE.high
+    high: Point = WORKSPACE.high
     """Upper corner of the workspace [m]."""
-    max_start_radius: float = 0.80
+    max_start_radius: Length = 0.80
     """Largest distance of a start from the robot's axis: beyond, the tool could not stand behind the
     object [m]."""
-    max_goal_radius: float = 0.82
+    max_goal_radius: Length = 0.82
     """Largest distance of a goal from the robot's axis [m]."""
-    clearance: float = 0.06
+    clearance: NonNegativeLength = 0.06
     """Least distance of start and goal from obstacles, surface to surface [m]."""
-    path_margin: float = 0.04
+    path_margin: Fraction = 0.04
     """How far out of the workspace the object's way to the goal may lead; at 5 cm an episode ends
     [m]."""
-    tool_distance: tuple[float, float] = (0.08, 0.14)
+    tool_distance: FractionSpan = (0.08, 0.14)
     """Range of the distance from the object's centre to the tool's tip at the start [m]."""
     randomize_dynamics: bool = False
     """Whether mass, friction and centre of mass are drawn anew for each episode."""
-    mass: tuple[float, float] = (0.2, 2.0)
+    mass: Annotated[tuple[Mass, Mass], Strict(False)] = (0.2, 2.0)
     """Range of the mass with randomised dynamics, drawn log-uniformly [kg]."""
-    friction: tuple[float, float] = (0.2, 0.8)
+    friction: Annotated[tuple[Friction, Friction], Strict(False)] = (0.2, 0.8)
     """Range of the friction coefficient of the object's material with randomised dynamics."""
-    center_of_mass: float = 0.01
+    center_of_mass: NonNegativeLength = 0.01
     """Largest offset of the centre of mass along each axis with randomised dynamics [m]."""
 
     def __post_init__(self) -> None:
@@ -123,19 +136,17 @@ class ScenarioConfig:
                 f"ScenarioConfig: pushed objects must have different names, got {repeated} several "
                 "times."
             )
-        ranges: dict[str, tuple[tuple[float, float], float, float]] = {
-            "difficulty": (self.difficulty_range, 0.0, 1.0),
-            "distance": (self.distance_range, 0.0, 2.0),
-            "path_margin": ((self.path_margin, self.path_margin), 0.0, 1.0),
-            "tool_distance": (self.tool_distance, 0.0, 1.0),
-            "mass": (self.mass, 1e-3, 1e3),
-            "friction": (self.friction, 0.0, 10.0),
+        spans = {
+            "difficulty": self.difficulty_range,
+            "distance": self.distance_range,
+            "tool_distance": self.tool_distance,
+            "mass": self.mass,
+            "friction": self.friction,
         }
-        for name, ((low, high), least, most) in ranges.items():
-            if not least <= low <= high <= most:
+        for name, (low, high) in spans.items():
+            if not low <= high:
                 raise ValueError(
-                    f"ScenarioConfig: {name} must be a range within [{least:g}, {most:g}], "
-                    f"got ({low:g}, {high:g})."
+                    f"ScenarioConfig: {name} must be a range (low, high), got ({low:g}, {high:g})."
                 )
         if not all(lo < hi for lo, hi in zip(self.low, self.high, strict=True)):
             raise ValueError(f"ScenarioConfig: low must be < high, got {self.low} and {self.high}.")

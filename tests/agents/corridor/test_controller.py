@@ -268,9 +268,9 @@ def test_missing_keys_are_named():
 @pytest.mark.parametrize(
     ("kwargs", "message"),
     [
-        ({"prior_count": 5.0}, r"prior_count must exceed prior_strength >= 0, got 5\.0 and 5\.84"),
-        ({"action_length": 0.0}, r"action_length must lie in \(0, 1\], got 0\.0"),
-        ({"max_angles": 0}, "path_points must be >= 2 and max_angles >= 1, got 256 and 0"),
+        ({"prior_count": 5.0}, r"prior_count must exceed prior_strength, got 5\.0 and 5\.84"),
+        ({"action_length": 0.0}, r"action_length must be > 0, got 0\.0"),
+        ({"max_angles": 0}, "max_angles must be >= 1, got 0"),
         ({"neighbours": 6}, "neighbours must be 4 or 8, got 6"),
         ({"rules": "strict"}, "rules must be 'mended' or 'faithful', got 'strict'"),
     ],

@@ -19,19 +19,22 @@ def test_one_seed_one_scenario_and_it_survives_json() -> None:
 def test_a_scenario_of_other_fields_is_refused() -> None:
     data = sample_scenario(np.random.default_rng(0), ScenarioConfig()).to_dict()
     data["gaol"] = data.pop("goal_position")
-    with pytest.raises(ValueError, match=r"missing \['goal_position'\], unknown \['gaol'\]"):
+    with pytest.raises(ValueError, match=r"Scenario: got an unexpected keyword argument 'gaol'"):
+        Scenario.from_dict(data)
+    del data["gaol"]
+    with pytest.raises(ValueError, match=r"Scenario: 'goal_position' is missing"):
         Scenario.from_dict(data)
 
 
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"difficulty": 1.5}, r"difficulty must be a range within \[0, 1\], got \(1.5, 1.5\)"),
+        ({"difficulty": 1.5}, "difficulty must be <= 1 or a tuple, got 1.5"),
         ({"distance": (0.6, 0.2)}, r"distance must be a range"),
-        ({"distance": 3.0}, r"distance must be a range within \[0, 2\], got \(3, 3\)"),
+        ({"distance": 3.0}, "distance must be <= 2 or a tuple, got 3.0"),
         ({"scene": ()}, "scene is empty"),
         ({"scene": "nowhere"}, r"scene: there is no 'nowhere', expected one of \['bar_across'"),
-        ({"scene": 3}, "scene: 3 is no function"),
+        ({"scene": 3}, "scene must be text or a function or a tuple, got 3"),
         ({"pushed_object": ("small_cube", "egg")}, "there is no 'egg'"),
         ({"low": (1.0, 0.0)}, "low must be < high"),
     ],

@@ -1,0 +1,120 @@
+"""Types of the fields of configurations and plain data: numbers, names and tuples with their ranges.
+
+They are checked by `modpush._validation`; a type checker sees float, int, str and tuple.
+"""
+
+import math
+from typing import Annotated, Any, TypeVar
+
+import numpy as np
+from pydantic import BeforeValidator, Field, Strict, StringConstraints
+
+__all__ = [
+    "Angle",
+    "Angles",
+    "AtLeastOne",
+    "Color",
+    "Coordinate",
+    "Count",
+    "Device",
+    "Extents",
+    "Finite",
+    "Fraction",
+    "FractionSpan",
+    "HalfTurn",
+    "Key",
+    "Length",
+    "LengthSpan",
+    "Name",
+    "NonNegative",
+    "NonNegativeInteger",
+    "NonNegativeLength",
+    "PixelCount",
+    "Point",
+    "Pose",
+    "Position",
+    "Positive",
+    "PositiveFraction",
+    "Real",
+    "Scenes",
+    "Seed",
+    "Several",
+    "Size",
+    "Span",
+]
+
+T = TypeVar("T")
+
+
+def _plain_number(value: Any) -> Any:
+    """NumPy's numbers as Python's."""
+    return value.item() if isinstance(value, np.number) else value
+
+
+_NUMBER = BeforeValidator(_plain_number)
+Real = Annotated[float, _NUMBER]
+"""A number, infinity included."""
+Finite = Annotated[float, Field(allow_inf_nan=False), _NUMBER]
+"""A finite number."""
+Positive = Annotated[float, Field(allow_inf_nan=False, gt=0), _NUMBER]
+"""A finite number > 0."""
+NonNegative = Annotated[float, Field(allow_inf_nan=False, ge=0), _NUMBER]
+"""A finite number >= 0."""
+Fraction = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1), _NUMBER]
+"""A number in [0, 1]."""
+PositiveFraction = Annotated[float, Field(allow_inf_nan=False, gt=0, le=1), _NUMBER]
+"""A number in (0, 1]."""
+HalfTurn = Annotated[float, Field(allow_inf_nan=False, gt=0, lt=math.pi), _NUMBER]
+"""An angle in (0, pi) [rad]."""
+Coordinate = Annotated[float, Field(allow_inf_nan=False, ge=-100, le=100), _NUMBER]
+"""A coordinate on the table [m]; nothing is farther than 100 m."""
+Length = Annotated[float, Field(allow_inf_nan=False, gt=0, le=100), _NUMBER]
+"""A positive length [m], up to 100 m."""
+NonNegativeLength = Annotated[float, Field(allow_inf_nan=False, ge=0, le=100), _NUMBER]
+"""A length [m], up to 100 m."""
+Angle = Annotated[float, Field(allow_inf_nan=False, ge=-1000, le=1000), _NUMBER]
+"""An angle [rad]; it need not be wrapped."""
+
+NonNegativeInteger = Annotated[int, Field(ge=0, lt=2**62), _NUMBER]
+"""A whole number >= 0."""
+Count = Annotated[int, Field(ge=1, lt=2**62), _NUMBER]
+"""A whole number >= 1."""
+PixelCount = Annotated[int, Field(ge=1, le=16_384), _NUMBER]
+"""A side of an image [px]."""
+Seed = Annotated[int, Field(ge=0, lt=2**63), _NUMBER]
+"""A seed of random numbers."""
+Scenes = Annotated[int, Field(ge=1, le=65_536), _NUMBER]
+"""A number of scenes that are stepped together."""
+
+Name = Annotated[str, StringConstraints(min_length=1)]
+"""Text that is not empty."""
+Device = Annotated[str, StringConstraints(pattern=r"^[a-z]+(:\d+)?$")]
+"""A torch device, "cpu" or "cuda:0" for instance."""
+Key = Name | tuple[Name, ...]
+"""A key of a tensordict, nested or not."""
+
+# A list does for a tuple: it is what files and command lines give.
+Point = Annotated[tuple[Coordinate, Coordinate], Strict(False)]
+"""x and y [m]."""
+Position = Annotated[tuple[Coordinate, Coordinate, Coordinate], Strict(False)]
+"""x, y and z [m]."""
+Pose = Annotated[tuple[Coordinate, Coordinate, Angle], Strict(False)]
+"""x, y and yaw [m, m, rad]."""
+Size = Annotated[tuple[Length, Length, Length], Strict(False)]
+"""Length, width and height [m]."""
+Extents = Annotated[tuple[NonNegativeLength, NonNegativeLength, NonNegativeLength], Strict(False)]
+"""Sizes along x, y and z [m], of which some may be 0."""
+Angles = Annotated[tuple[Angle, Angle, Angle], Strict(False)]
+"""Roll, pitch and yaw [rad]."""
+Color = Annotated[tuple[Fraction, Fraction, Fraction], Strict(False)]
+"""Red, green and blue in [0, 1]."""
+Span = Annotated[tuple[Finite, Finite], Strict(False)]
+"""Lower and upper end of a range."""
+LengthSpan = Annotated[tuple[Length, Length], Strict(False)]
+"""Lower and upper end of a range of lengths [m]."""
+FractionSpan = Annotated[tuple[Fraction, Fraction], Strict(False)]
+"""Lower and upper end of a range within [0, 1]."""
+Several = Annotated[tuple[T, ...], Strict(False)]
+"""Any number of something."""
+AtLeastOne = Annotated[tuple[T, ...], Strict(False), Field(min_length=1)]
+"""One of something or more."""
