@@ -171,20 +171,23 @@ def _describe(
     """
     expected: dict[str, list[str]] = {}
     got: dict[str, str] = {}
+    misuses: list[str] = []
     for problem in error.errors(include_url=False):
         kind, context = problem["type"], problem.get("ctx", {})
         path = _path(problem["loc"], data, root)
         if kind in ("value_error", "assertion_error"):  # a class's own __post_init__
             return str(context.get("error", problem["msg"]))
         if kind in _MISUSES and not path.endswith("]"):
-            misuse = _MISUSES[kind].format(name=path)
-            return f"{who}: {misuse}; expected some of {sorted(names)}."
+            misuses.append(_MISUSES[kind].format(name=path))
+            continue
         if kind in _MISUSES:  # a tuple that is too short
             expected.setdefault(path.rpartition("[")[0], []).append("longer")
             got[path.rpartition("[")[0]] = _shortened(problem["input"])
             continue
         expected.setdefault(path, []).append(_EXPECTED.get(kind, problem["msg"]).format(**context))
         got[path] = _shortened(problem["input"])
+    if misuses:
+        return f"{who}: {'; '.join(misuses)}; expected some of {sorted(names)}."
     # Where a field may be several things, the item that is none of them says most.
     inner = [a for a in expected if not any(b.startswith((f"{a}.", f"{a}[")) for b in expected)]
     texts = (
