@@ -19,7 +19,7 @@ def test_one_seed_one_scenario_and_it_survives_json() -> None:
 def test_a_scenario_of_other_fields_is_refused() -> None:
     data = sample_scenario(np.random.default_rng(0), ScenarioConfig()).to_dict()
     data["gaol"] = data.pop("goal_position")
-    with pytest.raises(ValueError, match="'goal_position' is missing; .* argument 'gaol'"):
+    with pytest.raises(ValueError, match=r"'goal_position' is missing; .* argument 'gaol'"):
         Scenario.from_dict(data)
 
 
