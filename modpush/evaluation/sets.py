@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from modpush._hash import data_hash
-from modpush._types import Count, Name, Several
+from modpush._types import Count, Several
 from modpush._validation import checked
 from modpush.envs.scenes.layouts import HARD_SCENES, OBSTACLE_SCENES, SCENES
 from modpush.envs.scenes.objects import OBJECTS
@@ -67,7 +67,7 @@ SET_NAMES = tuple(_RECIPES)
 class EvaluationSet:
     """Numbered episodes on which every method is evaluated."""
 
-    name: Name
+    name: str
     """Letters, digits and `_.+-`, in parts separated by `/`: results are kept in a folder of this
     name."""
     scenarios: Several[Scenario]
