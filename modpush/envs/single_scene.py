@@ -85,7 +85,7 @@ class SingleSceneEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], AB
     def step(
         self, action: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """As `gymnasium.Env.step`."""
+        """Take one control step, as `gymnasium.Env.step` does."""
         who = type(self).__name__
         row = torch.as_tensor(np.asarray(action, dtype=np.float32))
         if row.shape != (ACTION_SIZE,):

@@ -32,18 +32,18 @@ _ENDS = ("success", "out_of_bounds", "done")
 
 @dataclass(frozen=True, kw_only=True)
 class Trajectory:
-    """What an episode of T control steps looked like. Base frame, metres and radians."""
+    """Poses, contacts and paths of an episode of T control steps, in the base frame [m, rad]."""
 
     object_pose: NDArray[np.float32]
-    """At reset and after each step, `[T + 1, 3]`."""
+    """Pose of the object at reset and after each step, `[T + 1, 3]`."""
     ee_pose: NDArray[np.float32]
-    """Of the tool's tip, likewise, `[T + 1, 3]`."""
+    """Pose of the tool's tip at reset and after each step, `[T + 1, 3]`."""
     contacts: NDArray[np.bool_]
-    """Object touched by the arm, object on obstacle, arm on obstacle, `[T, 3]`."""
+    """Contacts in each step of arm and object, object and obstacle, arm and obstacle, `[T, 3]`."""
     planned_path: NDArray[np.float32]
     """First planned path, `[n, 2]`; the common planner's where the policy has none of its own."""
     target: NDArray[np.float32]
-    """Sub-goal that the policy acted upon, `[T, 2]`; `[0, 2]` where it has none."""
+    """Sub-goal for which the policy acted in each step, `[T, 2]`; `[0, 2]` where it has none."""
 
     def save(self, path: Path) -> None:
         """Write as a compressed `.npz`, whole or not at all."""
@@ -70,14 +70,17 @@ class Episode:
     """An episode that has ended."""
 
     number: int
-    """In its set."""
+    """Number of the episode in its set."""
     scenario: Scenario
+    """Start of the episode."""
     metrics: EpisodeMetrics
+    """Figures of the episode."""
     trajectory: Trajectory
+    """Course of the episode."""
 
 
 class _Log:
-    """What is known of an episode that still runs."""
+    """Records of an episode that has not ended yet."""
 
     def __init__(
         self,

@@ -33,7 +33,7 @@ workers it must be picklable: a function of a module, or a `functools.partial` o
 
 @checked
 class EvaluationConfig:
-    """How episodes are run."""
+    """Settings with which episodes are run."""
 
     num_envs: Scenes = 8
     """Number of scenes stepped together in each process."""

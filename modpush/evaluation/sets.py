@@ -36,14 +36,14 @@ _DECIMALS = 6  # micrometres and microradians: exact enough, and the same on eve
 
 @dataclass(frozen=True, kw_only=True)
 class _Recipe:
-    """What a set is drawn from. Episode i takes the i-th family and object, in turn."""
+    """Distribution of a set's episodes. Episode i takes the i-th family and object, in turn."""
 
     seed: int
     count: int
     scenes: tuple[str, ...]
     objects: tuple[str, ...] = ("small_cube",)
     distance: tuple[float, float] = (0.2, 0.6)
-    """[m]"""
+    """Range of the distance from start to goal [m]."""
     difficulty: tuple[float, float] = (0.0, 1.0)
 
 

@@ -39,8 +39,8 @@ class TrainConfig:
     """Step the environment in a process of its own while the learner learns. Without it the two take
     turns in one process, with the same results."""
     greedy_envs: NonNegativeInteger = 4
-    """Number of scenes that act without exploration noise; promotion in the curriculum is judged by
-    them."""
+    """Number of scenes that act without exploration noise; promotion in the curriculum depends on their
+    successes."""
     evaluate_every: Count = 25_000
     """Environment steps between greedy evaluations on the held-out episodes."""
     evaluation_episodes: Count = 120

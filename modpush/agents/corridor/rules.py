@@ -21,14 +21,14 @@ class Rules(NamedTuple):
     preferred_angle: Callable[[Tensor, Tensor, Tensor, Tensor], Tensor]
     """Mean of the angles `[B, N]` of which those `[B, N]` count, weighted with mu and kappa."""
     deviation: Callable[[Tensor, Tensor, Tensor, Tensor], Tensor]
-    """How far alpha is from the best place: of (alpha, whether alpha_p is near, the way from alpha
-    to alpha_p, mu)."""
+    """Deviation of alpha from the best pushing angle, from (alpha, whether alpha_p is near, the angle
+    from alpha to alpha_p, mu)."""
     deviation_terms: Callable[[Tensor], Tensor]
-    """What a deviation adds to the sum that its mean is taken from, `[B, 2]`."""
+    """Summands of a deviation, of whose sum the mean is taken, `[B, 2]`."""
     mean_deviation: Callable[[Tensor, Tensor], Tensor]
-    """Mean of the deviations, of their sum `[B, 2]` and their number `[B]`."""
+    """Mean of the deviations, from the sum of their summands `[B, 2]` and their number `[B]`."""
     goes_round: Callable[[Tensor, float], Tensor]
-    """Whether a psi_relocate `[B]` is enough to go round the object, `[B]` bool."""
+    """Whether a psi_relocate `[B]` is enough to go around the object, `[B]` bool."""
     relative_zones: bool
     """Whether zones shrink for an object that is inside of them, see `Limits.relative`."""
 

@@ -92,10 +92,10 @@ def zigzag(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
 
 
 def _short_bar(x: float, y: float, difficulty: float) -> Obstacle:
-    """Of a diagonal wall in the hard scenes, across, 6 to 8 cm long.
+    """A bar of a diagonal wall in the hard scenes, 6 to 8 cm long, across the table.
 
     Where the diagonals cross, neighbours leave 9.8 cm from corner to corner, 8.1 at difficulty 1;
-    elsewhere they leave no way. The authors' bars are 10 cm long and leave 6.4 cm there, a way on
+    elsewhere they leave no gap. The authors' bars are 10 cm long and leave 6.4 cm there: a path on
     their map, which they inflate by half the cube's side, and none on one inflated by the radius of
     its circumscribed circle, 3.5 cm.
     """

@@ -37,7 +37,7 @@ GoalDistance = Annotated[Length, Le(2)]
 
 @checked
 class Dynamics:
-    """What the agent is not told about the pushed object."""
+    """Dynamics of the pushed object, which the agent does not observe."""
 
     mass: Mass = 1.0
     """Mass of the object [kg]."""
@@ -66,7 +66,7 @@ class Scenario:
     tool_pose: Pose
     """x and y of the tool's tip, and its yaw [m, m, rad]."""
     dynamics: Dynamics = field(default_factory=Dynamics)
-    """What the agent is not told about the object."""
+    """Mass, friction and centre of mass of the object, which the agent does not observe."""
 
     def to_dict(self) -> dict[str, Any]:
         """Plain lists, numbers and strings, ready for JSON."""
@@ -111,8 +111,8 @@ class ScenarioConfig:
     clearance: NonNegativeLength = 0.06
     """Least distance of start and goal from obstacles, surface to surface [m]."""
     path_margin: Fraction = 0.04
-    """How far out of the workspace the object's way to the goal may lead; at 5 cm an episode ends
-    [m]."""
+    """Largest distance by which the object's path to the goal may leave the workspace [m]; at 5 cm an
+    episode ends."""
     tool_distance: FractionSpan = (0.08, 0.14)
     """Range of the distance from the object's centre to the tool's tip at the start [m]."""
     randomize_dynamics: bool = False
