@@ -47,6 +47,7 @@ MAY_KNOW = {
         "recipes",
         "evaluation",
     },
+    "export": {"geometry", "encoders", "mdp", "agents", "recipes"},
     "cli": {
         "geometry",
         "envs",
@@ -58,11 +59,12 @@ MAY_KNOW = {
         "recipes",
         "evaluation",
         "training",
+        "export",
     },
 }
 """What each package may import besides itself and the shared modules."""
 SIMULATOR = {"sapien", "mani_skill"}
-WITHOUT_SIMULATOR = sorted(set(MAY_KNOW) - {"recipes", "training", "cli"})
+WITHOUT_SIMULATOR = sorted(set(MAY_KNOW) - {"recipes", "training", "export", "cli"})
 
 
 def imported_modules(source: str, package: str) -> set[str]:

@@ -4,5 +4,6 @@ from .demo import DemoConfig as DemoConfig
 from .demo import show_demo as show_demo
 from .evaluate import EvaluateConfig as EvaluateConfig
 from .evaluate import evaluate_policies as evaluate_policies
+from .export import ExportConfig as ExportConfig
 from .train import RunConfig as RunConfig
 from .train import train_agent as train_agent

@@ -18,6 +18,7 @@ SUBCOMMANDS = {
     "demo": "Watch the trained agent beside the corridor controller, in every scene family.",
     "train": "Train an agent: environment and learner side by side on two cores.",
     "evaluate": "Evaluate policies on the evaluation sets: tables beside the paper's, pictures, videos.",
+    "export": "Write an agent's policy as ONNX or torch.export graphs, with a card.",
 }
 """What each subcommand does. `modpush.cli.<name>` has a function `main(arguments)`."""
 

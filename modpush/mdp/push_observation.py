@@ -143,12 +143,20 @@ class PushObservation(Transform):
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         layout = self._layout if self._layout is not None else self._lay_out(next_tensordict)
-        observation = torch.cat(self._read_entries(next_tensordict), -1)
+        observation = self.read(next_tensordict)
         if not self.raw:
             observation = layout.normalise(observation)
         return next_tensordict.set(self.observation_key, observation)
 
-    def _read_entries(self, tensordict: TensorDictBase | ReadRecorder) -> list[Tensor]:
+    def read(self, source: Any) -> Tensor:
+        """The entries before shift and scale, `[..., n]`, in SI units.
+
+        Args:
+            source: Tensordict or dictionary with `in_keys`.
+        """
+        return torch.cat(self._read_entries(source), -1)
+
+    def _read_entries(self, tensordict: Any) -> list[Tensor]:
         inputs = ObservationInputs(tensordict, self.frame, self._keys, self._corners)
         values = []
         for name, entry in self.entries.items():

@@ -9,3 +9,5 @@ from .n_step import forget_open_steps as forget_open_steps
 from .similarity import LatentSimilarity as LatentSimilarity
 from .similarity import cosine as cosine
 from .similarity import negative_l2 as negative_l2
+from .transition_keys import TRANSITION_KEYS as TRANSITION_KEYS
+from .transition_keys import KeepTransition as KeepTransition

@@ -1,0 +1,45 @@
+"""Write an agent's policy as ONNX or torch.export graphs, with a card.
+
+    modpush export small_cube
+    modpush export runs/train/best_agent.safetensors --format onnx torch_export --out runs/exported
+
+Writes `policy` (observation to action), `window_policy` (local window and state to action, encoder
+included) and `card.json`, which says what goes in and comes out. ONNX needs `pip install
+'modpush[export]'`; `examples/deploy.py` pushes with nothing but onnxruntime.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import torch
+import tyro
+
+from modpush.export.agent import Format, export_agent
+from modpush.recipes.agent_file import load_agent
+
+__all__ = ["ExportConfig", "main"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportConfig:
+    """What is exported, and to where."""
+
+    agent: tyro.conf.Positional[str] = "small_cube"
+    """Name of a shipped agent, or an agent's file."""
+    formats: Annotated[tuple[Format, ...], tyro.conf.arg(name="format")] = ("onnx",)
+    """Formats of the graphs."""
+    out: Path = Path("runs/exported")
+    """Folder to write to."""
+    allow: tuple[str, ...] = ()
+    """Modules that the agent's file may import parts of its author's own from."""
+
+
+def main(arguments: Sequence[str]) -> None:
+    """`modpush export <arguments>`."""
+    torch.set_num_threads(1)
+    config = tyro.cli(ExportConfig, prog="modpush export", description=__doc__, args=[*arguments])
+    agent = load_agent(config.agent, allow=config.allow)
+    for path in export_agent(agent, config.out, config.formats).values():
+        print(f"{path}  {path.stat().st_size / 1e6:.2f} MB")

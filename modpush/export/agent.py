@@ -1,0 +1,181 @@
+"""`export_agent`: an agent's policy as graphs on disk, with a card that says how to feed them."""
+
+import io
+import json
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import torch
+from torch import Tensor, nn
+from torchrl.envs import Transform
+
+import modpush
+from modpush._atomic import replacing
+from modpush._extras import require_extra
+from modpush.encoders.encode import Encode
+from modpush.encoders.window_transform import EgocentricWindow
+from modpush.export.graphs import ObservationPolicy, WindowPolicy
+from modpush.mdp.action_frame import ActionFrame
+from modpush.mdp.push_observation import PushObservation
+from modpush.recipes.agent_file import Agent
+
+__all__ = ["FORMATS", "Format", "export_agent"]
+
+Format = Literal["onnx", "torch_export"]
+FORMATS: tuple[str, ...] = get_args(Format)
+"""Formats to export to."""
+_ENDINGS = {"onnx": ".onnx", "torch_export": ".pt2"}
+_ACTION = {
+    "order": ["dx", "dy", "dyaw"],
+    "range": [-1.0, 1.0],
+    "scale": [0.02, 0.02, 0.05],
+    "unit": ["m", "m", "rad"],
+    "rate": "15 Hz",
+}
+"""What an action means: it is multiplied by `scale` and moves the tool's commanded pose."""
+
+
+def export_agent(
+    agent: Agent, folder: str | Path, formats: Sequence[Format] = ("onnx",)
+) -> dict[str, Path]:
+    """Write an agent's greedy policy as graphs.
+
+    `policy` maps the observation to the action, `window_policy` the window and the state to the
+    action; the batch size is free in both. `card.json` says what the inputs are.
+
+    Args:
+        agent: A trained agent, of `load_agent`.
+        folder: Folder to write to.
+        formats: `"onnx"` (needs the extra `export`), `"torch_export"`, or both.
+
+    Returns:
+        The files that were written, by their names.
+
+    Raises:
+        ValueError: If a format is unknown, or the agent's network cannot be exported.
+        MissingExtraError: If what a format needs is not installed.
+    """
+    if unknown := sorted(set(formats) - set(FORMATS)):
+        raise ValueError(f"export_agent: formats must be some of {FORMATS}, got {unknown}.")
+    if "onnx" in formats:
+        require_extra("export_agent: the format 'onnx'", "onnx", "onnxscript")
+    policy = ObservationPolicy(agent.policy)
+    env = agent.make_env(2, keep_images=True, seed=0)
+    try:
+        example = env.reset()
+        window, chain = _window_policy(policy, list(env.transform))
+    finally:
+        env.close()
+    examples = {
+        "policy": (policy, {"observation": example["observation"]}, ["action"]),
+        "window_policy": (
+            chain,
+            {name: example[name] for name in chain.input_names},
+            ["action", "command"],
+        ),
+    }
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    written: dict[str, Path] = {}
+    for name, (module, inputs, outputs) in examples.items():
+        for kind in formats:
+            path = folder / f"{name}{_ENDINGS[kind]}"
+            _write(module.eval(), inputs, outputs, path, kind)
+            written[path.name] = path
+    card = {**_card(agent, examples, chain), "window": window}
+    with replacing(folder / "card.json") as unfinished:
+        unfinished.write_text(json.dumps(card, indent=2) + "\n")
+    written["card.json"] = folder / "card.json"
+    return written
+
+
+def _window_policy(
+    policy: ObservationPolicy, transforms: Sequence[Transform]
+) -> tuple[dict[str, Any] | None, WindowPolicy]:
+    """The whole chain, and how its window is cut."""
+    window, encoder, frame = None, None, "base"
+    observation: PushObservation | None = None
+    for transform in transforms:
+        match transform:
+            case EgocentricWindow():
+                window = {
+                    "frame": transform.frame,
+                    "size": transform.size,
+                    "metres_per_pixel": transform.camera.cell_size,
+                    "height_shown_as_1": transform.max_height,
+                    "outside": transform.outside,
+                }
+            case Encode():
+                encoder = transform.encoder
+            case ActionFrame():
+                frame = transform.frame
+            case PushObservation():
+                observation = transform
+    if observation is None:
+        raise ValueError("export_agent: the agent's environment has no PushObservation.")
+    return window, WindowPolicy(policy, observation, encoder, frame)  # type: ignore[arg-type]
+
+
+def _write(
+    module: nn.Module,
+    inputs: Mapping[str, Tensor],
+    outputs: Sequence[str],
+    path: Path,
+    kind: str,
+) -> None:
+    batch = torch.export.Dim("batch", min=1)
+    values = tuple(inputs.values())
+    shapes: Any = tuple({0: batch} for _ in values)
+    if isinstance(module, WindowPolicy):  # its inputs are one variadic argument
+        shapes = (shapes,)
+    with warnings.catch_warnings(), torch.no_grad():
+        warnings.simplefilter("ignore")  # torch's and onnxscript's own, about their internals
+        program = torch.export.export(module, values, dynamic_shapes=shapes)
+        if kind == "torch_export":
+            packed = io.BytesIO()
+            torch.export.save(program, packed)
+            with replacing(path) as unfinished:
+                unfinished.write_bytes(packed.getvalue())
+            return
+        graph = torch.onnx.export(
+            program,
+            (),
+            input_names=list(inputs),
+            output_names=list(outputs),
+            dynamo=True,
+            optimize=True,
+            verbose=False,
+        )
+        with replacing(path) as unfinished:
+            graph.save(str(unfinished), external_data=False)
+
+
+def _card(agent: Agent, graphs: Mapping[str, Any], chain: WindowPolicy) -> dict[str, Any]:
+    """What the graphs' inputs and outputs mean, as plain data."""
+    return {
+        "modpush": modpush.__version__,
+        "graphs": {
+            name: {
+                "inputs": [
+                    {
+                        "name": key,
+                        "shape": ["batch", *value.shape[1:]],
+                        "dtype": str(value.dtype).removeprefix("torch."),
+                    }
+                    for key, value in inputs.items()
+                ],
+                "outputs": [
+                    {"name": key, "shape": ["batch", 3], "dtype": "float32"} for key in outs
+                ],
+            }
+            for name, (_, inputs, outs) in graphs.items()
+        },
+        "observation": agent.fingerprint.get("observation"),
+        "action": {**_ACTION, "frame": chain.action_frame},
+        "command": {**_ACTION, "frame": "base"},
+        "environment": asdict(agent.config),
+        "fingerprint": dict(agent.fingerprint),
+    }

@@ -1,0 +1,112 @@
+"""What is exported: an agent's greedy policy as plain modules, on tensors alone."""
+
+import torch
+from torch import Tensor, nn
+from torchrl.modules import ProbabilisticActor, TanhNormal
+
+from modpush.agents.tqc.relu_mlp import ReluMLP
+from modpush.geometry.angles import rotate
+from modpush.geometry.frames import Frame, frame_yaw
+from modpush.mdp.push_observation import PushObservation
+
+__all__ = ["ObservationPolicy", "WindowPolicy"]
+
+_LARGEST = 1.0 - torch.finfo(torch.float32).resolution  # what TorchRL's tanh is clamped to
+
+
+class ObservationPolicy(nn.Module):
+    """`observation [B, n] -> action [B, 3]`: the greedy action in [-1, 1] in the agent's frame.
+
+    Args:
+        policy: An agent's policy; its weights are shared, not copied.
+
+    Raises:
+        ValueError: If it reads more than the observation, or is no tanh-squashed Gaussian.
+    """
+
+    def __init__(self, policy: ProbabilisticActor) -> None:
+        super().__init__()
+        if list(policy.in_keys) != ["observation"]:
+            raise ValueError(
+                "ObservationPolicy: the policy must read 'observation' alone, got "
+                f"{list(policy.in_keys)}; an agent with an encoder of its own cannot be exported."
+            )
+        kind = policy[-1].distribution_class if isinstance(policy, ProbabilisticActor) else None
+        if kind is not TanhNormal:
+            raise ValueError(
+                "ObservationPolicy: the policy must be a ProbabilisticActor with a TanhNormal, got "
+                f"{type(policy).__name__} with {kind}."
+            )
+        self.network = _without_own_kernels(policy[0].module)
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """The action of each observation."""
+        loc, _ = self.network(observation)
+        return loc.tanh().clamp(-_LARGEST, _LARGEST)
+
+
+class WindowPolicy(nn.Module):
+    """From the window and the state to the action, encoder and observation included.
+
+    Inputs are `window [B, 1, S, S]` float32 in [0, 1], if there is an encoder, and the keys in
+    `state_keys` as `make_push_env` emits them, in SI units and the base frame. Outputs are `action`
+    `[B, 3]` in [-1, 1] in the agent's frame, and `command` `[B, 3]`, the same turned into the base
+    frame, which `PushEnv` takes.
+
+    Args:
+        policy: `observation -> action`.
+        observation: The agent's observation, laid out on an environment.
+        encoder: `window -> latent`, or None.
+        action_frame: Axes in which the agent acts.
+    """
+
+    def __init__(
+        self,
+        policy: ObservationPolicy,
+        observation: PushObservation,
+        encoder: nn.Module | None,
+        action_frame: Frame,
+    ) -> None:
+        super().__init__()
+        self.policy, self.encoder, self.action_frame = policy, encoder, action_frame
+        entries = observation.fingerprint()["entries"]
+        shift = torch.tensor([value for entry in entries for value in entry["shift"]])
+        scale = torch.tensor([value for entry in entries for value in entry["scale"]])
+        self.register_buffer("shift", shift, persistent=False)
+        self.register_buffer("scale", scale, persistent=False)
+        self.raw = observation.raw
+        self._read = observation.read  # not a submodule: its own state is not exported
+        read = [key for key in observation.in_keys if key != "latent"]
+        needed = {"object": ["object_pose"], "path": ["object_pose", "subgoal"]}
+        self.state_keys = list(dict.fromkeys([*read, *needed.get(action_frame, [])]))
+        """Keys of the inputs beside the window, in order."""
+
+    @property
+    def input_names(self) -> list[str]:
+        """Names of all inputs, in order."""
+        return [*(["window"] if self.encoder is not None else []), *self.state_keys]
+
+    def forward(self, *inputs: Tensor) -> tuple[Tensor, Tensor]:
+        """Action and command; the inputs are in the order of `input_names`."""
+        state = dict(zip(self.input_names, inputs, strict=True))
+        if self.encoder is not None:
+            state["latent"] = self.encoder(state["window"])
+        observation = self._read(state)
+        if not self.raw:
+            observation = (observation - self.shift) * self.scale
+        action = self.policy(observation)
+        if self.action_frame == "base":
+            return action, action.clone()
+        yaw = frame_yaw(self.action_frame, state["object_pose"], state.get("subgoal"))
+        planar = rotate(action[..., :2], yaw)
+        planar = planar / planar.abs().amax(-1, keepdim=True).clamp_min(1.0)  # as ActionFrame does
+        return action, torch.cat([planar, action[..., 2:]], -1)
+
+
+def _without_own_kernels(module: nn.Module) -> nn.Module:
+    """The same layers in the same order; `ReluMLP` chooses between libraries, which a graph cannot."""
+    if isinstance(module, ReluMLP):
+        return nn.Sequential(*module)
+    if type(module) is nn.Sequential:
+        return nn.Sequential(*(_without_own_kernels(part) for part in module))
+    return module

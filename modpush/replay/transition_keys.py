@@ -1,0 +1,42 @@
+"""What an off-policy learner has to store, and how to keep nothing else."""
+
+from tensordict import NestedKey, TensorDictBase
+
+from modpush._keys import read_key
+
+__all__ = ["TRANSITION_KEYS", "KeepTransition"]
+
+TRANSITION_KEYS: tuple[NestedKey, ...] = (
+    "observation",
+    "action",
+    ("next", "observation"),
+    ("next", "reward"),
+    ("next", "done"),
+    ("next", "terminated"),
+)
+"""Keys of a transition that an off-policy learner needs. All else that `make_push_env` emits is for the
+environment itself, for metrics and for the log."""
+
+
+class KeepTransition:
+    """Keeps the keys of `TRANSITION_KEYS` in collected data, for a collector's `postproc`.
+
+    The environment has to emit more, for instance `blocked_bits`, in which it remembers what was
+    hidden: drop that after collection, not by a transform in the environment.
+
+    Args:
+        *extra: Further keys to keep, such as `"window"` and `("next", "window")`.
+    """
+
+    def __init__(self, *extra: NestedKey) -> None:
+        self.keys = (*TRANSITION_KEYS, *extra)
+
+    def __call__(self, data: TensorDictBase) -> TensorDictBase:
+        """The same transitions with these keys only; nothing is copied.
+
+        Raises:
+            KeyError: If one is missing; the message lists those there are.
+        """
+        for key in self.keys:
+            read_key("KeepTransition", data, key)
+        return data.select(*self.keys)

@@ -1,0 +1,99 @@
+"""Exported graphs give the agent's actions on recorded episodes."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+import pytest
+import torch
+from tensordict import TensorDict
+
+from modpush.export import export_agent
+from modpush.mdp import ActionFrame
+from modpush.recipes import load_agent
+from tests.examples import load_example
+
+
+@pytest.fixture(scope="module")
+def agent():
+    return load_agent("small_cube")
+
+
+@pytest.fixture(scope="module")
+def folder(agent, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("exported")
+    written = export_agent(agent, folder, ("onnx", "torch_export"))
+    graphs = [f"{name}{end}" for name in ("policy", "window_policy") for end in (".onnx", ".pt2")]
+    assert sorted(written) == sorted([*graphs, "card.json"])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def recorded(agent) -> TensorDict:
+    """Three episodes' first 60 steps, with windows."""
+    env = agent.make_env(3, scene=("slot", "posts"), keep_images=True, seed=5)
+    steps = env.rollout(60, agent.policy, break_when_any_done=False).reshape(-1)
+    env.close()
+    return steps
+
+
+def run_onnx(path: Path, data: TensorDict) -> list[np.ndarray]:
+    session = onnxruntime.InferenceSession(path)
+    return session.run(None, {i.name: data[i.name].numpy() for i in session.get_inputs()})
+
+
+def commands(agent, data: TensorDict) -> torch.Tensor:
+    """What the agent's own `ActionFrame` makes of its actions."""
+    return ActionFrame(agent.config.frame).inv(data.clone())["action"]
+
+
+def test_onnx_gives_the_agent_s_actions(agent, folder: Path, recorded: TensorDict) -> None:
+    (alone,) = run_onnx(folder / "policy.onnx", recorded)
+    action, command = run_onnx(folder / "window_policy.onnx", recorded)
+    np.testing.assert_allclose(alone, recorded["action"], atol=1e-5)
+    np.testing.assert_allclose(action, recorded["action"], atol=1e-5)
+    np.testing.assert_allclose(command, commands(agent, recorded), atol=1e-5)
+    print(f"onnx against eager: {np.abs(action - recorded['action'].numpy()).max():.2e}")
+
+
+def test_torch_export_gives_the_agent_s_actions(folder: Path, recorded: TensorDict) -> None:
+    card = json.loads((folder / "card.json").read_text())
+    for name in ("policy", "window_policy"):
+        graph = torch.export.load(folder / f"{name}.pt2").module()
+        inputs = [recorded[entry["name"]] for entry in card["graphs"][name]["inputs"]]
+        found = graph(*inputs)
+        action = found[0] if isinstance(found, tuple) else found
+        torch.testing.assert_close(action, recorded["action"], atol=1e-5, rtol=0)
+
+
+def test_the_card_says_what_goes_in_and_comes_out(
+    agent, folder: Path, recorded: TensorDict
+) -> None:
+    card = json.loads((folder / "card.json").read_text())
+    for name in ("policy", "window_policy"):
+        session = onnxruntime.InferenceSession(folder / f"{name}.onnx")
+        described = card["graphs"][name]
+        assert [i.name for i in session.get_inputs()] == [i["name"] for i in described["inputs"]]
+        assert [o.name for o in session.get_outputs()] == [o["name"] for o in described["outputs"]]
+        for entry in described["inputs"]:
+            assert list(recorded[entry["name"]].shape[1:]) == entry["shape"][1:]
+    last = card["observation"]["entries"][-1]
+    assert last["columns"][1] == recorded["observation"].shape[-1]
+    assert card["action"]["frame"] == agent.config.frame
+    assert card["window"]["size"] == recorded["window"].shape[-1]
+
+
+def test_a_robot_without_torch_in_its_policy_pushes(folder: Path) -> None:
+    assert load_example("deploy").main(folder, scene="free", num_envs=2) == 1.0
+
+
+def test_what_cannot_be_exported_is_refused(agent, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"formats must be some of .*'onnx'.*, got \['tflite'\]"):
+        export_agent(agent, tmp_path, ("tflite",))
+    blind = replace(agent, policy=agent.policy[0])
+    with pytest.raises(
+        ValueError, match="must be a ProbabilisticActor with a TanhNormal, got TensorDictModule"
+    ):
+        export_agent(blind, tmp_path)
