@@ -149,6 +149,7 @@ def _write(
             optimize=True,
             verbose=False,
         )
+        assert graph is not None  # with dynamo=True there always is one
         with replacing(path) as unfinished:
             graph.save(str(unfinished), external_data=False)
 

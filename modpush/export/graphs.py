@@ -60,6 +60,9 @@ class WindowPolicy(nn.Module):
         action_frame: Axes in which the agent acts.
     """
 
+    shift: Tensor
+    scale: Tensor
+
     def __init__(
         self,
         policy: ObservationPolicy,
