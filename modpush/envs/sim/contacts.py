@@ -47,7 +47,7 @@ class CpuContacts:
     ) -> None:
         self.touched = [False] * len(CONTACT_KEYS)
         """What has touched since `clear`, in the order of `CONTACT_KEYS`."""
-        self._physics, self._device = scene.px, scene.device
+        self._scene, self._device = scene, scene.device
         self._obstacles = obstacles
         self._permanent: dict[Any, int] = {
             **{link._objs[0]: _ROBOT for link in robot.links},
@@ -79,7 +79,7 @@ class CpuContacts:
     def read(self) -> None:
         """Add the present contacts to `touched`."""
         category, touched = self._category, self.touched
-        for contact in self._physics.get_contacts():
+        for contact in self._scene.px.get_contacts():
             first, second = contact.bodies
             key = _KEY_OF_PAIR.get(category.get(first, 0) | category.get(second, 0))
             if key is not None and not touched[key]:

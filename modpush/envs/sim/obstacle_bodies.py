@@ -31,16 +31,15 @@ def obstacle_part(obstacle: Obstacle) -> Primitive:
 
 
 class ObstacleSwapper:
-    """One CPU scene whose obstacles come and go while it runs.
+    """The obstacles of a CPU scene, which are built anew for every episode.
 
-    Every layout gets new bodies, in its own order: PhysX's packed state lists bodies by age, and
-    SAPIEN loses half a kilobyte with every body that is taken out and put in again.
+    Every layout gets new bodies, in its own order: PhysX's packed state lists bodies by age.
     """
 
     def __init__(
         self, scene: "ManiSkillScene", material: physx.PhysxMaterial, dynamic: bool
     ) -> None:
-        self._scene = scene.sub_scenes[0]
+        self._scene = scene
         self._can_render = scene.can_render()
         self._material = material
         self._dynamic = dynamic
@@ -51,12 +50,10 @@ class ObstacleSwapper:
     def place(
         self, indices: Sequence[int], layouts: Sequence[Sequence[Obstacle]]
     ) -> list[tuple[Obstacle, ...]]:
-        """Replace the obstacles by those of a layout; returns the layout that was placed."""
-        for _, entity in self._placed:
-            self._scene.remove_entity(entity)
+        """Add the obstacles of a layout to a new scene; returns the layout that was placed."""
         self._placed = [(o, self._build(o, i)) for i, o in enumerate(layouts[0])]
         for _, entity in self._placed:
-            self._scene.add_entity(entity)
+            self._scene.sub_scenes[0].add_entity(entity)
         kind = (
             physx.PhysxRigidDynamicComponent if self._dynamic else physx.PhysxRigidStaticComponent
         )

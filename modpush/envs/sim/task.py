@@ -1,8 +1,7 @@
 """The ManiSkill task `ClutterPush-v1`: a UR5 pushes an object through clutter to a goal.
 
-On a CPU one task holds one scene, whose obstacles are replaced at every reset. On CUDA one task holds
-all scenes, and obstacles come from a pool that is built once, since bodies cannot be added to a
-running GPU simulation.
+On a CPU one task holds one scene, which is made anew at every reset. On CUDA one task holds all
+scenes, and obstacles come from a pool, since bodies cannot be added to a running GPU simulation.
 """
 
 from collections.abc import Sequence
@@ -185,6 +184,9 @@ class ClutterPushEnv(BaseEnv):
                 f"ClutterPushEnv.reset: scenarios must have one entry for each of the "
                 f"{len(indices)} scenes being reset, got {len(scenarios)}."
             )
+        if self.cpu_scene is not None:
+            self._set_scene_config()  # SAPIEN's settings are global: others may have changed them
+            self.cpu_scene.renew(scenarios[0], self.obstacles.entities())
         if not self.scenarios:
             self.scenarios = list(scenarios)
             self._goal = torch.zeros(self.num_envs, 2, dtype=torch.float64, device=self.device)
@@ -213,10 +215,8 @@ class ClutterPushEnv(BaseEnv):
 
     def step(self, action: Any) -> Any:
         """Take ManiSkill's step, after refusing actions that are not finite."""
-        if action is not None:
-            values = torch.as_tensor(action)
-            if not torch.isfinite(values).all():
-                raise ValueError(f"ClutterPushEnv.step: action must be finite, got {action}.")
+        if action is not None and not torch.isfinite(torch.as_tensor(action)).all():
+            raise ValueError(f"ClutterPushEnv.step: action must be finite, got {action}.")
         return super().step(action)
 
     def evaluate(self) -> dict[str, Tensor]:
