@@ -16,7 +16,11 @@ COUNTS = [pytest.param(1, id="quick"), pytest.param(29, id="slow", marks=pytest.
 
 def make_env(num_envs: int = 1) -> PushEnv:
     return PushEnv(
-        num_envs, scene=list(SCENES), pushed_object=list(OBJECTS), depth=None, max_episode_steps=None
+        num_envs,
+        scene=list(SCENES),
+        pushed_object=list(OBJECTS),
+        depth=None,
+        max_episode_steps=None,
     )
 
 

@@ -59,6 +59,8 @@ class CpuScene:
             name: (np.array(body.inertia) / body.mass, np.array(body.cmass_local_pose.q))
             for name, body in self._bodies.items()
         }
+        # SAPIEN builds a camera that changes its scene anew, with the shaders that are set then.
+        self._camera_scenes: list[sapien.Scene] = []
         self._no_force = np.zeros(len(self.joints), dtype=np.float32)
 
     @property
@@ -67,7 +69,7 @@ class CpuScene:
         return self._scene.px
 
     def renew(self, scenario: Scenario, obstacles: Iterable[sapien.Entity]) -> None:
-        """Move the arm, the table and all else that stays into a new PhysX scene.
+        """Move the arm, the table and all other bodies that stay into a new PhysX scene.
 
         A PhysX scene remembers more than its bodies' states: cached contacts, and lists of free
         identifiers, by which it orders the contacts that it solves. In a new one an episode depends
@@ -85,7 +87,7 @@ class CpuScene:
         for entity in (*self._entities.values(), *obstacles):
             if entity.scene is not None:
                 old.remove_entity(entity)
-        staying = old.entities  # a copy, in the order in which they were added
+        staying = [entity for entity in old.entities if _has_body(entity)]  # in their old order
         for entity in staying:
             old.remove_entity(entity)
         system = physx.PhysxCpuSystem()
@@ -94,6 +96,8 @@ class CpuScene:
         new = sapien.Scene([system, *kept])
         for entity in staying:
             new.add_entity(entity)
+        if old.entities:
+            self._camera_scenes.append(old)
         self._scene.sub_scenes[0], self._scene.px = new, system
 
     def _start_joints(self, scenario: Scenario) -> NDArray[np.float32]:
@@ -164,3 +168,7 @@ class CpuScene:
     def joint_position(self) -> NDArray[np.float32]:
         """Angles of the driven joints, `[6]` [rad]."""
         return self._robot.qpos
+
+
+def _has_body(entity: sapien.Entity) -> bool:
+    return any(isinstance(part, physx.PhysxBaseComponent) for part in entity.components)

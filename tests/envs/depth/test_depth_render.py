@@ -77,8 +77,8 @@ def test_analytic_equals_rendered_on_200_scenes(rendered_task) -> None:
     assert max(table["off_edges"]) == 0.0
     assert np.mean(np.array(table["within_2mm"]) >= 0.999) >= 0.85
     assert summary["within_2mm"]["min"] >= 0.995
-    assert summary["object"]["min"] >= 0.999
-    assert summary["robot"]["min"] >= 0.999
+    assert summary["OBJECT"]["min"] >= 0.999
+    assert summary["ROBOT"]["min"] >= 0.999
 
 
 def at_an_edge(depth: np.ndarray) -> np.ndarray:
