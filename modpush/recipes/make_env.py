@@ -102,12 +102,6 @@ def make_push_env(
         ValueError: If a part is unknown or refuses its settings.
     """
     config = config or PushEnvConfig()
-    known = {*parameter_names(PushEnv.__init__), *(field.name for field in fields(ScenarioConfig))}
-    refuse_unknown(
-        "make_push_env",
-        set(options) - known,
-        f"some of {parameter_names(make_push_env)}, or arguments of PushEnv: {sorted(known)}",
-    )
     given = {"scene": scene, "pushed_object": pushed_object, "depth": depth, "seed": seed}
     base = _make_base(config, {**{k: v for k, v in given.items() if v is not None}, **options})
     transforms: list[Transform] = [InitTracker()]
@@ -153,6 +147,12 @@ def make_push_env(
 
 
 def _make_base(config: PushEnvConfig, options: dict[str, Any]) -> PushEnv:
+    known = {*parameter_names(PushEnv.__init__), *(field.name for field in fields(ScenarioConfig))}
+    refuse_unknown(
+        "make_push_env",
+        set(options) - known,
+        f"some of {parameter_names(make_push_env)}, or arguments of PushEnv: {sorted(known)}",
+    )
     names = [field.name for field in fields(config) if field.name in _FOR_PUSH_ENV]
     if "scenario" in options:
         names = [name for name in names if name not in _OF_SCENARIO]
