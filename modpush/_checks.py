@@ -6,7 +6,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-__all__ = ["check_dtype", "check_shape"]
+__all__ = ["check_depth_unit", "check_dtype", "check_shape"]
+
+_STRIDE = 8  # of the pixels that are looked at first
+_TOLERANCE = 1.1  # of the camera's height over the table
 
 
 def check_dtype(who: str, name: str, value: Any, dtype: torch.dtype) -> None:
@@ -46,4 +49,32 @@ def check_shape(who: str, name: str, value: Tensor, letters: str, expected: Sequ
     if value.shape != tuple(expected):
         raise ValueError(
             f"{who}: {name} must be [{letters}] = {list(expected)}, got {list(value.shape)}."
+        )
+
+
+def check_depth_unit(who: str, depth: Tensor, camera_z: float) -> None:
+    """Refuse depth in another unit than metres, which would read as an empty table.
+
+    Args:
+        who: What asks, for the error message.
+        depth: `[B, H, W]` [m]; 0 where nothing was seen.
+        camera_z: Height of the camera over the table [m].
+
+    Raises:
+        ValueError: If in one scene all pixels lie well beyond the table, or are not finite.
+    """
+    limit = _TOLERANCE * camera_z
+    # NaN and infinity count as beyond. Few images get past the first, cheap look.
+    if (
+        depth.shape[0] == 0
+        or (depth[:, ::_STRIDE, ::_STRIDE].abs() <= limit).flatten(1).any(1).all()
+    ):
+        return
+    good = (depth.abs() <= limit).flatten(1).any(1)
+    if not good.all():
+        scene = int((~good).nonzero()[0, 0])
+        raise ValueError(
+            f"{who}: depth must be in metres along the optical axis of a camera {camera_z:g} m over "
+            f"the table, got {depth[scene].min().item():g} to {depth[scene].max().item():g} in scene "
+            f"{scene}: not one pixel shows the table or what stands on it."
         )

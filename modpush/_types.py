@@ -4,6 +4,7 @@ They are checked by `modpush._validation`; a type checker sees float, int, str a
 """
 
 import math
+from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
@@ -18,6 +19,7 @@ __all__ = [
     "Count",
     "Device",
     "Extents",
+    "FilePath",
     "Finite",
     "Fraction",
     "FractionSpan",
@@ -90,6 +92,8 @@ Name = Annotated[str, StringConstraints(min_length=1)]
 """Text that is not empty."""
 Device = Annotated[str, StringConstraints(pattern=r"^[a-z]+(:\d+)?$")]
 """A torch device, "cpu" or "cuda:0" for instance."""
+FilePath = Annotated[Path, Strict(False)]
+"""The path of a file or folder, as text or as a `Path`."""
 Key = Name | tuple[Name, ...]
 """A key of a tensordict, nested or not."""
 

@@ -146,6 +146,7 @@ _EXPECTED = {
     "less_than_equal": "<= {le:g}",
     "literal_error": "{expected}",
     "mapping_type": "a mapping",
+    "path_type": "a path",
     "none_required": "None",
     "string_pattern_mismatch": "text of the form {pattern}",
     "string_too_short": "text that is not empty",

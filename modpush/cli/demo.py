@@ -12,7 +12,7 @@ device there is `arm.mp4`, too: the first policy's episodes rendered by SAPIEN.
 import itertools
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 from torchrl.envs import EnvBase
 from tqdm import tqdm
 
+from modpush._types import AtLeastOne, Count, FilePath, Fraction, Name, Seed
+from modpush._validation import checked
 from modpush.envs import (
     SCENES,
     PushEnv,
@@ -49,24 +51,24 @@ Frames = dict[int, list[NDArray[np.uint8]]]
 """Pictures by number of the episode."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked
 class DemoConfig:
     """Settings of the demo."""
 
-    policy: tuple[str, ...] = ("agent", "corridor")
+    policy: AtLeastOne[Name] = ("agent", "corridor")
     """Policies to show side by side: `agent`, `corridor`, `corridor_faithful`, `scripted`, a training
     run's folder, or an agent's file."""
-    scenes: tuple[str, ...] = field(default_factory=lambda: tuple(SCENES))
+    scenes: AtLeastOne[Name] = field(default_factory=lambda: tuple(SCENES))
     """Scene families to show."""
-    episodes: int = 4
+    episodes: Count = 4
     """Number of episodes of each family; the first one is in the video."""
-    pushed_object: str = "small_cube"
+    pushed_object: Name = "small_cube"
     """Name of the object that is pushed."""
-    difficulty: float = 0.3
+    difficulty: Fraction = 0.3
     """Difficulty of the scenes, 0 to 1."""
-    seed: int = 0
+    seed: Seed = 0
     """Seed of the episodes."""
-    out: Path = Path("runs/demo")
+    out: FilePath = Path("runs/demo")
     """Folder to write to."""
     rendered: bool = True
     """Have SAPIEN render the first policy's video where there is a Vulkan device."""

@@ -12,7 +12,6 @@ and paired t-tests. An interrupted run goes on where it stopped; `--fresh` start
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -20,6 +19,8 @@ import pandas as pd
 import torch
 import tyro
 
+from modpush._types import AtLeastOne, Count, FilePath, Name, NonNegativeInteger, Scenes, Several
+from modpush._validation import checked
 from modpush.evaluation.report import comparison_report, draw_results, write_tables
 from modpush.evaluation.runner import EvaluationConfig, evaluate
 from modpush.evaluation.sets import SET_NAMES, EvaluationSet, load_set
@@ -28,31 +29,31 @@ from modpush.recipes.methods import Method, get_method
 __all__ = ["EvaluateConfig", "evaluate_policies", "main"]
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked
 class EvaluateConfig:
     """Policies, evaluation sets and what to write."""
 
-    policy: tuple[str, ...] = ("agent",)
+    policy: AtLeastOne[Name] = ("agent",)
     """Policies to evaluate: `agent` (the one that is shipped for the set's object, or the small
     cube's where there is none, which the output says), `corridor`, `corridor_faithful`, `scripted`, a
     training run's folder, or an agent's file. Several are compared with each other."""
-    sets: Annotated[tuple[str, ...], tyro.conf.arg(name="set")] = ("smoke",)
+    sets: Annotated[AtLeastOne[Name], tyro.conf.arg(name="set")] = ("smoke",)
     """Evaluation sets, or `all` for those of the paper."""
-    episodes: int | None = None
+    episodes: Count | None = None
     """Number of episodes to run of each set, from its first on; all by default."""
-    num_envs: int = 8
+    num_envs: Scenes = 8
     """Number of scenes that a process steps together."""
-    workers: int = 1
+    workers: Count = 1
     """Number of processes."""
-    pictures: int = 24
+    pictures: NonNegativeInteger = 24
     """Largest number of failed episodes that are drawn; half as many solved ones are."""
     videos: bool = True
     """Whether to write a video for each family."""
     fresh: bool = False
     """Start over instead of resuming an interrupted run."""
-    allow: tuple[str, ...] = ()
+    allow: Several[Name] = ()
     """Modules that an agent's file may import parts of its author's own from."""
-    out: Path = Path("runs/evaluate")
+    out: FilePath = Path("runs/evaluate")
     """Folder to write to."""
 
     @property

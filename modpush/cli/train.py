@@ -13,26 +13,28 @@ The folder gets `config.yaml`, `log.csv`, `evaluations.csv` (greedy, on held-out
 import signal
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any, Literal
 
 import torch
 import tyro
 
+from modpush._types import FilePath
+from modpush._validation import checked
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
 from modpush.training.curve import draw_curve
 
 __all__ = ["RunConfig", "main", "train_agent"]
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked
 class RunConfig:
     """A training run and its folder."""
 
     train: TrainConfig = field(default_factory=TrainConfig)
     """Settings of the training run."""
-    out: Path = Path("runs/train")
+    out: FilePath = Path("runs/train")
     """Folder of the run."""
     resume: bool = False
     """Resume the run in the folder from its newest checkpoint."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from modpush._batching import run_batch
-from modpush._checks import check_dtype
+from modpush._checks import check_depth_unit, check_dtype
 from modpush.encoders.window_kernel import Pinhole, window_few, window_many
 from modpush.geometry.camera import Camera
 from modpush.geometry.labels import Label
@@ -73,10 +73,12 @@ def egocentric_window(
 
     Raises:
         TypeError: For wrong dtypes.
-        ValueError: For wrong shapes, numbers out of range, or a pose that is not finite.
+        ValueError: For wrong shapes, numbers out of range, a pose that is not finite, or depth in another
+            unit than metres: in one scene all of it lies beyond the table.
     Source: Sec. IV-A of the paper.
     """
     camera = _check(depth, segmentation, pose, size, max_height, outside, camera)
+    check_depth_unit("egocentric_window", depth, camera.z)
     image = depth.detach().cpu().contiguous()
     if segmentation is None:
         labels = np.full(image.shape, Label.TABLE, dtype=np.uint8)

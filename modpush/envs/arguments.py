@@ -1,7 +1,8 @@
 """Checks of the arguments that users give to the environments."""
 
 import inspect
-from collections.abc import Callable, Iterable, Mapping
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -10,13 +11,15 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
+from modpush.envs.outcome import GOAL_THRESHOLD
 from modpush.envs.robot.ur5_2f85 import TOOLS
-from modpush.envs.scenes.scenario import ScenarioConfig
+from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.envs.specs import ACTION_SIZE
 
 __all__ = [
     "check_action",
     "check_options",
+    "check_scenarios",
     "check_simulation",
     "make_scenario_config",
     "parameter_names",
@@ -135,6 +138,36 @@ def scenes_to_reset(tensordict: TensorDictBase | None, num_envs: int) -> list[in
         return list(range(num_envs))
     mask = tensordict["_reset"].reshape(num_envs, -1).any(-1)
     return torch.nonzero(mask).flatten().tolist()
+
+
+def check_scenarios(scenarios: Sequence[Scenario], count: int) -> None:
+    """Check the episodes' starts that a reset is given.
+
+    Args:
+        scenarios: Must hold a `Scenario` for each scene being reset, which is not solved already.
+        count: Number of scenes being reset.
+
+    Raises:
+        ValueError: If there are more or fewer, or an object starts at its goal: TorchRL refuses an
+            episode that has ended before its first step.
+        TypeError: If something else is among them.
+    """
+    who = "PushEnv.reset"
+    if not isinstance(scenarios, Sequence) or len(scenarios) != count:
+        got = len(scenarios) if isinstance(scenarios, Sequence) else type(scenarios).__name__
+        raise ValueError(
+            f"{who}: scenarios must have one entry for each of the {count} scenes being reset, "
+            f"got {got}."
+        )
+    for index, scenario in enumerate(scenarios):
+        if not isinstance(scenario, Scenario):
+            raise TypeError(f"{who}: scenarios[{index}] must be a Scenario, got {scenario!r}.")
+        distance = math.dist(scenario.object_pose[:2], scenario.goal_position)
+        if distance <= GOAL_THRESHOLD:
+            raise ValueError(
+                f"{who}: scenarios[{index}] must start more than {GOAL_THRESHOLD} m from its goal, "
+                f"got {distance:.3g} m: it would have ended before its first step."
+            )
 
 
 def check_action(action: Tensor, num_envs: int) -> None:

@@ -11,6 +11,7 @@ from torchrl.envs import EnvBase
 from modpush.envs.arguments import (
     check_action,
     check_options,
+    check_scenarios,
     make_scenario_config,
     refuse_unknown,
     scenes_to_reset,
@@ -186,11 +187,8 @@ class PushEnv(EnvBase):
             scenarios = [
                 sample_scenario(self._rngs[i], self.scenario, tool=self._tool) for i in indices
             ]
-        elif len(scenarios) != len(indices):
-            raise ValueError(
-                f"PushEnv.reset: scenarios must have one entry for each of the {len(indices)} "
-                f"scenes being reset, got {len(scenarios)}."
-            )
+        else:
+            check_scenarios(scenarios, len(indices))
         self._batch.start(indices, scenarios)
         self._started = True
         self._step_count[indices] = 0

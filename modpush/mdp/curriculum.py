@@ -8,15 +8,13 @@ from typing import Any, Literal
 from modpush._types import (
     AtLeastOne,
     Count,
-    Length,
-    LengthSpan,
     Name,
     NonNegativeInteger,
     PositiveFraction,
     Several,
 )
 from modpush._validation import checked
-from modpush.envs.scenes.scenario import ScenarioConfig
+from modpush.envs.scenes.scenario import GoalDistance, GoalDistances, ScenarioConfig
 
 __all__ = ["Curriculum", "CurriculumConfig", "Phase"]
 
@@ -40,9 +38,9 @@ class Phase:
 class CurriculumConfig:
     """Curriculum from short pushes in free space to long ones through clutter (paper Sec. IV-B)."""
 
-    distances: AtLeastOne[Length] = _DISTANCES
+    distances: AtLeastOne[GoalDistance] = _DISTANCES
     """Distances from start to goal [m]: stage s draws from [distances[s - 2], distances[s]]."""
-    final_distance: LengthSpan = (0.2, 0.6)
+    final_distance: GoalDistances = (0.2, 0.6)
     """Range of the distance from start to goal in the last stage [m]."""
     phases: AtLeastOne[Phase] = (Phase(scenes=("free",)), Phase(first_stage=6))
     """Phases, one after the other; each ends with the last stage. By default free space comes first,

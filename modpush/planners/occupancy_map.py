@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from modpush._batching import run_batch
-from modpush._checks import check_dtype, check_shape
+from modpush._checks import check_depth_unit, check_dtype, check_shape
 from modpush.geometry.camera import Camera
 from modpush.planners.inflation import clamp_radius, radius_per_scene
 from modpush.planners.kernels.bit_grid import words_per_row
@@ -88,7 +88,8 @@ class OccupancyMap:
         Raises:
             TypeError: If depth is not a float32 tensor, or the segmentation or `previous` not a
                 uint8 one.
-            ValueError: If a shape does not fit, or a radius is negative or not finite.
+            ValueError: If a shape does not fit, a radius is negative or not finite, or the depth of a
+                scene is in another unit than metres: all of it lies beyond the table.
         """
         self._check(depth, segmentation, object_position, previous)
         batch, device = len(depth), depth.device
@@ -155,6 +156,7 @@ class OccupancyMap:
         batch = len(depth) if depth.ndim else 1
         height, width = self.camera.height, self.camera.width
         check_shape(who, "depth", depth, "B, H, W", (batch, height, width))
+        check_depth_unit(who, depth, self.camera.z)
         if segmentation is not None:
             check_dtype(who, "segmentation", segmentation, torch.uint8)
             check_shape(who, "segmentation", segmentation, "B, H, W", (batch, height, width))

@@ -11,7 +11,6 @@ from modpush._types import (
     AtLeastOne,
     Count,
     FractionSpan,
-    LengthSpan,
     Name,
     NonNegative,
     PositiveFraction,
@@ -22,6 +21,7 @@ from modpush._validation import checked
 from modpush.encoders import ENCODERS
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES, SCENES
 from modpush.envs.scenes.objects import OBJECTS
+from modpush.envs.scenes.scenario import GoalDistances
 from modpush.geometry.frames import Frame
 from modpush.mdp.push_reward import RewardConfig
 from modpush.parts import part_module
@@ -49,7 +49,7 @@ class PushEnvConfig:
     """Scene families, one of which is drawn for each episode. A curriculum's phases may name others."""
     difficulty: FractionSpan = (0.0, 1.0)
     """Range of the scenes' difficulty, drawn from uniformly."""
-    distance: LengthSpan = (0.2, 0.6)
+    distance: GoalDistances = (0.2, 0.6)
     """Range of the distance from start to goal [m]."""
     frame: Frame = "object"
     """Axes in which the agent observes and acts, and of the local window."""

@@ -212,6 +212,11 @@ def test_other_sizes_and_cameras():
         ),
         ({"pose": torch.zeros(2, 3)}, ValueError, r"pose must be \[1, 3\], got \[2, 3\]"),
         ({"pose": torch.tensor([[0.0, math.nan, 0]])}, ValueError, "pose of scene 0 is not finite"),
+        (
+            {"depth": torch.full((1, 9, 9), 1100.0)},
+            ValueError,
+            "egocentric_window: depth must be in metres .* got 1100 to 1100 in scene 0",
+        ),
         ({"size": 0}, ValueError, "size must be >= 1 px, got 0"),
         ({"max_height": 2.0}, ValueError, "between 0 and the camera's height 1.1 m, got 2.0"),
         ({"outside": "wall"}, ValueError, r"one of \('free', 'blocked'\), got 'wall'"),

@@ -1,4 +1,5 @@
 import functools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -505,3 +506,16 @@ def test_torchrl_s_video_recorder_records_it(tmp_path) -> None:
     env.close()
     (video,) = tmp_path.rglob("*.pt")
     assert torch.load(video).float().std() > 10
+
+
+def test_an_episode_that_starts_at_its_goal_is_refused():
+    env = PushEnv(2)
+    env.reset(seed=0)
+    solved = replace(env.scenarios[1], goal_position=env.scenarios[1].object_pose[:2])
+    with pytest.raises(
+        ValueError, match=r"scenarios\[1\] must start more than 0.05 m from its goal"
+    ):
+        env.reset(scenarios=[env.scenarios[0], solved])
+    with pytest.raises(TypeError, match=r"scenarios\[0\] must be a Scenario, got 'slot'"):
+        env.reset(scenarios=["slot", "slot"])
+    env.close()

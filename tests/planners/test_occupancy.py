@@ -243,6 +243,16 @@ def test_copies_and_pickles_see_alike():
             TypeError,
             "previous must be a torch.uint8 tensor, got torch.float32",
         ),
+        (
+            (torch.full((1, 256, 256), 1100.0), 0.03),
+            ValueError,
+            "OccupancyMap: depth must be in metres .* got 1100 to 1100 in scene 0",
+        ),
+        (
+            (torch.full((1, 256, 256), torch.inf), 0.03),
+            ValueError,
+            "depth must be in metres .* got inf to inf in scene 0",
+        ),
         ((torch.ones(1, 256, 256), -0.1), ValueError, "radius must be finite and >= 0"),
     ],
 )

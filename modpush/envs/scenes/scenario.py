@@ -20,6 +20,7 @@ from modpush._types import (
     Several,
 )
 from modpush._validation import checked, from_plain
+from modpush.envs.outcome import GOAL_THRESHOLD
 from modpush.envs.scenes.layouts import SceneFn, get_scene
 from modpush.envs.scenes.objects import PushedObject, get_object
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
@@ -31,8 +32,10 @@ Mass = Annotated[Positive, Ge(1e-3), Le(1e3)]
 """Mass of an object [kg]."""
 Friction = Annotated[NonNegative, Le(10)]
 """Friction coefficient of an object's material."""
-GoalDistance = Annotated[Length, Le(2)]
-"""Distance from start to goal [m]."""
+GoalDistance = Annotated[Length, Ge(GOAL_THRESHOLD), Le(2)]
+"""Distance from start to goal [m]; nearer, an episode has ended before its first step."""
+GoalDistances = Annotated[tuple[GoalDistance, GoalDistance], Strict(False)]
+"""Lower and upper end of a range of distances from start to goal [m]."""
 
 
 @checked
@@ -94,7 +97,7 @@ class ScenarioConfig:
     which is drawn for each episode."""
     difficulty: Fraction | FractionSpan = (0.0, 1.0)
     """Difficulty of the scene in [0, 1], a number or a range drawn from uniformly."""
-    distance: GoalDistance | Annotated[tuple[GoalDistance, GoalDistance], Strict(False)] = (
+    distance: GoalDistance | GoalDistances = (
         0.2,
         0.6,
     )
