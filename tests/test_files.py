@@ -1,11 +1,8 @@
 """Files are whole or as before, and damage is noticed."""
 
 import pickle
-import resource
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -27,17 +24,7 @@ from modpush.files import (
     write_yaml,
 )
 from tests.damage import KINDS, noticed
-
-
-@contextmanager
-def full_disk(free: int = 0) -> Iterator[None]:
-    """No file of this process may grow beyond a size [B]."""
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (free, limits[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+from tests.full_disk import full_disk
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -73,10 +73,10 @@ def evaluate_policies(config: EvaluateConfig) -> dict[str, dict[str, pd.DataFram
         episodes = load_set(name).first(config.episodes)
         methods = [get_method(p, episodes.objects, allow=config.allow) for p in config.policy]
         rows = {method.name: _evaluate_one(method, episodes, config) for method in methods}
-        report = comparison_report(name, rows)
-        path = config.out / "comparison" / f"{name}.md"
+        report = comparison_report(episodes.name, rows)
+        path = config.out / "comparison" / f"{episodes.name}.md"
         if len(rows) == 1:
-            path = config.out / methods[0].name / name / "beside_paper.md"
+            path = config.out / methods[0].name / episodes.name / "beside_paper.md"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(report)
         print(f"\n{report}")

@@ -7,15 +7,15 @@
 
 The folder gets `config.yaml`, `log.csv`, `evaluations.csv` (greedy, on held-out episodes), `curve.png`,
 `best_agent.safetensors` (give it to `modpush.load_agent` or `modpush evaluate --policy`),
-`checkpoints/`, and what TensorBoard reads in `logs/`. Ctrl-C writes a checkpoint and stops.
+`checkpoints/`, and what TensorBoard reads in `logs/`. Ctrl-C, SIGTERM and SIGHUP write a
+checkpoint and stop.
 """
 
-import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import torch
 import tyro
@@ -41,7 +41,7 @@ class RunConfig:
 
 
 def train_agent(run: RunConfig) -> dict[str, float]:
-    """Train, and draw the learning curve. Ctrl-C and SIGTERM end the run with a checkpoint.
+    """Train, and draw the learning curve. Ctrl-C, SIGTERM and SIGHUP end it with a checkpoint.
 
     On Linux the environment's process is forked, so call this before anything has run on several
     threads of torch or numba, or use `Trainer` itself.
@@ -59,14 +59,6 @@ def train_agent(run: RunConfig) -> dict[str, float]:
     trainer = Trainer(run.train, run.out, resume=run.resume, start_method=start_method)
     folder = trainer.folder
 
-    def interrupt(*_: Any) -> None:
-        # At the end of the present rollout, when all is in order; a second time means at once.
-        if trainer.interrupted:
-            raise KeyboardInterrupt
-        trainer.interrupted = True
-
-    for number in (signal.SIGINT, signal.SIGTERM):  # a polite kill ends a run as Ctrl-C does
-        signal.signal(number, interrupt)
     try:
         best = trainer.run()
     finally:

@@ -15,6 +15,9 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType
 from tqdm import tqdm
 
+from modpush._atomic import clean_leftovers
+from modpush._end_with_parent import begin_worker_process
+from modpush._folder_lock import FolderLock
 from modpush._types import Count, Key, Scenes, Seed
 from modpush._validation import checked
 from modpush.envs.scenes.scenario import Scenario
@@ -95,6 +98,7 @@ def evaluate(
         ValueError: If the folder holds results of another policy (told by its class, weights, config
             and label) or another set, or there is nothing to make the environment with.
         RuntimeError: If a worker fails; what has finished is kept.
+        FolderLockedError: If another process writes to the folder; the message says which.
     """
     config = config or EvaluationConfig()
     if not isinstance(evaluation_set, EvaluationSet):
@@ -112,23 +116,41 @@ def evaluate(
             target_key=config.target_key or "subgoal",
         )
     acting: Policy = getattr(policy, "policy", policy)
-    store = ResultStore(folder, evaluation_set, describe_policy(acting, label), resume=resume)
-    missing = [(n, evaluation_set.scenarios[n]) for n in store.missing()]
-    run = _run_here if config.workers == 1 else _run_in_workers
-    done = store.rows()["success"].tolist()
-    with tqdm(
-        total=len(evaluation_set),
-        initial=len(done),
-        unit="episode",
-        desc=evaluation_set.name,
-        disable=not config.progress,
-    ) as bar:
-        for episode in run(make_env, acting, missing, config):
-            store.write(episode)
-            done.append(episode.metrics.success)
-            bar.set_postfix(success=f"{sum(done) / len(done):.3f}", refresh=False)
-            bar.update()
-    return store.rows()
+    about = describe_policy(acting, label)
+    if resume and (finished := _finished(Path(folder), evaluation_set, about)) is not None:
+        return finished
+    with FolderLock(folder):
+        clean_leftovers(folder)
+        clean_leftovers(Path(folder) / "trajectories")
+        store = ResultStore(folder, evaluation_set, about, resume=resume)
+        missing = [(n, evaluation_set.scenarios[n]) for n in store.missing()]
+        run = _run_here if config.workers == 1 else _run_in_workers
+        done = store.rows()["success"].tolist()
+        with tqdm(
+            total=len(evaluation_set),
+            initial=len(done),
+            unit="episode",
+            desc=evaluation_set.name,
+            disable=not config.progress,
+        ) as bar:
+            for episode in run(make_env, acting, missing, config):
+                store.write(episode)
+                done.append(episode.metrics.success)
+                bar.set_postfix(success=f"{sum(done) / len(done):.3f}", refresh=False)
+                bar.update()
+        return store.rows()
+
+
+def _finished(
+    folder: Path, evaluation_set: EvaluationSet, about: dict[str, Any]
+) -> pd.DataFrame | None:
+    """The rows of a folder that holds all of them, which is only read; it may lie on a read-only disk."""
+    if not (folder / "run.json").exists() or not (folder / "episodes.csv").exists():
+        return None
+    if not (folder / "episodes.csv").read_bytes().endswith(b"\n"):
+        return None
+    store = ResultStore(folder, evaluation_set, about)
+    return None if store.missing() else store.rows()
 
 
 def _agent_env(agent: TrainedAgent, num_envs: int, objects: Sequence[str]) -> EnvBase:
@@ -160,6 +182,7 @@ def _run_here(
 
 
 def _work(results: Any, *job: Any) -> None:
+    begin_worker_process()
     torch.set_num_threads(1)  # cores are shared out among the processes
     for episode in _run_here(*job):
         results.put(episode)
@@ -192,7 +215,7 @@ def _run_in_workers(
                 _check_alive(workers)
     finally:
         for worker in workers:
-            worker.terminate()
+            worker.kill()
             worker.join()
 
 

@@ -1,17 +1,16 @@
 """Attentive experience replay: train on transitions that resemble the present situation."""
 
-import json
 from collections import OrderedDict
 from pathlib import Path
 from typing import Any
 
 import torch
-from tensordict import TensorDict
 from tensordict.utils import NestedKey
 from torch import Tensor
 from torchrl.data.replay_buffers.samplers import Sampler
 from torchrl.data.replay_buffers.storages import Storage
 
+from modpush._state import read_state, write_state
 from modpush.parts import find_part
 from modpush.replay.similarity import SIMILARITIES, Similarity
 from modpush.replay.storage_access import draw_distinct, read_entries, valid_shape
@@ -20,7 +19,8 @@ from modpush.replay.write_cursor import WriteCursor
 __all__ = ["AttentiveSampler"]
 
 Index = Tensor | tuple[Tensor, ...]
-_STATE_FILE = "attentive_sampler.json"
+_STATE_FILE = "attentive_sampler.safetensors"
+_KIND, _VERSION = "modpush.AttentiveSampler", 1
 
 
 class AttentiveSampler(Sampler):
@@ -253,20 +253,14 @@ class AttentiveSampler(Sampler):
 
     def dumps(self, path: str | Path) -> None:
         """Write the state into a directory."""
-        path = Path(path)
-        path.mkdir(exist_ok=True)
-        state = self.state_dict()
-        query = state.pop("query")
-        state["has_query"] = query is not None
-        (path / _STATE_FILE).write_text(json.dumps(state))
-        if query is not None:
-            TensorDict({"query": query}).memmap(path / "query")
+        write_state(Path(path) / _STATE_FILE, dict(self.state_dict()), _KIND, _VERSION)
 
     def loads(self, path: str | Path) -> None:
         """Read the state from a directory.
 
         Raises:
             FileNotFoundError: If no attentive sampler was saved there.
+            ValueError: If the file is damaged.
         """
         path = Path(path)
         if not (path / _STATE_FILE).exists():
@@ -274,10 +268,7 @@ class AttentiveSampler(Sampler):
                 f"AttentiveSampler: {path} holds no {_STATE_FILE}: the buffer was saved with "
                 "another sampler. Load it with that one, or only its storage."
             )
-        state = json.loads((path / _STATE_FILE).read_text())
-        has_query = state.pop("has_query")
-        query = TensorDict.load_memmap(path / "query")["query"].clone() if has_query else None
-        self.load_state_dict({**state, "query": query})
+        self.load_state_dict(read_state(path / _STATE_FILE, _KIND, _VERSION))
 
     def __repr__(self) -> str:
         return (

@@ -14,27 +14,36 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from tensordict import TensorDictBase
+from tensordict import TensorDict, TensorDictBase
 from tensordict.utils import NestedKey, unravel_key
 from torch import Tensor
 from torchrl.data import LazyTensorStorage
-from torchrl.data.replay_buffers.checkpointers import TensorStorageCheckpointer
+from torchrl.data.replay_buffers.checkpointers import StorageCheckpointerBase
+
+from modpush._state import read_state, write_state
 
 __all__ = ["CompactStorage"]
 
 # How many entries may wait for their successor to be written. Older ones stay in the side table.
 _MAX_WAITING = 4096
 _NONE = -1
+_FILE, _KIND, _VERSION = "storage.safetensors", "modpush.CompactStorage", 1
 
 
-class _Checkpointer(TensorStorageCheckpointer):
+class _Checkpointer(StorageCheckpointerBase):
+    """Writes one sealed file; TorchRL's own would unpickle what it finds beside its tensors."""
+
     def dumps(self, storage: "CompactStorage", path: str | Path) -> None:
-        super().dumps(storage, path)
-        torch.save(storage._links_state(), Path(path) / "links.pt")
+        if not storage.initialized:
+            raise RuntimeError("CompactStorage: an empty storage cannot be saved.")
+        contents = storage._storage[: len(storage)].to_dict()
+        state = {"length": len(storage), "contents": contents, "links": storage.links_state()}
+        write_state(Path(path) / _FILE, state, _KIND, _VERSION)
 
     def loads(self, storage: "CompactStorage", path: str | Path) -> None:
-        super().loads(storage, path)
-        storage._load_links(torch.load(Path(path) / "links.pt", weights_only=True))
+        state = read_state(Path(path) / _FILE, _KIND, _VERSION)
+        data = TensorDict(state["contents"], batch_size=[state["length"]])
+        storage.load_contents(data, state["links"])
 
 
 class CompactStorage(LazyTensorStorage):
@@ -185,12 +194,24 @@ class CompactStorage(LazyTensorStorage):
     def _device_of(self, key: NestedKey) -> torch.device:
         return self._storage.get(key).device
 
-    def _links_state(self) -> dict[str, Any]:
+    def load_contents(self, data: TensorDictBase, links: dict[str, Any]) -> None:
+        """Put what was stored, and its links, into this storage.
+
+        Args:
+            data: The entries without their next observations, `[n]`.
+            links: From `links_state`.
+        """
+        super().set(range(len(data)), data, set_cursor=False)
+        self._len = len(data)  # without a cursor it is not counted
+        self._load_links(links)
+
+    def links_state(self) -> dict[str, Any]:
+        """The links and the side table, decoupled from the storage."""
         return {
             "successor": self._successor.clone(),
             "predecessor": self._predecessor.clone(),
             "side": [table.clone() for table in self._side],
-            "free_rows": list(self._free_rows),
+            "free_rows": torch.tensor(self._free_rows, dtype=torch.long),
         }
 
     def _load_links(self, state: dict[str, Any]) -> None:
@@ -198,11 +219,11 @@ class CompactStorage(LazyTensorStorage):
         self._successor.copy_(state["successor"])
         self._predecessor.copy_(state["predecessor"])
         self._side = [table.clone() for table in state["side"]]
-        self._free_rows = list(state["free_rows"])
+        self._free_rows = state["free_rows"].tolist()
 
     def state_dict(self) -> dict[str, Any]:
         """The data and the links, decoupled from the storage."""
-        return {**deepcopy(super().state_dict()), "links": self._links_state()}
+        return {**deepcopy(super().state_dict()), "links": self.links_state()}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """Restore the data and the links."""

@@ -6,7 +6,7 @@ from torch import Tensor
 from torchrl.data import TensorDictReplayBuffer
 from torchrl.envs.transforms import MultiStepTransform
 
-__all__ = ["NStepTransform", "extend_rollout", "forget_open_steps"]
+__all__ = ["NStepTransform", "extend_rollout", "forget_open_steps", "n_step_transforms"]
 
 
 class NStepTransform(MultiStepTransform):
@@ -47,6 +47,15 @@ class NStepTransform(MultiStepTransform):
         """Drop the transitions that wait for those that follow."""
         self._buffer = None
 
+    @property
+    def waiting(self) -> TensorDictBase | None:
+        """The transitions that wait for those that follow, `[num_envs, time]`."""
+        return self._buffer
+
+    @waiting.setter
+    def waiting(self, transitions: TensorDictBase | None) -> None:
+        self._buffer = transitions
+
 
 def extend_rollout(
     buffer: TensorDictReplayBuffer, transitions: TensorDictBase, num_envs: int
@@ -69,7 +78,7 @@ def extend_rollout(
             f"extend_rollout: transitions must be [T * num_envs] for {num_envs} environments, got "
             f"{list(transitions.shape)}."
         )
-    if _n_step_transforms(buffer):
+    if n_step_transforms(buffer):
         # Copied: what waits must not change with the arrays that the transitions came from.
         transitions = transitions.reshape(-1, num_envs).transpose(0, 1).clone()
     return buffer.extend(transitions)
@@ -84,11 +93,12 @@ def forget_open_steps(buffer: TensorDictReplayBuffer) -> None:
     Args:
         buffer: From `make_replay_buffer`.
     """
-    for transform in _n_step_transforms(buffer):
+    for transform in n_step_transforms(buffer):
         transform.forget()
 
 
-def _n_step_transforms(buffer: TensorDictReplayBuffer) -> list[NStepTransform]:
+def n_step_transforms(buffer: TensorDictReplayBuffer) -> list[NStepTransform]:
+    """The transforms of a buffer that sum rewards."""
     transforms: torch.nn.Module | None = buffer.transform
     if transforms is None:
         return []

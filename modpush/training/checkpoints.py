@@ -1,78 +1,85 @@
-"""Checkpoints of a training run, through TorchRL's `Checkpoint`."""
+"""Checkpoints of a training run: one sealed file each."""
 
-import errno
-import shutil
+import re
 import warnings
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
-from torchrl.checkpoint import Checkpoint, GlobalRNGState
+from modpush._atomic import clean_leftovers
+from modpush._state import read_state, write_state
 
-if TYPE_CHECKING:
-    from modpush.training.trainer import Trainer
+__all__ = ["Checkpoints"]
 
-__all__ = ["load_checkpoint", "save_checkpoint"]
-
-
-def save_checkpoint(trainer: "Trainer") -> None:
-    """Write a checkpoint; where that fails, warn and leave the one before in place."""
-    metadata = {
-        "steps": trainer.steps,
-        "updates": trainer.learner.updates,
-        "checkpoints_made": trainer.checkpoints_made,
-        "pending_updates": trainer.learner.pending_updates,
-        "seconds": trainer.seconds,
-        "best": list(trainer.best),
-        "curriculum": trainer.curriculum_state,
-    }
-    try:
-        _check_space(trainer)
-        trainer.folder.checkpoints.save(_components(trainer), step=trainer.steps, metadata=metadata)
-    except (OSError, RuntimeError) as error:  # torch's writer raises RuntimeError
-        warnings.warn(
-            f"Trainer: the checkpoint at step {trainer.steps} could not be written ({error}); "
-            "the one before stays, training goes on.",
-            stacklevel=2,
-        )
+_KIND, _VERSION = "modpush.Checkpoint", 1
+_NAME = re.compile(r"step-(\d+)\.safetensors")
 
 
-def load_checkpoint(trainer: "Trainer") -> None:
-    """Put a trainer into the state of its folder's newest checkpoint.
+class Checkpoints:
+    """The newest checkpoints in a folder, `step-<steps>.safetensors`.
 
-    Raises:
-        FileNotFoundError: If there is none.
+    Args:
+        folder: The folder.
+        keep: How many are kept.
     """
-    latest = trainer.folder.checkpoints.latest()
-    if latest is None:
-        raise FileNotFoundError(f"Trainer: {trainer.folder.path} holds no checkpoint.")
-    checkpoint = _components(trainer)
-    checkpoint.load(latest)
-    metadata = checkpoint.manifest(latest)["metadata"]
-    learner = trainer.learner
-    trainer.steps, learner.updates = metadata["steps"], metadata["updates"]
-    trainer.checkpoints_made = metadata["checkpoints_made"]
-    learner.pending_updates = metadata["pending_updates"]
-    trainer.seconds, trainer.best = metadata["seconds"], tuple(metadata["best"])
-    trainer.curriculum_state = metadata["curriculum"]
 
+    def __init__(self, folder: Path, keep: int = 2) -> None:
+        self.folder, self.keep = folder, keep
 
-def _components(trainer: "Trainer") -> Checkpoint:
-    parts: dict[str, Any] = {
-        "loss": trainer.learner.agent.loss,
-        "optimizer": trainer.learner.agent.optimizer,
-        "rng": GlobalRNGState(),
-    }
-    if trainer.config.save_buffer:
-        parts["buffer"] = trainer.learner.buffer
-    return Checkpoint(**parts)
+    def paths(self) -> list[Path]:
+        """All checkpoints, the newest last."""
+        files = self.folder.iterdir() if self.folder.is_dir() else ()
+        return sorted((path for path in files if _NAME.fullmatch(path.name)), key=self.step)
 
+    def latest(self) -> Path | None:
+        """The newest checkpoint, if there is one."""
+        paths = self.paths()
+        return paths[-1] if paths else None
 
-def _check_space(trainer: "Trainer") -> None:
-    # A memory-mapped buffer on a full disk would end the process, not raise.
-    needed, buffer = 100_000_000, trainer.learner.buffer
-    if trainer.config.save_buffer and len(buffer):
-        needed += len(buffer) * buffer[:1].bytes()
-    free = shutil.disk_usage(trainer.folder.path).free
-    if free < needed:
-        raise OSError(
-            errno.ENOSPC, f"{free / 1e6:.0f} MB are free, {needed / 1e6:.0f} MB are needed"
-        )
+    @staticmethod
+    def step(path: Path) -> int:
+        """Environment steps after which a checkpoint was written."""
+        found = _NAME.fullmatch(path.name)
+        assert found is not None
+        return int(found[1])
+
+    def save(self, step: int, state: dict[str, Any]) -> None:
+        """Write a checkpoint, then remove those that are too old.
+
+        Raises:
+            OSError: If it cannot be written; those before stay.
+        """
+        write_state(self.folder / f"step-{step:09d}.safetensors", state, _KIND, _VERSION)
+        for path in self.paths()[: -self.keep]:
+            path.unlink()
+
+    def load(self) -> dict[str, Any]:
+        """The state in the newest checkpoint that is whole; damaged ones are renamed, with a warning.
+
+        Raises:
+            FileNotFoundError: If there is none.
+            ValueError: If all are damaged.
+        """
+        if not self.paths():
+            raise FileNotFoundError(f"Checkpoints: {self.folder} holds no checkpoint.")
+        errors = []
+        for path in reversed(self.paths()):
+            try:
+                state: dict[str, Any] = read_state(path, _KIND, _VERSION)
+                break
+            except ValueError as error:
+                errors.append((path, error))
+        else:
+            reasons = "; ".join(str(error) for _, error in errors)
+            raise ValueError(f"Checkpoints: no checkpoint in {self.folder} is whole: {reasons}")
+        for damaged, reason in errors:
+            damaged.rename(damaged.with_name(f"{damaged.name}.damaged"))
+            warnings.warn(
+                f"Checkpoints: {reason} It was renamed to {damaged.name}.damaged; the run goes on "
+                f"from the one before, {path.name}.",
+                stacklevel=2,
+            )
+        return state
+
+    def clean(self) -> None:
+        """Remove what writes left that were killed."""
+        clean_leftovers(self.folder)

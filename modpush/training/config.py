@@ -98,14 +98,16 @@ class TrainConfig:
 
     def differences(self, stored: "TrainConfig") -> list[str]:
         """Fields that differ from a stored run's and may not, as `"name: stored -> now"`."""
-        return _differences(asdict(stored), asdict(self), "")
+        return _differences(stored.fixed_fields(), self.fixed_fields(), "")
+
+    def fixed_fields(self) -> dict[str, Any]:
+        """All fields that a resumed run must have in common with what it resumes, as plain data."""
+        return {name: value for name, value in asdict(self).items() if name not in _MAY_CHANGE}
 
 
 def _differences(stored: dict[str, Any], now: dict[str, Any], prefix: str) -> list[str]:
     found: list[str] = []
     for name in now:
-        if prefix == "" and name in _MAY_CHANGE:
-            continue
         a, b = stored[name], now[name]
         if isinstance(a, dict) and isinstance(b, dict) and set(a) == set(b):
             found += _differences(a, b, f"{prefix}{name}.")

@@ -110,10 +110,14 @@ class Learner:
             value = float(entry)
             if not math.isfinite(value):
                 path = self.folder / "non_finite_batch.pt"
-                torch.save(batch.to_dict(), path)
+                where = f"the batch is in {path}"
+                try:
+                    torch.save(batch.to_dict(), path)
+                except (OSError, RuntimeError) as error:  # torch's writer raises RuntimeError
+                    where = f"the batch could not be saved ({error})"
                 raise NonFiniteLossError(
-                    f"Trainer: {name} is {value} at update {self.updates}, step {step}; the "
-                    f"batch is in {path}, the newest checkpoint is from before."
+                    f"Trainer: {name} is {value} at update {self.updates}, step {step}; {where}, "
+                    "the newest checkpoint is from before."
                 )
             self.metrics[f"learner/{name}"].append(value)
         if "similarity" in batch.keys():

@@ -1,14 +1,14 @@
 """A run's log: TorchRL's loggers, and one table each of the training and of the evaluations."""
 
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
 from torchrl.record.loggers import get_logger
 
 from modpush._extras import require_extra
-from modpush.files import replacing
+from modpush.files import write_text
 from modpush.training.config import TrainConfig
+from modpush.training.disk import DiskGuard
 from modpush.training.run_folder import RunFolder
 
 __all__ = ["RunLog"]
@@ -27,36 +27,36 @@ _METRICS = (
 class RunLog:
     """Writes the log's tables, and sends the same numbers to TorchRL's loggers.
 
+    The rows are kept in memory and in the checkpoints; the tables are written anew with every row, so
+    that nothing is missing once a full disk has space again.
+
     Args:
         config: The run's configuration, which names TorchRL's loggers.
         folder: The run's folder.
-        resumed_at: Step that a resumed run goes on from; what was logged after it is dropped.
+        guard: What lets the run go on where a table cannot be written.
 
     Raises:
         MissingExtraError: If TensorBoard is asked for and not installed.
     """
 
-    def __init__(self, config: TrainConfig, folder: RunFolder, resumed_at: int | None) -> None:
+    def __init__(self, config: TrainConfig, folder: RunFolder, guard: DiskGuard) -> None:
         if "tensorboard" in config.loggers:
             require_extra("RunLog: the logger 'tensorboard'", "tensorboard")
-        self.folder = folder
-        logs = folder.path / "logs"
-        self._loggers: list[Any] = [
-            get_logger(name, logger_name=str(logs / name), experiment_name="train")
-            for name in config.loggers
-        ]
-        self._rows: list[dict[str, float]] = []
-        for path in (folder.log, folder.evaluations):
-            if resumed_at is not None and path.exists():
-                kept = pd.read_csv(path)
-                _write(path, kept[kept["step"] <= resumed_at])
-        if resumed_at is not None and folder.log.exists():
-            self._rows = pd.read_csv(folder.log).to_dict("records")
+        self.folder, self._guard = folder, guard
+        self.rows: list[dict[str, float]] = []
+        """Rows of the training log."""
+        self.evaluations: list[dict[str, float]] = []
+        """Rows of the evaluations' table."""
+        self._loggers: list[Any] = []
+        with guard("the log of TorchRL's loggers"):
+            for name in config.loggers:
+                path = str(folder.path / "logs" / name)
+                self._loggers.append(get_logger(name, logger_name=path, experiment_name="train"))
 
     def write(self, step: int, row: dict[str, float]) -> None:
         """Write a row of the training log."""
-        self._rows.append({"step": step, **row})
-        _write(self.folder.log, pd.DataFrame(self._rows))
+        self.rows.append({"step": step, **row})
+        self.write_tables()
         self._send(step, row)
 
     def write_evaluation(
@@ -71,26 +71,33 @@ class RunLog:
         families = rows.groupby("scene", sort=False)["success"].mean()
         summary |= {f"success/{name}": float(value) for name, value in families.items()}
         line = {"step": step, "updates": updates, "minutes": round(minutes, 3), **summary}
-        table = pd.DataFrame([line])
-        if self.folder.evaluations.exists():
-            table = pd.concat([pd.read_csv(self.folder.evaluations), table])
-        _write(self.folder.evaluations, table)
+        self.evaluations.append(line)
+        self.write_tables()
         self._send(step, {f"evaluation/{name}": value for name, value in summary.items()})
         return summary
 
+    def write_tables(self) -> None:
+        """Write both tables as they are in memory; what a folder holds beyond them is dropped."""
+        for path, rows in (
+            (self.folder.log, self.rows),
+            (self.folder.evaluations, self.evaluations),
+        ):
+            with self._guard(path.name):
+                if rows:
+                    write_text(path, pd.DataFrame(rows).to_csv(index=False))
+                else:
+                    path.unlink(missing_ok=True)
+
     def _send(self, step: int, row: dict[str, float]) -> None:
-        for logger in self._loggers:
-            for name, value in row.items():
-                logger.log_scalar(name, value, step=step)
+        with self._guard("the log of TorchRL's loggers"):
+            for logger in self._loggers:
+                for name, value in row.items():
+                    logger.log_scalar(name, value, step=step)
 
     def close(self) -> None:
         """Flush what is buffered."""
-        for logger in self._loggers:
-            writer = getattr(logger.experiment, "close", None)
-            if writer is not None:
-                writer()
-
-
-def _write(path: Path, table: pd.DataFrame) -> None:
-    with replacing(path) as unfinished:
-        table.to_csv(unfinished, index=False)
+        with self._guard("the log of TorchRL's loggers"):
+            for logger in self._loggers:
+                writer = getattr(logger.experiment, "close", None)
+                if writer is not None:
+                    writer()

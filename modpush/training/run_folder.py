@@ -4,10 +4,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from torchrl.checkpoint import CheckpointRotation
-
 from modpush._validation import from_plain
 from modpush.files import read_yaml, write_yaml
+from modpush.training.checkpoints import Checkpoints
 from modpush.training.config import TrainConfig
 
 __all__ = ["RunFolder", "check_run_folder"]
@@ -31,9 +30,15 @@ class RunFolder:
         self.curve = self.path / "curve.png"
         self.best_agent = self.path / "best_agent.safetensors"
         self.last_agent = self.path / "last_agent.safetensors"
-        self.checkpoints = CheckpointRotation(
-            self.path / "checkpoints", keep_last=keep_checkpoints, prefix="step"
-        )
+        self.checkpoints = Checkpoints(self.path / "checkpoints", keep_checkpoints)
+
+    def has_results(self) -> bool:
+        """Whether there is anything besides what a run leaves that was killed before its first result."""
+        names = {path.name for path in self.path.iterdir()} if self.path.exists() else set()
+        if self.checkpoints.latest() or self.best_agent.exists() or self.last_agent.exists():
+            return True
+        begun = {self.config.name, self.log.name, "checkpoints", "logs", ".lock"}
+        return any(name not in begun and not name.endswith(".tmp") for name in names)
 
     def write_config(self, config: TrainConfig) -> None:
         """Write the run's config as YAML; the folder is made."""
@@ -59,23 +64,26 @@ def check_run_folder(path: str | Path, config: TrainConfig, *, resume: bool) -> 
     Args:
         path: The folder.
         config: The run's configuration.
-        resume: Go on with what the folder holds.
+        resume: Go on with what the folder holds; a run that was killed before its first checkpoint
+            begins anew.
 
     Raises:
-        FileExistsError: If the folder is not empty and `resume` is False.
+        FileExistsError: If the folder is not empty and `resume` is False. A run that was killed
+            before its first result does not count.
         FileNotFoundError: If there is nothing to resume.
         ValueError: If the folder holds a run of another config; the message says what differs.
     """
     folder = RunFolder(path, config.keep_checkpoints)
     if not resume:
-        if folder.path.exists() and any(folder.path.iterdir()):
+        if folder.has_results():
             raise FileExistsError(
                 f"check_run_folder: {folder.path} is not empty; resume it, or give another folder."
             )
         return folder
-    if not folder.config.exists() or folder.checkpoints.latest() is None:
+    if not folder.config.exists():
         raise FileNotFoundError(
-            f"check_run_folder: {folder.path} holds no checkpoint to resume from."
+            f"check_run_folder: {folder.path} holds no checkpoint to resume from, and no run that "
+            "was begun."
         )
     if different := config.differences(folder.read_config()):
         raise ValueError(

@@ -3,6 +3,7 @@
 import functools
 import pickle
 import time
+import warnings
 from collections import defaultdict
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,17 +12,20 @@ from typing import Any
 import pandas as pd
 from tqdm import tqdm
 
-from modpush.recipes.agent_file import save_agent
+from modpush._atomic import clean_leftovers
+from modpush._folder_lock import FolderLock
 from modpush.recipes.make_env import make_push_env
-from modpush.training.checkpoints import load_checkpoint, save_checkpoint
 from modpush.training.config import TrainConfig
+from modpush.training.disk import DiskGuard
 from modpush.training.learner import Learner
 from modpush.training.log import RunLog
 from modpush.training.parts import check_parts
 from modpush.training.rollout import Rollout
 from modpush.training.run_folder import check_run_folder
 from modpush.training.scene_worker import EnvFactory, SceneWorker
-from modpush.training.worker import InlineWorker, Pending, ProcessWorker, StartMethod, Worker
+from modpush.training.signals import interrupts_noted
+from modpush.training.trainer_state import load_trainer_state, save_trained_agent, trainer_state
+from modpush.training.worker import Done, InlineWorker, Pending, ProcessWorker, StartMethod, Worker
 
 __all__ = ["Trainer"]
 
@@ -36,7 +40,7 @@ class Trainer:
     Args:
         config: What is trained and how.
         folder: Folder that the run writes to; new or empty unless the run is resumed.
-        resume: Go on from the folder's newest checkpoint.
+        resume: Go on from the folder's newest checkpoint that is whole.
         parts: Parts of your own given as objects, instead of those that the config names:
             `encoder`, `planner`, `scene`, `pushed_object`, `depth`, `entries`, `reward_terms` (see
             `make_push_env`), `loss`, `actor`, `critic` (see `make_tqc`), `sampler`, `similarity`
@@ -45,6 +49,7 @@ class Trainer:
         start_method: How the worker's process begins, see `ProcessWorker`.
 
     Raises:
+        FolderLockedError: If another process writes to the folder.
         FileExistsError: If the folder is not empty and `resume` is False.
         FileNotFoundError: If there is nothing to resume.
         ValueError: If the folder holds a run of another config, or a part is of an unknown kind or
@@ -67,7 +72,19 @@ class Trainer:
             pickle.dumps(make_env)
         self.config, self.parts, self.make_env = config, dict(parts or {}), make_env
         self.folder = check_run_folder(folder, config, resume=resume)
-        make_worker = functools.partial(SceneWorker, config, self.parts, make_env)
+        self.lock = FolderLock(folder)
+        try:
+            check_run_folder(folder, config, resume=resume)
+            self._begin(resume, start_method)
+        except BaseException:
+            self.lock.release()
+            raise
+
+    def _begin(self, resume: bool, start_method: StartMethod) -> None:
+        config, self.guard = self.config, DiskGuard()
+        clean_leftovers(self.folder.path)
+        clean_leftovers(self.folder.checkpoints.folder)
+        make_worker = functools.partial(SceneWorker, config, self.parts, self.make_env)
         self.worker: Worker = (
             ProcessWorker(make_worker, start_method)
             if config.async_collection
@@ -75,9 +92,13 @@ class Trainer:
         )
         try:
             self.specs = self.worker.call(SceneWorker.specs)
+            self._begin_learner(resume)
         except BaseException:
             self.worker.close()
             raise
+
+    def _begin_learner(self, resume: bool) -> None:
+        config = self.config
         self.learner = Learner(config, self.specs, self.parts, self.folder.path)
         self.steps, self.checkpoints_made = 0, 0
         self.seconds = 0.0
@@ -85,29 +106,42 @@ class Trainer:
         self.best = (-1.0, -1.0)
         """Success and contact of the best evaluation; -1 before the first."""
         self.interrupted = False
-        """Set it, from a signal's handler say, to end the run as Ctrl-C does after this rollout."""
+        """Set it to end the run as a signal does, after the present rollout."""
         self.curriculum_state: dict[str, Any] = {}
-        if resume:
-            load_checkpoint(self)
-        self.folder.write_config(config)
-        self.log = RunLog(config, self.folder, resumed_at=self.steps if resume else None)
+        self.ahead: Rollout | None = None
+        """The rollout after the one that was learned from last, of an interrupted run."""
+        self.history: dict[str, Any] | None = None
+        """What brought the scenes to where they are after `ahead`."""
+        self.episodes: dict[str, list[float]] = defaultdict(list)
+        """What the episodes reported since the log was last written, by name."""
+        self.log = RunLog(config, self.folder, self.guard)
+        if resume and self.folder.checkpoints.latest() is None:
+            warnings.warn(
+                f"Trainer: the run in {self.folder.path} ended before its first checkpoint; it begins "
+                "anew.",
+                stacklevel=4,
+            )
+        elif resume:
+            load_trainer_state(self, self.folder.checkpoints.load())
+        self.log.write_tables()
+        with self.guard(self.folder.config.name):
+            self.folder.write_config(config)
         self._began = time.perf_counter() - self.seconds
-        self._episodes: dict[str, list[float]] = defaultdict(list)
         self._mark = (self._began + self.seconds, self.steps, self.learner.updates)
 
     def run(self) -> dict[str, float]:
-        """Train until `total_steps`, or Ctrl-C.
+        """Train until `total_steps`, or until SIGINT (Ctrl-C), SIGTERM or SIGHUP.
+
+        A signal ends the run after the present rollout, with a checkpoint from which it goes on as if
+        nothing had been. A second signal ends it at once; it goes on from the checkpoint before.
 
         Returns:
             Success and contact of the best evaluation; -1 before the first.
 
         Raises:
-            KeyboardInterrupt: After a checkpoint was written.
+            KeyboardInterrupt: After a signal.
             NonFiniteLossError: After the batch was saved for inspection.
         """
-        if self.curriculum_state:
-            self.worker.call(SceneWorker.set_state, self.curriculum_state)
-        self.worker.call(SceneWorker.restart, self.worker_seed())
         bar = tqdm(
             total=self.config.total_steps,
             initial=self.steps,
@@ -116,22 +150,41 @@ class Trainer:
             smoothing=0.02,
         )
         try:
-            pending = self.collect()
-            while self.steps < self.config.total_steps:
-                if self.interrupted:
-                    raise KeyboardInterrupt
-                pending = self._iterate(pending, bar)
-        except KeyboardInterrupt:
-            bar.close()
-            self.worker.discard()  # the rollout under way is waited for and dropped
-            self.save()
-            raise
+            with interrupts_noted(self):
+                pending = self._first_rollout()
+                while self.steps < self.config.total_steps:
+                    if self.interrupted:
+                        self._save_as_it_is(pending)
+                        raise KeyboardInterrupt
+                    pending = self._iterate(pending, bar)
         finally:
             bar.close()
             self.close()
         return {"success": self.best[0], "contact": self.best[1]}
 
-    def _iterate(self, pending: Pending[Rollout], bar: tqdm) -> Pending[Rollout]:
+    def _first_rollout(self) -> Pending[Rollout] | Done[Rollout]:
+        if self.history is not None and self.ahead is not None:
+            self.worker.call(SceneWorker.replay, self.history)
+            return Done(self.ahead)
+        if self.curriculum_state:
+            self.worker.call(SceneWorker.set_state, self.curriculum_state)
+        self.worker.call(SceneWorker.restart, self.worker_seed())
+        return self.collect()
+
+    def _save_as_it_is(self, pending: Pending[Rollout] | Done[Rollout]) -> None:
+        """Write a checkpoint from which the run goes on as if nothing had been.
+
+        The scenes do not begin anew. A simulator's state cannot be written to the last bit, so the
+        actions since they last did are saved, and repeated when the run is resumed.
+        """
+        ahead = pending.result()
+        history = self.worker.call(SceneWorker.history)
+        self.seconds = time.perf_counter() - self._began
+        self._write_checkpoint(trainer_state(self, ahead, history))
+
+    def _iterate(
+        self, pending: Pending[Rollout] | Done[Rollout], bar: tqdm
+    ) -> Pending[Rollout] | Done[Rollout]:
         """Take one rollout, have the next one collected, and learn meanwhile."""
         config = self.config
         rollout = pending.result()
@@ -161,9 +214,10 @@ class Trainer:
         return pending
 
     def close(self) -> None:
-        """End the worker and the logs."""
+        """End the worker and the logs, and let others write to the folder."""
         self.worker.close()
         self.log.close()
+        self.lock.release()
 
     def save(self) -> None:
         """Write a checkpoint, and begin new episodes: what resumes from it does the same."""
@@ -174,7 +228,13 @@ class Trainer:
         # random state the one that the run goes on with.
         self.worker.call(SceneWorker.restart, self.worker_seed())
         self.learner.forget_open_steps()
-        save_checkpoint(self)
+        self._write_checkpoint(trainer_state(self))
+
+    def _write_checkpoint(self, state: dict[str, Any]) -> None:
+        with self.guard("the checkpoint"):
+            if not self.folder.config.exists():  # the disk was full at the beginning
+                self.folder.write_config(self.config)
+            self.folder.checkpoints.save(self.steps, state)
 
     def worker_seed(self) -> int:
         """Seed of the scenes after the newest checkpoint.
@@ -195,22 +255,22 @@ class Trainer:
         for episode in rollout.episodes:
             kind = "greedy" if episode["greedy"] else "noisy"
             for name in ("success", "contact", "collision", "steps", "return", "out_of_bounds"):
-                self._episodes[f"{kind}/{name}"].append(episode[name])
+                self.episodes[f"{kind}/{name}"].append(episode[name])
 
     def _write_log(self, rollout: Rollout) -> dict[str, str]:
         """Write a row of the log; returns what the progress bar shows."""
         now, (then, steps, updates) = time.perf_counter(), self._mark
         learner = self.learner
         self._mark = (now, self.steps, learner.updates)
-        seen = {**self._episodes, **learner.metrics}
+        seen = {**self.episodes, **learner.metrics}
         row = {name: sum(values) / len(values) for name, values in seen.items() if values}
-        self._episodes.clear()
+        self.episodes.clear()
         learner.metrics.clear()
         row |= {f"family/{name}": value for name, value in rollout.success_by_family.items()}
         row["curriculum/level"] = float(rollout.level)
         row["speed/steps"] = (self.steps - steps) / (now - then)
         row["speed/updates"] = (learner.updates - updates) / (now - then)
-        row["minutes"] = self._minutes()
+        row["minutes"] = self.minutes()
         row["updates"] = float(learner.updates)
         self.log.write(self.steps, row)
         return {
@@ -221,36 +281,18 @@ class Trainer:
             "updates/s": f"{row['speed/updates']:.0f}",
         }
 
-    def _minutes(self) -> float:
+    def minutes(self) -> float:
+        """Time trained, in all sessions [min]."""
         return (time.perf_counter() - self._began) / 60
 
     def _evaluate(self) -> None:
         weights = self.learner.actor_weights()
         rows = pd.DataFrame(self.worker.call(SceneWorker.evaluate, weights))
-        summary = self.log.write_evaluation(self.steps, self.learner.updates, self._minutes(), rows)
-        self._save_agent(self.folder.last_agent, summary)
+        summary = self.log.write_evaluation(self.steps, self.learner.updates, self.minutes(), rows)
+        with self.guard(self.folder.last_agent.name):
+            save_trained_agent(self, self.folder.last_agent, summary)
         score = (summary["success"], summary["contact_rate"])
         if score > self.best:
             self.best = score
-            self._save_agent(self.folder.best_agent, summary)
-
-    def _save_agent(self, path: Path, summary: dict[str, float]) -> None:
-        save_agent(
-            path,
-            self.learner.agent.actor,
-            self.config.env,
-            hidden_sizes=self.config.tqc.hidden_sizes,
-            observation_dim=self.learner.observation_dim,
-            fingerprint=self.specs.fingerprint,
-            actor=self.config.tqc.actor,
-            encoder=self.config.tqc.encoder,
-            parts=self.parts,
-            make_env=self.make_env,
-            metadata={
-                "steps": self.steps,
-                "updates": self.learner.updates,
-                "minutes": round(self._minutes(), 1),
-                "seed": self.config.seed,
-                "held_out": summary,
-            },
-        )
+            with self.guard(self.folder.best_agent.name):
+                save_trained_agent(self, self.folder.best_agent, summary)

@@ -6,7 +6,6 @@ that the training loop is the same for both.
 
 import gc
 import multiprocessing
-import signal
 import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -14,10 +13,11 @@ from typing import Any, Concatenate, Generic, Literal, ParamSpec, TypeVar
 
 import torch
 
+from modpush._end_with_parent import begin_worker_process
 from modpush.agents.tqc.quantiles import quantile_huber
 from modpush.training.scene_worker import SceneWorker
 
-__all__ = ["InlineWorker", "Pending", "ProcessWorker", "StartMethod", "Worker"]
+__all__ = ["Done", "InlineWorker", "Pending", "ProcessWorker", "StartMethod", "Worker"]
 
 StartMethod = Literal["spawn", "fork"]
 P = ParamSpec("P")
@@ -88,6 +88,17 @@ class Pending(Generic[R]):
         result = self._worker._receive()
         self._worker._outstanding = False  # not before: an interrupt may come while it waits
         return result
+
+
+class Done(Generic[R]):
+    """A result that is there already."""
+
+    def __init__(self, result: R) -> None:
+        self._result = result
+
+    def result(self) -> R:
+        """The result."""
+        return self._result
 
 
 class InlineWorker(Worker):
@@ -180,7 +191,7 @@ class ProcessWorker(Worker):
     def close(self) -> None:
         """End the process."""
         if self._process.is_alive():
-            self._process.terminate()
+            self._process.kill()  # it holds nothing that must be saved, and leaves signals to us
         self._process.join()
         self._pipe.close()
 
@@ -189,7 +200,7 @@ def _serve(pipe: Any, make_worker: MakeWorker, callers_end: Any = None) -> None:
     """The process's main function: make the worker at the first call, then answer calls."""
     if callers_end is not None:
         callers_end.close()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the caller's to handle
+    begin_worker_process()
     # The other core is the learner's. Our kernels follow torch's number; numba's own setting would
     # put torch's back to all cores.
     torch.set_num_threads(1)

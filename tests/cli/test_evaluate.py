@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 from modpush.cli import EvaluateConfig, evaluate_policies
+from modpush.evaluation.sets import EvaluationSet, load_set
 
 
 def test_evaluate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -36,3 +37,19 @@ def test_all_stands_for_the_papers_sets() -> None:
     names = EvaluateConfig(sets=("all",)).set_names
     assert names[0] == "free/small_cube"
     assert len(names) == 6
+
+
+def test_a_set_of_ones_own_is_given_as_a_file(tmp_path: Path) -> None:
+    EvaluationSet(name="mine", scenarios=load_set("smoke").scenarios[:1]).save(
+        tmp_path / "s.json.gz"
+    )
+    config = EvaluateConfig(
+        policy=("corridor",),
+        sets=(str(tmp_path / "s.json.gz"),),
+        videos=False,
+        out=tmp_path / "out",
+    )
+    evaluate_policies(config)
+    folder = tmp_path / "out" / "corridor" / "mine"
+    assert (folder / "beside_paper.md").exists()
+    assert (folder / "episodes.csv").exists()

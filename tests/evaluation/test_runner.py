@@ -1,5 +1,6 @@
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -8,10 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import psutil
 import pytest
 from tensordict.nn import TensorDictModule
 from torch import nn
 
+from modpush._folder_lock import FolderLock, FolderLockedError
 from modpush.agents import ScriptedPusher
 from modpush.evaluation.results import COLUMNS, ResultStore, describe_policy
 from modpush.evaluation.runner import EvaluationConfig, evaluate
@@ -28,7 +31,8 @@ warnings.simplefilter("ignore")
 from modpush.agents import ScriptedPusher
 from modpush.evaluation import EvaluationConfig, evaluate, load_set
 from tests.evaluation.conftest import make_env
-evaluate(ScriptedPusher(), load_set("free/small_cube").first(10), Path(sys.argv[1]),
+if __name__ == "__main__":
+    evaluate(ScriptedPusher(), load_set("free/small_cube").first(10), Path(sys.argv[1]),
          make_env=make_env, config=EvaluationConfig(num_envs=3, progress=False))
 """
 
@@ -236,3 +240,41 @@ def test_rows_of_nobody_are_not_adopted(tmp_path: Path, free: EvaluationSet) -> 
 def test_a_policy_without_an_environment_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="make_env is needed for a policy that is not an agent"):
         evaluate(ScriptedPusher(), "smoke", tmp_path)
+
+
+def test_a_finished_folder_is_read_without_being_written_to(
+    tmp_path: Path, free: EvaluationSet
+) -> None:
+    episodes = free.first(2)
+    store = ResultStore(tmp_path, episodes, describe_policy(ScriptedPusher()))
+    for number in range(2):
+        store.write(make_episode(number, episodes.scenarios[number]))
+    before = sorted((path, path.stat().st_mtime_ns) for path in tmp_path.rglob("*"))
+    with FolderLock(tmp_path / "elsewhere"):  # a lock would be a file
+        evaluate(ScriptedPusher(), episodes, tmp_path, make_env=fail, config=QUIET)
+    shutil.rmtree(tmp_path / "elsewhere")
+    assert sorted((path, path.stat().st_mtime_ns) for path in tmp_path.rglob("*")) == before
+
+
+def test_two_evaluations_of_one_folder_are_refused(tmp_path: Path, free: EvaluationSet) -> None:
+    with FolderLock(tmp_path), pytest.raises(FolderLockedError, match=f"process {os.getpid()} on"):
+        evaluate(ScriptedPusher(), free.first(2), tmp_path, make_env=fail, config=QUIET)
+
+
+def test_workers_end_with_a_killed_parent(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", RUN.replace("num_envs=3", "num_envs=3, workers=2"), str(tmp_path)],
+        cwd=Path(__file__).parents[2],
+    )
+    deadline = time.monotonic() + 120
+    csv = tmp_path / "episodes.csv"
+    while not csv.exists() or csv.read_text().count("\n") < 2:
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    children = psutil.Process(process.pid).children(recursive=True)
+    assert len(children) >= 2
+    process.kill()
+    process.wait()
+    _, alive = psutil.wait_procs(children, timeout=30)
+    assert not alive

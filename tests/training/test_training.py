@@ -1,7 +1,6 @@
 """A training run from end to end: what it leaves, and what it survives."""
 
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -31,9 +30,10 @@ from modpush.training import (
     check_run_folder,
     held_out_scenarios,
 )
-from modpush.training.checkpoints import load_checkpoint
+from modpush.training.run_folder import RunFolder
 from modpush.training.scene_worker import SceneWorker
 from modpush.training.worker import InlineWorker, ProcessWorker
+from tests.full_disk import full_disk
 from tests.own_parts import (
     MeanHeight,
     SmallConv,
@@ -45,7 +45,7 @@ from tests.own_parts import (
 
 SMOKE = TRAIN_PRESETS["smoke"][1]
 SMOKE_ASYNC = replace(SMOKE, async_collection=True)
-SCRIPT = Path(modpush.__file__).parents[1] / "examples" / "train.py"
+ROOT = Path(modpush.__file__).parents[1]
 
 
 def train(folder, config=SMOKE, *, resume=False):
@@ -65,13 +65,14 @@ def assert_same(one, other):
         assert torch.equal(value, other[1][name]), name
 
 
-def start(folder, *arguments):
+def start(folder, *arguments, **options):
     return subprocess.Popen(
-        [sys.executable, SCRIPT, "smoke", "--out", folder, *arguments],
+        [sys.executable, "-m", "modpush", "train", "smoke", "--out", folder, *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        env={**os.environ, "PYTHONPATH": str(SCRIPT.parents[1])},
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        **options,
     )
 
 
@@ -81,6 +82,11 @@ def wait_for_checkpoint(folder, process, limit=240):
         assert process.poll() is None, process.stdout.read()
         assert time.monotonic() < deadline, "no checkpoint in time"
         time.sleep(0.02)
+
+
+def newest_step(folder):
+    checkpoints = RunFolder(folder).checkpoints
+    return checkpoints.step(checkpoints.latest())
 
 
 @pytest.fixture(scope="module")
@@ -128,8 +134,7 @@ def test_ctrl_c_writes_a_checkpoint_that_can_be_resumed(tmp_path):
     output, _ = process.communicate(timeout=120)
     assert process.returncode == 130, output
     assert "Go on with --resume" in output
-    latest = check_run_folder(folder, SMOKE, resume=True).checkpoints.latest()
-    steps = int(latest.name.removeprefix("step-"))
+    steps = newest_step(folder)
     assert steps > SMOKE.checkpoint_every  # written because of the interrupt
     train(folder, replace(SMOKE, total_steps=steps + 32), resume=True)
 
@@ -154,8 +159,7 @@ def test_the_script_shares_its_libraries_with_the_worker_which_ends_with_it(tmp_
     process.stdout.close()
     _, alive = psutil.wait_procs(workers, timeout=60)
     assert not alive
-    latest = check_run_folder(folder, SMOKE_ASYNC, resume=True).checkpoints.latest()
-    steps = int(latest.name.removeprefix("step-"))
+    steps = newest_step(folder)
     train(folder, replace(SMOKE_ASYNC, total_steps=steps + 32), resume=True)
 
 
@@ -251,16 +255,14 @@ def test_a_checkpoint_that_cannot_be_written_leaves_the_one_before(tmp_path):
     trainer.save()
     first = trainer.folder.checkpoints.latest()
     trainer.steps += 1
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (2_000, limits[1]))  # no file over 2 kB
-    try:
-        with pytest.warns(UserWarning, match="could not be written.*the one before stays"):
-            trainer.save()
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert trainer.folder.checkpoints.checkpoints() == (first,)
-    load_checkpoint(trainer)
+    with full_disk(2_000), pytest.warns(UserWarning, match="the checkpoint could not be written"):
+        trainer.save()
+    assert trainer.folder.checkpoints.paths() == [first]
+    assert [path.name for path in first.parent.iterdir()] == [first.name]
     trainer.close()
+    resumed = Trainer(SMOKE, tmp_path / "run", resume=True)
+    assert resumed.steps == 8
+    resumed.close()
 
 
 def test_held_out_episodes_are_the_same_in_every_run_and_of_all_families():

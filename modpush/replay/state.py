@@ -1,0 +1,76 @@
+"""A replay buffer's state as tensors and plain data, which a file can hold without a pickle."""
+
+from typing import Any
+
+import torch
+from tensordict import TensorDict, is_tensor_collection
+from torchrl.data import PrioritizedSampler, TensorDictReplayBuffer
+from torchrl.data.replay_buffers.storages import TensorStorage
+
+from modpush.replay.compact import CompactStorage
+from modpush.replay.n_step import n_step_transforms
+
+__all__ = ["buffer_state", "load_buffer_state"]
+
+
+def buffer_state(buffer: TensorDictReplayBuffer) -> dict[str, Any]:
+    """What a buffer of `make_replay_buffer` holds; tensors are those of the buffer, not copies.
+
+    Batches that were prepared ahead (`prefetch`) are left out.
+
+    Raises:
+        TypeError: If the storage is of another kind than TorchRL's tensor storages.
+    """
+    buffer.synchronize()
+    storage = buffer.storage
+    if not isinstance(storage, TensorStorage):
+        raise TypeError(f"buffer_state: no file can hold a {type(storage).__name__}.")
+    contents = None
+    if len(storage):
+        rows = storage._storage[: len(storage)]
+        contents = rows.to_dict() if is_tensor_collection(rows) else rows
+    return {
+        "length": len(storage),
+        "contents": contents,
+        "links": storage.links_state() if isinstance(storage, CompactStorage) else None,
+        "sampler": _sampler_state(buffer),
+        "writer": buffer.writer.state_dict(),
+        "waiting": [transform.waiting for transform in n_step_transforms(buffer)],
+    }
+
+
+def load_buffer_state(buffer: TensorDictReplayBuffer, state: dict[str, Any]) -> None:
+    """Put an empty buffer of the same kind into a state of `buffer_state`."""
+    storage, length = buffer.storage, state["length"]
+    if length:
+        rows = state["contents"]
+        data = TensorDict(rows, batch_size=[length]) if isinstance(rows, dict) else rows
+        if isinstance(storage, CompactStorage):
+            storage.load_contents(data, state["links"])
+        else:
+            storage.set(range(length), data, set_cursor=False)
+            storage._len = length  # without a cursor it is not counted
+    _load_sampler_state(buffer, state["sampler"])
+    buffer.writer.load_state_dict(state["writer"])
+    for transform, waiting in zip(n_step_transforms(buffer), state["waiting"], strict=True):
+        transform.waiting = None if waiting is None else waiting.clone()
+
+
+def _sampler_state(buffer: TensorDictReplayBuffer) -> dict[str, Any]:
+    state = buffer.sampler.state_dict()
+    if isinstance(buffer.sampler, PrioritizedSampler):  # its trees are objects of TorchRL's C++
+        count = range(len(buffer.storage))
+        for name in ("_sum_tree", "_min_tree"):
+            tree = state[name]
+            state[name] = torch.tensor([float(tree[i]) for i in count], dtype=torch.float64)
+    return dict(state)
+
+
+def _load_sampler_state(buffer: TensorDictReplayBuffer, state: dict[str, Any]) -> None:
+    if isinstance(buffer.sampler, PrioritizedSampler):
+        for name in ("_sum_tree", "_min_tree"):
+            tree = getattr(buffer.sampler, name)
+            for i, value in enumerate(state[name].tolist()):
+                tree[i] = value
+            state = {**state, name: tree}
+    buffer.sampler.load_state_dict(state)

@@ -1,0 +1,42 @@
+"""Signals that end a training run in order."""
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, Protocol
+
+__all__ = ["interrupts_noted"]
+
+_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
+
+
+class Interruptible(Protocol):
+    """Something that ends by itself once this is set."""
+
+    interrupted: bool
+
+
+@contextmanager
+def interrupts_noted(run: Interruptible) -> Iterator[None]:
+    """Within this block the first signal sets `interrupted`, and a second raises `KeyboardInterrupt`.
+
+    In another thread than the main one, where Python has no signals, nothing is changed.
+    """
+
+    def note(*_: Any) -> None:
+        if run.interrupted:
+            raise KeyboardInterrupt
+        run.interrupted = True
+
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        for name in _SIGNALS:
+            if hasattr(signal, name):
+                number = getattr(signal, name)
+                before[number] = signal.signal(number, note)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,119 @@
+"""What a trainer leaves in files: its state for a checkpoint, and its agent."""
+
+import copy
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from torchrl.checkpoint import GlobalRNGState
+
+from modpush._hash import data_hash
+from modpush.recipes.agent_file import save_agent
+from modpush.recipes.fingerprint import fingerprint_differences
+from modpush.replay.state import buffer_state, load_buffer_state
+from modpush.training.rollout import Rollout
+
+if TYPE_CHECKING:
+    from modpush.training.trainer import Trainer
+
+__all__ = ["load_trainer_state", "save_trained_agent", "trainer_state"]
+
+
+def trainer_state(
+    trainer: "Trainer", ahead: Rollout | None = None, history: dict[str, Any] | None = None
+) -> dict[str, Any]:
+    """All that the rest of a run depends on, as tensors and plain data.
+
+    Args:
+        trainer: The trainer, between two rollouts.
+        ahead: The rollout that the learner has not seen yet, where the scenes go on.
+        history: `SceneWorker.history` after that rollout, where the scenes go on; None where they
+            begin anew.
+    """
+    learner = trainer.learner
+    return {
+        "run": _run_hash(trainer),
+        "fingerprint": trainer.specs.fingerprint,
+        "loss": dict(learner.agent.loss.state_dict()),
+        "optimizer": learner.agent.optimizer.state_dict(),
+        "rng": GlobalRNGState().state_dict(),
+        "buffer": buffer_state(learner.buffer) if trainer.config.save_buffer else None,
+        "steps": trainer.steps,
+        "updates": learner.updates,
+        "pending_updates": learner.pending_updates,
+        "checkpoints_made": trainer.checkpoints_made,
+        "seconds": trainer.seconds,
+        "best": trainer.best,
+        "curriculum": trainer.curriculum_state,
+        "episodes": dict(trainer.episodes),
+        "metrics": dict(learner.metrics),
+        "log": trainer.log.rows,
+        "evaluations": trainer.log.evaluations,
+        "ahead": None if ahead is None else vars(ahead),
+        "history": history,
+    }
+
+
+def load_trainer_state(trainer: "Trainer", state: dict[str, Any]) -> None:
+    """Inverse of `trainer_state`.
+
+    Raises:
+        ValueError: If the state is that of another run.
+    """
+    differences = fingerprint_differences(state["fingerprint"], trainer.specs.fingerprint)
+    if state["run"] != _run_hash(trainer):
+        differences.append("the config is another")
+    if differences:
+        raise ValueError(
+            f"Trainer: the checkpoints in {trainer.folder.path} are of another run: "
+            + "; ".join(differences)
+        )
+    learner = trainer.learner
+    learner.agent.loss.load_state_dict(state["loss"])
+    learner.agent.optimizer.load_state_dict(copy.deepcopy(state["optimizer"]))
+    if state["buffer"] is not None:
+        load_buffer_state(learner.buffer, state["buffer"])
+    trainer.steps, learner.updates = state["steps"], state["updates"]
+    trainer.checkpoints_made = state["checkpoints_made"]
+    learner.pending_updates = state["pending_updates"]
+    trainer.seconds, trainer.best = state["seconds"], state["best"]
+    trainer.curriculum_state = state["curriculum"]
+    trainer.episodes.update(state["episodes"])
+    learner.metrics.update(state["metrics"])
+    trainer.log.rows, trainer.log.evaluations = state["log"], state["evaluations"]
+    trainer.ahead = None if state["ahead"] is None else Rollout(**state["ahead"])
+    trainer.history = state["history"]
+    GlobalRNGState().load_state_dict(state["rng"])
+
+
+def save_trained_agent(trainer: "Trainer", path: Path, summary: dict[str, float]) -> None:
+    """Write the agent as it is now.
+
+    Args:
+        trainer: The trainer.
+        path: The file to write.
+        summary: Metrics of the agent on the held-out episodes, which are kept with it.
+    """
+    config, learner = trainer.config, trainer.learner
+    save_agent(
+        path,
+        learner.agent.actor,
+        config.env,
+        hidden_sizes=config.tqc.hidden_sizes,
+        observation_dim=learner.observation_dim,
+        fingerprint=trainer.specs.fingerprint,
+        actor=config.tqc.actor,
+        encoder=config.tqc.encoder,
+        parts=trainer.parts,
+        make_env=trainer.make_env,
+        metadata={
+            "steps": trainer.steps,
+            "updates": learner.updates,
+            "minutes": round(trainer.minutes(), 1),
+            "seed": config.seed,
+            "held_out": summary,
+        },
+    )
+
+
+def _run_hash(trainer: "Trainer") -> str:
+    return data_hash(trainer.config.fixed_fields())
