@@ -62,6 +62,17 @@ MAY_KNOW = {
         "evaluation",
         "training",
         "export",
+        "viewer",
+    },
+    "viewer": {
+        "geometry",
+        "envs",
+        "planners",
+        "encoders",
+        "mdp",
+        "agents",
+        "recipes",
+        "evaluation",
     },
 }
 """What each package may import besides itself and the shared modules."""

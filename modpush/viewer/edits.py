@@ -1,0 +1,169 @@
+"""Changes of a running scene, as functions from one scenario to another."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modpush.envs.outcome import is_at_goal, is_out_of_bounds
+from modpush.envs.robot.ur5_2f85 import TOOLS
+from modpush.envs.scenes.layouts import BAR_SECTION, CUBE_SIDE
+from modpush.envs.scenes.objects import get_object
+from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
+from modpush.envs.scenes.rectangles import obstacle_distance
+from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
+from modpush.geometry.workspace import WORKSPACE
+
+__all__ = [
+    "OBSTACLE_SIZES",
+    "ObstacleKind",
+    "add_obstacle",
+    "check_scene",
+    "continue_from",
+    "move_goal",
+    "move_obstacle",
+    "remove_obstacle",
+]
+
+ObstacleKind = Literal["cube", "bar"]
+OBSTACLE_SIZES: dict[ObstacleKind, tuple[float, float, float]] = {
+    "cube": (CUBE_SIDE, CUBE_SIDE, CUBE_SIDE),
+    "bar": (0.20, BAR_SECTION, BAR_SECTION),
+}
+"""Length, width and height of the obstacles that can be added [m]."""
+
+_TIP_RADIUS = math.hypot(*TOOLS["2f85"].tip_half_extents)
+_NEW_CLEARANCE = 0.04  # around a new obstacle [m]
+
+
+def continue_from(
+    scenario: Scenario, object_pose: Sequence[float], tool_pose: Sequence[float]
+) -> Scenario:
+    """The same scene, starting from where object and tool are now."""
+    x, y, yaw = object_pose
+    tool_x, tool_y, tool_yaw = tool_pose
+    return replace(scenario, object_pose=(x, y, yaw), tool_pose=(tool_x, tool_y, tool_yaw))
+
+
+def move_goal(scenario: Scenario, x: float, y: float) -> Scenario:
+    """The goal put elsewhere, at the nearest place in the workspace and within reach [m]."""
+    (x0, y0), (x1, y1) = WORKSPACE
+    x, y = min(max(x, x0), x1), min(max(y, y0), y1)
+    shrink = min(1.0, ScenarioConfig().max_goal_radius / math.hypot(x, y))
+    return replace(scenario, goal_position=(x * shrink, y * shrink))
+
+
+def move_obstacle(
+    scenario: Scenario, index: int, x: float, y: float, yaw: float | None = None
+) -> Scenario:
+    """An obstacle put elsewhere, with its centre on the table in front of the robot.
+
+    Args:
+        scenario: The scene.
+        index: Which obstacle.
+        x: Position [m].
+        y: Position [m].
+        yaw: Direction of its long axis [rad]; as it was if not given.
+
+    Raises:
+        ValueError: If there is no such obstacle.
+    """
+    old = _get(scenario, index)
+    (x0, y0), (x1, y1) = WORKSPACE.bounds(0.1)
+    pose = (min(max(x, x0), x1), min(max(y, y0), y1), old.pose[2] if yaw is None else yaw)
+    obstacles = list(scenario.obstacles)
+    obstacles[index] = Obstacle(old.size, pose)
+    return replace(scenario, obstacles=tuple(obstacles))
+
+
+def remove_obstacle(scenario: Scenario, index: int) -> Scenario:
+    """The scene without one of its obstacles.
+
+    Raises:
+        ValueError: If there is no such obstacle.
+    """
+    _get(scenario, index)
+    kept = [o for i, o in enumerate(scenario.obstacles) if i != index]
+    return replace(scenario, obstacles=tuple(kept))
+
+
+def _get(scenario: Scenario, index: int) -> Obstacle:
+    if not 0 <= index < len(scenario.obstacles):
+        raise ValueError(f"There is no obstacle {index}, this scene has {len(scenario.obstacles)}.")
+    return scenario.obstacles[index]
+
+
+def add_obstacle(
+    scenario: Scenario, kind: ObstacleKind, keep_free: Sequence[tuple[Sequence[float], float]]
+) -> Scenario:
+    """One more obstacle, at the free place nearest to the middle of the way to the goal.
+
+    Args:
+        scenario: The scene; its object pose and goal say where the way is.
+        kind: Which obstacle.
+        keep_free: Further circles that it must not touch, centre (x, y) and radius [m].
+
+    Raises:
+        ValueError: If the scene is full.
+    """
+    if len(scenario.obstacles) >= MAX_OBSTACLES:
+        raise ValueError(f"A scene holds at most {MAX_OBSTACLES} obstacles.")
+    size = OBSTACLE_SIZES[kind]
+    across = math.pi / 2  # the long axis of a bar lies across the way out from the robot
+    (x0, y0), (x1, y1) = WORKSPACE
+    grid = np.stack(np.meshgrid(np.arange(x0, x1, 0.02), np.arange(y0, y1, 0.02)), -1)
+    places = grid.reshape(-1, 2)
+    object_radius = get_object(scenario.pushed_object).radius
+    circles = [
+        (scenario.object_pose[:2], object_radius),
+        (scenario.goal_position, object_radius),
+        *keep_free,
+    ]
+    centers = np.array([center[:2] for center, _ in circles])
+    radii = np.array([radius for _, radius in circles])
+    new = Obstacle(size, (0.0, 0.0, across))
+    free = np.ones(len(places), dtype=bool)
+    for center, radius in zip(centers, radii, strict=True):
+        free &= obstacle_distance(center - places, [new]) > radius + _NEW_CLEARANCE
+    reach = math.hypot(*size[:2]) / 2
+    free &= obstacle_distance(places, scenario.obstacles) > reach
+    if not free.any():
+        raise ValueError("There is no free place for another obstacle.")
+    middle = centers[:2].mean(0)
+    x, y = _nearest(places[free], middle)
+    return replace(scenario, obstacles=(*scenario.obstacles, Obstacle(size, (x, y, across))))
+
+
+def _nearest(places: NDArray[np.float64], wanted: NDArray[np.float64]) -> tuple[float, float]:
+    x, y = places[np.argmin(np.linalg.norm(places - wanted, axis=-1))].tolist()
+    return x, y
+
+
+def check_scene(
+    scenario: Scenario, object_pose: Sequence[float], tool_pose: Sequence[float]
+) -> None:
+    """Refuse a scene that no episode can go on in.
+
+    Args:
+        scenario: The scene after a change.
+        object_pose: Where the object is [m, m, rad].
+        tool_pose: Where the tool's tip is [m, m, rad].
+
+    Raises:
+        ValueError: If an obstacle stands where object or tool are, or the object is at the goal or
+            out of bounds.
+    """
+    position = np.array([object_pose[:2]])
+    if is_out_of_bounds(position, WORKSPACE.bounds())[0]:
+        raise ValueError("The object is out of bounds: begin an episode anew.")
+    if is_at_goal(position, np.array([scenario.goal_position]))[0]:
+        raise ValueError("The object is at the goal: move the goal away from it.")
+    radius = get_object(scenario.pushed_object).radius
+    points = np.array([object_pose[:2], tool_pose[:2]])
+    distance = obstacle_distance(points, scenario.obstacles)
+    for what, gap, least in zip(("object", "tool"), distance, (radius, _TIP_RADIUS), strict=True):
+        if gap < least:
+            raise ValueError(f"An obstacle cannot stand where the {what} is.")

@@ -1,0 +1,220 @@
+"""`LaneView`: one lane drawn on the page, from the primitives that physics uses."""
+
+import functools
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from modpush.envs.outcome import GOAL_THRESHOLD
+from modpush.envs.robot.ur5_2f85 import LINKS, TOOLS
+from modpush.envs.scenes.objects import get_object
+from modpush.envs.scenes.scenario import Scenario
+from modpush.geometry.camera import CAMERA
+from modpush.geometry.shapes import Primitive, box, cylinder
+from modpush.geometry.workspace import WORKSPACE
+from modpush.viewer.dragging import make_draggable
+from modpush.viewer.lane import Snapshot
+from modpush.viewer.meshes import link_transforms, primitive_mesh
+from modpush.viewer.overlays import Overlays, map_picture, path_segments
+from modpush.viewer.panel import assign
+from modpush.viewer.session import Session
+
+if TYPE_CHECKING:
+    from viser import ViserServer
+
+__all__ = ["LaneView"]
+
+_TABLE = box(1.20, 1.20, 0.02, (0.30, 0.0, -0.011), color=(0.90, 0.88, 0.84))
+_GOAL = cylinder(GOAL_THRESHOLD, 0.004, (0.0, 0.0, 0.002), color=(0.24, 0.65, 0.30))
+_OBSTACLE, _SELECTED, _HIT = (0.30, 0.33, 0.38), (0.93, 0.62, 0.16), (0.80, 0.15, 0.15)
+_MAGENTA = (200, 40, 190)
+_SHORT = {
+    "object_contact": "pushing",
+    "obstacle_contact": "object hits obstacle",
+    "tool_obstacle_contact": "tool hits obstacle",
+    "success": "success",
+    "out_of_bounds": "out of bounds",
+}
+
+
+class LaneView:
+    """Draws a lane, and sends what is dragged to the session.
+
+    Args:
+        server: The page.
+        session: What runs behind it.
+        root: Name of the lane's node.
+        offset: Where the robot of this lane stands along the page's y [m].
+        select: Called with the index of an obstacle that is clicked.
+    """
+
+    def __init__(
+        self,
+        server: "ViserServer",
+        session: Session,
+        root: str,
+        offset: float,
+        select: Callable[[int], None],
+    ) -> None:
+        self._scene, self._session, self._root = server.scene, session, root
+        self._offset, self._select = offset, select
+        self._shown: Snapshot | None = None
+        self._scene.add_frame(root, show_axes=False, position=(0.0, offset, 0.0))
+        self._body("table", (_TABLE,))
+        corners = np.column_stack([WORKSPACE.corners(), np.full(4, 0.001)])
+        edges = np.stack([corners, np.roll(corners, -1, axis=0)], 1)
+        self._scene.add_line_segments(f"{root}/workspace", edges, (190, 182, 170), thickness=0.003)
+        self._links = [
+            self._body(f"arm/{i}", shapes)
+            for i, shapes in enumerate([*(link.shapes for link in LINKS), TOOLS["2f85"].shapes])
+        ]
+        self._goal = self._body("goal", (_GOAL,), drag=self._drag_goal)
+        self._object: Any = None
+        self._obstacles: list[Any] = []
+        empty = path_segments(None, 0.0)
+        self._path = self._scene.add_line_segments(f"{root}/path", empty, _MAGENTA, thickness=0.006)
+        self._subgoal = self._scene.add_icosphere(f"{root}/subgoal", 0.012, _MAGENTA)
+        side = CAMERA.width * CAMERA.cell_size
+        self._map = self._scene.add_image(
+            f"{root}/map",
+            np.zeros((2, 2, 4), dtype=np.uint8),
+            side,
+            side,
+            position=(CAMERA.x, CAMERA.y, 0.003),
+            # Image right is the robot's right, image down is towards the robot.
+            wxyz=(0.0, math.sqrt(0.5), -math.sqrt(0.5), 0.0),
+            cast_shadow=False,
+        )
+        self._label = self._scene.add_label(
+            f"{root}/label", "", position=(0.95, 0.0, 0.08), anchor="bottom-center"
+        )
+
+    def _body(
+        self, name: str, parts: tuple[Primitive, ...], drag: Callable[[Any], None] | None = None
+    ) -> Any:
+        """A frame with the meshes of its parts."""
+        frame = self._scene.add_frame(f"{self._root}/{name}", show_axes=False)
+        for i, part in enumerate(parts):
+            mesh = primitive_mesh(part)
+            handle = self._scene.add_mesh_simple(
+                f"{self._root}/{name}/{i}",
+                mesh.vertices.astype(np.float32),
+                mesh.faces.astype(np.uint32),
+                color=part.color,
+                flat_shading=part.kind in ("box", "prism"),
+                side="double",
+            )
+            if drag is not None:
+                drag(handle)
+        return frame
+
+    def _drag_goal(self, handle: Any) -> None:
+        def center() -> tuple[float, float, float]:
+            x, y = self._session.snapshots[0].scenario.goal_position
+            return x, y + self._offset, 0.0
+
+        def move(x: float, y: float) -> None:
+            move_goal = functools.partial(self._session.move_goal, x, y - self._offset)
+            self._session.submit(move_goal, "goal")
+
+        make_draggable(handle, center, move)
+
+    def _drag_obstacle(self, handle: Any, index: int) -> None:
+        session = self._session
+
+        def pose() -> tuple[float, float, float]:
+            obstacles = session.snapshots[0].scenario.obstacles
+            x, y, yaw = obstacles[index].pose if index < len(obstacles) else (0.0, 0.0, 0.0)
+            return x, y + self._offset, yaw
+
+        def move(x: float, y: float) -> None:
+            command = functools.partial(session.move_obstacle, index, x, y - self._offset)
+            session.submit(command, ("obstacle", index))
+
+        def turn(yaw: float) -> None:
+            x, y, _ = pose()
+            command = functools.partial(session.move_obstacle, index, x, y - self._offset, yaw)
+            session.submit(command, ("obstacle", index))
+
+        make_draggable(handle, pose, move, turn)
+
+        async def on_click(event: Any) -> None:
+            self._select(index)
+
+        handle.on_click(on_click)
+
+    def update(self, shown: Snapshot, overlays: Overlays, name: str, selected: int | None) -> None:
+        """Bring the page up to a snapshot; what has not changed is not sent."""
+        before = self._shown.scenario if self._shown is not None else None
+        if before is not shown.scenario:
+            self._rebuild(before, shown.scenario)
+        item = get_object(shown.scenario.pushed_object)
+        for frame, transform in zip(
+            self._links, link_transforms(shown.joint_position), strict=True
+        ):
+            _place_matrix(frame, transform)
+        _place(self._object, *shown.object_pose[:2], item.height / 2, shown.object_pose[2])
+        _place(self._goal, *shown.scenario.goal_position, 0.0, 0.0)
+        hit = shown.flags["obstacle_contact"] or shown.flags["tool_obstacle_contact"]
+        for i, handle in enumerate(self._obstacles):
+            obstacle = shown.scenario.obstacles[i]
+            x, y, yaw = obstacle.pose
+            _place(handle, x, y, obstacle.size[2] / 2, yaw)
+            color = _SELECTED if i == selected else _HIT if hit and overlays.flags else _OBSTACLE
+            assign(handle, "color", tuple(round(255 * c) for c in color))
+        self._update_overlays(shown, overlays, name)
+        self._shown = shown
+
+    def _rebuild(self, before: Scenario | None, now: Scenario) -> None:
+        """Make the bodies that a scenario has and the one before had not."""
+        if before is None or before.pushed_object != now.pushed_object:
+            if self._object is not None:
+                self._object.remove()
+            self._object = self._body("object", get_object(now.pushed_object).parts)
+        sizes = [o.size for o in now.obstacles]
+        if before is None or [o.size for o in before.obstacles] != sizes:
+            for handle in self._obstacles:
+                handle.remove()
+            self._obstacles = []
+            for i, size in enumerate(sizes):
+                handle = self._scene.add_box(
+                    f"{self._root}/obstacle{i}", dimensions=size, color=_OBSTACLE
+                )
+                self._drag_obstacle(handle, i)
+                self._obstacles.append(handle)
+
+    def _update_overlays(self, shown: Snapshot, overlays: Overlays, name: str) -> None:
+        assign(self._path, "visible", overlays.path and shown.path is not None)
+        if self._shown is None or shown.path is not self._shown.path:
+            self._path.points = path_segments(shown.path, 0.006)
+        assign(self._subgoal, "visible", overlays.subgoal and shown.subgoal is not None)
+        if shown.subgoal is not None:
+            _place(self._subgoal, *shown.subgoal, 0.012, 0.0)
+        assign(self._map, "visible", overlays.map and shown.occupancy is not None)
+        if overlays.map and shown.occupancy is not None:
+            if self._shown is None or not np.array_equal(self._map_drawn, shown.occupancy):
+                self._map.image = map_picture(shown.occupancy)
+            self._map_drawn = shown.occupancy
+        flags = [_SHORT[key] for key, value in shown.flags.items() if value]
+        text = f"{name}, step {shown.step}"
+        assign(self._label, "text", " | ".join([text, *flags]) if overlays.flags else text)
+
+    _map_drawn: Any = None
+
+    def remove(self) -> None:
+        """Take the lane off the page."""
+        self._scene.remove_by_name(self._root)
+
+
+def _place(handle: Any, x: float, y: float, z: float, yaw: float) -> None:
+    assign(handle, "position", (x, y, z))
+    assign(handle, "wxyz", (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)))
+
+
+def _place_matrix(handle: Any, transform: np.ndarray) -> None:
+    from transforms3d.quaternions import mat2quat
+
+    assign(handle, "position", transform[:3, 3])
+    assign(handle, "wxyz", mat2quat(transform[:3, :3]))

@@ -1,0 +1,55 @@
+"""What is laid over the scene, and whether it is shown."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Overlays", "map_picture", "path_segments", "window_picture"]
+
+_RIM = (235, 120, 40)  # color of the inflated map
+_SCALE = 3  # screen pixels for each pixel of the window
+
+
+@dataclass
+class Overlays:
+    """Which overlays are shown."""
+
+    path: bool = True
+    """The planned path."""
+    subgoal: bool = True
+    """The present sub-goal."""
+    map: bool = False
+    """The inflated map, where the object's centre cannot be."""
+    window: bool = False
+    """The local window, and what the autoencoder keeps of it."""
+    flags: bool = True
+    """Contact, collision, success and out of bounds."""
+
+
+def path_segments(path: NDArray[np.float64] | None, height: float) -> NDArray[np.float32]:
+    """A path `[n, 2]` as line segments `[n - 1, 2, 3]` at a height [m]; one without length for None."""
+    if path is None or len(path) < 2:
+        return np.zeros((1, 2, 3), dtype=np.float32)
+    points = np.column_stack([path, np.full(len(path), height)])
+    return np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
+
+
+def map_picture(occupancy: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """The inflated map as a half transparent picture, `[H, W, 4]`."""
+    picture = np.zeros((*occupancy.shape, 4), dtype=np.uint8)
+    picture[occupancy] = (*_RIM, 110)
+    return picture
+
+
+def window_picture(
+    window: NDArray[np.float32], reconstruction: NDArray[np.float32] | None
+) -> NDArray[np.uint8]:
+    """Window and reconstruction side by side in grey, `[H, W, 3]`; high is bright."""
+    parts = [window, window * 0 if reconstruction is None else reconstruction]
+    grey = [(np.clip(part, 0, 1) * 255).astype(np.uint8) for part in parts]
+    gap = np.full((len(window), 2), 255, dtype=np.uint8)
+    joined = np.hstack([grey[0], gap, grey[1]])
+    large = cv2.resize(joined, None, fx=_SCALE, fy=_SCALE, interpolation=cv2.INTER_NEAREST)
+    return np.repeat(large[..., None], 3, axis=-1)

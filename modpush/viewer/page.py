@@ -1,0 +1,149 @@
+"""`play`: opens the page."""
+
+import threading
+import time
+import warnings
+from typing import TYPE_CHECKING
+
+import torch
+
+from modpush.viewer.config import CONTROL_FREQ, PlayConfig
+from modpush.viewer.controls import Controls
+from modpush.viewer.lane_view import LaneView
+from modpush.viewer.session import Session
+
+if TYPE_CHECKING:
+    from viser import ViserServer
+
+__all__ = ["Page", "play"]
+
+_BESIDE = 1.35  # distance of two lanes' robots [m]
+_DRAW_PERIOD = 1 / 30  # at high speeds not every step is drawn [s]
+_WAIT_FOR_TAB = 0.1  # [s]
+
+
+class Page:
+    """A session and the page that shows it, to all tabs that look at it.
+
+    Time stands still while no tab is open, except for a recording. All tabs show the same session,
+    and each can change it.
+
+    Args:
+        config: What the page starts with.
+
+    Raises:
+        ModuleNotFoundError: If viser is not installed; the message says how to install it.
+        ValueError: If a policy or a folder of the config is not there.
+    """
+
+    def __init__(self, config: PlayConfig) -> None:
+        self.config = config
+        self.server = _make_server(config)
+        try:
+            self.session = Session(config)
+        except BaseException:
+            self.server.stop()
+            raise
+        self.controls = Controls(self.server, self.session)
+        self._views: list[LaneView] = []
+        self._stopped = threading.Event()
+        self._last_drawn = 0.0
+        self.draw()
+
+    @property
+    def address(self) -> str:
+        """Where the page is."""
+        return f"http://{self.config.host}:{self.server.get_port()}"
+
+    def run(self) -> None:
+        """Run until `stop` is called or the program is interrupted."""
+        due = time.monotonic()
+        while not self._stopped.is_set():
+            if not self.server.get_clients() and self.session.recorder is None:
+                self._stopped.wait(_WAIT_FOR_TAB)
+                due = time.monotonic()
+                continue
+            self.session.tick()
+            self.draw()
+            due += 1 / (CONTROL_FREQ * self.controls.time.speed)
+            left = due - time.monotonic()
+            if left > 0:
+                self._stopped.wait(left)
+            else:
+                due = time.monotonic()  # too slow: what is missed is not made up for
+
+    def draw(self) -> None:
+        """Bring all tabs up to the session's state, 30 times a second at most."""
+        now = time.monotonic()
+        if now - self._last_drawn < _DRAW_PERIOD:
+            return
+        self._last_drawn = now
+        session = self.session
+        with self.server.atomic():
+            if len(self._views) != len(session.lanes):
+                self._make_views()
+            for view, lane, shown in zip(
+                self._views, session.lanes, session.snapshots, strict=True
+            ):
+                view.update(shown, self.controls.overlays, lane.name, self.controls.selected)
+            self.controls.update()
+
+    def _make_views(self) -> None:
+        for view in self._views:
+            view.remove()
+        count = len(self.session.lanes)
+        offsets = [0.0] if count == 1 else [_BESIDE / 2, -_BESIDE / 2]
+        self._views = [
+            LaneView(self.server, self.session, f"/lane{i}", offset, self.controls.select)
+            for i, offset in enumerate(offsets)
+        ]
+
+    def stop(self) -> None:
+        """End `run`; may be called from any thread."""
+        self._stopped.set()
+
+    def close(self) -> None:
+        """Close the page, finish what is being recorded, and free the simulators."""
+        self.stop()
+        self.session.close()
+        self.server.stop()
+
+
+def _make_server(config: PlayConfig) -> "ViserServer":
+    try:
+        import viser
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            "modpush.viewer.play needs viser: pip install 'modpush[view]'."
+        ) from error
+    server = viser.ViserServer(host=config.host, port=config.port, label="modpush", verbose=False)
+    server.scene.set_up_direction("+z")
+    server.initial_camera.position = (1.25, -0.55, 0.85)
+    server.initial_camera.look_at = (0.40, 0.0, 0.05)
+    return server
+
+
+def play(config: PlayConfig | None = None) -> None:
+    """Open the page, print its address, and run until interrupted (Ctrl-C).
+
+    Args:
+        config: What the page starts with.
+
+    Raises:
+        ModuleNotFoundError: If viser is not installed; the message says how to install it.
+        ValueError: If a policy or a folder of the config is not there.
+    """
+    config = config or PlayConfig()
+    warnings.filterwarnings("ignore", message="Failed to find system libvulkan")
+    torch.set_num_threads(1)  # the networks are small: threads would only wait for each other
+    print("The first run on a machine compiles for about a minute.")
+    page = Page(config)
+    if config.port and page.server.get_port() != config.port:
+        print(f"Port {config.port} is taken.")
+    print(f"The page is at {page.address} (Ctrl-C ends it).", flush=True)
+    try:
+        page.run()
+    except KeyboardInterrupt:
+        pass
+    finally:
+        page.close()

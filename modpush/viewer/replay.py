@@ -1,0 +1,99 @@
+"""Stored episodes of an evaluation, shown step by step."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from modpush.envs.outcome import is_at_goal, is_out_of_bounds
+from modpush.envs.robot.kinematics import planar_inverse_kinematics
+from modpush.envs.robot.ur5_2f85 import TOOLS
+from modpush.envs.scenes.objects import get_object
+from modpush.envs.scenes.scenario import Scenario
+from modpush.evaluation.results import load_trajectory
+from modpush.evaluation.sets import EvaluationSet, load_set
+from modpush.geometry.workspace import WORKSPACE
+from modpush.viewer.lane import FLAGS, Snapshot
+
+__all__ = ["ReplayLane"]
+
+
+class ReplayLane:
+    """Episodes that `modpush.evaluation.evaluate` stored.
+
+    Args:
+        folder: The folder that it wrote.
+
+    Raises:
+        ValueError: If the folder holds no episodes, or its set is not one of the package, or has
+            changed since.
+    """
+
+    def __init__(self, folder: Path | str) -> None:
+        self.folder = Path(folder)
+        about = self.folder / "run.json"
+        if not about.is_file():
+            raise ValueError(f"ReplayLane: {self.folder} is no evaluation's folder, no run.json.")
+        facts = json.loads(about.read_text())
+        self.set: EvaluationSet = load_set(facts["set"])
+        """The episodes that were evaluated."""
+        if self.set.digest != facts["episodes"]:
+            raise ValueError(f"ReplayLane: {self.folder} is of other episodes than {facts['set']}.")
+        self.name = self.folder.name
+        self.numbers = sorted(int(p.stem) for p in self.folder.glob("trajectories/*.npz"))
+        """Numbers of the stored episodes."""
+        if not self.numbers:
+            raise ValueError(f"ReplayLane: {self.folder} holds no trajectories yet.")
+
+    def start(self, scenario: Scenario, number: int) -> Snapshot:
+        """Show an episode from its beginning.
+
+        Raises:
+            ValueError: If it is not stored.
+        """
+        if number not in self.numbers:
+            raise ValueError(f"ReplayLane: {self.folder} has no episode {number}.")
+        self._scenario, self._step = scenario, 0
+        self._course = load_trajectory(self.folder, number)
+        item = get_object(scenario.pushed_object)
+        self._flange_height = item.tool_height + TOOLS["2f85"].length
+        return self._snapshot()
+
+    def step(self) -> Snapshot:
+        """Show the next step."""
+        self._step = min(self._step + 1, len(self._course.contacts))
+        return self._snapshot()
+
+    def _snapshot(self) -> Snapshot:
+        k, course = self._step, self._course
+        x, y, yaw = course.object_pose[k].tolist()
+        tool_x, tool_y, tool_yaw = course.ee_pose[k].tolist()
+        joints, _ = planar_inverse_kinematics(
+            torch.tensor([tool_x, tool_y, tool_yaw]).double(), self._flange_height
+        )
+        last = k == len(course.contacts)
+        position, goal = np.array([[x, y]]), np.array([self._scenario.goal_position])
+        at_goal = bool(is_at_goal(position, goal)[0])
+        outside = bool(is_out_of_bounds(position, WORKSPACE.bounds())[0])
+        touched = course.contacts[k - 1].tolist() if k else [False] * 3
+        target = course.target[min(k, len(course.target) - 1)] if len(course.target) else None
+        return Snapshot(
+            scenario=self._scenario,
+            object_pose=(x, y, yaw),
+            ee_pose=(tool_x, tool_y, tool_yaw),
+            joint_position=joints.numpy(),
+            step=k,
+            flags=dict(zip(FLAGS, [*touched, at_goal, outside], strict=True)),
+            ended=last,
+            path=course.planned_path.astype(np.float64),
+            subgoal=None if target is None else (float(target[0]), float(target[1])),
+        )
+
+    def reconstruction(self) -> NDArray[np.float32] | None:
+        """Stored episodes hold no windows."""
+        return None
+
+    def close(self) -> None:
+        """Nothing is held."""

@@ -1,0 +1,291 @@
+"""`Session`: what runs behind the page, without the page."""
+
+from collections.abc import Callable, Hashable
+from dataclasses import replace
+
+import numpy as np
+
+from modpush.envs.scenes.sampling import sample_scenario
+from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
+from modpush.viewer import edits
+from modpush.viewer.commands import Command, CommandQueue
+from modpush.viewer.config import CONTROL_FREQ, PlayConfig
+from modpush.viewer.hand import HandPolicy
+from modpush.viewer.lane import Lane, PolicyLane, Snapshot
+from modpush.viewer.policies import make_lane
+from modpush.viewer.recorder import Recorder
+from modpush.viewer.replay import ReplayLane
+
+__all__ = ["Session"]
+
+_PAUSE_AT_END = CONTROL_FREQ  # ticks until the next episode begins by itself
+
+
+class Session:
+    """One or two policies on the same scene, stepped together and changed by commands.
+
+    All methods but `submit` are for the one thread that calls `tick`; other threads hand commands
+    over with `submit`. A command that cannot be carried out leaves the scene as it was and says so in
+    `message`.
+
+    Args:
+        config: What to start with.
+
+    Raises:
+        ValueError: If a policy or a folder of the config is not there.
+    """
+
+    def __init__(self, config: PlayConfig | None = None) -> None:
+        self.config = config or PlayConfig()
+        self.scene, self.difficulty = self.config.scene, self.config.difficulty
+        self.pushed_object, self.seed = self.config.pushed_object, self.config.seed
+        self.paused = self.config.paused
+        self.go_on = False
+        """Whether the next episode begins by itself after one has ended."""
+        self.message = ""
+        """Why the last command could not be carried out; empty if it could."""
+        self.lanes: list[Lane] = []
+        self.policies: tuple[str, ...] = ()
+        """The policies as they were given; empty in a replay."""
+        self.snapshots: list[Snapshot] = []
+        """What there is to show of each lane."""
+        self.recorder: Recorder | None = None
+        self._commands = CommandQueue()
+        self._ticks_since_end = 0
+        if self.config.replay:
+            self.lanes = [ReplayLane(folder) for folder in self.config.replay]
+            self.seed = max(self.seed, self.episode_numbers[0])
+        else:
+            self._make_lanes(self.config.policy)
+        self.reset()
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the lanes for the page."""
+        return [lane.name for lane in self.lanes]
+
+    @property
+    def replaying(self) -> bool:
+        """Whether stored episodes are shown, which nothing can change."""
+        return not self.policies
+
+    @property
+    def episode_numbers(self) -> list[int]:
+        """Numbers of the episodes that all folders of a replay hold; none where policies run.
+
+        Raises:
+            ValueError: If the folders have none in common.
+        """
+        replays = [lane for lane in self.lanes if isinstance(lane, ReplayLane)]
+        if not replays:
+            return []
+        numbers = set.intersection(*(set(lane.numbers) for lane in replays))
+        if not numbers or len({lane.set.digest for lane in replays}) > 1:
+            raise ValueError("Session: the folders of the replay have no episode in common.")
+        return sorted(numbers)
+
+    @property
+    def ended(self) -> bool:
+        """Whether the episode is over in every lane."""
+        return all(shown.ended for shown in self.snapshots)
+
+    def submit(self, command: Command, key: Hashable = None) -> None:
+        """Have a command carried out at the next tick; may be called from any thread.
+
+        Args:
+            command: One of this session's methods, with its arguments bound.
+            key: Of waiting commands with the same key, such as the moves of one drag, only the last
+                is carried out.
+        """
+        self._commands.put(command, key)
+
+    def tick(self) -> None:
+        """Carry out the commands that wait, then take a control step unless paused or ended."""
+        for command in self._commands.take():
+            self._try(command)
+        if self.paused:
+            return
+        if not self.ended:
+            self.step()
+        elif self.go_on:
+            self._ticks_since_end += 1
+            if self._ticks_since_end >= _PAUSE_AT_END:
+                self._try(self.next_episode)
+
+    def _try(self, command: Command) -> None:
+        self.message = ""
+        try:
+            command()
+        except (ValueError, OSError, RuntimeError) as error:
+            self.message = str(error)
+
+    def step(self) -> None:
+        """Take one control step in every lane that still runs."""
+        self.snapshots = [
+            shown if shown.ended else lane.step()
+            for lane, shown in zip(self.lanes, self.snapshots, strict=True)
+        ]
+        if self.recorder is not None and not self.recorder.add(self.names, self.snapshots):
+            self.stop_recording()
+
+    def step_once(self) -> None:
+        """Pause, and take one control step."""
+        self.paused = True
+        if not self.ended:
+            self.step()
+
+    def set_paused(self, paused: bool) -> None:
+        """Stop the time, or let it run on."""
+        self.paused = paused
+
+    def set_go_on(self, go_on: bool) -> None:
+        """Have the next episode begin by itself, or not."""
+        self.go_on = go_on
+
+    def reset(self, seed: int | None = None) -> None:
+        """Begin the episode of a seed (default: the present one), or the stored one of that number.
+
+        Raises:
+            ValueError: If no scene can be drawn with the present settings, or none is stored.
+        """
+        seed = self.seed if seed is None else seed
+        self._start([self._draw(seed)] * len(self.lanes), seed)
+
+    def restart(self) -> None:
+        """Begin the present scene again, as it was after its last change."""
+        self._start([self.snapshots[0].scenario] * len(self.lanes), self.seed)
+
+    def next_episode(self) -> None:
+        """Begin the episode of the next seed, or the next stored one."""
+        numbers = self.episode_numbers
+        later = [number for number in numbers if number > self.seed]
+        self.reset((later or numbers)[0] if numbers else self.seed + 1)
+
+    def _draw(self, seed: int) -> Scenario:
+        lane = self.lanes[0]
+        if isinstance(lane, ReplayLane):
+            numbers = self.episode_numbers
+            if seed not in numbers:
+                raise ValueError(
+                    f"No episode {seed} is stored; there are {len(numbers)} from {numbers[0]} to "
+                    f"{numbers[-1]}."
+                )
+            return lane.set.scenarios[seed]
+        return sample_scenario(
+            np.random.default_rng(seed),
+            ScenarioConfig(
+                scene=self.scene, pushed_object=self.pushed_object, difficulty=self.difficulty
+            ),
+        )
+
+    def _start(self, scenarios: list[Scenario], seed: int) -> None:
+        self.snapshots = [
+            lane.start(scenario, seed) for lane, scenario in zip(self.lanes, scenarios, strict=True)
+        ]
+        self.seed, self._ticks_since_end = seed, 0
+
+    def choose_scene(
+        self,
+        scene: str | None = None,
+        difficulty: float | None = None,
+        pushed_object: str | None = None,
+    ) -> None:
+        """Draw episodes from something else, and begin the one of the present seed.
+
+        Raises:
+            ValueError: If there is no such scene or object, or none can be drawn, or in a replay.
+        """
+        self._refuse_in_replay()
+        before = self.scene, self.difficulty, self.pushed_object
+        wanted = scene, difficulty, pushed_object
+        self.scene, self.difficulty, self.pushed_object = (
+            old if new is None else new for old, new in zip(before, wanted, strict=True)
+        )
+        try:
+            self.reset()
+        except ValueError:
+            self.scene, self.difficulty, self.pushed_object = before
+            raise
+
+    def choose_policies(self, *policies: str) -> None:
+        """Run other policies, one or two, and begin the present scene again.
+
+        Raises:
+            ValueError: If there is no such policy.
+        """
+        if not 1 <= len(policies) <= 2:
+            raise ValueError(f"Session: one or two policies can be shown, got {len(policies)}.")
+        scenario = self.snapshots[0].scenario
+        self._make_lanes(policies)
+        self._start([scenario] * len(self.lanes), self.seed)
+
+    def _make_lanes(self, policies: tuple[str, ...]) -> None:
+        # Lanes that are there already are kept: an environment takes a second to make.
+        kept = list(zip(self.policies, self.lanes, strict=bool(self.policies)))
+        lanes: list[Lane] = []
+        for policy in policies:
+            found = next((pair for pair in kept if pair[0] == policy), None)
+            if found is not None:
+                kept.remove(found)
+            lanes.append(make_lane(policy) if found is None else found[1])
+        for _, lane in kept:
+            lane.close()
+        self.lanes, self.policies = lanes, tuple(policies)
+
+    def move_goal(self, x: float, y: float) -> None:
+        """Put the goal elsewhere [m]; object and tool stay where they are."""
+        self._change(lambda scenario: edits.move_goal(scenario, x, y))
+
+    def move_obstacle(self, index: int, x: float, y: float, yaw: float | None = None) -> None:
+        """Put an obstacle elsewhere [m, m, rad]."""
+        self._change(lambda scenario: edits.move_obstacle(scenario, index, x, y, yaw))
+
+    def add_obstacle(self, kind: edits.ObstacleKind) -> None:
+        """Add an obstacle where it touches nothing in any lane."""
+        poses = [pose for shown in self.snapshots for pose in (shown.object_pose, shown.ee_pose)]
+        first = self.snapshots[0]
+        here = edits.continue_from(first.scenario, first.object_pose, first.ee_pose)
+        added = edits.add_obstacle(here, kind, [(pose, 0.05) for pose in poses]).obstacles
+        self._change(lambda scenario: replace(scenario, obstacles=added))
+
+    def remove_obstacle(self, index: int) -> None:
+        """Take an obstacle away."""
+        self._change(lambda scenario: edits.remove_obstacle(scenario, index))
+
+    def _change(self, edit: Callable[[Scenario], Scenario]) -> None:
+        """Change the scene of every lane; each goes on from where its object and its tool are."""
+        self._refuse_in_replay()
+        changed = []
+        for shown in self.snapshots:
+            poses = shown.object_pose, shown.ee_pose
+            changed.append(edits.continue_from(edit(shown.scenario), *poses))
+            edits.check_scene(changed[-1], *poses)
+        self._start(changed, self.seed)
+
+    def _refuse_in_replay(self) -> None:
+        if self.replaying:
+            raise ValueError("A stored episode cannot be changed.")
+
+    def push_by_hand(self, dx: float, dy: float, dyaw: float = 0.0) -> None:
+        """Move the tool of the lanes that a person drives, in [-1, 1], base frame."""
+        for lane in self.lanes:
+            if isinstance(lane, PolicyLane) and isinstance(lane.policy, HandPolicy):
+                lane.policy.press((dx, dy, dyaw))
+
+    def start_recording(self) -> None:
+        """Record a video from now on."""
+        self.stop_recording()
+        self.recorder = Recorder(self.config.out)
+
+    def stop_recording(self) -> None:
+        """Finish the video, if one is being recorded."""
+        if self.recorder is not None:
+            self.recorder.close()
+            self.message = f"Wrote {self.recorder.path}."
+        self.recorder = None
+
+    def close(self) -> None:
+        """Finish what is being recorded, and free the simulators."""
+        self.stop_recording()
+        for lane in self.lanes:
+            lane.close()
