@@ -36,9 +36,9 @@ class Controls:
     def __init__(self, server: "ViserServer", session: Session) -> None:
         self._session = session
         self.overlays = Overlays()
-        server.gui.configure_theme(
-            show_logo=False, show_share_button=False, control_layout="collapsible"
-        )
+        # No share button: it would ask a stranger's machine to pass the page on.
+        server.gui.configure_theme(show_logo=False, show_share_button=False)
+        server.gui.main_panel.dock_right()
         gui, panel = server.gui, Panel(server.gui, session)
         self._status = gui.add_markdown("")
         self.scene: SceneControls | None = None

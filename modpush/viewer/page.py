@@ -1,5 +1,7 @@
 """`play`: opens the page."""
 
+import contextlib
+import io
 import threading
 import time
 import warnings
@@ -72,10 +74,10 @@ class Page:
             else:
                 due = time.monotonic()  # too slow: what is missed is not made up for
 
-    def draw(self) -> None:
-        """Bring all tabs up to the session's state, 30 times a second at most."""
+    def draw(self, force: bool = False) -> None:
+        """Bring all tabs up to the session's state, 30 times a second at most unless forced."""
         now = time.monotonic()
-        if now - self._last_drawn < _DRAW_PERIOD:
+        if not force and now - self._last_drawn < _DRAW_PERIOD:
             return
         self._last_drawn = now
         session = self.session
@@ -116,9 +118,11 @@ def _make_server(config: PlayConfig) -> "ViserServer":
         raise ModuleNotFoundError(
             "modpush.viewer.play needs viser: pip install 'modpush[view]'."
         ) from error
-    server = viser.ViserServer(host=config.host, port=config.port, label="modpush", verbose=False)
+    with contextlib.redirect_stdout(io.StringIO()):  # `play` prints the address
+        server = viser.ViserServer(host=config.host, port=config.port, label="modpush")
     server.scene.set_up_direction("+z")
-    server.initial_camera.position = (1.25, -0.55, 0.85)
+    two = len(config.policy) > 1 or len(config.replay) > 1
+    server.initial_camera.position = (1.75, 0.0, 1.0) if two else (1.25, -0.55, 0.85)
     server.initial_camera.look_at = (0.40, 0.0, 0.05)
     return server
 

@@ -197,10 +197,9 @@ class Session:
         """
         self._refuse_in_replay()
         before = self.scene, self.difficulty, self.pushed_object
-        wanted = scene, difficulty, pushed_object
-        self.scene, self.difficulty, self.pushed_object = (
-            old if new is None else new for old, new in zip(before, wanted, strict=True)
-        )
+        self.scene = self.scene if scene is None else scene
+        self.difficulty = self.difficulty if difficulty is None else difficulty
+        self.pushed_object = self.pushed_object if pushed_object is None else pushed_object
         try:
             self.reset()
         except ValueError:

@@ -1,0 +1,51 @@
+"""How fast the page's loop runs: the session's step, and what is sent to the page after it.
+
+    python benchmarks/bench_play.py
+
+A step must take less than 67 ms for the page to run at 15 Hz. The browser is not counted: it draws in
+its own process.
+"""
+
+import time
+import warnings
+
+import numpy as np
+import torch
+
+from modpush.viewer import Page, PlayConfig
+
+_STEPS = 150
+
+
+def measure(policy: tuple[str, ...], overlays: bool) -> tuple[float, float]:
+    """Median time of a step and of drawing it [ms]."""
+    page = Page(PlayConfig(policy=policy, port=0))
+    page.controls.overlays.map = page.controls.overlays.window = overlays
+    page.session.set_go_on(True)
+    took = []
+    for _ in range(_STEPS):
+        start = time.perf_counter()
+        page.session.tick()
+        stepped = time.perf_counter()
+        page.draw(force=True)
+        took.append((stepped - start, time.perf_counter() - stepped))
+    page.close()
+    step, draw = 1e3 * np.median(took[20:], axis=0)
+    return float(step), float(draw)
+
+
+def main() -> None:
+    warnings.filterwarnings("ignore", message="Failed to find system libvulkan")
+    torch.set_num_threads(1)
+    print("| policies | overlays | step [ms] | draw [ms] | rate [Hz] |")
+    print("|---|---|---|---|---|")
+    for policy in (("agent",), ("corridor",), ("agent", "corridor")):
+        for overlays in (False, True):
+            step, draw = measure(policy, overlays)
+            shown = "all" if overlays else "default"
+            rate = 1e3 / (step + draw)
+            print(f"| {' + '.join(policy)} | {shown} | {step:.1f} | {draw:.1f} | {rate:.0f} |")
+
+
+if __name__ == "__main__":
+    main()

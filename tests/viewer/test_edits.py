@@ -1,0 +1,80 @@
+"""Changes of a scene, by hand-computed numbers."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from modpush.envs import Obstacle, Scenario
+from modpush.envs.scenes.obstacle import MAX_OBSTACLES
+from modpush.envs.scenes.rectangles import obstacle_distance
+from modpush.viewer import edits
+
+CUBE = Obstacle((0.05, 0.05, 0.05), (0.5, 0.0, 0.3))
+SCENE = Scenario(
+    scene="free",
+    difficulty=0.0,
+    obstacles=(CUBE,),
+    pushed_object="small_cube",
+    object_pose=(0.4, 0.2, 0.1),
+    goal_position=(0.4, -0.2),
+    tool_pose=(0.3, 0.2, 0.0),
+)
+
+
+def test_a_goal_beyond_the_workspace_lands_on_its_edge() -> None:
+    assert edits.move_goal(SCENE, 0.5, 2.0).goal_position == (0.5, 0.35)
+
+
+def test_a_goal_beyond_reach_is_pulled_in_along_its_line() -> None:
+    x, y = edits.move_goal(SCENE, 0.75, 0.35).goal_position  # 0.828 m from the robot's axis
+    assert math.hypot(x, y) == pytest.approx(0.82)
+    assert y / x == pytest.approx(0.35 / 0.75)
+
+
+def test_an_obstacle_keeps_its_yaw_when_moved_and_its_place_when_turned() -> None:
+    moved = edits.move_obstacle(SCENE, 0, 0.6, 0.1)
+    assert moved.obstacles[0].pose == (0.6, 0.1, 0.3)
+    assert edits.move_obstacle(moved, 0, 0.6, 0.1, 1.0).obstacles[0].pose == (0.6, 0.1, 1.0)
+
+
+@pytest.mark.parametrize("change", [edits.remove_obstacle, edits.move_obstacle])
+def test_an_obstacle_that_is_not_there_is_an_error(change) -> None:
+    place = (0.5, 0.0) if change is edits.move_obstacle else ()
+    with pytest.raises(ValueError, match="no obstacle 1, this scene has 1"):
+        change(SCENE, 1, *place)
+
+
+@pytest.mark.parametrize("kind", ["cube", "bar"])
+def test_an_added_obstacle_touches_nothing(kind) -> None:
+    scene = SCENE
+    for _ in range(4):
+        tool = (scene.tool_pose, 0.05)
+        scene = edits.add_obstacle(scene, kind, [tool])
+        new = scene.obstacles[-1]
+        assert new.size == edits.OBSTACLE_SIZES[kind]
+        points = np.array([scene.object_pose[:2], scene.goal_position, scene.tool_pose[:2]])
+        assert (obstacle_distance(points, [new]) > (0.0353 + 0.04, 0.0353 + 0.04, 0.09)).all()
+        # The circle around it is clear of the others' footprints.
+        centre = np.array(new.pose[:2])
+        assert obstacle_distance(centre, scene.obstacles[:-1]) > math.hypot(*new.size[:2]) / 2
+
+
+def test_a_full_scene_takes_no_more_obstacles() -> None:
+    full = replace(SCENE, obstacles=(CUBE,) * MAX_OBSTACLES)
+    with pytest.raises(ValueError, match=f"at most {MAX_OBSTACLES} obstacles"):
+        edits.add_obstacle(full, "cube", [])
+
+
+def test_a_scene_that_cannot_go_on_is_refused() -> None:
+    free, far = (0.4, 0.2, 0.0), (0.3, 0.2, 0.0)
+    edits.check_scene(SCENE, free, far)
+    with pytest.raises(ValueError, match="where the object is"):
+        edits.check_scene(SCENE, (0.5, 0.05, 0.0), far)
+    with pytest.raises(ValueError, match="where the tool is"):
+        edits.check_scene(SCENE, free, (0.5, 0.05, 0.0))
+    with pytest.raises(ValueError, match="at the goal"):
+        edits.check_scene(SCENE, (0.4, -0.16, 0.0), far)
+    with pytest.raises(ValueError, match="out of bounds"):
+        edits.check_scene(SCENE, (0.4, 0.41, 0.0), far)

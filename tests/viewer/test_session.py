@@ -1,0 +1,258 @@
+"""The session runs without a browser, on the real simulator."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import imageio
+import numpy as np
+import pytest
+
+from modpush.evaluation import evaluate, load_set
+from modpush.evaluation.results import load_trajectory
+from modpush.recipes import load_agent
+from modpush.viewer import PlayConfig, Session
+
+
+@pytest.fixture(scope="module")
+def shared() -> Iterator[Session]:
+    session = Session(PlayConfig(policy=("agent",)))
+    yield session
+    session.close()
+
+
+@pytest.fixture
+def session(shared: Session, tmp_path: Path) -> Session:
+    """The shipped agent at the beginning of episode 0 of the slot."""
+    shared.config = PlayConfig(out=tmp_path)
+    shared.set_paused(False)
+    shared.set_go_on(False)
+    shared.choose_policies("agent")
+    shared.choose_scene("slot", 0.3, "small_cube")
+    shared.reset(0)
+    shared.message = ""
+    return shared
+
+
+def run(session: Session, ticks: int = 150) -> None:
+    for _ in range(ticks):
+        session.tick()
+        if session.ended:
+            return
+
+
+def test_the_agent_reaches_the_goal_and_then_time_stands_still(session) -> None:
+    run(session)
+    shown = session.snapshots[0]
+    assert session.ended
+    assert shown.flags["success"]
+    session.tick()
+    assert session.snapshots[0] is shown
+
+
+def test_a_goal_that_is_moved_is_reached_from_where_the_object_is(session) -> None:
+    for _ in range(10):
+        session.tick()
+    before = session.snapshots[0]
+    session.submit(lambda: session.move_goal(0.35, -0.2))
+    session.paused = True
+    session.tick()
+    now = session.snapshots[0]
+    assert now.object_pose == pytest.approx(before.object_pose, abs=1e-5)
+    assert now.ee_pose == pytest.approx(before.ee_pose, abs=1e-5)
+    assert now.scenario.goal_position == (0.35, -0.2)
+    session.paused = False
+    run(session)
+    assert session.snapshots[0].flags["success"]
+
+
+def test_obstacles_are_added_moved_and_removed_while_it_runs(session) -> None:
+    session.tick()
+    session.add_obstacle("cube")
+    assert len(session.snapshots[0].scenario.obstacles) == 3
+    session.tick()
+    session.move_obstacle(2, 0.7, -0.3, 0.5)
+    assert session.snapshots[0].scenario.obstacles[2].pose == (0.7, -0.3, 0.5)
+    inflated = session.snapshots[0].occupancy
+    session.remove_obstacle(2)
+    assert len(session.snapshots[0].scenario.obstacles) == 2
+    # The planner's map follows.
+    assert session.snapshots[0].occupancy.sum() < inflated.sum()
+
+
+def test_a_command_that_fails_says_why_and_changes_nothing(session) -> None:
+    session.paused = True
+    before = session.snapshots[0]
+    x, y, _ = before.object_pose
+    session.submit(lambda: session.move_obstacle(0, x, y))
+    session.tick()
+    assert session.message == "An obstacle cannot stand where the object is."
+    assert session.snapshots[0] is before
+    session.submit(lambda: session.choose_scene(scene="nowhere"))
+    session.tick()
+    assert "'nowhere'" in session.message
+    assert session.scene == "slot"
+    session.submit(lambda: session.choose_policies("no/such/agent"))
+    session.tick()
+    assert "no 'no/such/agent', expected one of" in session.message
+    assert session.policies == ("agent",)
+
+
+def test_of_the_moves_of_one_drag_only_the_last_is_carried_out(session) -> None:
+    session.paused = True
+    started = []
+    lane = session.lanes[0]
+    start = lane.start
+    lane.start = lambda scenario, seed: started.append(scenario) or start(scenario, seed)
+    for y in np.linspace(0.0, 0.2, 9).tolist():
+        session.submit(lambda y=y: session.move_goal(0.3, y), "goal")
+    session.tick()
+    del lane.start
+    assert [scenario.goal_position for scenario in started] == [(0.3, 0.2)]
+
+
+def test_a_pause_a_single_step_and_the_same_seed_again(session) -> None:
+    first = session.snapshots[0]
+    session.step_once()
+    session.tick()
+    assert session.paused
+    assert session.snapshots[0].step == 1
+    session.set_paused(False)
+    session.tick()
+    after = session.snapshots[0]
+    session.reset(0)
+    assert session.snapshots[0].object_pose == first.object_pose
+    session.tick()
+    session.tick()
+    assert session.snapshots[0].object_pose == after.object_pose
+    session.next_episode()
+    assert session.seed == 1
+    assert session.snapshots[0].object_pose != first.object_pose
+
+
+def test_the_next_episode_begins_by_itself(session) -> None:
+    session.set_go_on(True)
+    run(session)
+    for _ in range(15):
+        session.tick()
+    assert session.seed == 1
+    assert not session.ended
+
+
+def test_two_policies_stand_side_by_side_on_one_scene(session) -> None:
+    session.choose_policies("agent", "hand")
+    agent, hand = session.snapshots
+    assert agent.scenario is hand.scenario
+    assert session.lanes[0].policy is not session.lanes[1].policy
+    for _ in range(8):
+        session.push_by_hand(0.0, 1.0)
+        session.tick()
+    moved = np.subtract(session.snapshots[1].ee_pose, hand.ee_pose)
+    assert moved[:2] == pytest.approx([0.0, 8 * 0.02], abs=0.02)
+    session.add_obstacle("cube")
+    assert [len(shown.scenario.obstacles) for shown in session.snapshots] == [3, 3]
+
+
+def test_the_hand_lets_go_after_a_few_steps(session) -> None:
+    session.choose_policies("hand")
+    session.push_by_hand(0.0, 1.0)
+    for _ in range(8):
+        session.tick()
+    stood = session.snapshots[0].ee_pose
+    session.tick()
+    assert session.snapshots[0].ee_pose == pytest.approx(stood, abs=1e-3)
+
+
+@pytest.mark.parametrize("policy", ["corridor", "scripted"])
+def test_another_policy_shows_its_path_and_sub_goal(session, policy) -> None:
+    session.choose_scene(scene="free")
+    session.choose_policies(policy)
+    session.tick()
+    shown = session.snapshots[0]
+    assert shown.path.shape[1] == 2
+    assert len(shown.subgoal) == 2
+    run(session)
+    assert session.snapshots[0].flags["success"]
+
+
+@pytest.mark.parametrize("pushed_object", ["large_cube", "small_cylinder", "fragment"])
+def test_another_object_is_pushed_without_a_new_environment(session, pushed_object) -> None:
+    lane = session.lanes[0]
+    session.choose_scene(pushed_object=pushed_object)
+    session.tick()
+    assert session.lanes[0] is lane
+    assert session.snapshots[0].scenario.pushed_object == pushed_object
+
+
+def test_the_window_and_its_reconstruction_show_the_obstacles(session) -> None:
+    session.choose_scene(scene="posts", difficulty=1.0)
+    x, y, _ = session.snapshots[0].object_pose
+    session.move_obstacle(0, x + 0.09, y)
+    window, kept = session.snapshots[0].window, session.lanes[0].reconstruction()
+    assert window.shape == kept.shape == (64, 64)
+    assert window.max() > 0.5
+    assert np.abs(kept - window).mean() < 0.05 < kept.max()
+
+
+def test_a_video_is_written_with_a_frame_a_step(session, tmp_path) -> None:
+    session.start_recording()
+    for _ in range(5):
+        session.tick()
+    path = session.recorder.path
+    session.stop_recording()
+    assert path.parent == tmp_path
+    assert session.message == f"Wrote {path}."
+    with imageio.get_reader(path) as video:
+        assert video.count_frames() == 5
+
+
+def test_a_video_ends_when_a_lane_is_added(session) -> None:
+    session.start_recording()
+    session.tick()
+    session.choose_policies("agent", "agent")
+    session.tick()
+    assert session.recorder is None
+
+
+@pytest.fixture(scope="module")
+def evaluated(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("evaluate") / "agent"
+    evaluate(load_agent("small_cube"), load_set("smoke").first(2), folder)
+    return folder
+
+
+def test_a_stored_episode_is_shown_as_it_was(evaluated) -> None:
+    session = Session(PlayConfig(replay=(evaluated,), seed=1))
+    stored = load_trajectory(evaluated, 1)
+    run(session, 1000)
+    shown = session.snapshots[0]
+    assert shown.step == len(stored.contacts)
+    assert shown.object_pose == pytest.approx(stored.object_pose[-1])
+    assert shown.ended
+    session.submit(lambda: session.move_goal(0.3, 0.0))
+    session.tick()
+    assert session.message == "A stored episode cannot be changed."
+    session.next_episode()
+    assert session.seed == 0
+    session.submit(lambda: session.reset(7))
+    session.tick()
+    assert session.message == "No episode 7 is stored; there are 2 from 0 to 1."
+
+
+def test_a_folder_that_is_no_evaluation_is_an_error(tmp_path) -> None:
+    with pytest.raises(ValueError, match="no evaluation's folder"):
+        Session(PlayConfig(replay=(tmp_path,)))
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("scene", "nowhere"),
+        ("pushed_object", "ball"),
+        ("policy", ()),
+        ("difficulty", 2.0),
+        ("port", -1),
+    ],
+)
+def test_a_wrong_setting_is_named(field, value) -> None:
+    with pytest.raises(ValueError, match=f"PlayConfig: {field} must"):
+        PlayConfig(**{field: value})
