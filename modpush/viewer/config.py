@@ -1,8 +1,12 @@
 """`PlayConfig`: what the page starts with."""
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
+from pydantic import Field, Strict
+
+from modpush._types import Fraction, Name, NonNegativeInteger
+from modpush._validation import checked
 from modpush.envs.scenes.layouts import SCENES
 from modpush.envs.scenes.objects import OBJECTS
 
@@ -12,36 +16,38 @@ CONTROL_FREQ = 15
 """Control steps per second of simulated time [Hz]."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked
 class PlayConfig:
     """What the page starts with; all but address and folders can be changed on the page."""
 
-    policy: tuple[str, ...] = ("agent",)
+    policy: Annotated[tuple[Name, ...], Strict(False), Field(min_length=1, max_length=2)] = (
+        "agent",
+    )
     """One policy, or two that are shown side by side on the same scene: agent (the shipped one),
     corridor, corridor_faithful, scripted, hand, an agent's file, or a training run's folder."""
-    scene: str = "slot"
+    scene: Name = "slot"
     """Scene family that episodes are drawn from."""
-    pushed_object: str = "small_cube"
+    pushed_object: Name = "small_cube"
     """Name of the pushed object."""
-    difficulty: float = 0.3
+    difficulty: Fraction = 0.3
     """Difficulty of the scenes, 0 to 1."""
-    seed: int = 0
+    seed: NonNegativeInteger = 0
     """Seed of the first episode; in a replay, the number of the episode."""
-    replay: tuple[Path, ...] = ()
+    replay: Annotated[tuple[Path, ...], Strict(False), Field(max_length=2)] = ()
     """One or two folders that an evaluation wrote, whose episodes are shown instead of running
     policies."""
     paused: bool = False
     """Start paused."""
-    host: str = "127.0.0.1"
+    host: Name = "127.0.0.1"
     """Address to listen on; the default is reached from this machine only. The page has no password:
     whoever reaches it can use it."""
-    port: int = 8080
+    port: Annotated[int, Field(ge=0, le=65535)] = 8080
     """Port to listen on; if it is taken, the next free one is used and printed."""
     out: Path = Path("runs/play")
     """Folder that recorded videos are written to."""
 
     def __post_init__(self) -> None:
-        """Check names and ranges."""
+        """Check the names."""
         for name, value, known in (
             ("scene", self.scene, SCENES),
             ("pushed_object", self.pushed_object, OBJECTS),
@@ -50,13 +56,3 @@ class PlayConfig:
                 raise ValueError(
                     f"PlayConfig: {name} must be one of {sorted(known)}, got {value!r}."
                 )
-        for name, count, least in (
-            ("policy", len(self.policy), 1),
-            ("replay", len(self.replay), 0),
-        ):
-            if not least <= count <= 2:
-                raise ValueError(f"PlayConfig: {name} must name one or two, got {count}.")
-        if not 0 <= self.difficulty <= 1:
-            raise ValueError(f"PlayConfig: difficulty must be in [0, 1], got {self.difficulty}.")
-        if not 0 <= self.port < 65536:
-            raise ValueError(f"PlayConfig: port must be in [0, 65535], got {self.port}.")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import torch
 
+from modpush._extras import require_extra
 from modpush.viewer.config import CONTROL_FREQ, PlayConfig
 from modpush.viewer.controls import Controls
 from modpush.viewer.lane_view import LaneView
@@ -34,7 +35,7 @@ class Page:
         config: What the page starts with.
 
     Raises:
-        ModuleNotFoundError: If viser is not installed; the message says how to install it.
+        MissingExtraError: If viser is not installed; the message says how to install it.
         ValueError: If a policy or a folder of the config is not there.
     """
 
@@ -112,15 +113,13 @@ class Page:
 
 
 def _make_server(config: PlayConfig) -> "ViserServer":
-    try:
-        import viser
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            "modpush.viewer.play needs viser: pip install 'modpush[view]'."
-        ) from error
+    require_extra("modpush.viewer.play", "viser")
+    import viser
+
     with contextlib.redirect_stdout(io.StringIO()):  # `play` prints the address
         server = viser.ViserServer(host=config.host, port=config.port, label="modpush")
     server.scene.set_up_direction("+z")
+    server.scene.configure_default_lights(cast_shadow=False)  # slow where WebGL runs in software
     two = len(config.policy) > 1 or len(config.replay) > 1
     server.initial_camera.position = (1.75, 0.0, 1.0) if two else (1.25, -0.55, 0.85)
     server.initial_camera.look_at = (0.40, 0.0, 0.05)
@@ -134,7 +133,7 @@ def play(config: PlayConfig | None = None) -> None:
         config: What the page starts with.
 
     Raises:
-        ModuleNotFoundError: If viser is not installed; the message says how to install it.
+        MissingExtraError: If viser is not installed; the message says how to install it.
         ValueError: If a policy or a folder of the config is not there.
     """
     config = config or PlayConfig()
