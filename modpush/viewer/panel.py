@@ -52,6 +52,6 @@ class Panel:
         def _(event: Any) -> None:
             if event.client is not None:  # None: `update` has set the value
                 value = handle.value
-                self.session.submit(lambda: command(value), key=handle)
+                self.session.submit(lambda: command(value), key=id(handle))
 
         return handle
