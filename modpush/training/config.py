@@ -10,7 +10,7 @@ from modpush.mdp.curriculum import CurriculumConfig
 from modpush.recipes.config import END_TO_END, PushEnvConfig
 from modpush.replay.config import ReplayConfig
 
-__all__ = ["TrainConfig"]
+__all__ = ["TrainConfig", "field_differences"]
 
 _MAY_CHANGE = {"total_steps", "evaluate_every", "log_every", "checkpoint_every", "progress"}
 """Fields that a resumed run may set differently."""
@@ -98,19 +98,20 @@ class TrainConfig:
 
     def differences(self, stored: "TrainConfig") -> list[str]:
         """Fields that differ from a stored run's and may not, as `"name: stored -> now"`."""
-        return _differences(stored.fixed_fields(), self.fixed_fields(), "")
+        return field_differences(stored.fixed_fields(), self.fixed_fields())
 
     def fixed_fields(self) -> dict[str, Any]:
         """All fields that a resumed run must have in common with what it resumes, as plain data."""
         return {name: value for name, value in asdict(self).items() if name not in _MAY_CHANGE}
 
 
-def _differences(stored: dict[str, Any], now: dict[str, Any], prefix: str) -> list[str]:
+def field_differences(stored: dict[str, Any], now: dict[str, Any], prefix: str = "") -> list[str]:
+    """Fields that differ between two configs as plain data, as `"name: stored -> now"`."""
     found: list[str] = []
     for name in now:
         a, b = stored[name], now[name]
         if isinstance(a, dict) and isinstance(b, dict) and set(a) == set(b):
-            found += _differences(a, b, f"{prefix}{name}.")
+            found += field_differences(a, b, f"{prefix}{name}.")
         elif a != b:
             found.append(f"{prefix}{name}: {a!r} -> {b!r}")
     return found

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 from torchrl.checkpoint import GlobalRNGState
 
-from modpush._hash import data_hash
 from modpush.recipes.agent_file import save_agent
 from modpush.recipes.fingerprint import fingerprint_differences
 from modpush.replay.state import buffer_state, load_buffer_state
+from modpush.training.config import field_differences
 from modpush.training.rollout import Rollout
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def trainer_state(
     """
     learner = trainer.learner
     return {
-        "run": _run_hash(trainer),
+        "config": trainer.config.fixed_fields(),
         "fingerprint": trainer.specs.fingerprint,
         "loss": dict(learner.agent.loss.state_dict()),
         "optimizer": learner.agent.optimizer.state_dict(),
@@ -60,8 +60,7 @@ def load_trainer_state(trainer: "Trainer", state: dict[str, Any]) -> None:
         ValueError: If the state is that of another run.
     """
     differences = fingerprint_differences(state["fingerprint"], trainer.specs.fingerprint)
-    if state["run"] != _run_hash(trainer):
-        differences.append("the config is another")
+    differences += field_differences(state["config"], trainer.config.fixed_fields())
     if differences:
         raise ValueError(
             f"Trainer: the checkpoints in {trainer.folder.path} are of another run: "
@@ -113,7 +112,3 @@ def save_trained_agent(trainer: "Trainer", path: Path, summary: dict[str, float]
             "held_out": summary,
         },
     )
-
-
-def _run_hash(trainer: "Trainer") -> str:
-    return data_hash(trainer.config.fixed_fields())
