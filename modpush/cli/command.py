@@ -16,8 +16,9 @@ __all__ = ["SUBCOMMANDS", "run_command"]
 
 SUBCOMMANDS = {
     "demo": "Watch the trained agent beside the corridor controller, in every scene family.",
-    "train": "Train an agent: environment and learner side by side on two cores.",
+    "train": "Train an agent: environment and learner in a process each, on two cores.",
     "evaluate": "Evaluate policies on the evaluation sets: tables beside the paper's, pictures, videos.",
+    "play": "Push in the browser, at `http://localhost:8080`, without a GPU or a renderer.",
     "export": "Write an agent's policy as ONNX or torch.export graphs, with a card.",
 }
 """What each subcommand does. `modpush.cli.<name>` has a function `main(arguments)`."""

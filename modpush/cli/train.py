@@ -1,4 +1,4 @@
-"""Train an agent: environment and learner side by side on two cores.
+"""Train an agent: environment and learner in a process each, on two cores.
 
     modpush train cpu --out runs/train            # what `make train` runs, 21 minutes
     modpush train cpu --out runs/train --resume   # go on after an interrupt
