@@ -19,13 +19,13 @@ class TimeControls:
         self.speed = 1.0
         """How many times faster than real time it runs."""
         with panel.gui.add_folder("Time"):
-            self._paused = panel.on_change(
+            self._paused = panel.field(
                 panel.gui.add_checkbox("Pause", session.paused), session.set_paused
             )
             panel.button("Single step", session.step_once, "N")
             speed = panel.gui.add_dropdown("Speed", _SPEEDS, initial_value="1")
             speed.on_update(self._set_speed)
-            panel.on_change(
+            panel.field(
                 panel.gui.add_checkbox("Go on after the end", session.go_on), session.set_go_on
             )
             self._record = panel.button("Record a video", self._toggle_recording)
@@ -41,7 +41,7 @@ class TimeControls:
 
     def update(self) -> None:
         """Show how the session stands."""
-        assign(self._paused, "value", self._session.paused)
+        self._paused.show(self._session.paused)
         recording = self._session.recorder is not None
         assign(self._record, "label", "Stop recording" if recording else "Record a video")
 
@@ -53,22 +53,22 @@ class EpisodeControls:
         self._session = session = panel.session
         gui = panel.gui
         with gui.add_folder("Episode"):
-            self._seed = panel.on_change(
+            self._seed = panel.field(
                 gui.add_number(
                     "Stored episode" if session.replaying else "Seed", session.seed, min=0, step=1
                 ),
                 lambda seed: session.reset(int(seed)),
             )
             if not session.replaying:
-                self._scene = panel.on_change(
+                self._scene = panel.field(
                     gui.add_dropdown("Scene", tuple(SCENES), initial_value=session.scene),
                     lambda name: session.choose_scene(scene=name),
                 )
-                self._difficulty = panel.on_change(
+                self._difficulty = panel.field(
                     gui.add_slider("Difficulty", 0.0, 1.0, 0.05, session.difficulty),
                     lambda value: session.choose_scene(difficulty=float(value)),
                 )
-                self._object = panel.on_change(
+                self._object = panel.field(
                     gui.add_dropdown("Object", tuple(OBJECTS), initial_value=session.pushed_object),
                     lambda name: session.choose_scene(pushed_object=name),
                 )
@@ -79,8 +79,8 @@ class EpisodeControls:
     def update(self) -> None:
         """Show how the session stands."""
         session = self._session
-        assign(self._seed, "value", session.seed)
+        self._seed.show(session.seed)
         if not session.replaying:
-            assign(self._scene, "value", session.scene)
-            assign(self._difficulty, "value", session.difficulty)
-            assign(self._object, "value", session.pushed_object)
+            self._scene.show(session.scene)
+            self._difficulty.show(session.difficulty)
+            self._object.show(session.pushed_object)

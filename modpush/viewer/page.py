@@ -121,7 +121,7 @@ def _make_server(config: PlayConfig) -> "ViserServer":
     server.scene.set_up_direction("+z")
     server.scene.configure_default_lights(cast_shadow=False)  # slow where WebGL runs in software
     two = len(config.policy) > 1 or len(config.replay) > 1
-    server.initial_camera.position = (1.75, 0.0, 1.0) if two else (1.25, -0.55, 0.85)
+    server.initial_camera.position = (1.75, 0.0, 1.0) if two else (1.08, -0.45, 0.72)
     server.initial_camera.look_at = (0.40, 0.0, 0.05)
     return server
 

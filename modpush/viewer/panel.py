@@ -10,7 +10,7 @@ from modpush.viewer.session import Session
 if TYPE_CHECKING:
     from viser import GuiApi
 
-__all__ = ["Panel", "assign"]
+__all__ = ["Field", "Panel", "assign"]
 
 
 def assign(handle: Any, field: str, value: Any) -> None:
@@ -45,13 +45,42 @@ class Panel:
             lambda _: self.session.submit(command)
         )
 
-    def on_change(self, handle: Any, command: Callable[[Any], object]) -> Any:
-        """Send a command with each value that a person sets; returns the element."""
+    def field(self, handle: Any, command: Callable[[Any], object]) -> "Field":
+        """Send a command with each value that a person sets in an element."""
+        return Field(self.session, handle, command)
 
-        @handle.on_update
-        def _(event: Any) -> None:
-            if event.client is not None:  # None: `update` has set the value
-                value = handle.value
-                self.session.submit(lambda: command(value), key=id(handle))
 
-        return handle
+class Field:
+    """An element that shows a value of the session and lets a person set it.
+
+    Args:
+        session: What carries out the command.
+        handle: The element.
+        command: Called with what a person has set.
+    """
+
+    def __init__(self, session: Session, handle: Any, command: Callable[[Any], object]) -> None:
+        self._session, self._handle, self._command = session, handle, command
+        self._shown: Any = handle.value
+        handle.on_update(self._on_update)
+
+    # `async`, since viser then calls it before anything else can change the value.
+    async def _on_update(self, event: Any) -> None:
+        if event.client is not None:  # None: `show` has set it
+            value = self._handle.value
+            self._session.submit(lambda: self._set(value), key=id(self))
+
+    def _set(self, value: Any) -> None:
+        try:
+            self._command(value)
+        finally:
+            self._shown = None  # a value that is refused is taken back
+
+    def show(self, value: Any) -> None:
+        """Show the session's value where it has changed.
+
+        It is not compared with the element's own, which a person may just have set.
+        """
+        if self._shown is None or not np.array_equal(self._shown, value):
+            self._shown = value
+            self._handle.value = value

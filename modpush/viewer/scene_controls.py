@@ -4,7 +4,7 @@ import functools
 from typing import Any
 
 from modpush.viewer.edits import OBSTACLE_SIZES
-from modpush.viewer.panel import Panel, assign
+from modpush.viewer.panel import Panel
 from modpush.viewer.policies import POLICIES
 
 __all__ = ["HandControls", "PolicyControls", "SceneControls"]
@@ -36,8 +36,7 @@ class PolicyControls:
                 "Agent file", "", hint="File of an agent, or folder of a training run."
             )
             panel.button("Load the agent file", self._load)
-        for handle in (self._first, self._second):
-            panel.on_change(handle, self._choose)
+        self._fields = [panel.field(handle, self._choose) for handle in (self._first, self._second)]
 
     def _names(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys((*POLICIES, *self._session.policies)))
@@ -54,8 +53,8 @@ class PolicyControls:
         names, policies = self._names(), self._session.policies
         if not set(names) <= set(self._first.options):
             self._first.options, self._second.options = names, (_NONE, *names)
-        assign(self._first, "value", policies[0])
-        assign(self._second, "value", (*policies, _NONE)[1])
+        for field, value in zip(self._fields, (*policies, _NONE)[:2], strict=True):
+            field.show(value)
 
 
 class SceneControls:
@@ -69,7 +68,7 @@ class SceneControls:
             panel.gui.add_markdown(
                 "Drag the goal and the obstacles. Shift-drag turns an obstacle, a click selects it."
             )
-            self._goal = panel.on_change(
+            self._goal = panel.field(
                 panel.gui.add_vector2("Goal [m]", self._goal_now(), step=0.01),
                 lambda goal: session.move_goal(*goal),
             )
@@ -93,7 +92,7 @@ class SceneControls:
 
     def update(self) -> None:
         """Show where the goal is."""
-        assign(self._goal, "value", self._goal_now())
+        self._goal.show(self._goal_now())
 
 
 class HandControls:
