@@ -125,6 +125,7 @@ class CpuScene:
         x, y, yaw = scenario.object_pose
         entity.pose = bodies.yaw_pose(x, y, item.height / 2, yaw)
         body.linear_velocity = body.angular_velocity = _STILL
+        body.wake_up()  # the time that it had been almost at rest would count on
         wanted, (unit, axes) = scenario.dynamics, self._unit_inertia[item.name]
         body.mass = wanted.mass
         body.inertia = unit * wanted.mass
