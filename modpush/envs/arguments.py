@@ -18,9 +18,11 @@ from modpush.envs.specs import ACTION_SIZE
 
 __all__ = [
     "check_action",
+    "check_alone",
     "check_options",
     "check_scenarios",
     "check_simulation",
+    "chosen_scenes",
     "make_scenario_config",
     "parameter_names",
     "refuse_unknown",
@@ -168,6 +170,30 @@ def check_scenarios(scenarios: Sequence[Scenario], count: int) -> None:
                 f"{who}: scenarios[{index}] must start more than {GOAL_THRESHOLD} m from its goal, "
                 f"got {distance:.3g} m: it would have ended before its first step."
             )
+
+
+def check_alone(**others: Any) -> None:
+    """Refuse arguments of `PushEnv.reset` that cannot be given with `state`.
+
+    Raises:
+        ValueError: If one of them is not None.
+    """
+    if given := sorted(name for name, value in others.items() if value is not None):
+        raise ValueError(f"PushEnv.reset: with state, {' and '.join(given)} must be None.")
+
+
+def chosen_scenes(who: str, indices: Sequence[int] | None, num_envs: int) -> list[int]:
+    """Indices of scenes that a user names, or of all if they are None.
+
+    Raises:
+        ValueError: If one is out of range or given twice.
+    """
+    chosen = list(range(num_envs)) if indices is None else [int(i) for i in indices]
+    if len(set(chosen)) < len(chosen) or not all(0 <= i < num_envs for i in chosen):
+        raise ValueError(
+            f"{who}: indices must be different and in [0, {num_envs - 1}], got {chosen}."
+        )
+    return chosen
 
 
 def check_action(action: Tensor, num_envs: int) -> None:

@@ -10,20 +10,24 @@ from torchrl.envs import EnvBase
 
 from modpush.envs.arguments import (
     check_action,
+    check_alone,
     check_options,
     check_scenarios,
+    chosen_scenes,
     make_scenario_config,
+    parameter_names,
     refuse_unknown,
     scenes_to_reset,
 )
 from modpush.envs.depth.base import DepthCameraFactory
 from modpush.envs.entries import state_entries
 from modpush.envs.outcome import episode_status
-from modpush.envs.push_state import PushState
+from modpush.envs.push_state import PushState, check_state, object_digest
 from modpush.envs.robot.ur5_2f85 import ToolName
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.envs.sim.build_batch import build_batch
+from modpush.envs.sim.seeding import make_generators
 from modpush.envs.specs import make_specs
 from modpush.geometry.workspace import Rectangle
 
@@ -72,10 +76,11 @@ class PushEnv(EnvBase):
     done                    `[B, 1]` bool        terminated or truncated
     ======================= ==================== =====================================================
 
-    `reset(tensordict, scenarios=None, seed=None)` starts new episodes in the scenes where the key
-    `"_reset"` is True, or in all without that key. With `scenarios` they start from those, one for
-    each scene that is reset, instead of drawing them. With `seed` the random numbers of these scenes
-    start anew, those of scene `i` from `seed + i`, as `set_seed` does for all scenes.
+    `reset(tensordict, scenarios=None, seed=None, state=None)` starts new episodes in the scenes where
+    the key `"_reset"` is True, or in all without that key. With `scenarios` they start from those, one
+    for each of these scenes, instead of drawing them. With `seed` their random numbers start anew, those
+    of scene `i` from `seed + i`, as `set_seed` does for all scenes. With `state` they are put into a
+    state of `get_state`, through transforms too; TorchRL refuses one whose episode is done.
 
     Args:
         num_envs: Number of scenes.
@@ -130,6 +135,8 @@ class PushEnv(EnvBase):
         self.scenario = make_scenario_config("PushEnv", scenario, fields, type(self).__init__)
         self.pushed_objects = {item.name: item for item in self.scenario.objects}
         """The objects that may be pushed, by name."""
+        simulation: dict[str, Any] = {"sim_freq": sim_freq, "control_freq": control_freq}
+        simulation["dynamic_obstacles"] = dynamic_obstacles
         self._batch = build_batch(
             num_envs,
             torch.device(device),
@@ -138,12 +145,12 @@ class PushEnv(EnvBase):
             pictures=pictures,
             scenario=self.scenario,
             robot_uids=f"ur5_{tool}",
-            dynamic_obstacles=dynamic_obstacles,
-            sim_freq=sim_freq,
-            control_freq=control_freq,
+            **simulation,
         )
         self.is_closed = False  # TorchRL says True, and would not close it then
         self._tool, self._depth, self._dynamic_obstacles = tool, depth, dynamic_obstacles
+        self._config = {"tool": tool, "device": self.device.type, **simulation}
+        self._digests = {name: object_digest(item) for name, item in self.pushed_objects.items()}
         self._max_episode_steps, self._oob = max_episode_steps, oob
         self._step_count, self._started = np.zeros(num_envs, dtype=np.int64), False
         self._set_seed(seed)
@@ -162,24 +169,25 @@ class PushEnv(EnvBase):
         self._scenario = config
 
     def _set_seed(self, seed: int | None) -> None:
-        self._rngs = [
-            np.random.default_rng(None if seed is None else seed + i)
-            for i in range(self.batch_size[0])
-        ]
+        self._rngs = make_generators(seed, self.batch_size[0])
 
     def _reset(
         self,
         tensordict: TensorDictBase | None = None,
         scenarios: Sequence[Scenario] | None = None,
         seed: int | None = None,
+        state: PushState | None = None,
         **unknown: Any,
     ) -> TensorDictBase:
         """Start new episodes; the arguments are explained in the docstring of `PushEnv`."""
-        refuse_unknown("PushEnv.reset", unknown, "some of ['scenarios', 'seed', 'tensordict']")
+        refuse_unknown("PushEnv.reset", unknown, f"some of {parameter_names(self._reset)}")
         self._check_open("reset")
         indices = scenes_to_reset(tensordict, self.batch_size[0])
         if not self._started and len(indices) < self.batch_size[0]:
             raise RuntimeError("PushEnv.reset: the first reset must be of all scenes.")
+        if state is not None:
+            check_alone(scenarios=scenarios, seed=seed)
+            return self.set_state(state, indices)
         if seed is not None:
             for i in indices:
                 self._rngs[i] = np.random.default_rng(seed + i)
@@ -212,13 +220,9 @@ class PushEnv(EnvBase):
         """All keys of the present state; the reward only after a step."""
         batch = self._batch
         measured = batch.measure()
+        position, limit = measured.object_pose[:, :2], self._max_episode_steps
         status = episode_status(
-            measured.object_pose[:, :2],
-            batch.goal_position,
-            self.bounds,
-            self._step_count,
-            self._max_episode_steps,
-            self._oob,
+            position, batch.goal_position, self.bounds, self._step_count, limit, self._oob
         )
         entries = state_entries(batch, measured, status)
         if self._dynamic_obstacles:
@@ -243,10 +247,7 @@ class PushEnv(EnvBase):
         return self.scenario.bounds()
 
     def cast(self, index: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Depth [m] and label at single pixels `[..., 2]` (u, v) of one scene's image.
-
-        The values are those of the image, which is not drawn; for a small window this is faster.
-        """
+        """Depth [m] and label at pixels `[..., 2]` (u, v) of one scene's image, without drawing it."""
         self._check_open("cast")
         return self._batch.cast(index, pixels)
 
@@ -256,39 +257,39 @@ class PushEnv(EnvBase):
         return self._batch.render(index)
 
     def get_state(self, indices: Sequence[int] | None = None) -> PushState:
-        """A copy of the state of some scenes (default: all), for `set_state`."""
-        self._check_open("get_state")
-        indices = range(self.batch_size[0]) if indices is None else indices
+        """A copy of the state of some scenes (default: all), for `set_state` and `reset`."""
+        self._check_open("get_state", started=True)
+        chosen = chosen_scenes("PushEnv.get_state", indices, self.batch_size[0])
         return PushState(
-            tuple(self._batch.get_state(i) for i in indices),
-            tuple(int(self._step_count[i]) for i in indices),
-            tuple(self._rngs[i].bit_generator.state for i in indices),
+            scenes=tuple(self._batch.get_state(i) for i in chosen),
+            step_count=tuple(self._step_count[chosen].tolist()),
+            rngs=tuple(self._rngs[i].bit_generator.state for i in chosen),
+            config=self._config,
+            objects=self._digests,
         )
 
     def set_state(self, state: PushState, indices: Sequence[int] | None = None) -> TensorDictBase:
-        """Put scenes into a state, and return all keys of all scenes.
+        """Put scenes into a state and return all keys; under transforms use `reset(state=...)`.
 
-        Two continuations from one state are equal to the last bit on a CPU. A continuation may
-        differ from the run that the state was taken from by PhysX's contact cache, which cannot be
-        read.
+        Continuations of one state are equal to the last bit on a CPU, also in another environment. One
+        may differ from the run that the state was taken from, by PhysX's contact cache.
 
         Raises:
-            ValueError: If the state is of another number of scenes than `indices`.
+            TypeError: If it is no `PushState`.
+            ValueError: If it is damaged or of another environment; then nothing has changed.
         """
         self._check_open("set_state")
-        indices = range(self.batch_size[0]) if indices is None else indices
-        if len(indices) != len(state.scenes):
-            raise ValueError(
-                f"PushEnv.set_state: the state holds {len(state.scenes)} scenes, "
-                f"expected {len(indices)}."
-            )
-        if not self._started and len(indices) != self.batch_size[0]:
+        chosen = chosen_scenes("PushEnv.set_state", indices, self.batch_size[0])
+        if not self._started and len(chosen) != self.batch_size[0]:
             raise RuntimeError("PushEnv.set_state: reset or set all scenes first.")
+        check_state(state, len(chosen), self._config, self._digests)
+        rows = list(zip(chosen, state.scenes, state.step_count, state.rngs, strict=True))
+        for i, scene, _, _ in rows:
+            self._batch.check_state(i, scene)
         self._started = True
-        for row, i in enumerate(indices):
-            self._batch.set_state(i, state.scenes[row])
-            self._step_count[i] = state.step_count[row]
-            self._rngs[i].bit_generator.state = state.rngs[row]
+        for i, scene, steps, rng in rows:
+            self._batch.set_state(i, scene)
+            self._step_count[i], self._rngs[i].bit_generator.state = steps, rng
         return self._observe()
 
     def close(self, *, raise_if_closed: bool = True) -> None:

@@ -1,17 +1,25 @@
 """`PushState`: what `PushEnv.get_state` returns."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-from modpush.envs.sim.batch import SceneState
+import numpy as np
 
-__all__ = ["PushState"]
+from modpush.envs.scenes.objects import PushedObject
+from modpush.envs.sim.scene_state import SceneState
+
+__all__ = ["PushState", "check_state", "object_digest"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PushState:
-    """A state of some scenes of a `PushEnv`, which `PushEnv.set_state` restores."""
+    """A state of some scenes of a `PushEnv`, which `PushEnv.set_state` restores.
+
+    It holds plain data only; `to_dict` and `from_dict` lead to JSON and back without a loss.
+    """
 
     scenes: tuple[SceneState, ...]
     """Physics, layout and controller of each scene."""
@@ -19,3 +27,108 @@ class PushState:
     """Number of steps since the reset of each scene."""
     rngs: tuple[Mapping[str, Any], ...]
     """State of the random number generator of each scene."""
+    config: Mapping[str, Any]
+    """Options of the environment that a state belongs to: tool, movable obstacles, frequencies,
+    kind of device."""
+    objects: Mapping[str, str]
+    """Digest of every object of that environment, by name."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain lists, numbers and strings, ready for JSON."""
+        return {
+            "scenes": [scene.to_dict() for scene in self.scenes],
+            "step_count": list(self.step_count),
+            "rngs": [dict(rng) for rng in self.rngs],
+            "config": dict(self.config),
+            "objects": dict(self.objects),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "PushState":
+        """Inverse of `to_dict`, also after a way through JSON.
+
+        Raises:
+            ValueError: If a field is missing, unknown or malformed.
+        """
+        expected = {field.name for field in fields(cls)}
+        if not isinstance(data, Mapping) or set(data) != expected:
+            names = sorted(data) if isinstance(data, Mapping) else data
+            raise ValueError(f"PushState: expected the fields {sorted(expected)}, got {names!r}.")
+        kinds = {"scenes": list, "step_count": list, "rngs": list, "config": dict, "objects": dict}
+        for name, kind in kinds.items():
+            if not isinstance(data[name], kind):
+                raise ValueError(
+                    f"PushState: {name} must be a {kind.__name__}, got {data[name]!r}."
+                )
+        return cls(
+            scenes=tuple(SceneState.from_dict(scene) for scene in data["scenes"]),
+            step_count=tuple(data["step_count"]),
+            rngs=tuple(data["rngs"]),
+            config=data["config"],
+            objects=data["objects"],
+        )
+
+
+def object_digest(item: PushedObject) -> str:
+    """A digest of all that an object is."""
+    text = json.dumps(asdict(item), sort_keys=True, default=float)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def check_state(
+    state: PushState, count: int, config: Mapping[str, Any], objects: Mapping[str, str]
+) -> None:
+    """Check that a state can be restored in an environment.
+
+    Args:
+        state: The state.
+        count: Number of scenes that are to be put into it.
+        config: The environment's options that a state belongs to.
+        objects: Digests of the environment's objects, by name.
+
+    Raises:
+        TypeError: If it is no `PushState`.
+        ValueError: If it is of another environment or number of scenes, or damaged.
+    """
+    who = "PushEnv.set_state"
+    if not isinstance(state, PushState):
+        raise TypeError(f"{who}: state must be a PushState, got {type(state).__name__}.")
+    if len(state.scenes) != count:
+        raise ValueError(f"{who}: the state holds {len(state.scenes)} scenes, expected {count}.")
+    if dict(state.config) != dict(config):
+        names = sorted(set(state.config) | set(config))
+        differences = [
+            f"{name}={state.config.get(name)!r} (this one has {config.get(name)!r})"
+            for name in names
+            if state.config.get(name) != config.get(name)
+        ]
+        raise ValueError(f"{who}: the state is of an environment with {', '.join(differences)}.")
+    for scene in state.scenes:
+        name = scene.scenario.pushed_object
+        if name not in objects:
+            raise ValueError(
+                f"{who}: the state's object {name!r} is not in this environment, which has "
+                f"{sorted(objects)}."
+            )
+        if state.objects.get(name) != objects[name]:
+            raise ValueError(
+                f"{who}: the state's object {name!r} is another than this environment's of that "
+                "name."
+            )
+    _check_counts_and_rngs(who, state.step_count, state.rngs, count)
+
+
+def _check_counts_and_rngs(
+    who: str, steps: Sequence[Any], rngs: Sequence[Mapping[str, Any]], count: int
+) -> None:
+    if len(steps) != count or not all(type(n) is int and n >= 0 for n in steps):
+        raise ValueError(f"{who}: step_count must be {count} integers >= 0, got {steps!r}.")
+    if len(rngs) != count:
+        raise ValueError(f"{who}: the state holds {len(rngs)} random states, expected {count}.")
+    for rng in rngs:
+        try:
+            np.random.default_rng(0).bit_generator.state = rng
+        except (TypeError, ValueError, KeyError, OverflowError) as error:
+            raise ValueError(
+                f"{who}: the state of a random number generator is damaged ({error})."
+            ) from error

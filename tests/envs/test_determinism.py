@@ -1,6 +1,8 @@
 """An episode depends on its start and its actions only, a continuation on its state, to the last bit."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import cycle, islice
 
 import numpy as np
 import pytest
@@ -82,6 +84,19 @@ def test_continuations_of_one_state_are_equal_in_this_and_another_environment(co
     assert touched > 0.3 * len(draw(count))  # in the midst of pushing
     env.close()
     other.close()
+
+
+def test_the_time_that_an_object_has_been_slow_does_not_count_on() -> None:
+    """PhysX counts how long a body has been almost at rest; in this one of 100 scenarios it told."""
+    rng, config = np.random.default_rng(0), ScenarioConfig(pushed_object="small_cube")
+    for scene in islice(cycle(SCENES), 26):
+        scenario = sample_scenario(rng, replace(config, scene=scene), tool="2f85")
+    env = make_env()
+    push(env, env.reset(scenarios=[scenario]), [25], 20)
+    state = env.get_state()
+    first, again = (push(env, env.set_state(state), [225], 30) for _ in range(2))
+    np.testing.assert_array_equal(again, first)
+    env.close()
 
 
 def test_settings_of_another_environment_in_the_process_change_nothing() -> None:

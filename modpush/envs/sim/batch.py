@@ -2,8 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -16,9 +15,10 @@ from modpush.envs.depth.image_memory import ImageMemory
 from modpush.envs.scenes.drawing import draw_top_view
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES
 from modpush.envs.scenes.scenario import Scenario
+from modpush.envs.sim.scene_state import SceneState
 from modpush.envs.sim.task import ClutterPushEnv
 
-__all__ = ["Measurement", "SceneBatch", "SceneState"]
+__all__ = ["Measurement", "SceneBatch"]
 
 
 class Measurement(NamedTuple):
@@ -34,22 +34,6 @@ class Measurement(NamedTuple):
     """What touched during the last step, `[B, 3]`, in the order of `CONTACT_KEYS`."""
     target_reachable: NDArray[np.bool_]
     """False where the commanded pose had no solution, `[B]`."""
-
-
-@dataclass(frozen=True)
-class SceneState:
-    """Everything that the future of one scene depends on."""
-
-    scenario: Scenario
-    """What the episode started from."""
-    physics: Any
-    """PhysX's packed state on a CPU, ManiSkill's state dictionary on CUDA."""
-    target: tuple[float, float, float]
-    """The controller's commanded pose (x, y, yaw) [m, m, rad]."""
-    contacts: tuple[bool, bool, bool]
-    """What touched during the last step, in the order of `CONTACT_KEYS`."""
-    target_reachable: bool
-    """False where the commanded pose had no solution."""
 
 
 class SceneBatch(ABC):
@@ -97,6 +81,10 @@ class SceneBatch(ABC):
     @abstractmethod
     def get_state(self, index: int) -> SceneState:
         """A copy of the state of one scene."""
+
+    @abstractmethod
+    def check_state(self, index: int, state: SceneState) -> None:
+        """Refuse a state that `set_state` could not restore; nothing changes."""
 
     @abstractmethod
     def set_state(self, index: int, state: SceneState) -> None:

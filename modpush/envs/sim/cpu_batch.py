@@ -11,7 +11,8 @@ from torch import Tensor
 from modpush.envs.depth.base import DepthCameraFactory
 from modpush.envs.robot.control_cpu import plan_motion_cpu
 from modpush.envs.scenes.scenario import Scenario
-from modpush.envs.sim.batch import Measurement, SceneBatch, SceneState
+from modpush.envs.sim.batch import Measurement, SceneBatch
+from modpush.envs.sim.scene_state import SceneState, check_packed
 from modpush.envs.sim.task import ClutterPushEnv
 
 __all__ = ["CpuBatch"]
@@ -103,17 +104,23 @@ class CpuBatch(SceneBatch):
         first, second, third = scene.contacts.touched
         return SceneState(
             scenario=self.scenario(index),
-            physics=scene.physics.pack(),
+            physics=np.frombuffer(scene.physics.pack(), dtype=np.float32),
             target=(x, y, yaw),
             contacts=(first, second, third),
             target_reachable=bool(self._target_reachable[index]),
         )
 
+    def check_state(self, index: int, state: SceneState) -> None:
+        """See `SceneBatch`."""
+        movable = len(state.scenario.obstacles) if self.tasks[index].dynamic_obstacles else 0
+        check_packed(state.physics, 1 + movable)
+        self._scenes[index].start_joints(state.scenario)
+
     def set_state(self, index: int, state: SceneState) -> None:
         """See `SceneBatch`. The layout comes first, so that PhysX's packed state finds all bodies."""
         scene = self._scenes[index]
         self.tasks[index].start(state.scenario)
-        scene.physics.unpack(state.physics)
+        scene.physics.unpack(state.physics.tobytes())
         scene.contacts.touched = list(state.contacts)
         self._after_change(index, state.scenario, state.target)
         self._target_reachable[index] = state.target_reachable

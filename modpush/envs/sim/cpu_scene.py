@@ -82,7 +82,7 @@ class CpuScene:
         Raises:
             ValueError: If the arm cannot reach the tool's pose, or if there is no such object.
         """
-        self._start_joints(scenario)
+        self.start_joints(scenario)
         old = self._scene.sub_scenes[0]
         for entity in (*self._entities.values(), *obstacles):
             if entity.scene is not None:
@@ -100,8 +100,12 @@ class CpuScene:
             self._camera_scenes.append(old)
         self._scene.sub_scenes[0], self._scene.px = new, system
 
-    def _start_joints(self, scenario: Scenario) -> NDArray[np.float32]:
-        """Angles of the joints at the start of an episode, `[6]` [rad]."""
+    def start_joints(self, scenario: Scenario) -> NDArray[np.float32]:
+        """Angles of the joints at the start of an episode, `[6]` [rad].
+
+        Raises:
+            ValueError: If the arm cannot reach the tool's pose, or if there is no such object.
+        """
         height = self._objects.item(scenario.pushed_object).tool_height + self._tool_length
         joints, reachable = planar_joints_cpu(np.array(scenario.tool_pose), height)
         if not reachable:
@@ -114,7 +118,7 @@ class CpuScene:
         Raises:
             ValueError: If the arm cannot reach the tool's pose, or if there is no such object.
         """
-        joints = self._start_joints(scenario)
+        joints = self.start_joints(scenario)
         self._place_object(self._objects.item(scenario.pushed_object), scenario)
         self._robot.qpos = joints
         self._robot.qvel = self._robot.qf = self._no_force

@@ -10,7 +10,8 @@ from torch import Tensor
 
 from modpush.envs.depth.base import DepthCameraFactory
 from modpush.envs.scenes.scenario import Scenario
-from modpush.envs.sim.batch import Measurement, SceneBatch, SceneState
+from modpush.envs.sim.batch import Measurement, SceneBatch
+from modpush.envs.sim.scene_state import SceneState
 from modpush.envs.sim.task import ClutterPushEnv
 
 __all__ = ["CudaBatch"]
@@ -76,11 +77,15 @@ class CudaBatch(SceneBatch):
             target_reachable=bool(controller.reachable[index]),
         )
 
+    def check_state(self, index: int, state: SceneState) -> None:
+        """Nothing: what a state must be on CUDA is not known before it has run."""
+
     def set_state(self, index: int, state: SceneState) -> None:
         """See `SceneBatch`. Contacts are those of the simulation, not of the state."""
         self.start([index], [state.scenario])
         task, controller = self._task, self._task.agent.controller
-        task.set_state_dict(state.physics, torch.tensor([index], device=task.device))
+        physics = _to_device(state.physics, task.device)
+        task.set_state_dict(physics, torch.tensor([index], device=task.device))
         controller.target[index] = controller.target.new_tensor(state.target)
         controller.reachable[index] = state.target_reachable
 
@@ -90,6 +95,13 @@ def _select_scene(state: Any, index: int) -> Any:
     if isinstance(state, dict):
         return {key: _select_scene(value, index) for key, value in state.items()}
     return state[index : index + 1].clone()
+
+
+def _to_device(state: Any, device: torch.device) -> Any:
+    """A nested dictionary of tensors or arrays as tensors on a device."""
+    if isinstance(state, dict):
+        return {key: _to_device(value, device) for key, value in state.items()}
+    return torch.as_tensor(state, device=device)
 
 
 @functools.cache

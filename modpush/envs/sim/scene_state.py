@@ -1,0 +1,123 @@
+"""`SceneState`: everything that the future of one scene depends on."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from modpush.envs.robot.ur5_2f85 import JOINT_NAMES
+from modpush.envs.scenes.scenario import Scenario
+
+__all__ = ["SceneState", "check_packed"]
+
+_BODY = 13  # quaternion, position, linear and angular velocity
+_JOINT = 4  # angle, rate, and the drive's targets of both
+_LARGEST = 1e4  # of a state that a simulation can have been in [m, m/s, rad/s]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SceneState:
+    """Everything that the future of one scene depends on, but for PhysX's contact cache.
+
+    Raises:
+        ValueError: If `target` is not three finite numbers, or `contacts` not three truth values.
+    """
+
+    scenario: Scenario
+    """What the episode started from."""
+    physics: Any
+    """On a CPU the numbers that PhysX packs, `[n]` float32; on CUDA ManiSkill's state dictionary."""
+    target: tuple[float, float, float]
+    """The controller's commanded pose (x, y, yaw) [m, m, rad]."""
+    contacts: tuple[bool, bool, bool]
+    """What touched during the last step, in the order of `CONTACT_KEYS`."""
+    target_reachable: bool
+    """False where the commanded pose had no solution."""
+
+    def __post_init__(self) -> None:
+        """Check what is not checked against an environment."""
+        if len(self.target) != 3 or not all(math.isfinite(x) for x in self.target):
+            raise ValueError(f"SceneState: target must be 3 finite numbers, got {self.target}.")
+        if len(self.contacts) != 3 or not all(isinstance(x, bool) for x in self.contacts):
+            raise ValueError(f"SceneState: contacts must be 3 booleans, got {self.contacts}.")
+        if not isinstance(self.target_reachable, bool):
+            raise ValueError(
+                f"SceneState: target_reachable must be a boolean, got {self.target_reachable!r}."
+            )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain lists, numbers and strings, ready for JSON, from which every bit comes back."""
+        return {
+            "scenario": self.scenario.to_dict(),
+            "physics": _to_plain(self.physics),
+            "target": list(self.target),
+            "contacts": list(self.contacts),
+            "target_reachable": self.target_reachable,
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "SceneState":
+        """Inverse of `to_dict`, also after a way through JSON.
+
+        Raises:
+            ValueError: If a field is missing, unknown or malformed.
+        """
+        expected = {field.name for field in fields(cls)}
+        if not isinstance(data, Mapping) or set(data) != expected:
+            names = sorted(data) if isinstance(data, Mapping) else data
+            raise ValueError(f"SceneState: expected the fields {sorted(expected)}, got {names!r}.")
+        try:
+            return cls(
+                scenario=Scenario.from_dict(data["scenario"]),
+                physics=_from_plain(data["physics"]),
+                target=tuple(float(x) for x in data["target"]),  # type: ignore[arg-type]  # checked
+                contacts=tuple(data["contacts"]),
+                target_reachable=data["target_reachable"],
+            )
+        except TypeError as error:
+            raise ValueError(f"SceneState: a value is malformed ({error}).") from error
+
+
+def check_packed(physics: Any, num_bodies: int) -> None:
+    """Check numbers that PhysX is to unpack, which checks nothing.
+
+    Args:
+        physics: Must be float32, for each body and for the arm's base 13 numbers, for each joint 4.
+        num_bodies: Number of bodies that can move, without the arm.
+
+    Raises:
+        ValueError: If their number is another, or they are no state of bodies and joints.
+    """
+    size = _BODY * (num_bodies + 1) + _JOINT * len(JOINT_NAMES)
+    if not isinstance(physics, np.ndarray) or (physics.dtype, physics.shape) != (
+        np.float32,
+        (size,),
+    ):
+        got = f"{getattr(physics, 'dtype', type(physics).__name__)} of shape {np.shape(physics)}"
+        raise ValueError(f"SceneState: physics must be float32 of shape ({size},), got {got}.")
+    if not (np.abs(physics) <= _LARGEST).all():  # False for NaN
+        raise ValueError(
+            f"SceneState: physics must be finite and at most {_LARGEST:g}, "
+            f"got {physics[~(np.abs(physics) <= _LARGEST)][0]}."
+        )
+    quaternions = physics[: _BODY * (num_bodies + 1)].reshape(-1, _BODY)[:, :4]
+    lengths = np.linalg.norm(quaternions, axis=1)
+    if (np.abs(lengths - 1) > 1e-3).any():
+        raise ValueError(f"SceneState: quaternions in physics must be of length 1, got {lengths}.")
+
+
+def _to_plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _to_plain(item) for key, item in value.items()}
+    return value.tolist()
+
+
+def _from_plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _from_plain(item) for key, item in value.items()}
+    try:
+        return np.array(value, dtype=np.float32)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"SceneState: physics must be numbers ({error}).") from error
