@@ -9,30 +9,31 @@ included) and `card.json`, which says what goes in and comes out. ONNX needs `pi
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import torch
 import tyro
 
+from modpush._types import AtLeastOne, FilePath, Name, Several
+from modpush._validation import checked
 from modpush.export.agent import Format, export_agent
 from modpush.recipes.agent_file import load_agent
 
 __all__ = ["ExportConfig", "main"]
 
 
-@dataclass(frozen=True, kw_only=True)
+@checked
 class ExportConfig:
     """What is exported, and to where."""
 
-    agent: tyro.conf.Positional[str] = "small_cube"
+    agent: tyro.conf.Positional[Name] = "small_cube"
     """Name of a shipped agent, or an agent's file."""
-    formats: Annotated[tuple[Format, ...], tyro.conf.arg(name="format")] = ("onnx",)
+    formats: Annotated[AtLeastOne[Format], tyro.conf.arg(name="format")] = ("onnx",)
     """Formats of the graphs."""
-    out: Path = Path("runs/exported")
+    out: FilePath = Path("runs/exported")
     """Folder to write to."""
-    allow: tuple[str, ...] = ()
+    allow: Several[Name] = ()
     """Modules that the agent's file may import parts of its author's own from."""
 
 
