@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 __all__ = ["Page", "play"]
 
 _BESIDE = 1.35  # distance of two lanes' robots [m]
+_CAMERA_OF_ONE = (1.08, -0.45, 0.72), (0.40, 0.0, 0.05)
+_CAMERA_OF_TWO = (1.75, 0.0, 1.0), (0.40, 0.0, 0.05)
+"""Where the camera stands and what it looks at in the beginning [m]."""
 _DRAW_PERIOD = 1 / 30  # at high speeds not every step is drawn [s]
 _WAIT_FOR_TAB = 0.1  # [s]
 
@@ -95,11 +98,15 @@ class Page:
         for view in self._views:
             view.remove()
         count = len(self.session.lanes)
-        offsets = [0.0] if count == 1 else [_BESIDE / 2, -_BESIDE / 2]
+        offsets = [0.0] if count == 1 else [-_BESIDE / 2, _BESIDE / 2]  # left and right
         self._views = [
             LaneView(self.server, self.session, f"/lane{i}", offset, self.controls.select)
             for i, offset in enumerate(offsets)
         ]
+        camera = self.server.initial_camera
+        camera.position, camera.look_at = _CAMERA_OF_ONE if count == 1 else _CAMERA_OF_TWO
+        for client in self.server.get_clients().values():
+            client.camera.position, client.camera.look_at = camera.position, camera.look_at
 
     def stop(self) -> None:
         """End `run`; may be called from any thread."""
@@ -120,9 +127,6 @@ def _make_server(config: PlayConfig) -> "ViserServer":
         server = viser.ViserServer(host=config.host, port=config.port, label="modpush")
     server.scene.set_up_direction("+z")
     server.scene.configure_default_lights(cast_shadow=False)  # slow where WebGL runs in software
-    two = len(config.policy) > 1 or len(config.replay) > 1
-    server.initial_camera.position = (1.75, 0.0, 1.0) if two else (1.08, -0.45, 0.72)
-    server.initial_camera.look_at = (0.40, 0.0, 0.05)
     return server
 
 
