@@ -13,6 +13,8 @@ import pytest
 from modpush.viewer import Page, PlayConfig
 from modpush.viewer.dragging import ray_on_plane
 
+pytestmark = pytest.mark.slow  # WebGL in software, in a browser that a busy machine may kill
+
 CHROMIUM = Path("/usr/bin/chromium")
 SCREENSHOTS = Path(__file__).parents[2] / "build" / "play"
 _NOT_OURS = "Unable to preventDefault inside passive event listener"  # viser's, at a drag
