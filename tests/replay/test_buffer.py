@@ -189,7 +189,9 @@ def test_priorities_are_ignored_by_other_samplers(sampler):
     buffer = make_replay_buffer(ReplayConfig(**SMALL, sampler=sampler))
     buffer.extend(trajectory(60))
     batch = buffer.sample()
+    before = str(buffer.sampler.state_dict())
     update_priorities(buffer, batch, TensorDict({"td_error": torch.ones(8)}))
+    assert str(buffer.sampler.state_dict()) == before
 
 
 @pytest.mark.skipif(not extension_loads(), reason="TorchRL's C++ extension does not load")
