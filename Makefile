@@ -8,7 +8,7 @@ ifneq ($(ICD),)
 export VK_ICD_FILENAMES ?= $(abspath $(ICD))
 endif
 
-.PHONY: setup demo train test test-slow check bench renderer clean
+.PHONY: setup demo train test test-slow check docs bench renderer clean
 
 setup: $(STAMP)
 
@@ -35,6 +35,10 @@ check: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# Strictly: a broken link or reference, or a notebook that fails, ends it. DOCS_EXECUTE=false runs no notebook.
+docs: setup
+	$(BIN)/mkdocs build --strict
 
 bench: setup
 	$(BIN)/pip install --quiet -c constraints.txt -e '.[bench]'

@@ -1,7 +1,7 @@
 """Collect local windows to train an encoder on: a random policy over all scenes and objects.
 
     python examples/collect_windows.py                       # 100k windows, the training families
-    python examples/collect_windows.py --families maze diagonal_walls random_clutter \
+    python examples/collect_windows.py --families maze_wide diagonal_walls_wide random_clutter \
         --count 6000 --held-out 1.0 --output runs/windows/unseen.safetensors
 
 Writes one safetensors file with its config. A tenth of the windows are blank, the others have

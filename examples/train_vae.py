@@ -46,6 +46,8 @@ class Config:
     """Schedule of the learning rate."""
     augment: bool = True
     """Whether windows are turned, mirrored and laid over each other."""
+    latent_dim: int = 32
+    """Number of values in a latent."""
     kl_weight: float = 0.5
     """Weight of the KL divergence."""
     encoder_widths: tuple[int, int, int, int] = (16, 32, 64, 96)
@@ -90,7 +92,8 @@ class Training:
         torch.manual_seed(config.seed)
         self.config, self.step, self.seconds = config, 0, 0.0
         self.order: tuple[int, Tensor] | None = None
-        self.loss = VAELoss(DepthVAE(32, config.encoder_widths, config.decoder_widths))
+        vae = DepthVAE(config.latent_dim, config.encoder_widths, config.decoder_widths)
+        self.loss = VAELoss(vae)
         self.loss.kl_weight = config.kl_weight
         self.optimizer = torch.optim.Adam(self.loss.parameters(), lr=config.lr, fused=True)
         self.total = -(-config.images // config.batch_size)

@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
-__all__ = ["check_depth_unit", "check_dtype", "check_shape"]
+__all__ = ["check_depth_unit", "check_dtype", "check_instance", "check_shape", "check_width"]
 
 _STRIDE = 8  # of the pixels that are looked at first
 _TOLERANCE = 1.1  # of the camera's height over the table
@@ -50,6 +51,43 @@ def check_shape(who: str, name: str, value: Tensor, letters: str, expected: Sequ
         raise ValueError(
             f"{who}: {name} must be [{letters}] = {list(expected)}, got {list(value.shape)}."
         )
+
+
+def check_instance(who: str, name: str, value: Any, kind: type) -> None:
+    """Check that a value is of a class.
+
+    Args:
+        who: What asks, for the error message.
+        name: The argument's name.
+        value: What was given.
+        kind: The class.
+
+    Raises:
+        TypeError: If it is not.
+    """
+    if not isinstance(value, kind):
+        raise TypeError(
+            f"{who}: {name} must be of type {kind.__name__}, got {type(value).__name__}."
+        )
+
+
+def check_width(who: str, name: str, value: Any, width: int) -> None:
+    """Check that a value is a real tensor or array `[..., width]`.
+
+    Args:
+        who: What asks, for the error message.
+        name: The argument's name.
+        value: What was given.
+        width: The last dimension.
+
+    Raises:
+        TypeError: If it is something else.
+        ValueError: If its last dimension is another one.
+    """
+    if not isinstance(value, Tensor | np.ndarray):
+        raise TypeError(f"{who}: {name} must be a tensor, got {type(value).__name__}.")
+    if value.ndim < 1 or value.shape[-1] != width:
+        raise ValueError(f"{who}: {name} must be [..., {width}], got {list(value.shape)}.")
 
 
 def check_depth_unit(who: str, depth: Tensor, camera_z: float) -> None:

@@ -6,7 +6,7 @@ import signal
 import threading
 from multiprocessing.connection import wait
 
-__all__ = ["begin_worker_process"]
+__all__ = ["begin_worker_process", "end_with_parent"]
 
 
 def begin_worker_process() -> None:
@@ -18,6 +18,11 @@ def begin_worker_process() -> None:
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
+    end_with_parent()
+
+
+def end_with_parent() -> None:
+    """End at once when the parent has ended, however that was; signals are left as they are."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_watch, args=(parent.sentinel,), daemon=True).start()

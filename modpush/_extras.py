@@ -7,9 +7,13 @@ __all__ = ["EXTRAS", "MissingExtraError", "require_extra"]
 EXTRAS = {
     "tensorboard": "train",
     "viser": "view",
+    "minari": "data",
+    "h5py": "data",
+    "huggingface_hub": "hub",
     "onnx": "export",
     "onnxscript": "export",
     "onnxruntime": "export",
+    "ray": "ray",
 }
 """The extra of `pip install 'modpush[extra]'` that brings each optional package."""
 

@@ -4,13 +4,16 @@ They are checked by `modpush._validation`; a type checker sees float, int, str a
 """
 
 import math
+from collections.abc import Set
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from pydantic import BeforeValidator, Field, Strict, StringConstraints
+from pydantic_core import PydanticCustomError
 
 __all__ = [
+    "ORDERED",
     "Angle",
     "Angles",
     "AtLeastOne",
@@ -23,6 +26,7 @@ __all__ = [
     "Finite",
     "Fraction",
     "FractionSpan",
+    "Frequency",
     "HalfTurn",
     "Key",
     "Length",
@@ -53,7 +57,16 @@ def _plain_number(value: Any) -> Any:
     return value.item() if isinstance(value, np.number) else value
 
 
+def _ordered(value: Any) -> Any:
+    """Refuse sets, which pydantic would take in any order."""
+    if isinstance(value, Set):
+        raise PydanticCustomError("tuple_type", "a tuple")
+    return value
+
+
 _NUMBER = BeforeValidator(_plain_number)
+ORDERED = BeforeValidator(_ordered)
+"""For tuples: no set, whose order is not the writer's."""
 Real = Annotated[float, _NUMBER]
 """A number, infinity included."""
 Finite = Annotated[float, Field(allow_inf_nan=False), _NUMBER]
@@ -81,6 +94,8 @@ NonNegativeInteger = Annotated[int, Field(ge=0, lt=2**62), _NUMBER]
 """A whole number >= 0."""
 Count = Annotated[int, Field(ge=1, lt=2**62), _NUMBER]
 """A whole number >= 1."""
+Frequency = Annotated[int, Field(ge=1, le=100_000), _NUMBER]
+"""Steps per second [Hz]."""
 PixelCount = Annotated[int, Field(ge=1, le=16_384), _NUMBER]
 """A side of an image [px]."""
 Seed = Annotated[int, Field(ge=0, lt=2**63), _NUMBER]
@@ -94,31 +109,33 @@ Device = Annotated[str, StringConstraints(pattern=r"^[a-z]+(:\d+)?$")]
 """A torch device, "cpu" or "cuda:0" for instance."""
 FilePath = Annotated[Path, Strict(False)]
 """The path of a file or folder, as text or as a `Path`."""
-Key = Name | tuple[Name, ...]
+Key = Name | Annotated[tuple[Name, ...], Field(min_length=1)]
 """A key of a tensordict, nested or not."""
 
 # A list does for a tuple: it is what files and command lines give.
-Point = Annotated[tuple[Coordinate, Coordinate], Strict(False)]
+Point = Annotated[tuple[Coordinate, Coordinate], Strict(False), ORDERED]
 """x and y [m]."""
-Position = Annotated[tuple[Coordinate, Coordinate, Coordinate], Strict(False)]
+Position = Annotated[tuple[Coordinate, Coordinate, Coordinate], Strict(False), ORDERED]
 """x, y and z [m]."""
-Pose = Annotated[tuple[Coordinate, Coordinate, Angle], Strict(False)]
+Pose = Annotated[tuple[Coordinate, Coordinate, Angle], Strict(False), ORDERED]
 """x, y and yaw [m, m, rad]."""
-Size = Annotated[tuple[Length, Length, Length], Strict(False)]
+Size = Annotated[tuple[Length, Length, Length], Strict(False), ORDERED]
 """Length, width and height [m]."""
-Extents = Annotated[tuple[NonNegativeLength, NonNegativeLength, NonNegativeLength], Strict(False)]
+Extents = Annotated[
+    tuple[NonNegativeLength, NonNegativeLength, NonNegativeLength], Strict(False), ORDERED
+]
 """Sizes along x, y and z [m], of which some may be 0."""
-Angles = Annotated[tuple[Angle, Angle, Angle], Strict(False)]
+Angles = Annotated[tuple[Angle, Angle, Angle], Strict(False), ORDERED]
 """Roll, pitch and yaw [rad]."""
-Color = Annotated[tuple[Fraction, Fraction, Fraction], Strict(False)]
+Color = Annotated[tuple[Fraction, Fraction, Fraction], Strict(False), ORDERED]
 """Red, green and blue in [0, 1]."""
-Span = Annotated[tuple[Finite, Finite], Strict(False)]
+Span = Annotated[tuple[Finite, Finite], Strict(False), ORDERED]
 """Lower and upper end of a range."""
-LengthSpan = Annotated[tuple[Length, Length], Strict(False)]
+LengthSpan = Annotated[tuple[Length, Length], Strict(False), ORDERED]
 """Lower and upper end of a range of lengths [m]."""
-FractionSpan = Annotated[tuple[Fraction, Fraction], Strict(False)]
+FractionSpan = Annotated[tuple[Fraction, Fraction], Strict(False), ORDERED]
 """Lower and upper end of a range within [0, 1]."""
-Several = Annotated[tuple[T, ...], Strict(False)]
+Several = Annotated[tuple[T, ...], Strict(False), ORDERED]
 """Any number of something."""
-AtLeastOne = Annotated[tuple[T, ...], Strict(False), Field(min_length=1)]
+AtLeastOne = Annotated[tuple[T, ...], Strict(False), Field(min_length=1), ORDERED]
 """One of something or more."""

@@ -3,7 +3,8 @@
 `checked` makes a frozen dataclass whose fields are checked against their annotations, such as the
 types of `modpush._types`, when one is made, replaced or read from a file. `from_plain` reads one from
 what JSON and YAML hold, `check_value` checks an argument of a function in the same way. Conditions
-between fields stay in a class's own `__post_init__`. All errors are put into words here.
+between fields stay in a class's own `__post_init__`. All errors are put into words here, those of
+`modpush._arguments` too, which checks the arguments of functions.
 """
 
 import dataclasses
@@ -144,10 +145,12 @@ _EXPECTED = {
     "is_instance_of": "of type {class}",
     "less_than": "< {lt:g}",
     "less_than_equal": "<= {le:g}",
+    "list_type": "a list",
     "literal_error": "{expected}",
     "mapping_type": "a mapping",
     "path_type": "a path",
     "none_required": "None",
+    "sequence_str": "a sequence",
     "string_pattern_mismatch": "text of the form {pattern}",
     "string_too_short": "text that is not empty",
     "string_type": "text",

@@ -22,8 +22,8 @@ def _agent(folder: Path) -> tuple[Path, Reader]:
     path = folder / "agent.safetensors"
     config = PushEnvConfig.preset("cpu", encoder="rays")
     spec = load_agent("small_cube").policy.spec["action"]
-    actor = make_actor(54, spec, (8,))
-    save_agent(path, actor, config, hidden_sizes=(8,), observation_dim=54, fingerprint={})
+    actor = make_actor(55, spec, (8,))
+    save_agent(path, actor, config, hidden_sizes=(8,), observation_dim=55, fingerprint={})
     return path, lambda: load_agent(path)
 
 

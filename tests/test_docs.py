@@ -1,19 +1,55 @@
 """What README and the pages in docs/ show runs, and what they name exists."""
 
 import re
+import shlex
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torchrl  # noqa: F401  # its logger keeps the standard output of its first import
+import tyro
+
+from modpush.cli import run_command
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-BLOCK = re.compile(r"^(?P<skip><!-- not run: .+ -->\n+)?```python\n(?P<code>.*?)^```", re.S | re.M)
+PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
+BLOCK = re.compile(
+    r"^(?P<skip>\*Not run in the tests: .+\.\*\n+)?```python\n(?P<code>.*?)^```", re.S | re.M
+)
+ANY_PYTHON = re.compile(
+    r"^[ \t>]*(?:`{3,}|~{3,})[ \t]*\{?\.?(?:py\b|py3|ipython|pycon|python)", re.M | re.I
+)
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.S | re.M)
+COMMAND = re.compile(r"^ *(?:\.venv/bin/|python -m )?modpush (?P<rest>[a-z].*)$", re.M)
 PRINTED = {
     "planners.md": ["tensor([True]) tensor([0.65", "[True]"],
     "evaluation.md": ["| mine | 4 |", "| success | 3 |"],
 }
 """Parts of what a page's blocks print, in order."""
+
+
+def check_the_picture_of_the_flow(names: dict[str, Any]) -> None:
+    """The picture in concepts.md shows keys that are emitted, or handed from transform to transform."""
+    picture = (ROOT / "docs" / "pictures" / "flow.svg").read_text()
+    shown = {
+        key
+        for text in re.findall(r'class="key"[^>]*>([^<]+)<', picture)
+        for key in text.split(", ")
+    }
+    written = {key for part in names["env"].transform for key in part.out_keys}
+    assert shown - names["emitted"] - written == set()
+    assert {"depth", "occupancy", "subgoal", "window", "latent", "observation", "action"} <= shown
+
+
+CHECKED: dict[str, Callable[[dict[str, Any]], None]] = {
+    "concepts.md": check_the_picture_of_the_flow
+}
+"""What is checked of the names that a page's blocks leave behind."""
+
+
+def title(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
 
 
 def python_blocks(page: Path) -> list[str]:
@@ -26,9 +62,7 @@ def python_blocks(page: Path) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize(
-    "page", [page for page in PAGES if python_blocks(page)], ids=lambda page: page.name
-)
+@pytest.mark.parametrize("page", [page for page in PAGES if python_blocks(page)], ids=title)
 def test_the_python_blocks_of_a_page_run_one_after_the_other(
     page: Path,
     tmp_path: Path,
@@ -36,31 +70,103 @@ def test_the_python_blocks_of_a_page_run_one_after_the_other(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    names = {"__name__": "page"}
+    names: dict[str, Any] = {"__name__": "page"}
     for block in python_blocks(page):
         exec(compile(block, page, "exec"), names)
     printed = capsys.readouterr().out
     for part in PRINTED.get(page.name, ()):
         assert part in printed
         printed = printed.partition(part)[2]
+    CHECKED.get(page.name, lambda names: None)(names)
 
 
-def test_blocks_that_are_not_run_say_why(tmp_path: Path) -> None:
+def test_only_blocks_that_say_why_are_not_run(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
-    page.write_text("```python\na = 1\n```\n<!-- not run: a day -->\n```python\nb = 2\n```\n")
+    page.write_text(
+        "```python\na = 1\n```\n\n*Not run in the tests: a day.*\n\n```python\nb = 2\n```\n"
+    )
     assert python_blocks(page) == ["\na = 1\n"]
+
+
+def test_no_python_block_escapes_the_tests() -> None:
+    left_out = 0
+    for page in PAGES:
+        text = page.read_text()
+        found = list(BLOCK.finditer(text))
+        assert len(ANY_PYTHON.findall(text)) == len(found), f"{page}: write ```python, not indented"
+        left_out += sum(match["skip"] is not None for match in found)
+    assert left_out <= 2
+
+
+def shown_commands() -> Iterator[tuple[str, str]]:
+    """Every line of a page's code that begins with `modpush`, once, and the first page that has it."""
+    seen: set[str] = set()
+    for page in PAGES:
+        text = page.read_text().replace("\\\n", " ")
+        fenced = [code for kind, code in FENCE.findall(text) if kind != "python"]
+        indented = re.findall(r"^ {4}[^\n]*$", FENCE.sub("", text), re.M)
+        for match in COMMAND.finditer("\n".join([*fenced, *indented])):
+            command = match["rest"].partition("#")[0].strip()
+            if command not in seen:
+                seen.add(command)
+                yield title(page), command
+
+
+class Parsed(BaseException):  # not an Exception, which the command would report
+    """The command's arguments were understood."""
+
+
+def test_the_commands_on_the_pages_are_understood(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def stop_after(parse: Callable[..., Any]) -> Callable[..., Any]:
+        def parse_and_stop(*args: Any, **kwargs: Any) -> Any:
+            parse(*args, **kwargs)
+            raise Parsed
+
+        return parse_and_stop
+
+    commands = list(shown_commands())
+    assert len(commands) > 10
+    monkeypatch.setattr(tyro, "cli", stop_after(tyro.cli))
+    monkeypatch.setattr(
+        tyro.extras, "overridable_config_cli", stop_after(tyro.extras.overridable_config_cli)
+    )
+    for page, command in commands:
+        try:
+            status = run_command(shlex.split(command))
+        except Parsed:
+            continue
+        except SystemExit as ended:
+            status = ended.code
+        pytest.fail(f"{page}: modpush {command}: status {status}\n{capsys.readouterr().err}")
+
+
+def test_every_page_is_in_the_navigation() -> None:
+    navigation = (ROOT / "mkdocs.yml").read_text().partition("\nnav:")[2].partition("\nplugins:")[0]
+    listed = set(re.findall(r"[\w/]+\.(?:md|ipynb)\b", navigation))
+    made = {name for name in listed if name.startswith("project/")}
+    docs = ROOT / "docs"
+    there = {
+        path.relative_to(docs).as_posix()
+        for kind in ("md", "ipynb")
+        for path in docs.rglob(f"*.{kind}")
+    }
+    assert listed - made - there == set()
+    missing = {name for name in there - listed if not name.startswith("results/")}
+    assert not missing, f"add these to `nav` in mkdocs.yml: {missing}"
 
 
 def test_no_page_names_a_missing_target_or_file() -> None:
     makefile = (ROOT / "Makefile").read_text()
     named = set()
-    for path in (*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")):
-        text = path.read_text()
+    for page in PAGES:
+        text = page.read_text()
         for target in re.findall(r"(?:`|^)make ([a-z-]+)", text, re.MULTILINE):
-            assert re.search(rf"^{target}:", makefile, re.MULTILINE), (path.name, target)
+            assert re.search(rf"^{target}:", makefile, re.MULTILINE), (page.name, target)
             named.add(target)
         for script in re.findall(r"\b((?:examples|benchmarks|tools)/[\w/]+\.(?:py|sh))", text):
-            assert (ROOT / script).is_file(), (path.name, script)
+            assert (ROOT / script).is_file(), (page.name, script)
         for test in re.findall(r"\b(tests/[\w/]+\.py)", text):
-            assert (ROOT / test).is_file(), (path.name, test)
-    assert {"demo", "test"} <= named
+            assert (ROOT / test).is_file(), (page.name, test)
+    assert {"demo", "test", "docs"} <= named

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import tarfile
+import tomllib
 import venv
 import zipfile
 from pathlib import Path
@@ -16,8 +17,10 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import modpush
+from modpush._extras import EXTRAS
 from modpush.training import TrainConfig
 from tests.test_docs import python_blocks
+from tools.check_release import release_notes
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = {".pyi", ".typed", ".safetensors", ".gz", ".urdf", ".md"}
@@ -110,7 +113,7 @@ def test_the_source_archive_holds_what_its_tests_read(published: Path, tmp_path:
     with tarfile.open(next(published.glob("*.tar.gz"))) as archive:
         archive.extractall(tmp_path, filter="data")
     (root,) = tmp_path.iterdir()
-    for name in ("benchmarks", "docs", "examples", "tests", "tools", ".ci"):
+    for name in ("benchmarks", "docs", "examples", "tests", "tools", ".ci", ".github"):
         for path in (ROOT / name).rglob("*"):
             if path.is_file() and "__pycache__" not in path.parts:
                 assert (root / path.relative_to(ROOT)).is_file(), path
@@ -151,6 +154,31 @@ write_video(Path("video.mp4"), [np.zeros((64, 64, 3), np.uint8)] * 3)
     run(bare, "-I", "-c", code, cwd=tmp_path)
     assert (tmp_path / "video.mp4").stat().st_size > 0
     assert {path.name for path in (tmp_path / "logs").iterdir()} == set(TrainConfig().loggers)
+
+
+def test_the_command_runs_in_a_bare_environment_and_names_the_extra(
+    bare: Path, tmp_path: Path
+) -> None:
+    assert "usage: modpush" in run(bare, "-I", "-m", "modpush", "--help", cwd=tmp_path)
+    script = bare.parents[1] / "lib"
+    (entry,) = script.rglob("modpush-*.dist-info/entry_points.txt")
+    assert "modpush = modpush.cli.command:run_command" in entry.read_text()
+    play = [bare, "-I", "-m", "modpush", "play"]
+    done = subprocess.run(play, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert "modpush play: viser not installed" in done.stderr
+    assert "pip install 'modpush[view]'" in done.stderr
+
+
+def test_each_extra_brings_what_its_error_promises(wheel: Path) -> None:
+    declared = [Requirement(text) for text in metadata(wheel).get_all("Requires-Dist") or []]
+    for package, extra in EXTRAS.items():
+        brought = {
+            canonicalize_name(requirement.name)
+            for requirement in declared
+            if requirement.marker is not None and requirement.marker.evaluate({"extra": extra})
+        }
+        assert canonicalize_name(package) in brought, (package, extra)
 
 
 @pytest.mark.slow
@@ -205,3 +233,61 @@ def test_what_is_declared_is_pinned_for_development(wheel: Path) -> None:
     assert (
         names - {"modpush", "ray"} <= pinned
     )  # Ray is optional, and not installed by `make setup`
+
+
+def write_release(folder: Path, changelog: str) -> Path:
+    (folder / "modpush").mkdir(exist_ok=True)
+    (folder / "modpush" / "__init__.py").write_text('__version__ = "1.2.3"\n')
+    (folder / "CHANGELOG.md").write_text(f"# Changelog\n\n{changelog}")
+    return folder
+
+
+def test_a_release_has_the_notes_of_its_version(tmp_path: Path) -> None:
+    changelog = (
+        "## Unreleased\n\n## 1.2.3 (2030-01-31)\n\nA new thing.\n\n## 1.2.2 (2029-01-31)\n\nOld.\n"
+    )
+    assert release_notes("v1.2.3", write_release(tmp_path, changelog)) == "A new thing."
+
+
+@pytest.mark.parametrize(
+    ("tag", "changelog", "error"),
+    [
+        ("v1.2.4", "", "tag must be 'v1.2.3', .* got 'v1.2.4'"),
+        ("v1.2.3", "## Unreleased\n\nA new thing.\n", "'Unreleased' must be empty"),
+        ("v1.2.3", "## 1.2.3\n\nA new thing.\n", r"expected a section '## 1.2.3 \(YYYY-MM-DD\)'"),
+        ("v1.2.3", "## 1.2.3 (2030-01-31)\n", "expected a section"),
+    ],
+)
+def test_a_release_that_does_not_agree_is_refused(
+    tag: str, changelog: str, error: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ValueError, match=error):
+        release_notes(tag, write_release(tmp_path, changelog))
+
+
+def test_the_changelog_can_be_released() -> None:
+    text = (ROOT / "CHANGELOG.md").read_text()
+    titles = re.findall(r"^## (.+)$", text, re.MULTILINE)
+    assert titles[0] == "Unreleased"
+    for title in titles[1:]:
+        assert re.fullmatch(r"\d+\.\d+\.\d+ \(\d{4}-\d\d-\d\d\)", title), title
+
+
+def test_the_workflows_run_targets_that_exist_on_every_supported_python() -> None:
+    makefile = (ROOT / "Makefile").read_text()
+    workflows = {
+        path.name: yaml.safe_load(path.read_text())
+        for path in (ROOT / ".github" / "workflows").glob("*.yml")
+    }
+    targets = set()
+    for workflow in workflows.values():
+        for job in workflow["jobs"].values():
+            for step in job["steps"]:
+                targets |= set(re.findall(r"^make ([\w-]+)", step.get("run", ""), re.MULTILINE))
+    assert {"check", "test", "docs"} <= targets
+    for target in targets:
+        assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    supported = {c.rpartition(" ")[2] for c in project["classifiers"] if "Python :: 3." in c}
+    matrix = workflows["ci.yml"]["jobs"]["test"]["strategy"]["matrix"]["python"]
+    assert set(matrix) == supported

@@ -26,6 +26,7 @@ import modpush
 from modpush._types import Count, Point, Scenes
 from modpush._validation import check_value, from_plain
 from modpush.agents.tqc.config import TQCConfig
+from modpush.cli.sweep import SweepConfig
 from modpush.envs.robot.ur5_2f85 import LINKS, TOOLS
 from modpush.envs.scenes.objects import OBJECTS, PushedObject
 from modpush.envs.scenes.obstacle import Obstacle
@@ -33,6 +34,7 @@ from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.evaluation.sets import EvaluationSet
 from modpush.geometry.shapes import Primitive
 from modpush.mdp.curriculum import CurriculumConfig, Phase
+from modpush.sweeps.definition import Sweep, Variant
 from modpush.training import TRAIN_PRESETS, TrainConfig
 
 OBSTACLE = Obstacle((0.1, 0.06, 0.06), (0.5, 0.1, 0.3))
@@ -51,6 +53,9 @@ WITHOUT_DEFAULTS: dict[type, Any] = {
     EvaluationSet: EvaluationSet(name="mine", scenarios=(SCENARIO,)),
     Primitive: Primitive(kind="box", size=(0.1, 0.2, 0.3)),
     PushedObject: OBJECTS["small_cube"],
+    SweepConfig: SweepConfig(sweep="sweep.yaml"),
+    Variant: Variant(name="cpu"),
+    Sweep: Sweep(variants=(Variant(name="cpu"),)),
     type(LINKS[0]): LINKS[0],
     type(TOOLS["rod"]): TOOLS["rod"],
 }
@@ -123,7 +128,7 @@ def wrong_values(kind: Any) -> st.SearchStrategy[Any]:
         return never | st.sampled_from([3, None, True, ("a",), math.nan])
     if typing.get_origin(base) is tuple:
         items = [item for item in typing.get_args(base) if item is not Ellipsis]
-        tuples = st.sampled_from([3, 0.5, "abc", None, True])
+        tuples = st.sampled_from([3, 0.5, "abc", None, True, {0.1, 0.2}, frozenset({"a", "b"})])
         if typing.get_args(base)[-1] is not Ellipsis:
             tuples |= st.sampled_from([(), [], (0.1,) * 7])
         return never | tuples | wrong_values(items[0]).map(lambda bad: (bad,) * len(items))

@@ -13,6 +13,7 @@ import modpush
 
 ROOT = Path(modpush.__file__).parent
 SHARED = {
+    "_arguments",
     "_atomic",
     "_batching",
     "_checks",
@@ -21,6 +22,7 @@ SHARED = {
     "_hash",
     "_keys",
     "_folder_lock",
+    "_provenance",
     "_state",
     "_types",
     "_validation",
@@ -49,7 +51,20 @@ MAY_KNOW = {
         "recipes",
         "evaluation",
     },
+    "sweeps": {"training"},
+    "reproduction": {
+        "geometry",
+        "envs",
+        "planners",
+        "encoders",
+        "mdp",
+        "agents",
+        "recipes",
+        "evaluation",
+        "sweeps",
+    },
     "export": {"geometry", "encoders", "mdp", "agents", "recipes"},
+    "data": {"geometry", "envs", "mdp", "recipes", "evaluation"},
     "cli": {
         "geometry",
         "envs",
@@ -61,7 +76,10 @@ MAY_KNOW = {
         "recipes",
         "evaluation",
         "training",
+        "sweeps",
+        "reproduction",
         "export",
+        "data",
         "viewer",
     },
     "viewer": {
@@ -77,7 +95,9 @@ MAY_KNOW = {
 }
 """What each package may import besides itself and the shared modules."""
 SIMULATOR = {"sapien", "mani_skill"}
-WITHOUT_SIMULATOR = sorted(set(MAY_KNOW) - {"recipes", "training", "export", "cli"})
+WITHOUT_SIMULATOR = sorted(
+    set(MAY_KNOW) - {"recipes", "training", "sweeps", "reproduction", "export", "data", "cli"}
+)
 
 
 def imported_modules(source: str, package: str) -> set[str]:

@@ -1,6 +1,6 @@
 """How often episodes and continuations of a state are equal to the last bit, per object.
 
-    python benchmarks/reliability/determinism.py [--count 200]
+    python benchmarks/reliability/determinism.py [--count 200] [--objects fragment]
 
 Prints a table with one row per object. Every episode is pushed for 40 steps, every continuation for 30
 steps from the midst of pushing; families take turns.
@@ -101,14 +101,15 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=200, help="Number of episodes per object.")
-    count, rng = parser.parse_args().count, np.random.default_rng(0)
+    parser.add_argument("--objects", nargs="+", choices=OBJECTS, default=OBJECTS)
+    options, rng = parser.parse_args(), np.random.default_rng(0)
     print("| object | other order | fresh environment | 3 scenes | 8 scenes |", end=" ")
     print("state set twice | in another environment | set_state |")
     print("|---|---|---|---|---|---|---|---|")
-    for item in OBJECTS:
+    for item in options.objects:
         scenarios = [
             sample_scenario(rng, ScenarioConfig(scene=scene, pushed_object=item), tool="2f85")
-            for scene in islice(cycle(SCENES), count)
+            for scene in islice(cycle(SCENES), options.count)
         ]
         cells = [item, *compare_episodes(scenarios), *compare_continuations(scenarios)]
         print("| " + " | ".join(cells) + " |", flush=True)

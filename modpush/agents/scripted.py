@@ -7,6 +7,7 @@ from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
+from modpush._arguments import checked_arguments
 from modpush._keys import read_key
 from modpush._types import Finite, HalfTurn, Length, NonNegative, Positive, PositiveFraction
 from modpush._validation import checked
@@ -111,6 +112,7 @@ class ScriptedPusher(TensorDictModuleBase):
         action_key: Key of the action, `[B, 3]`, written.
     """
 
+    @checked_arguments
     def __init__(
         self,
         config: ScriptedPusherConfig | None = None,

@@ -18,7 +18,11 @@ SUBCOMMANDS = {
     "demo": "Watch the trained agent beside the corridor controller, in every scene family.",
     "train": "Train an agent: environment and learner in a process each, on two cores.",
     "evaluate": "Evaluate policies on the evaluation sets: tables beside the paper's, pictures, videos.",
+    "reproduce": "Reproduce the paper's tables and figures: ours beside the printed ones, with tests.",
+    "sweep": "Train variants and seeds of a configuration, one after the other or with Ray Tune.",
     "play": "Push in the browser, at `http://localhost:8080`, without a GPU or a renderer.",
+    "collect": "Record demonstrations of any policies for offline learning, as Minari and ManiSkill data "
+    "sets.",
     "export": "Write an agent's policy as ONNX or torch.export graphs, with a card.",
 }
 """What each subcommand does. `modpush.cli.<name>` has a function `main(arguments)`."""
@@ -45,7 +49,7 @@ def run_command(arguments: Sequence[str] | None = None) -> int:
     if name not in SUBCOMMANDS:
         print(_unknown(name), file=sys.stderr)
         return 2
-    if name == "train":
+    if name in ("train", "sweep"):
         # One thread for the learner; the other core is the environment's. Before torch is imported.
         os.environ.setdefault("OMP_NUM_THREADS", "1")
     warnings.filterwarnings("ignore", message="Failed to find system libvulkan")
@@ -55,7 +59,7 @@ def run_command(arguments: Sequence[str] | None = None) -> int:
         importlib.import_module(f"modpush.cli.{name}").main(rest)
     except KeyboardInterrupt:
         return 130
-    except (ValueError, TypeError, OSError, ImportError) as error:
+    except (ValueError, TypeError, OSError, ImportError, RuntimeError) as error:
         if not _is_ours(error):
             raise
         print(f"modpush {name}: {error}", file=sys.stderr)

@@ -23,7 +23,7 @@ from modpush._types import AtLeastOne, Count, FilePath, Name, NonNegativeInteger
 from modpush._validation import checked
 from modpush.evaluation.report import comparison_report, draw_results, write_tables
 from modpush.evaluation.runner import EvaluationConfig, evaluate
-from modpush.evaluation.sets import SET_NAMES, EvaluationSet, load_set
+from modpush.evaluation.sets import EVALUATION_SETS, EvaluationSet, load_set
 from modpush.recipes.methods import Method, get_method
 
 __all__ = ["EvaluateConfig", "evaluate_policies", "main"]
@@ -38,7 +38,7 @@ class EvaluateConfig:
     cube's where there is none, which the output says), `corridor`, `corridor_faithful`, `scripted`, a
     training run's folder, or an agent's file. Several are compared with each other."""
     sets: Annotated[AtLeastOne[Name], tyro.conf.arg(name="set")] = ("smoke",)
-    """Evaluation sets, or `all` for those of the paper."""
+    """Evaluation sets or files, or `all` for the sets but `smoke` and those to tune on."""
     episodes: Count | None = None
     """Number of episodes to run of each set, from its first on; all by default."""
     num_envs: Scenes = 8
@@ -59,7 +59,7 @@ class EvaluateConfig:
     @property
     def set_names(self) -> tuple[str, ...]:
         """The sets asked for, `all` spelled out."""
-        return tuple(n for n in SET_NAMES if n != "smoke") if "all" in self.sets else self.sets
+        return EVALUATION_SETS if "all" in self.sets else self.sets
 
 
 def evaluate_policies(config: EvaluateConfig) -> dict[str, dict[str, pd.DataFrame]]:

@@ -4,6 +4,7 @@
     modpush train cpu --out runs/train --resume   # go on after an interrupt
     modpush train smoke --out /tmp/smoke          # everything once, in some seconds
     modpush train cpu --out runs/rays --train.env.encoder rays --train.seed 1
+    modpush train cpu --out runs/more --init-from runs/train   # begin with another run's weights
 
 The folder gets `config.yaml`, `log.csv`, `evaluations.csv` (greedy, on held-out episodes), `curve.png`,
 `best_agent.safetensors` (give it to `modpush.load_agent` or `modpush evaluate --policy`),
@@ -13,14 +14,14 @@ checkpoint and stop.
 
 import sys
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Literal
 
 import torch
 import tyro
 
-from modpush._types import FilePath
+from modpush._types import FilePath, Name
 from modpush._validation import checked
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
 from modpush.training.curve import draw_curve
@@ -36,6 +37,8 @@ class RunConfig:
     """Settings of the training run."""
     out: FilePath = Path("runs/train")
     """Folder of the run."""
+    init_from: Name | None = None
+    """The same as `train.init_from`: begin with the weights of an agent or a run."""
     resume: bool = False
     """Resume the run in the folder from its newest checkpoint."""
 
@@ -56,7 +59,8 @@ def train_agent(run: RunConfig) -> dict[str, float]:
     print("The first run on a machine compiles for about a minute before the arm moves.")
     # Nothing has run in this process yet, so that the worker may share its libraries' memory.
     start_method: Literal["fork", "spawn"] = "fork" if sys.platform == "linux" else "spawn"
-    trainer = Trainer(run.train, run.out, resume=run.resume, start_method=start_method)
+    config = run.train if run.init_from is None else replace(run.train, init_from=run.init_from)
+    trainer = Trainer(config, run.out, resume=run.resume, start_method=start_method)
     folder = trainer.folder
 
     try:

@@ -6,6 +6,7 @@ from torch import nn
 from torchrl.data import TensorSpec, Unbounded
 from torchrl.envs import Transform
 
+from modpush._arguments import checked_arguments
 from modpush._keys import check_spec_has, read_key, stored_next
 from modpush.encoders.base import as_floats, check_window, encoder_sizes, evaluating
 
@@ -28,6 +29,7 @@ class Encode(Transform):
         TypeError: If the encoder has no `latent_dim`.
     """
 
+    @checked_arguments
     def __init__(
         self,
         encoder: nn.Module,

@@ -1,7 +1,9 @@
 """The local window around the object, as functions of tensors."""
 
 import functools
+import math
 from collections.abc import Callable
+from numbers import Real
 from typing import Literal, get_args
 
 import numpy as np
@@ -9,8 +11,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from modpush._arguments import checked_arguments
 from modpush._batching import run_batch
-from modpush._checks import check_depth_unit, check_dtype
+from modpush._checks import check_depth_unit, check_dtype, check_instance, check_width
+from modpush._types import PixelCount
 from modpush.encoders.window_kernel import Pinhole, window_few, window_many
 from modpush.geometry.camera import Camera
 from modpush.geometry.labels import Label
@@ -77,7 +81,7 @@ def egocentric_window(
             unit than metres: in one scene all of it lies beyond the table.
     Source: Sec. IV-A of the paper.
     """
-    camera = _check(depth, segmentation, pose, size, max_height, outside, camera)
+    camera = _check(depth, segmentation, pose, size, max_height, outside, upright, camera)
     check_depth_unit("egocentric_window", depth, camera.z)
     image = depth.detach().cpu().contiguous()
     if segmentation is None:
@@ -88,7 +92,7 @@ def egocentric_window(
     if not np.isfinite(poses).all():
         bad = int(np.flatnonzero(~np.isfinite(poses).all(-1))[0])
         raise ValueError(
-            f"egocentric_window: the pose of scene {bad} is not finite: {poses[bad].tolist()}."
+            f"egocentric_window: the pose of scene {bad} is not finite, got {poses[bad].tolist()}."
         )
     out = torch.empty(len(image), 1, size, size)
     beyond = 1.0 if outside == "blocked" else 0.0
@@ -100,8 +104,9 @@ def egocentric_window(
     return out.to(depth.device)
 
 
+@checked_arguments
 def window_pixels(
-    pose: Tensor, size: int = WINDOW_SIZE, height: float = 0.0, camera: Camera | None = None
+    pose: Tensor, size: PixelCount = WINDOW_SIZE, height: float = 0.0, camera: Camera | None = None
 ) -> Tensor:
     """Where in the image the window's pixels are, at a height over the table.
 
@@ -115,8 +120,14 @@ def window_pixels(
 
     Returns:
         `[..., size, size, 2]` (u, v) [px], float64.
+
+    Raises:
+        ValueError: If the pose is not `[..., 3]`, or a number is out of range.
     """
+    check_width("window_pixels", "pose", pose, 3)
     camera = camera or Camera()
+    if not -math.inf < height < camera.z:
+        raise ValueError(f"window_pixels: height must be below the camera's, got {height}.")
     pose = pose.double()
     steps = (0.5 * (size - 1) - torch.arange(size, dtype=torch.float64)) * camera.cell_size
     ahead, left = torch.meshgrid(steps, steps, indexing="ij")
@@ -188,12 +199,12 @@ def _pinhole(camera: Camera) -> Pinhole:
 
 def check_options(who: str, size: int, max_height: float, outside: str, camera_z: float) -> None:
     """Raise where a window cannot be made; errors name `who`."""
-    if size < 1:
-        raise ValueError(f"{who}: size must be >= 1 px, got {size}.")
-    if not 0 < max_height < camera_z:
+    if not isinstance(size, int | np.integer) or isinstance(size, bool) or size < 1:
+        raise ValueError(f"{who}: size must be >= 1 px, got {size!r}.")
+    if not isinstance(max_height, Real) or not 0 < max_height < camera_z:
         raise ValueError(
             f"{who}: max_height must lie between 0 and the camera's height {camera_z} m, "
-            f"got {max_height}."
+            f"got {max_height!r}."
         )
     if outside not in get_args(Outside):
         raise ValueError(f"{who}: outside must be one of {get_args(Outside)}, got {outside!r}.")
@@ -206,12 +217,16 @@ def _check(
     size: int,
     max_height: float,
     outside: str,
+    upright: bool,
     camera: Camera | None,
 ) -> Camera:
     who = "egocentric_window"
     check_dtype(who, "depth", depth, torch.float32)
     if depth.ndim != 3:
         raise ValueError(f"{who}: depth must be [B, H, W], got {list(depth.shape)}.")
+    check_instance(who, "upright", upright, bool)
+    if camera is not None:
+        check_instance(who, "camera", camera, Camera)
     camera = camera or _camera_of(depth.shape[1], depth.shape[2])
     check_options(who, size, max_height, outside, camera.z)
     if depth.shape[1:] != (camera.height, camera.width):

@@ -6,6 +6,7 @@ from torch import Tensor
 from torchrl.data import Bounded, TensorSpec
 from torchrl.envs import Transform
 
+from modpush._arguments import checked_arguments
 from modpush._keys import check_spec_has, read_key, stored_next
 from modpush.encoders.window import (
     MAX_HEIGHT,
@@ -47,6 +48,7 @@ class EgocentricWindow(Transform):
     Source: Sec. IV-A of the paper.
     """
 
+    @checked_arguments
     def __init__(
         self,
         frame: Frame = "object",

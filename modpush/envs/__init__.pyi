@@ -8,14 +8,21 @@ from .depth.base import (
 from .gym_env import PushGymEnv as PushGymEnv
 from .push_env import PushEnv as PushEnv
 from .push_state import PushState as PushState
+from .scenes.conditions import EpisodeConditions as EpisodeConditions
 from .scenes.layouts import (
     HARD_SCENES as HARD_SCENES,
+)
+from .scenes.layouts import (
+    HARD_WIDE_SCENES as HARD_WIDE_SCENES,
 )
 from .scenes.layouts import (
     OBSTACLE_SCENES as OBSTACLE_SCENES,
 )
 from .scenes.layouts import (
     SCENES as SCENES,
+)
+from .scenes.layouts import (
+    TIGHT_SCENES as TIGHT_SCENES,
 )
 from .scenes.objects import OBJECTS as OBJECTS
 from .scenes.objects import PushedObject as PushedObject

@@ -11,6 +11,7 @@ import torch
 from tensordict import TensorDictBase
 from torch import Tensor
 
+from modpush._checks import check_dtype
 from modpush.envs.outcome import GOAL_THRESHOLD
 from modpush.envs.robot.ur5_2f85 import TOOLS
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
@@ -21,6 +22,7 @@ __all__ = [
     "check_alone",
     "check_options",
     "check_scenarios",
+    "check_scene",
     "check_simulation",
     "chosen_scenes",
     "make_scenario_config",
@@ -100,6 +102,8 @@ def check_options(
     """
     if num_envs < 1:
         raise ValueError(f"PushEnv: num_envs must be >= 1, got {num_envs}.")
+    if device.type not in ("cpu", "cuda"):
+        raise ValueError(f"PushEnv: device must be 'cpu' or a CUDA device, got {str(device)!r}.")
     if max_episode_steps is not None and max_episode_steps < 1:
         raise ValueError(
             f"PushEnv: max_episode_steps must be >= 1 or None, got {max_episode_steps}."
@@ -135,9 +139,14 @@ def check_simulation(num_envs: int, sim_backend: str, sim_freq: int, control_fre
 
 
 def scenes_to_reset(tensordict: TensorDictBase | None, num_envs: int) -> list[int]:
-    """Indices of the scenes where the key `"_reset"` is True, or of all without that key."""
+    """Indices of the scenes where the key `"_reset"` is True, or of all without that key.
+
+    Raises:
+        TypeError: If it is not bool.
+    """
     if tensordict is None or "_reset" not in tensordict.keys():
         return list(range(num_envs))
+    check_dtype("PushEnv.reset", "_reset", tensordict["_reset"], torch.bool)
     mask = tensordict["_reset"].reshape(num_envs, -1).any(-1)
     return torch.nonzero(mask).flatten().tolist()
 
@@ -188,12 +197,33 @@ def chosen_scenes(who: str, indices: Sequence[int] | None, num_envs: int) -> lis
     Raises:
         ValueError: If one is out of range or given twice.
     """
-    chosen = list(range(num_envs)) if indices is None else [int(i) for i in indices]
+    chosen = list(range(num_envs)) if indices is None else [*_whole(who, indices)]
     if len(set(chosen)) < len(chosen) or not all(0 <= i < num_envs for i in chosen):
         raise ValueError(
             f"{who}: indices must be different and in [0, {num_envs - 1}], got {chosen}."
         )
     return chosen
+
+
+def _whole(who: str, indices: Sequence[int], name: str = "indices") -> Sequence[int]:
+    whole = isinstance(indices, Sequence | np.ndarray) and all(
+        isinstance(i, int | np.integer) and not isinstance(i, bool) for i in indices
+    )
+    if not whole:
+        raise TypeError(f"{who}: {name} must be whole numbers, got {indices!r}.")
+    return [int(i) for i in indices]
+
+
+def check_scene(who: str, index: int, num_envs: int) -> None:
+    """Check the index of one scene.
+
+    Raises:
+        TypeError: If it is no whole number.
+        ValueError: If there is no such scene.
+    """
+    _whole(who, [index], "index")
+    if not 0 <= index < num_envs:
+        raise ValueError(f"{who}: index must be in [0, {num_envs - 1}], got {index}.")
 
 
 def check_action(action: Tensor, num_envs: int) -> None:

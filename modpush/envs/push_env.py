@@ -8,6 +8,8 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import EnvBase
 
+from modpush._arguments import checked_arguments
+from modpush._types import Frequency, Scenes, Seed
 from modpush.envs.arguments import (
     check_action,
     check_alone,
@@ -27,7 +29,7 @@ from modpush.envs.robot.ur5_2f85 import ToolName
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.envs.sim.build_batch import build_batch
-from modpush.envs.sim.seeding import make_generators
+from modpush.envs.sim.seeding import make_generators, restart_generators
 from modpush.envs.specs import make_specs
 from modpush.geometry.workspace import Rectangle
 
@@ -45,36 +47,37 @@ class PushEnv(EnvBase):
     All lengths in metres, all angles in radians, all poses `[x, y, yaw]` in the robot's base frame:
     x forward, y left, z up, the table's top at z = 0.
 
-    ======================= ==================== =====================================================
-    key                     shape, dtype         meaning
-    ======================= ==================== =====================================================
-    action                  `[B, 3]` float32     (dx, dy, dyaw) of the tool in [-1, 1], times
-                                                 (0.02 m, 0.02 m, 0.05 rad)
-    depth                   `[B, 1, 256, 256]`   bird's-eye depth along the optical axis [m]; the table
-                            float32              is at 1.1 (absent with `depth=None`)
-    segmentation            `[B, 1, 256, 256]`   what each pixel shows: 0 table, 1 pushed object,
-                            uint8                2 obstacle, 3 robot
-    object_pose             `[B, 3]` float32     pose of the pushed object
-    goal_position           `[B, 2]` float32     where the object's centre is to go
-    ee_pose                 `[B, 3]` float32     pose of the tool's tip
-    joint_position          `[B, 6]` float32     angles of the arm's joints
-    object_radius           `[B, 1]` float32     circumscribed radius of the object's footprint
-    object_inscribed_radius `[B, 1]` float32     radius of the circle inside the object's footprint
-    object_symmetry         `[B, 1]` float32     number of yaw angles at which the object looks the
-                                                 same: 4 for a square footprint, 0 for a disc
-    object_contact          `[B, 1]` bool        tool or arm touched the object during the step
-    obstacle_contact        `[B, 1]` bool        the object touched an obstacle during the step
-    tool_obstacle_contact   `[B, 1]` bool        tool or arm touched an obstacle during the step
-    target_reachable        `[B, 1]` bool        False if the arm cannot reach the commanded pose
-    obstacle_displacement   `[B, 24]` float32    how far each obstacle has moved since reset (only with
-                                                 `dynamic_obstacles=True`)
-    success                 `[B, 1]` bool        the object's centre is within 5 cm of the goal
-    out_of_bounds           `[B, 1]` bool        it is more than 5 cm outside the workspace
-    reward                  `[B, 1]` float32     1 on success, else 0
-    terminated              `[B, 1]` bool        success (and out of bounds with `oob="terminate"`)
-    truncated               `[B, 1]` bool        step limit, or out of bounds
-    done                    `[B, 1]` bool        terminated or truncated
-    ======================= ==================== =====================================================
+        ======================= ================== =====================================================
+        key                     shape, dtype       meaning
+        ======================= ================== =====================================================
+        action                  `[B, 3]` float32   (dx, dy, dyaw) of the tool in [-1, 1], times
+                                                   (0.02 m, 0.02 m, 0.05 rad)
+        depth                   `[B, 1, 256, 256]` bird's-eye depth along the optical axis [m]; the table
+                                float32            is at 1.1 (absent with `depth=None`)
+        segmentation            `[B, 1, 256, 256]` what each pixel shows: 0 table, 1 pushed object,
+                                uint8              2 obstacle, 3 robot
+        object_pose             `[B, 3]` float32   pose of the pushed object
+        goal_position           `[B, 2]` float32   where the object's centre is to go
+        ee_pose                 `[B, 3]` float32   pose of the tool's tip
+        joint_position          `[B, 6]` float32   angles of the arm's joints
+        object_radius           `[B, 1]` float32   circumscribed radius of the object's footprint
+        object_inscribed_radius `[B, 1]` float32   radius of the circle inside the object's footprint
+        object_symmetry         `[B, 1]` float32   number of yaw angles at which the object looks the
+                                                   same: 4 for a square footprint, 0 for a disc
+        object_contact          `[B, 1]` bool      tool or arm touched the object during the step
+        obstacle_contact        `[B, 1]` bool      the object touched an obstacle during the step
+        tool_obstacle_contact   `[B, 1]` bool      tool or arm touched an obstacle during the step
+        object_contact_at_end   `[B, 1]` bool      tool or arm touched the object at the step's end
+        target_reachable        `[B, 1]` bool      False if the arm cannot reach the commanded pose
+        obstacle_displacement   `[B, 24]` float32  how far each obstacle has moved since reset (only with
+                                                   `dynamic_obstacles=True`)
+        success                 `[B, 1]` bool      the object's centre is within 5 cm of the goal
+        out_of_bounds           `[B, 1]` bool      it is more than 5 cm outside the workspace
+        reward                  `[B, 1]` float32   1 on success, else 0
+        terminated              `[B, 1]` bool      success (and out of bounds with `oob="terminate"`)
+        truncated               `[B, 1]` bool      step limit, or out of bounds
+        done                    `[B, 1]` bool      terminated or truncated
+        ======================= ================== =====================================================
 
     `reset(tensordict, scenarios=None, seed=None, state=None)` starts new episodes in the scenes where
     the key `"_reset"` is True, or in all without that key. With `scenarios` they start from those, one
@@ -112,21 +115,22 @@ class PushEnv(EnvBase):
 
     batch_locked = True
 
+    @checked_arguments
     def __init__(
         self,
-        num_envs: int = 1,
+        num_envs: Scenes = 1,
         *,
         scenario: ScenarioConfig | None = None,
         depth: str | DepthCameraFactory | None = "analytic",
         arm_in_depth: bool = False,
         tool: ToolName = "2f85",
         dynamic_obstacles: bool = False,
-        sim_freq: int = 120,
-        control_freq: int = 15,
+        sim_freq: Frequency = 120,
+        control_freq: Frequency = 15,
         max_episode_steps: int | None = 200,
         oob: Literal["truncate", "terminate"] = "truncate",
         pictures: bool = False,
-        seed: int | None = None,
+        seed: Seed | None = None,
         device: torch.device | str = "cpu",
         **fields: Any,
     ) -> None:
@@ -188,9 +192,7 @@ class PushEnv(EnvBase):
         if state is not None:
             check_alone(scenarios=scenarios, seed=seed)
             return self.set_state(state, indices)
-        if seed is not None:
-            for i in indices:
-                self._rngs[i] = np.random.default_rng(seed + i)
+        restart_generators(self._rngs, indices, seed)
         if scenarios is None:
             scenarios = [
                 sample_scenario(self._rngs[i], self.scenario, tool=self._tool) for i in indices
@@ -231,8 +233,6 @@ class PushEnv(EnvBase):
             entries["reward"] = entries["success"].float()
         if self._depth is not None:
             entries["depth"], entries["segmentation"] = batch.capture()
-        if self.device.type != "cpu":
-            entries = {key: value.to(self.device) for key, value in entries.items()}
         return TensorDict(entries, batch_size=self.batch_size, device=self.device)
 
     @property
@@ -242,13 +242,18 @@ class PushEnv(EnvBase):
         return [self._batch.scenario(i) for i in range(self.batch_size[0])]
 
     @property
+    def settings(self) -> dict[str, Any]:
+        """Tool, device, frequencies, kind of obstacles and step limit, by the names of the arguments."""
+        return {**self._config, "max_episode_steps": self._max_episode_steps}
+
+    @property
     def bounds(self) -> Rectangle:
         """Lower and upper corner of where the object may be without being out of bounds [m]."""
         return self.scenario.bounds()
 
     def cast(self, index: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Depth [m] and label at pixels `[..., 2]` (u, v) of one scene's image, without drawing it."""
-        self._check_open("cast")
+        self._check_open("cast", started=True)
         return self._batch.cast(index, pixels)
 
     def render(self, index: int = 0) -> np.ndarray:

@@ -16,7 +16,13 @@ from .results import ResultStore as ResultStore
 from .runner import EvaluationConfig as EvaluationConfig
 from .runner import evaluate as evaluate
 from .sets import (
+    EVALUATION_SETS as EVALUATION_SETS,
+)
+from .sets import (
     SET_NAMES as SET_NAMES,
+)
+from .sets import (
+    TUNING_SETS as TUNING_SETS,
 )
 from .sets import (
     EvaluationSet as EvaluationSet,

@@ -13,8 +13,9 @@ from tensordict import NestedKey, TensorDictBase
 from torchrl.envs import EnvBase, set_exploration_type
 from torchrl.envs.utils import ExplorationType, step_mdp
 
-from modpush.envs.scenes.objects import PushedObject
+from modpush.envs.scenes.objects import Circle, PushedObject
 from modpush.envs.scenes.scenario import Scenario
+from modpush.evaluation.authors_paths import authors_agent_length, authors_controller_length
 from modpush.evaluation.metrics import EpisodeMetrics, episode_metrics
 from modpush.evaluation.shortest import shortest_path
 from modpush.files import read_arrays, write_arrays
@@ -26,7 +27,12 @@ Policy = Callable[[TensorDictBase], TensorDictBase]
 
 # Read after every step; the flags in the order of `episode_metrics`' arguments.
 _POSES = ("object_pose", "ee_pose")
-_FLAGS = ("object_contact", "obstacle_contact", "tool_obstacle_contact")
+_FLAGS = (
+    "object_contact",
+    "obstacle_contact",
+    "tool_obstacle_contact",
+    "object_contact_at_end",
+)
 _ENDS = ("success", "out_of_bounds", "done")
 
 
@@ -89,8 +95,10 @@ class _Log:
         td: TensorDictBase,
         row: int,
         objects: Mapping[str, PushedObject] | None,
+        inflation: Circle,
     ) -> None:
         self.number, self.scenario, self.objects = number, scenario, objects
+        self.inflation: Circle = inflation
         self.poses = {key: [td[key][row].tolist()] for key in _POSES}
         self.flags: list[list[bool]] = []
         self.rewards: list[float] = []
@@ -98,7 +106,9 @@ class _Log:
         self.path: NDArray[np.float32] | None = None
 
     def finish(self, success: bool, out_of_bounds: bool) -> Episode:
-        corners, shortest = shortest_path(self.scenario, objects=self.objects)
+        corners, shortest = shortest_path(
+            self.scenario, objects=self.objects, inflation=self.inflation
+        )
         poses = {key: np.array(value) for key, value in self.poses.items()}
         flags = np.array(self.flags)
         metrics = episode_metrics(
@@ -109,10 +119,12 @@ class _Log:
             success=success,
             out_of_bounds=out_of_bounds,
             shortest_length=shortest,
+            authors_agent_length=authors_agent_length(self.scenario),
+            authors_controller_length=authors_controller_length(self.scenario),
         )
         trajectory = Trajectory(
             **{key: value.astype(np.float32) for key, value in poses.items()},
-            contacts=flags,
+            contacts=flags[:, :3],
             planned_path=self.path if self.path is not None else corners.astype(np.float32),
             target=np.array(self.targets, dtype=np.float32).reshape(-1, 2),
         )
@@ -127,6 +139,7 @@ def run_episodes(
     policy: Policy,
     episodes: Iterable[tuple[int, Scenario]],
     *,
+    inflation: Circle = "circumscribed",
     path_key: NestedKey | None = None,
     target_key: NestedKey | None = None,
     exploration: ExplorationType = ExplorationType.DETERMINISTIC,
@@ -141,6 +154,8 @@ def run_episodes(
             step; it learns of an episode's beginning by `InitTracker` or `TensorDictPrimer` in
             `env`.
         episodes: Number and start of each.
+        inflation: Which of the object's circles obstacles are inflated by for the shortest path, see
+            `EpisodeConditions`.
         path_key: Where the planned path, `[B, n, 2]` [m], stands in what `env.step` returns, for
             pictures. Under `"next"` is what belongs to the step's end, and a policy's state.
         target_key: The same of the sub-goal that is acted upon, `[B, 2]` [m].
@@ -162,7 +177,7 @@ def run_episodes(
     spare = [first[-1]] * (env.batch_size[0] - len(first))  # a first reset is of all scenes
     td = env.reset(scenarios=[scenario for _, scenario in first + spare])
     logs: list[_Log | None] = [
-        _Log(n, s, td, i, _objects_of(env)) for i, (n, s) in enumerate(first)
+        _Log(n, s, td, i, _objects_of(env), inflation) for i, (n, s) in enumerate(first)
     ]
     logs += [None] * len(spare)
     while any(logs):
@@ -179,7 +194,7 @@ def run_episodes(
             yield episode
         refill = list(zip((row for row, _ in ended), islice(queue, len(ended)), strict=False))
         if refill:
-            td = _restart(env, td, logs, refill)
+            td = _restart(env, td, logs, refill, inflation)
 
 
 def _objects_of(env: EnvBase) -> Mapping[str, PushedObject] | None:
@@ -203,6 +218,7 @@ def _restart(
     td: TensorDictBase,
     logs: list[_Log | None],
     refill: list[tuple[int, tuple[int, Scenario]]],
+    inflation: Circle,
 ) -> TensorDictBase:
     refill = sorted(refill, key=lambda item: item[0])
     mask = torch.zeros(len(logs), 1, dtype=torch.bool, device=td.device)
@@ -211,7 +227,7 @@ def _restart(
     td = env.reset(td, scenarios=[scenario for _, (_, scenario) in refill])
     td.pop("_reset", None)
     for row, (number, scenario) in refill:
-        logs[row] = _Log(number, scenario, td, row, _objects_of(env))
+        logs[row] = _Log(number, scenario, td, row, _objects_of(env), inflation)
     return td
 
 

@@ -28,7 +28,10 @@ class EpisodeMetrics:
     episode_return: float
     """Sum of the environment's rewards."""
     contact_rate: float
-    """Share of the control steps in contact, from the first contact on; 0 if there was none."""
+    """Share of the control steps in contact, from the first contact on; 0 if there was none. A step
+    counts in which any of four looks, spread over it, shows contact."""
+    contact_rate_at_end: float
+    """The same of the looks at the steps' ends alone, as in the authors' code."""
     collision_rate: float
     """Share of all control steps in which the object, the tool or the arm touched an obstacle."""
     collision_rate_object: float
@@ -41,8 +44,16 @@ class EpisodeMetrics:
     """Distance from the object to the goal at the end [m]."""
     shortest_length: float
     """Length of the shortest path at reset, see `shortest_path` [m]."""
+    authors_agent_length: float
+    """The same as the authors measured their agent, see `authors_agent_length` [m]."""
+    authors_controller_length: float
+    """The same as they measured their controller, see `authors_controller_length` [m]."""
     spl: float
-    """Success weighted by path length."""
+    """Success weighted by path length, against the exact shortest path."""
+    spl_authors_agent: float
+    """The same against the authors' Lazy Theta*, by which they measured their agent."""
+    spl_authors_controller: float
+    """The same against the authors' staircase of cells, by which they measured their controller."""
     out_of_bounds: bool
     """The object left the workspace."""
 
@@ -122,9 +133,12 @@ def episode_metrics(
     object_contact: Flags,
     obstacle_contact: Flags,
     tool_obstacle_contact: Flags,
+    object_contact_at_end: Flags,
     success: bool,
     out_of_bounds: bool,
     shortest_length: float,
+    authors_agent_length: float,
+    authors_controller_length: float,
 ) -> EpisodeMetrics:
     """All metrics of an episode of T control steps.
 
@@ -132,35 +146,48 @@ def episode_metrics(
         object_position: The object's position at reset and after each step, `[T + 1, 2]` [m].
         goal_position: The goal's position, `[2]` [m].
         reward: Rewards of the steps, `[T]`.
-        object_contact: Tool or arm touched the object, `[T]` bool.
+        object_contact: Tool or arm touched the object during the step, `[T]` bool.
         obstacle_contact: The object touched an obstacle, `[T]` bool.
         tool_obstacle_contact: Tool or arm touched an obstacle, `[T]` bool.
+        object_contact_at_end: Tool or arm touched the object at the step's end, `[T]` bool.
         success: Whether the goal was reached.
         out_of_bounds: Whether the object left the workspace.
         shortest_length: See `shortest_path` [m].
+        authors_agent_length: See `modpush.evaluation.authors_paths` [m].
+        authors_controller_length: See `modpush.evaluation.authors_paths` [m].
 
     Raises:
         ValueError: If the lengths do not fit each other.
     """
     steps = len(reward)
-    rows = [len(x) for x in (object_contact, obstacle_contact, tool_obstacle_contact)]
-    if rows != [steps] * 3 or len(object_position) != steps + 1:
+    flags = (object_contact, obstacle_contact, tool_obstacle_contact, object_contact_at_end)
+    rows = [len(x) for x in flags]
+    if rows != [steps] * 4 or len(object_position) != steps + 1:
         raise ValueError(
             f"episode_metrics: with {steps} rewards expected {steps} contacts and {steps + 1} "
             f"positions, got {rows} and {len(object_position)}."
         )
     taken, final = pushed_length(object_position, goal_position)
+    spl, spl_agent, spl_controller = (
+        success_weighted_by_path_length(success, length, taken)
+        for length in (shortest_length, authors_agent_length, authors_controller_length)
+    )
     return EpisodeMetrics(
         success=bool(success),
         steps=steps,
         episode_return=float(np.sum(reward)),
         contact_rate=contact_rate(object_contact),
+        contact_rate_at_end=contact_rate(object_contact_at_end),
         collision_rate=collision_rate(obstacle_contact, tool_obstacle_contact),
         collision_rate_object=collision_rate(obstacle_contact),
         collision_rate_arm=collision_rate(tool_obstacle_contact),
         path_length=taken,
         final_distance=final,
         shortest_length=shortest_length,
-        spl=success_weighted_by_path_length(success, shortest_length, taken),
+        authors_agent_length=authors_agent_length,
+        authors_controller_length=authors_controller_length,
+        spl=spl,
+        spl_authors_agent=spl_agent,
+        spl_authors_controller=spl_controller,
         out_of_bounds=bool(out_of_bounds),
     )

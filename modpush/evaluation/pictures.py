@@ -1,4 +1,4 @@
-"""Pictures of stored episodes like the paper's Fig. 6, sheets of several pictures, and videos."""
+"""Pictures of stored episodes as in the paper (Sec. V-B), sheets of several pictures, and videos."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -43,7 +43,7 @@ def draw_episode(
 
     Returns:
         `[H, W, 3]` uint8 RGB.
-    Source: Fig. 6.
+    Source: the paper's figure of example trajectories (Sec. V-B).
     """
     last = len(trajectory.object_pose) - 1
     step = last if step is None else min(step, last)

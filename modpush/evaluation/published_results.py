@@ -1,5 +1,6 @@
 """The results that the paper printed, for comparison with ours."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import pandas as pd
@@ -11,77 +12,151 @@ __all__ = ["PAPER", "PaperFigures", "beside_paper"]
 
 @dataclass(frozen=True, kw_only=True)
 class PaperFigures:
-    """One set's results in the paper: of its learned agent, and of Krivic and Piater's controller."""
+    """One set's results in the paper: of its learned agent, and of Krivic and Piater's controller.
 
+    Means over episodes, and standard deviations of those metrics that it prints them of.
+    """
+
+    episodes: int
+    """Number of episodes."""
     success: tuple[float, float]
     contact_rate: tuple[float, float]
-    collision_rate: tuple[float, float] | None
+    contact_rate_std: tuple[float, float]
+    collision_rate: tuple[float, float] | None = None
+    collision_rate_std: tuple[float, float] | None = None
     spl: tuple[float, float]
+    """Each by the shortest path of its own planner."""
     path_length: tuple[float, float]
     """[m]"""
+    path_length_std: tuple[float, float]
+    """[m]"""
+    significant: tuple[str, ...]
+    """Metrics whose difference is marked as significant at 0.05."""
+    retrained: Mapping[str, float] | None = None
+    """Results of the agent after further training on this object, by metric, where there are some."""
 
+
+_HARD = PaperFigures(
+    episodes=50,
+    success=(0.88, 0.72),
+    contact_rate=(0.977, 0.566),
+    contact_rate_std=(0.06, 0.11),
+    collision_rate=(0.065, 0.01),
+    collision_rate_std=(0.13, 0.05),
+    spl=(0.779, 0.720),
+    path_length=(0.492, 0.550),
+    path_length_std=(0.13, 0.18),
+    significant=("contact_rate", "collision_rate"),
+)
 
 PAPER = {
     "free/small_cube": PaperFigures(
+        episodes=500,
         success=(1.000, 0.998),
         contact_rate=(0.943, 0.870),
-        collision_rate=None,
+        contact_rate_std=(0.13, 0.15),
         spl=(0.928, 0.918),
         path_length=(0.429, 0.430),
+        path_length_std=(0.11, 0.10),
+        significant=("contact_rate",),
     ),
     "obstacles/small_cube": PaperFigures(
+        episodes=1000,
         success=(0.980, 0.955),
         contact_rate=(0.995, 0.850),
+        contact_rate_std=(0.02, 0.10),
         collision_rate=(0.008, 0.011),
+        collision_rate_std=(0.04, 0.05),
         spl=(0.910, 0.952),
         path_length=(0.523, 0.513),
+        path_length_std=(0.18, 0.16),
+        significant=("contact_rate", "path_length"),
     ),
     "obstacles/large_cube": PaperFigures(
+        episodes=1000,
         success=(0.977, 0.957),
         contact_rate=(0.995, 0.851),
+        contact_rate_std=(0.02, 0.10),
         collision_rate=(0.007, 0.012),
+        collision_rate_std=(0.04, 0.05),
         spl=(0.910, 0.954),
         path_length=(0.520, 0.510),
+        path_length_std=(0.18, 0.16),
+        significant=("contact_rate", "collision_rate", "path_length"),
     ),
     "obstacles/small_cylinder": PaperFigures(
+        episodes=1000,
         success=(0.967, 0.945),
         contact_rate=(0.981, 0.889),
+        contact_rate_std=(0.05, 0.11),
         collision_rate=(0.021, 0.014),
+        collision_rate_std=(0.06, 0.04),
         spl=(0.839, 0.940),
         path_length=(0.553, 0.512),
+        path_length_std=(0.19, 0.17),
+        significant=("contact_rate", "collision_rate", "path_length"),
     ),
     "obstacles/fragment": PaperFigures(
+        episodes=1000,
         success=(0.867, 0.953),
         contact_rate=(0.980, 0.868),
+        contact_rate_std=(0.05, 0.11),
         collision_rate=(0.05, 0.024),
+        collision_rate_std=(0.11, 0.07),
         spl=(0.71, 0.951),
         path_length=(0.630, 0.501),
+        path_length_std=(0.29, 0.16),
+        significant=("contact_rate", "collision_rate", "path_length"),
+        retrained={
+            "success": 0.959,
+            "contact_rate": 0.984,
+            "contact_rate_std": 0.05,
+            "collision_rate": 0.01,
+            "collision_rate_std": 0.05,
+            "spl": 0.83,
+            "path_length": 0.58,
+            "path_length_std": 0.23,
+        },
     ),
-    "hard/small_cube": PaperFigures(
-        success=(0.88, 0.72),
-        contact_rate=(0.977, 0.566),
-        collision_rate=(0.065, 0.01),
-        spl=(0.779, 0.720),
-        path_length=(0.492, 0.550),
-    ),
+    "hard/small_cube": _HARD,
+    "hard200/small_cube": _HARD,
 }
-"""The paper's results by evaluation set. Source: the paper's tables of results (Sec. V)."""
+"""The paper's results by evaluation set. Source: Tables I to III (Sec. V). `hard200/small_cube` continues
+`hard/small_cube` with further episodes of the same distribution."""
+
+_MEASURED_AS = {
+    "success": ("success", "success"),
+    "spl_authors_agent": ("spl", None),
+    "spl_authors_controller": (None, "spl"),
+    "contact_rate_at_end": ("contact_rate", "contact_rate"),
+    "collision_rate": ("collision_rate", "collision_rate"),
+    "path_length": ("path_length", "path_length"),
+}
+"""The paper's figures of agent and controller that are measured as this metric is."""
 
 
 def beside_paper(summary: pd.DataFrame, evaluation_set: str) -> pd.DataFrame:
     """A summary's means beside the paper's, cell by cell.
+
+    The paper's figures stand where they are measured alike: its SPL beside that by the authors' path of
+    the same method, its contact rate beside that of the looks at the steps' ends.
 
     Args:
         summary: What `summarize` returned.
         evaluation_set: Name of the set. Sets that the paper does not have get empty cells.
 
     Returns:
-        By metric: a column for each method, then `paper_controller` and `paper_agent`.
+        By metric: a column for each method, then `paper_controller`, `paper_agent` and, where there is
+        one, `paper_retrained`.
     """
     table = summary[list(METRICS)].T.rename_axis("metric")
     table.columns.name = None
     figures = PAPER.get(evaluation_set)
+    names = [_MEASURED_AS.get(metric, (None, None)) for metric in METRICS]
     for column, which in (("paper_controller", 1), ("paper_agent", 0)):
-        pairs = [getattr(figures, name, None) for name in METRICS]
+        pairs = [getattr(figures, str(pair[which]), None) for pair in names]
         table[column] = [float("nan") if pair is None else pair[which] for pair in pairs]
+    if figures is not None and figures.retrained is not None:
+        retrained = figures.retrained
+        table["paper_retrained"] = [retrained.get(str(agent), float("nan")) for agent, _ in names]
     return table

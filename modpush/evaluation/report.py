@@ -16,7 +16,7 @@ from modpush.evaluation.pictures import (
 from modpush.evaluation.published_results import beside_paper
 from modpush.evaluation.results import load_trajectory
 from modpush.evaluation.sets import EvaluationSet
-from modpush.evaluation.tables import compare, format_table, summarize, to_display
+from modpush.evaluation.tables import LEGEND, compare, format_table, summarize, to_display
 
 __all__ = ["comparison_report", "draw_results", "write_tables"]
 
@@ -38,7 +38,7 @@ def write_tables(rows: pd.DataFrame, folder: Path) -> str:
     text = format_table(to_display(table))
     (folder / "table.csv").write_text(format_table(table, "csv"))
     (folder / "table.tex").write_text(format_table(to_display(table), "latex"))
-    (folder / "table.md").write_text(text)
+    (folder / "table.md").write_text(f"{text}\n{LEGEND}")
     return text
 
 
@@ -105,4 +105,4 @@ def comparison_report(name: str, rows: Mapping[str, pd.DataFrame]) -> str:
         (first, a), *others = rows.items()
         for second, b in others:
             text += f"\n{first} against {second}\n\n{format_table(compare(a, b))}"
-    return text
+    return f"{text}\n{LEGEND}"

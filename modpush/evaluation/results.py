@@ -1,7 +1,7 @@
 """Per-episode results on disk: a row as soon as an episode ends, so that a run can go on later."""
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -9,16 +9,17 @@ import pandas as pd
 from tensordict.nn import TensorDictModuleBase
 from torch import nn
 
-from modpush._hash import weights_hash
+from modpush._arguments import checked_arguments
+from modpush._hash import data_hash, weights_hash
 from modpush.evaluation.episodes import Episode, Trajectory
 from modpush.evaluation.metrics import EpisodeMetrics
 from modpush.evaluation.sealed_rows import append_row, begin_rows, read_rows
 from modpush.evaluation.sets import EvaluationSet
 from modpush.files import read_json, write_json
 
-__all__ = ["COLUMNS", "ResultStore", "describe_policy", "load_trajectory"]
+__all__ = ["COLUMNS", "ResultStore", "describe_policy", "load_trajectory", "policy_hash"]
 
-_KIND, _VERSION = "modpush.Results", 1
+_KIND, _VERSION = "modpush.Results", 2
 _TRAJECTORIES = "trajectories"
 
 COLUMNS = (
@@ -26,9 +27,11 @@ COLUMNS = (
     "scene",
     "pushed_object",
     "difficulty",
+    "policy",
     *(field.name for field in fields(EpisodeMetrics)),
 )
-"""Columns of `episodes.csv`, which has a checksum of each row besides."""
+"""Columns of `episodes.csv`, which has a checksum of each row besides. `policy` is `policy_hash` of
+what acted."""
 
 
 class ResultStore:
@@ -49,6 +52,7 @@ class ResultStore:
             other columns, or a file is damaged.
     """
 
+    @checked_arguments
     def __init__(
         self,
         folder: Path | str,
@@ -58,6 +62,7 @@ class ResultStore:
         resume: bool = True,
     ) -> None:
         self.folder, self.evaluation_set = Path(folder), evaluation_set
+        self._policy = policy_hash(policy)
         if not resume:
             self.csv.unlink(missing_ok=True)
             self._about.unlink(missing_ok=True)
@@ -67,6 +72,7 @@ class ResultStore:
             "set": evaluation_set.name,
             "set_version": evaluation_set.version,
             "episodes": evaluation_set.digest,
+            "conditions": asdict(evaluation_set.conditions),
             "policy": dict(policy),
         }
         self._claim(about)
@@ -115,6 +121,7 @@ class ResultStore:
             "scene": episode.scenario.scene,
             "pushed_object": episode.scenario.pushed_object,
             "difficulty": episode.scenario.difficulty,
+            "policy": self._policy,
         }
         append_row(self.csv, COLUMNS, about | episode.metrics.to_dict())
 
@@ -152,10 +159,25 @@ def describe_policy(policy: Any, label: str = "") -> dict[str, Any]:
         "class": f"{type(policy).__module__}:{type(policy).__qualname__}",
         "label": label,
     }
-    if isinstance(policy, nn.Module):
+    if isinstance(policy, nn.Module) and policy.state_dict():
         described["weights"] = weights_hash(policy)
     if isinstance(policy, TensorDictModuleBase):
         described["in_keys"] = [str(key) for key in policy.in_keys]
     if (config := getattr(policy, "config", None)) is not None:
         described["config"] = repr(config)
     return described
+
+
+def policy_hash(described: Mapping[str, Any]) -> str:
+    """A word that tells rows of different policies apart wherever they are copied to.
+
+    Args:
+        described: What `describe_policy` returned.
+
+    Returns:
+        `weights:` and `weights_hash` for what has weights; otherwise `settings:` and a hash of the class
+        and its settings.
+    """
+    if weights := described.get("weights"):
+        return f"weights:{weights}"
+    return f"settings:{data_hash(dict(described))}"

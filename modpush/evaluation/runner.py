@@ -1,6 +1,7 @@
 """A policy over an evaluation set: batched, resumable, in one process or several."""
 
 import functools
+import inspect
 import multiprocessing
 import queue
 from collections.abc import Callable, Iterator, Sequence
@@ -15,11 +16,13 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType
 from tqdm import tqdm
 
+from modpush._arguments import checked_arguments
 from modpush._atomic import clean_leftovers
 from modpush._end_with_parent import begin_worker_process
 from modpush._folder_lock import FolderLock
 from modpush._types import Count, Key, Scenes, Seed
 from modpush._validation import checked
+from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.episodes import Episode, Policy, run_episodes
 from modpush.evaluation.results import ResultStore, describe_policy
@@ -29,9 +32,11 @@ __all__ = ["EnvFactory", "EvaluationConfig", "TrainedAgent", "evaluate"]
 
 _MAX_WAYPOINTS = 32  # of the first planned path, for pictures
 
-EnvFactory = Callable[[int, Sequence[str]], EnvBase]
-"""`(number of scenes, names of the objects that will be pushed) -> environment`. With several
-workers it must be picklable: a function of a module, or a `functools.partial` of one."""
+EnvFactory = Callable[..., EnvBase]
+"""`(number of scenes, names of the objects that will be pushed) -> environment`, in which time limit,
+tool and physics are those of the set. One that has a parameter `conditions` is given the set's
+`EpisodeConditions`. With several workers it must be picklable: a function of a module, or a
+`functools.partial` of one."""
 
 
 @checked
@@ -68,6 +73,7 @@ class TrainedAgent(Protocol):
         """The environment that the policy was trained in, with other options of `make_push_env`."""
 
 
+@checked_arguments
 def evaluate(
     policy: Any,
     evaluation_set: EvaluationSet | str | Path,
@@ -85,7 +91,8 @@ def evaluate(
             workers it is pickled.
         evaluation_set: The episodes, or what `load_set` takes: a name or a file.
         folder: Folder that results are kept in, see `ResultStore`.
-        make_env: Makes the environment, transforms included; needed unless an agent is given.
+        make_env: Makes the environment, transforms included; needed unless an agent is given, whose
+            environment gets the set's conditions.
         label: Text that tells this policy's settings from others, where neither weights nor a
             `config` do.
         config: How episodes are run.
@@ -96,7 +103,8 @@ def evaluate(
 
     Raises:
         ValueError: If the folder holds results of another policy (told by its class, weights, config
-            and label) or another set, or there is nothing to make the environment with.
+            and label) or another set, there is nothing to make the environment with, or its time
+            limit, tool or physics are not the set's.
         RuntimeError: If a worker fails; what has finished is kept.
         FolderLockedError: If another process writes to the folder; the message says which.
     """
@@ -133,7 +141,7 @@ def evaluate(
             desc=evaluation_set.name,
             disable=not config.progress,
         ) as bar:
-            for episode in run(make_env, acting, missing, config):
+            for episode in run(make_env, acting, missing, config, evaluation_set.conditions):
                 store.write(episode)
                 done.append(episode.metrics.success)
                 bar.set_postfix(success=f"{sum(done) / len(done):.3f}", refresh=False)
@@ -153,8 +161,31 @@ def _finished(
     return None if store.missing() else store.rows()
 
 
-def _agent_env(agent: TrainedAgent, num_envs: int, objects: Sequence[str]) -> EnvBase:
-    return agent.make_env(num_envs, pushed_object=tuple(objects), max_waypoints=_MAX_WAYPOINTS)
+def _agent_env(
+    agent: TrainedAgent, num_envs: int, objects: Sequence[str], conditions: EpisodeConditions
+) -> EnvBase:
+    return agent.make_env(
+        num_envs,
+        pushed_object=tuple(objects),
+        max_waypoints=_MAX_WAYPOINTS,
+        **conditions.agent_options,
+    )
+
+
+def _make_env(
+    factory: EnvFactory, num_envs: int, objects: Sequence[str], conditions: EpisodeConditions
+) -> EnvBase:
+    """The environment that a factory makes, if it is as the set says."""
+    takes = "conditions" in inspect.signature(factory).parameters
+    env = factory(num_envs, objects, **({"conditions": conditions} if takes else {}))
+    differences = conditions.differences(getattr(env, "settings", {}))
+    if not hasattr(env, "settings") or not differences:
+        return env
+    env.close()
+    raise ValueError(
+        f"evaluate: the set says otherwise than the environment, (there, of the set): {differences}. "
+        "Give make_env a parameter `conditions`, and PushEnv its `env_options`."
+    )
 
 
 def _run_here(
@@ -162,17 +193,19 @@ def _run_here(
     policy: Policy,
     episodes: Sequence[tuple[int, Scenario]],
     config: EvaluationConfig,
+    conditions: EpisodeConditions,
 ) -> Iterator[Episode]:
     if not episodes:
         return
     torch.manual_seed(config.seed)
     objects = tuple(dict.fromkeys(scenario.pushed_object for _, scenario in episodes))
-    env = make_env(min(config.num_envs, len(episodes)), objects)
+    env = _make_env(make_env, min(config.num_envs, len(episodes)), objects, conditions)
     try:
         yield from run_episodes(
             env,
             policy,
             episodes,
+            inflation=conditions.inflation,
             path_key=config.path_key,
             target_key=config.target_key,
             exploration=config.exploration,
@@ -193,13 +226,18 @@ def _run_in_workers(
     policy: Policy,
     episodes: Sequence[tuple[int, Scenario]],
     config: EvaluationConfig,
+    conditions: EpisodeConditions,
 ) -> Iterator[Episode]:
     """Each worker takes every n-th episode. Spawned: a fork would copy numba's and torch's threads."""
     context = multiprocessing.get_context("spawn")
     results = context.Queue()
     shares = [episodes[k :: config.workers] for k in range(config.workers)]
     workers = [
-        context.Process(target=_work, args=(results, make_env, policy, share, config), daemon=True)
+        context.Process(
+            target=_work,
+            args=(results, make_env, policy, share, config, conditions),
+            daemon=True,
+        )
         for share in shares
         if share
     ]

@@ -2,65 +2,54 @@
 
     python -m modpush.evaluation.sets            # writes the files anew, bit for bit the same
     python -m modpush.evaluation.sets --check    # compares them instead
+    python -m modpush.evaluation.set_statistics  # what is in them
 
-Source: paper Sec. V (numbers of episodes, scenes, objects, distances).
+What they are drawn from is in `set_recipes.py`.
 """
 
 import argparse
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, field, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from modpush._arguments import checked_arguments
 from modpush._hash import data_hash
 from modpush._types import Count, Several
 from modpush._validation import checked
-from modpush.envs.scenes.layouts import HARD_SCENES, OBSTACLE_SCENES, SCENES
-from modpush.envs.scenes.objects import OBJECTS
+from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
+from modpush.evaluation.set_recipes import RECIPES, SetRecipe
 from modpush.files import read_packed_json, write_packed_json
 
-__all__ = ["SET_NAMES", "SET_VERSION", "EvaluationSet", "generate_set", "load_set"]
+__all__ = [
+    "EVALUATION_SETS",
+    "SET_NAMES",
+    "SET_VERSION",
+    "TUNING_SETS",
+    "EvaluationSet",
+    "generate_set",
+    "load_set",
+]
 
-SET_VERSION = 2
+SET_VERSION = 3
 """Version of the files; another number means other episodes, or another form."""
 _KIND = "modpush.EvaluationSet"
 _NAME = re.compile(r"[\w+-][\w.+-]*(/[\w+-][\w.+-]*)*")
 _DECIMALS = 6  # micrometres and microradians: exact enough, and the same on every machine
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Recipe:
-    """Distribution of a set's episodes. Episode i takes the i-th family and object, in turn."""
-
-    seed: int
-    count: int
-    scenes: tuple[str, ...]
-    objects: tuple[str, ...] = ("small_cube",)
-    distance: tuple[float, float] = (0.2, 0.6)
-    """Range of the distance from start to goal [m]."""
-    difficulty: tuple[float, float] = (0.0, 1.0)
-
-
-_RECIPES = {
-    "smoke": _Recipe(seed=1, count=20, scenes=tuple(SCENES), objects=tuple(OBJECTS)),
-    "free/small_cube": _Recipe(seed=2, count=500, scenes=("free",)),
-    **{
-        f"obstacles/{name}": _Recipe(
-            seed=3 + k, count=1000, scenes=OBSTACLE_SCENES, objects=(name,)
-        )
-        for k, name in enumerate(("small_cube", "large_cube", "small_cylinder", "fragment"))
-    },
-    "hard/small_cube": _Recipe(seed=7, count=50, scenes=HARD_SCENES),
-}
-
-SET_NAMES = tuple(_RECIPES)
+SET_NAMES = tuple(RECIPES)
 """Names of all sets in the package."""
+TUNING_SETS = tuple(name for name in SET_NAMES if name.startswith("tuning/"))
+"""Names of the sets that settings are chosen on. Nothing is evaluated on them."""
+EVALUATION_SETS = tuple(n for n in SET_NAMES if n != "smoke" and n not in TUNING_SETS)
+"""Names of the sets that methods are evaluated on. Nothing is chosen on them."""
 
 
 @checked
@@ -73,6 +62,8 @@ class EvaluationSet:
     scenarios: Several[Scenario]
     """Episode i starts from `scenarios[i]`. Any first part of a set holds its families and objects
     in equal shares."""
+    conditions: EpisodeConditions = field(default_factory=EpisodeConditions)
+    """Time limit, tool, physics and map with which every method runs the episodes."""
     version: Count = SET_VERSION
     digest: str = ""
     """Hash of all episodes of the set that this is the first part of; computed if not given."""
@@ -110,10 +101,15 @@ class EvaluationSet:
 
     def save(self, path: Path) -> None:
         """Write the set as gzip-compressed JSON; the same set always gives the same bytes."""
-        content = {"name": self.name, "episodes": [s.to_dict() for s in self.scenarios]}
+        content = {
+            "name": self.name,
+            "conditions": asdict(self.conditions),
+            "episodes": [s.to_dict() for s in self.scenarios],
+        }
         write_packed_json(path, content, _KIND, self.version)
 
 
+@checked_arguments
 def load_set(name: str | Path) -> EvaluationSet:
     """Read an evaluation set: one of the package by its name, or a file of your own by its path.
 
@@ -124,7 +120,7 @@ def load_set(name: str | Path) -> EvaluationSet:
         ValueError: If there is no such set, with the list of those there are; or if the file is
             damaged, no evaluation set, or of another version.
     """
-    if isinstance(name, str) and name in _RECIPES:
+    if isinstance(name, str) and name in RECIPES:
         source = Path(str(files("modpush.evaluation"))) / "data" / f"{name}.json.gz"
     else:
         source = Path(name)
@@ -133,12 +129,16 @@ def load_set(name: str | Path) -> EvaluationSet:
             f"load_set: no set {str(name)!r}, expected one of {list(SET_NAMES)} or a file's path."
         )
     content = read_packed_json(source, _KIND, SET_VERSION)
-    if not isinstance(content, dict) or not {"name", "episodes"} <= set(content):
-        raise ValueError(f"load_set: {source} must hold a name and episodes.")
-    scenarios = tuple(Scenario.from_dict(episode) for episode in content["episodes"])
-    return EvaluationSet(name=content["name"], scenarios=scenarios)
+    if not isinstance(content, dict) or not {"name", "conditions", "episodes"} <= set(content):
+        raise ValueError(f"load_set: {source} must hold a name, conditions and episodes.")
+    return EvaluationSet(
+        name=content["name"],
+        scenarios=tuple(Scenario.from_dict(episode) for episode in content["episodes"]),
+        conditions=EpisodeConditions.from_dict(content["conditions"]),
+    )
 
 
+@checked_arguments
 def generate_set(name: str, episodes: Sequence[int] | None = None) -> EvaluationSet:
     """Draw a set, or some of its episodes. Each episode has its own generator, from set and number.
 
@@ -149,21 +149,27 @@ def generate_set(name: str, episodes: Sequence[int] | None = None) -> Evaluation
     Raises:
         ValueError: If there is no such set, with the list of those there are.
     """
-    if name not in _RECIPES:
+    if name not in RECIPES:
         raise ValueError(f"generate_set: no set {name!r}, expected one of {list(SET_NAMES)}.")
-    recipe = _RECIPES[name]
+    recipe = RECIPES[name]
     numbers = range(recipe.count) if episodes is None else episodes
-    return EvaluationSet(name=name, scenarios=tuple(_draw(recipe, i) for i in numbers))
+    return EvaluationSet(
+        name=name,
+        scenarios=tuple(_draw(recipe, i) for i in numbers),
+        conditions=recipe.conditions,
+    )
 
 
-def _draw(recipe: _Recipe, number: int) -> Scenario:
+def _draw(recipe: SetRecipe, number: int) -> Scenario:
     config = ScenarioConfig(
         scene=recipe.scenes[number % len(recipe.scenes)],
         pushed_object=recipe.objects[number % len(recipe.objects)],
         difficulty=recipe.difficulty,
         distance=recipe.distance,
+        path_inflation=recipe.conditions.inflation,
     )
-    drawn = sample_scenario(np.random.default_rng([recipe.seed, number]), config)
+    rng = np.random.default_rng([recipe.seed, number])
+    drawn = sample_scenario(rng, config, tool=recipe.conditions.tool)
     return Scenario.from_dict(_rounded(drawn.to_dict()))
 
 

@@ -6,11 +6,14 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from modpush.envs.scenes.objects import PushedObject, get_object
+from modpush._arguments import checked_arguments
+from modpush.envs.scenes.objects import Circle, PushedObject, get_object
 from modpush.envs.scenes.rectangles import obstacle_distance
 from modpush.envs.scenes.scenario import Scenario
 from modpush.geometry import Camera
+from modpush.geometry.workspace import BOUNDS_MARGIN, WORKSPACE
 from modpush.planners import LazyThetaStar, Planner, inflate
+from modpush.planners.occupancy import cells_outside
 
 __all__ = ["blocked_cells", "shortest_path"]
 
@@ -19,8 +22,10 @@ def blocked_cells(
     scenario: Scenario,
     camera: Camera | None = None,
     objects: Mapping[str, PushedObject] | None = None,
+    *,
+    inflation: Circle = "circumscribed",
 ) -> NDArray[np.bool_]:
-    """The cells that the object's centre cannot be in, as `OccupancyGrid` finds them in an image.
+    """The cells that the object's centre cannot be in without a collision or the episode's end.
 
     From the layout, so that it is the same for every environment and method.
 
@@ -29,9 +34,11 @@ def blocked_cells(
         camera: The camera, whose pixels are the grid's cells.
         objects: Objects of your own by name, as in `PushEnv.pushed_objects`.
 
+        inflation: Which of the object's circles obstacles are inflated by.
+
     Returns:
-        `[H, W]` bool, True within the object's circumscribed radius of a cell that an obstacle
-        stands on.
+        `[H, W]` bool, True within that radius of a cell that an obstacle stands on, and where an
+        episode is out of bounds.
     """
     camera = camera or Camera()
     v, u = torch.meshgrid(
@@ -41,23 +48,28 @@ def blocked_cells(
     )
     centers = camera.unproject(torch.stack([u, v], -1)).numpy()
     standing = torch.from_numpy(obstacle_distance(centers, scenario.obstacles) <= 0.0)
-    radius = get_object(scenario.pushed_object, objects).radius / camera.cell_size
-    return inflate(standing[None], radius)[0].numpy()
+    radius = get_object(scenario.pushed_object, objects).radius_of(inflation) / camera.cell_size
+    blocked = inflate(standing[None], radius)[0]
+    return (blocked | cells_outside(camera, WORKSPACE, -BOUNDS_MARGIN)).numpy()
 
 
+@checked_arguments
 def shortest_path(
     scenario: Scenario,
     planner: Planner | None = None,
     camera: Camera | None = None,
     objects: Mapping[str, PushedObject] | None = None,
+    *,
+    inflation: Circle = "circumscribed",
 ) -> tuple[NDArray[np.float64], float]:
-    """The shortest way past the obstacles from start to goal.
+    """The shortest way past the obstacles from start to goal on which no episode ends.
 
     Args:
         scenario: What the episode starts from.
         planner: What plans; `LazyThetaStar` by default.
         camera: The camera, whose pixels are the grid's cells.
         objects: Objects of your own by name, as in `PushEnv.pushed_objects`.
+        inflation: Which of the object's circles obstacles are inflated by.
 
     Returns:
         Its corners `[n, 2]` [m], ends included, and its length [m]. Where the grid shows no way the
@@ -67,7 +79,9 @@ def shortest_path(
     ends = torch.tensor([scenario.object_pose[:2], scenario.goal_position], dtype=torch.float64)
     straight = ends.numpy()
     pixels = camera.project(ends).float()
-    occupancy = torch.from_numpy(blocked_cells(scenario, camera, objects))[None]
+    occupancy = torch.from_numpy(blocked_cells(scenario, camera, objects, inflation=inflation))[
+        None
+    ]
     paths = planner.plan(occupancy, pixels[:1], pixels[1:])
     if not paths.found[0]:
         return straight, float(np.linalg.norm(straight[1] - straight[0]))

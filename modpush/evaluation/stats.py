@@ -4,14 +4,18 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import stats
+
+from modpush._arguments import checked_arguments
+from modpush._types import Count, Seed
 
 __all__ = ["PairedTest", "bootstrap_interval", "paired_t_test"]
 
 
+@checked_arguments
 def bootstrap_interval(
-    values: ArrayLike, confidence: float = 0.95, resamples: int = 10_000, seed: int = 0
+    values: ArrayLike, confidence: float = 0.95, resamples: Count = 10_000, seed: Seed = 0
 ) -> tuple[float, float]:
     """Percentile bootstrap interval of the mean.
 
@@ -27,11 +31,11 @@ def bootstrap_interval(
         1 - 3 / N.
 
     Raises:
-        ValueError: If `confidence` is out of range.
+        ValueError: If a number is out of range, or the values are not `[N]` and finite.
     """
     if not 0 < confidence < 1:
         raise ValueError(f"bootstrap_interval: confidence must be in (0, 1), got {confidence}.")
-    sample = np.asarray(values, dtype=np.float64)
+    sample = _checked_sample("bootstrap_interval", "values", values)
     if len(sample) == 0:
         return math.nan, math.nan
     if np.ptp(sample) == 0:
@@ -80,12 +84,14 @@ def paired_t_test(first: ArrayLike, second: ArrayLike) -> PairedTest:
         are 0 or infinite.
 
     Raises:
-        ValueError: If the shapes differ.
+        ValueError: If the shapes differ, or the values are not `[N]` and finite.
     """
-    a, b = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
-    if a.shape != b.shape or a.ndim != 1:
+    a = _checked_sample("paired_t_test", "first", first)
+    b = _checked_sample("paired_t_test", "second", second)
+    if a.shape != b.shape:
         raise ValueError(
-            f"paired_t_test: expected two arrays of one shape [N], got {a.shape} and {b.shape}."
+            "paired_t_test: first and second must be of one shape [N], got "
+            f"{a.shape} and {b.shape}."
         )
     n = len(a)
     mean = float(np.mean(a - b)) if n else math.nan
@@ -104,3 +110,13 @@ def paired_t_test(first: ArrayLike, second: ArrayLike) -> PairedTest:
         p=float(test.pvalue),
         effect_size=mean / deviation,
     )
+
+
+def _checked_sample(who: str, name: str, values: ArrayLike) -> NDArray[np.float64]:
+    try:
+        sample = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{who}: {name} must be numbers [N], got {values!r}.") from error
+    if sample.ndim != 1 or not np.isfinite(sample).all():
+        raise ValueError(f"{who}: {name} must be finite numbers [N], got {values!r}.")
+    return sample

@@ -6,15 +6,35 @@ from typing import Literal, get_args
 import numpy as np
 import pandas as pd
 
+from modpush._checks import check_instance
+from modpush._types import Fraction
+from modpush._validation import check_value
 from modpush.evaluation.stats import bootstrap_interval, paired_t_test
 
-__all__ = ["METRICS", "compare", "format_table", "summarize", "to_display"]
+__all__ = ["LEGEND", "METRICS", "compare", "format_table", "summarize", "to_display"]
 
-METRICS = ("success", "spl", "contact_rate", "collision_rate", "path_length")
+METRICS = (
+    "success",
+    "spl",
+    "spl_authors_agent",
+    "spl_authors_controller",
+    "contact_rate",
+    "contact_rate_at_end",
+    "collision_rate",
+    "path_length",
+)
 """Columns of the paper's tables. Success and SPL are over all episodes, the rest over solved ones."""
-_OVER_ALL = ("success", "spl")
+LEGEND = (
+    "`spl` measures by the exact shortest path inside the workspace, `spl_authors_agent` by the Lazy "
+    "Theta* and `spl_authors_controller` by the staircase of cells by which the paper's authors measured "
+    "their agent and their controller. `contact_rate` counts a step in which any of four looks shows "
+    "contact, `contact_rate_at_end` one in which a look at its end does, as the authors' code.\n"
+)
+"""What the columns of a table of these metrics mean, in Markdown."""
+_OVER_ALL = ("success", "spl", "spl_authors_agent", "spl_authors_controller")
 _OVER_SOLVED = (
     "contact_rate",
+    "contact_rate_at_end",
     "collision_rate",
     "collision_rate_object",
     "collision_rate_arm",
@@ -32,7 +52,7 @@ def summarize(rows: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
         rows: What `evaluate` returned, by method.
 
     Returns:
-        By method: `episodes`; `success` and `spl` with `_low` and `_high` of their 95 % bootstrap
+        By method: `episodes`; `success` and the three SPL with `_low` and `_high` of their 95 % bootstrap
         intervals, over all episodes; `solved`, the number of episodes that all methods solved, and
         over these alone the other metrics with their standard deviation, `_std` (NaN where there
         is none).
@@ -71,9 +91,13 @@ def compare(first: pd.DataFrame, second: pd.DataFrame, level: float = 0.05) -> p
         `effect_size` (Cohen's d of the differences), `significant`.
 
     Raises:
-        ValueError: If the methods ran different episodes.
+        TypeError: If one of them is no data frame.
+        ValueError: If the methods ran different episodes, or the level is not in [0, 1].
     """
     rows = {"first": first, "second": second}
+    for name, frame in rows.items():
+        check_instance("compare", name, frame, pd.DataFrame)
+    check_value("compare", "level", level, Fraction)
     _check_same_episodes(rows)
     solved = _solved_by_all(rows)
     lines = []
@@ -154,11 +178,13 @@ def format_table(table: pd.DataFrame, how: TableFormat = "markdown") -> str:
         how: `"markdown"`, `"latex"` or `"csv"`.
 
     Raises:
+        TypeError: If the table is no data frame.
         ValueError: If there is no such format, with the list of those there are.
     """
+    check_instance("format_table", "table", table, pd.DataFrame)
     if how not in get_args(TableFormat):
         raise ValueError(
-            f"format_table: no format {how!r}, expected one of {list(get_args(TableFormat))}."
+            f"format_table: how must be one of {list(get_args(TableFormat))}, got {how!r}."
         )
     if how == "csv":
         return table.to_csv()

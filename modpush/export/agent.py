@@ -145,6 +145,7 @@ def _write(
             (),
             input_names=list(inputs),
             output_names=list(outputs),
+            dynamic_shapes=tuple({0: "batch"} for _ in inputs),  # names the axis, else "s15"
             dynamo=True,
             optimize=True,
             verbose=False,

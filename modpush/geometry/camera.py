@@ -8,6 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from modpush._checks import check_width
 from modpush._types import Coordinate, HalfTurn, Length, PixelCount
 from modpush._validation import checked
 
@@ -75,6 +76,7 @@ class Camera:
         Returns:
             `[..., 2]` (u, v) [px], a tensor or an array as `position` is.
         """
+        check_width("Camera.project", "position", position, 2)
         u0, v0 = self.principal_point
         scale = self.focal_length / (self.z - z)
         u = u0 - (position[..., 1] - self.y) * scale
@@ -91,6 +93,7 @@ class Camera:
         Returns:
             `[..., 2]` (x, y) [m], robot's base frame, a tensor or an array as `pixel` is.
         """
+        check_width("Camera.unproject", "pixel", pixel, 2)
         u0, v0 = self.principal_point
         scale = (self.z - z) / self.focal_length
         x = self.x - (pixel[..., 1] - v0) * scale

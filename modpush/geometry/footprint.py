@@ -92,7 +92,12 @@ def centered(*parts: Primitive) -> tuple[Primitive, ...]:
     """The same upright parts, moved together so that a `PushedObject` can be made of them.
 
     Their centroid comes to lie over the origin, and the middle of their height at it.
+
+    Raises:
+        TypeError: If there are none, or something else is among them.
     """
+    if not parts or not all(isinstance(part, Primitive) for part in parts):
+        raise TypeError(f"centered: parts must be one Primitive or more, got {parts}.")
     x, y = centroid(parts)
     low, high = zip(*(vertical_range(part) for part in parts), strict=True)
     z = (min(low) + max(high)) / 2

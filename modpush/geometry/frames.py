@@ -5,6 +5,8 @@ from typing import Literal, get_args
 import torch
 from torch import Tensor
 
+from modpush._checks import check_width
+
 __all__ = ["Frame", "check_frame", "frame_yaw"]
 
 Frame = Literal["base", "object", "path"]
@@ -24,15 +26,19 @@ def frame_yaw(frame: Frame, object_pose: Tensor, subgoal: Tensor | None = None) 
         `[..., 1]` [rad]; 0 for `"path"` with a sub-goal at the object itself.
 
     Raises:
-        ValueError: If the frame is unknown, or is `"path"` without a sub-goal.
+        TypeError: If a pose or a sub-goal is no tensor.
+        ValueError: If the frame is unknown, or is `"path"` without a sub-goal, or a last dimension
+            is another one.
     """
     check_frame("frame_yaw", frame)
+    check_width("frame_yaw", "object_pose", object_pose, 3)
     if frame == "base":
         return torch.zeros_like(object_pose[..., :1])
     if frame == "object":
         return object_pose[..., 2:]
     if subgoal is None:
-        raise ValueError("frame_yaw: frame 'path' needs a sub-goal, got None.")
+        raise ValueError("frame_yaw: frame 'path' needs a sub-goal, got subgoal=None.")
+    check_width("frame_yaw", "subgoal", subgoal, 2)
     ahead = subgoal - object_pose[..., :2]
     return torch.atan2(ahead[..., 1:], ahead[..., :1])
 

@@ -2,6 +2,7 @@
 
 import functools
 import math
+from numbers import Real
 from typing import Literal
 
 import numpy as np
@@ -85,6 +86,13 @@ def rpy_matrix(rpy: tuple[float, float, float]) -> NDArray[np.float64]:
     return matrix
 
 
+def _half(length: float, name: str) -> float:
+    """Half a length; errors name it as the caller does."""
+    if not isinstance(length, Real) or not 0 < length < math.inf:
+        raise ValueError(f"Primitive: {name} must be > 0 and finite, got {length!r}.")
+    return length / 2
+
+
 _Vector = tuple[float, float, float]
 _ZERO: _Vector = (0.0, 0.0, 0.0)
 _GREY: _Vector = (0.6, 0.6, 0.6)
@@ -95,7 +103,10 @@ def box(
 ) -> Primitive:
     """A box of full extents [m] along x, y and z."""
     return Primitive(
-        kind="box", size=(length / 2, width / 2, height / 2), position=position, color=color
+        kind="box",
+        size=(_half(length, "length"), _half(width, "width"), _half(height, "height")),
+        position=position,
+        color=color,
     )
 
 
@@ -108,7 +119,11 @@ def cylinder(
 ) -> Primitive:
     """A cylinder of full length [m] along its z."""
     return Primitive(
-        kind="cylinder", size=(radius, length / 2, 0.0), position=position, rpy=rpy, color=color
+        kind="cylinder",
+        size=(2 * _half(radius, "radius"), _half(length, "length"), 0.0),
+        position=position,
+        rpy=rpy,
+        color=color,
     )
 
 
@@ -121,7 +136,11 @@ def capsule(
 ) -> Primitive:
     """A capsule; `length` [m] is that of its cylindrical part."""
     return Primitive(
-        kind="capsule", size=(radius, length / 2, 0.0), position=position, rpy=rpy, color=color
+        kind="capsule",
+        size=(2 * _half(radius, "radius"), _half(length, "length"), 0.0),
+        position=position,
+        rpy=rpy,
+        color=color,
     )
 
 
@@ -135,7 +154,7 @@ def prism(
     half_x, half_y = (max((abs(vertex[axis]) for vertex in outline), default=0) for axis in (0, 1))
     return Primitive(
         kind="prism",
-        size=(half_x, half_y, height / 2),
+        size=(half_x, half_y, _half(height, "height")),
         position=position,
         outline=outline,
         color=color,

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush._types import Point
+from modpush._types import Coordinate, Point
 from modpush._validation import check_value
 
 __all__ = ["BOUNDS_MARGIN", "WORKSPACE", "Rectangle"]
@@ -22,7 +22,7 @@ class _Corners(NamedTuple):
 class Rectangle(_Corners):
     """An axis-aligned rectangle on the table, in the robot's base frame.
 
-    Args:
+    Attributes:
         low: Lower corner (x, y) [m].
         high: Upper corner (x, y) [m].
 
@@ -47,6 +47,9 @@ class Rectangle(_Corners):
         With the default margin, where the object's centre may be before an episode ends.
         """
         (x0, y0), (x1, y1) = self
+        margin = check_value("Rectangle.bounds", "margin", margin, Coordinate)
+        if min(x1 - x0, y1 - y0) <= -2 * margin:
+            raise ValueError(f"Rectangle.bounds: margin must leave an area, got {margin}.")
         return Rectangle((x0 - margin, y0 - margin), (x1 + margin, y1 + margin))
 
     def corners(self) -> NDArray[np.float64]:

@@ -4,6 +4,7 @@ from .curriculum import Curriculum as Curriculum
 from .curriculum import CurriculumConfig as CurriculumConfig
 from .curriculum import Phase as Phase
 from .curriculum_scenes import CurriculumScenes as CurriculumScenes
+from .depth_noise import DepthNoise as DepthNoise
 from .entry_list import resolve_entries as resolve_entries
 from .observation_entries import ENTRIES as ENTRIES
 from .observation_entries import PAPER_ENTRIES as PAPER_ENTRIES

@@ -4,6 +4,7 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torchrl.envs import Transform
 
+from modpush._arguments import checked_arguments
 from modpush._keys import read_key
 from modpush.geometry.angles import rotate
 from modpush.geometry.frames import Frame, check_frame, frame_yaw
@@ -34,6 +35,7 @@ class ActionFrame(Transform):
         KeyError: If a key is missing when an action is turned.
     """
 
+    @checked_arguments
     def __init__(
         self,
         frame: Frame,

@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
+from modpush._arguments import checked_arguments
+from modpush._checks import check_instance
 from modpush._types import (
     AtLeastOne,
     Count,
@@ -13,7 +15,7 @@ from modpush._types import (
     PositiveFraction,
     Several,
 )
-from modpush._validation import checked
+from modpush._validation import check_value, checked
 from modpush.envs.scenes.scenario import GoalDistance, GoalDistances, ScenarioConfig
 
 __all__ = ["Curriculum", "CurriculumConfig", "Phase"]
@@ -36,19 +38,25 @@ class Phase:
 
 @checked
 class CurriculumConfig:
-    """Curriculum from short pushes in free space to long ones through clutter (paper Sec. IV-B)."""
+    """Curriculum from short pushes to long ones; the defaults are the paper's (Sec. IV-B).
+
+    The paper prints the first and the last distance, 0.06 and 0.6 m. What lies between, and when the
+    next stage begins, it does not say.
+    """
 
     distances: AtLeastOne[GoalDistance] = _DISTANCES
-    """Distances from start to goal [m]: stage s draws from [distances[s - 2], distances[s]]."""
+    """Distances from start to goal [m]: stage s draws from [distances[s - 2], distances[s]]. Those
+    between the first and the last are the authors' code's."""
     final_distance: GoalDistances = (0.2, 0.6)
-    """Range of the distance from start to goal in the last stage [m]."""
-    phases: AtLeastOne[Phase] = (Phase(scenes=("free",)), Phase(first_stage=6))
-    """Phases, one after the other; each ends with the last stage. By default free space comes first,
-    and then the environment's own scenes."""
+    """Range of the distance from start to goal in the last stage [m]: the paper's of its evaluation."""
+    phases: AtLeastOne[Phase] = (Phase(),)
+    """Phases, one after the other; each ends with the last stage. By default there is one, with the
+    environment's own scenes."""
     promotion: Literal["success", "steps", "off"] = "success"
     """When the next stage begins: "success" (enough episodes of this stage succeeded), "steps" (at
-    given numbers of environment steps), or "off" (no curriculum: training begins with the last stage
-    of the last phase and stays there)."""
+    given numbers of environment steps, as in the authors' code), or "off" (no curriculum: training
+    begins with the last stage of the last phase and stays there). The paper gives no rule. By success,
+    no stage begins before the one before is learned, however fast that is."""
     threshold: PositiveFraction = 0.7
     """Success rate over the last `window` episodes at which the next stage begins."""
     window: Count = 40
@@ -90,6 +98,7 @@ class Curriculum:
         config: Stages, phases and when the next stage begins.
     """
 
+    @checked_arguments
     def __init__(self, config: CurriculumConfig | None = None) -> None:
         self.config = config or CurriculumConfig()
         self.phase = 0
@@ -126,6 +135,7 @@ class Curriculum:
         distance = (distances[max(stage - 2, 0)], distances[stage])
         if stage == len(distances) - 1:
             distance = self.config.final_distance
+        check_instance("Curriculum.scenario", "base", base, ScenarioConfig)
         return replace(
             base,
             scene=self.config.phases[self.phase].scenes or base.scene,
@@ -154,6 +164,7 @@ class Curriculum:
 
     def count_steps(self, steps: int) -> None:
         """Take note of environment steps; begins the next stage where the config says so."""
+        check_value("Curriculum.count_steps", "steps", steps, NonNegativeInteger)
         self.steps += steps
         if self.config.promotion == "steps":
             while self.level < sum(self.steps >= s for s in self.config.step_thresholds):
@@ -195,8 +206,14 @@ class Curriculum:
         """Inverse of `state_dict`.
 
         Raises:
-            ValueError: If the state is of a curriculum with more phases or stages.
+            ValueError: If a field is missing or malformed, or the state is of a curriculum with more
+                phases or stages.
         """
+        who = "Curriculum.load_state_dict"
+        for name in ("phase", "stage", "steps"):
+            check_value(who, name, state.get(name), NonNegativeInteger)
+        check_value(who, "successes", state.get("successes"), list[bool])
+        check_value(who, "scene_successes", state.get("scene_successes"), dict[str, list[bool]])
         phases, stages = len(self.config.phases), len(self.config.distances)
         if state["phase"] >= phases or state["stage"] >= stages:
             raise ValueError(

@@ -8,6 +8,8 @@ from tensordict import NestedKey, TensorDictBase
 from torchrl.data import TensorSpec, Unbounded
 from torchrl.envs import Transform
 
+from modpush._arguments import checked_arguments
+from modpush._checks import check_instance
 from modpush._keys import read_key
 from modpush.envs.scenes.scenario import ScenarioConfig
 from modpush.mdp.curriculum import Curriculum
@@ -35,6 +37,7 @@ class CurriculumScenes(Transform):
         KeyError: If a key is missing.
     """
 
+    @checked_arguments
     def __init__(
         self,
         curriculum: Curriculum,
@@ -44,6 +47,7 @@ class CurriculumScenes(Transform):
         done_key: NestedKey = "done",
         level_key: NestedKey = "curriculum_level",
     ) -> None:
+        check_instance("CurriculumScenes", "curriculum", curriculum, Curriculum)
         super().__init__(in_keys=[success_key, done_key], out_keys=[level_key])
         self.curriculum = curriculum
         self.evaluated_envs = None if evaluated_envs is None else frozenset(evaluated_envs)

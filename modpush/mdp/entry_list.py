@@ -42,6 +42,9 @@ def resolve_entries(
     check_frame("PushObservation", frame)
     if entries is None:
         entries = PATH_ENTRIES if frame == "path" else PAPER_ENTRIES
+    for name, value in (("entries", entries), ("leave_out", leave_out), ("add", add)):
+        if isinstance(value, str) or not isinstance(value, Mapping | Sequence):
+            raise TypeError(f"PushObservation: {name} must be a sequence, got {value!r}.")
     items = list(entries.items()) if isinstance(entries, Mapping) else list(entries)
     found: dict[str, Entry] = {}
     for item in [*items, *add]:

@@ -1,15 +1,21 @@
 """The entries of which an observation is made."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
+from modpush._types import Finite, Several
+from modpush._validation import check_value
 from modpush.geometry.angles import wrap_angle
 from modpush.mdp.observation_inputs import ObservationInputs
 
 __all__ = ["ENTRIES", "PAPER_ENTRIES", "PATH_ENTRIES", "Entry", "EntryLike"]
+
+
+_Components = Finite | Several[Finite]
 
 
 @dataclass(frozen=True)
@@ -23,6 +29,13 @@ class Entry:
     shift: float | tuple[float, ...] | Callable[[], Tensor] = 0.0
     """Subtracted, one number or one for each component; or a function that gives them, which is
     called for every observation and returns the same tensor for as long as nothing changed."""
+
+    def __post_init__(self) -> None:
+        if not callable(self.read):
+            raise TypeError(f"Entry: read must be a function, got {self.read!r}.")
+        check_value("Entry", "scale", self.scale, _Components)
+        if not callable(self.shift):
+            check_value("Entry", "shift", self.shift, _Components)
 
 
 EntryLike = str | Entry | Callable[[ObservationInputs], Tensor]
@@ -95,22 +108,28 @@ def _object_radius(inputs: ObservationInputs) -> Tensor:
     return inputs.object_radius
 
 
+def _object_symmetry(inputs: ObservationInputs) -> Tensor:
+    return inputs.object_symmetry
+
+
 def _last_action(inputs: ObservationInputs) -> Tensor:
     return inputs.last_action
 
 
-# The arm's joints with its tool over the middle of the workspace [rad].
-_HOME = (-0.25, -1.35, 2.0, -2.2, -1.57, 0.0)
+# The arm's joints with its tool over the middle of the workspace [rad], and the inverse of how far the
+# tool's places on the table turn each of them. The fifth keeps the tool pointing down.
+_HOME = (0.2, -1.75, -1.9, -1.05, math.pi / 2, -1.35)
+_JOINT_SCALE = (1.5, 2.0, 1.5, 5.0, 1.0, 1.0)
 
 # Distance at which the edge of the workspace begins to show [m].
 _EDGE_RANGE = 0.15
 
 ENTRIES: dict[str, Entry] = {
-    "latent": Entry(_latent, 0.5),
-    "ee_pose": Entry(_ee_pose, 10.0),
+    "latent": Entry(_latent),
+    "ee_pose": Entry(_ee_pose, (10.0, 10.0, 1.0 / math.pi, 1.0, 1.0)),
     "ee_position": Entry(_ee_position, 10.0),
     "ee_axis": Entry(_ee_axis),
-    "joint_position": Entry(_joint_position, 1.0, _HOME),
+    "joint_position": Entry(_joint_position, _JOINT_SCALE, _HOME),
     "subgoal_past": Entry(_subgoal_past, 5.0),
     "contact": Entry(_contact),
     "goal_distance": Entry(_goal_distance, 3.0),
@@ -119,7 +138,8 @@ ENTRIES: dict[str, Entry] = {
     "subgoal": Entry(_subgoal, 5.0),
     "path_length": Entry(_path_length, 3.0),
     "edges": Entry(_edges, 1.0 / _EDGE_RANGE),
-    "object_radius": Entry(_object_radius, 20.0),
+    "object_radius": Entry(_object_radius, 100.0, 0.04),
+    "object_symmetry": Entry(_object_symmetry, 0.5, 2.0),
     "last_action": Entry(_last_action),
 }
 """The entries that the library brings, by name. `ee_pose` is (x, y, yaw, pitch, roll). `ee_axis` and
@@ -145,8 +165,9 @@ PATH_ENTRIES = (
     "subgoal_past",
     "contact",
     "goal_distance",
+    "path_length",
     "object_axis",
     "edges",
 )
-"""The entries for `frame="path"`: the object's own yaw and the workspace's edges are added, and angles
-are smooth; 54 values with a latent of 32."""
+"""The entries for `frame="path"`: the object's own yaw, the length of the path, which the reward depends
+on, and the workspace's edges are added, and angles are smooth; 55 values with a latent of 32."""

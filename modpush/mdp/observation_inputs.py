@@ -28,6 +28,8 @@ class ObservationInputs:
         keys: Key of each quantity, by its default name.
         bounds: Lower and upper corner of the area in which the object may be, base frame, `[2]`
             each [m].
+        symmetry: Number of yaw angles in which every object counts as looking the same, instead of
+            each object's own number.
     """
 
     def __init__(
@@ -36,8 +38,10 @@ class ObservationInputs:
         frame: Frame,
         keys: Mapping[str, NestedKey],
         bounds: tuple[Tensor, Tensor],
+        symmetry: int | None = None,
     ) -> None:
         self._tensordict, self._frame, self._keys, self._bounds = tensordict, frame, keys, bounds
+        self._symmetry = symmetry
 
     def __getitem__(self, key: NestedKey) -> Tensor:
         """The value under any key of the tensordict.
@@ -129,6 +133,8 @@ class ObservationInputs:
     @property
     def object_symmetry(self) -> Tensor:
         """Number of yaw angles in which the object looks the same, 0 for all angles, `[..., 1]`."""
+        if self._symmetry is not None:
+            return torch.full_like(self.object_pose[..., :1], self._symmetry)
         return self._read("object_symmetry")
 
     @property

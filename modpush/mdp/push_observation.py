@@ -9,6 +9,7 @@ from torch import Tensor
 from torchrl.data import TensorSpec, Unbounded
 from torchrl.envs import Transform
 
+from modpush._arguments import checked_arguments
 from modpush._keys import read_key
 from modpush.geometry.frames import Frame
 from modpush.geometry.workspace import WORKSPACE, Rectangle
@@ -37,6 +38,9 @@ class PushObservation(Transform):
             in the path's frame, else `PAPER_ENTRIES`.
         bounds: Lower and upper corner of the area in which the object may be (`PushEnv.bounds`),
             base frame [m], for the entry `edges`; by default those of the default workspace.
+        symmetry: Number of yaw angles in which every object counts as looking the same, 0 for all of
+            them, instead of each object's own number. An agent that was trained with one object keeps
+            its own number with others, so that `object_axis` means what it was trained with.
         raw: Write SI units instead of shifted and scaled values.
         object_pose_key: Read, `[..., 3]` (x, y, yaw).
         goal_position_key: Read, `[..., 2]`.
@@ -61,6 +65,7 @@ class PushObservation(Transform):
     Source: table of observations in the paper's Sec. IV-B.
     """
 
+    @checked_arguments
     def __init__(
         self,
         frame: Frame = "object",
@@ -69,6 +74,7 @@ class PushObservation(Transform):
         | Sequence[EntryLike | tuple[str, EntryLike]]
         | None = None,
         bounds: Rectangle | None = None,
+        symmetry: int | None = None,
         raw: bool = False,
         object_pose_key: NestedKey = "object_pose",
         goal_position_key: NestedKey = "goal_position",
@@ -93,7 +99,9 @@ class PushObservation(Transform):
             raise ValueError(
                 f"PushObservation: bounds must be a lower and an upper corner, got {bounds}."
             )
-        self.raw = raw
+        if symmetry is not None and symmetry < 0:
+            raise ValueError(f"PushObservation: symmetry must be >= 0 or None, got {symmetry}.")
+        self.symmetry, self.raw = symmetry, raw
         self._keys: dict[str, NestedKey] = {
             "object_pose": object_pose_key,
             "goal_position": goal_position_key,
@@ -157,7 +165,7 @@ class PushObservation(Transform):
         return torch.cat(self._read_entries(source), -1)
 
     def _read_entries(self, tensordict: Any) -> list[Tensor]:
-        inputs = ObservationInputs(tensordict, self.frame, self._keys, self._corners)
+        inputs = ObservationInputs(tensordict, self.frame, self._keys, self._corners, self.symmetry)
         values = []
         for name, entry in self.entries.items():
             try:

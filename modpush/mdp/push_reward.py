@@ -10,6 +10,7 @@ from torch import Tensor
 from torchrl.data import TensorSpec, Unbounded
 from torchrl.envs import Transform
 
+from modpush._arguments import checked_arguments
 from modpush._keys import check_spec_has, read_key
 from modpush._types import Finite, Length, Name, Positive
 from modpush._validation import checked
@@ -27,21 +28,23 @@ def _paper_weights() -> dict[str, float]:
         "approach": 1.0,
         "touch": 1.0,
         "object_collision": 5.0,
-        "tool_collision": 2.0,
         "out_of_bounds": 10.0,
-        "window": 0.0,
     }
 
 
 @checked
 class RewardConfig:
-    """Reward of a step: a weighted sum of terms (paper Sec. IV-B, eq. 2 to 5)."""
+    """Reward of a step: a weighted sum of terms; the defaults are the paper's (Sec. IV-B, eq. 2 to 5).
+
+    The printed collision part (eq. 3) gives a step one of -10 and -5; here a step that earns both
+    gets their sum.
+    """
 
     weights: Mapping[Name, Finite] = field(default_factory=_paper_weights)
     """Weight of each term, by its name in `REWARD_TERMS` or as "module:name" for a term of your own.
     A term without a weight, or with weight 0, is not computed."""
-    scale: Positive = 0.1
-    """Factor of the weighted sum; 1 gives the paper's numbers."""
+    scale: Positive = 1.0
+    """Factor of the weighted sum. The entropy temperature (`TQCConfig.alpha_init`) has to fit it."""
     normalisation: Literal["initial", "constant"] = "initial"
     """Divide the path length and the tool's distance from the object by their values at reset
     ("initial", the paper), or by `path_length` and `approach_distance` ("constant")."""
@@ -85,6 +88,7 @@ class PushReward(Transform):
     Source: Sec. IV-B, eq. 2 to 5.
     """
 
+    @checked_arguments
     def __init__(
         self,
         config: RewardConfig | None = None,
@@ -181,6 +185,8 @@ def _find_terms(
     config: RewardConfig, own: Mapping[str, RewardTerm | str]
 ) -> tuple[dict[str, RewardTerm], dict[str, float]]:
     """Terms and weights by name, of those with a weight that is not 0, in the weights' order."""
+    if not isinstance(own, Mapping):
+        raise TypeError(f"PushReward: terms must be a mapping, got {own!r}.")
     if idle := sorted(set(own) - set(config.weights)):
         raise ValueError(
             f"PushReward: terms {idle} have no weight in the config, which has weights for "

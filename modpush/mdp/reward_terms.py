@@ -56,6 +56,11 @@ def window(outcome: StepOutcome) -> Tensor:
     return -outcome.outside_window.float()
 
 
+def no_contact(outcome: StepOutcome) -> Tensor:
+    """-1 where the tool does not touch the object, 0 on reaching the goal. Not in the paper."""
+    return -(~outcome.object_contact & ~outcome.success).float()
+
+
 def detour(outcome: StepOutcome) -> Tensor:
     """Penalty in [-0.05, 0] [m] for moving the object without progress along the path.
 
@@ -76,6 +81,7 @@ REWARD_TERMS: dict[str, RewardTerm] = {
     "tool_collision": tool_collision,
     "out_of_bounds": out_of_bounds,
     "window": window,
+    "no_contact": no_contact,
     "detour": detour,
 }
 """The terms that the library brings, by name; `RewardConfig.weights` says what each counts."""

@@ -5,6 +5,7 @@ from abc import ABC, abstractmethod
 
 from torch import Tensor
 
+from modpush._arguments import checked_arguments
 from modpush.planners.paths import Paths
 
 __all__ = ["Planner"]
@@ -22,6 +23,7 @@ class Planner(ABC):
         ValueError: If `cell_size` is not positive and finite.
     """
 
+    @checked_arguments
     def __init__(self, cell_size: float = 1.0) -> None:
         if not (cell_size > 0 and math.isfinite(cell_size)):
             raise ValueError(

@@ -1,5 +1,7 @@
 """Inflating blocked cells by the size of what has to pass."""
 
+from numbers import Real
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -47,22 +49,29 @@ def inflate(blocked: Tensor, radius: float | Tensor) -> Tensor:
     return out.view(torch.bool).to(blocked.device)
 
 
-def radius_per_scene(radius: float | Tensor, batch: int, who: str) -> NDArray[np.float64]:
-    """A radius, or one for each scene, as `[B]` float64; errors name `who`.
+def radius_per_scene(
+    radius: float | Tensor, batch: int, who: str, name: str = "radius"
+) -> NDArray[np.float64]:
+    """A radius, or one for each scene, as `[B]` float64; errors name `who` and `name`.
 
     Raises:
+        TypeError: If it is neither a number nor a tensor of real numbers.
         ValueError: If the number of radii is neither 1 nor B, or one is negative or not finite.
     """
     if isinstance(radius, Tensor):
+        if radius.is_complex():
+            raise TypeError(f"{who}: {name} must be real, got {radius.dtype}.")
         if radius.numel() not in (1, batch):
             raise ValueError(
-                f"{who}: radius must be one number or [B] = [{batch}], got {list(radius.shape)}."
+                f"{who}: {name} must be one number or [B] = [{batch}], got {list(radius.shape)}."
             )
         values = radius.detach().double().cpu().reshape(-1).expand(batch).numpy().copy()
-    else:
+    elif isinstance(radius, Real) and not isinstance(radius, bool):
         values = np.full(batch, radius, dtype=np.float64)
+    else:
+        raise TypeError(f"{who}: {name} must be a number or a tensor, got {radius!r}.")
     if not (np.isfinite(values).all() and (values >= 0).all()):
-        raise ValueError(f"{who}: radius must be finite and >= 0, got {values.tolist()}.")
+        raise ValueError(f"{who}: {name} must be finite and >= 0, got {values.tolist()}.")
     return values
 
 
@@ -79,7 +88,12 @@ def circumscribed_radius(outline: Tensor) -> float:
 
     Args:
         outline: `[N, 2]` corners of the footprint [m], relative to the object's pose.
+
+    Raises:
+        TypeError: If the outline is no tensor.
+        ValueError: If it is not `[N, 2]`, N >= 1, or not finite.
     """
+    _check_outline("circumscribed_radius", outline, 1)
     return float(outline.norm(dim=-1).max())
 
 
@@ -89,7 +103,24 @@ def inscribed_radius(outline: Tensor) -> float:
     Args:
         outline: `[N, 2]` corners of a convex footprint [m] in order, relative to the object's pose,
             which lies inside.
+
+    Raises:
+        TypeError: If the outline is no tensor.
+        ValueError: If it is not `[N, 2]`, N >= 3, or not finite.
     """
+    _check_outline("inscribed_radius", outline, 3)
     side = outline.roll(-1, 0) - outline  # [N, 2]
     area = outline[:, 0] * side[:, 1] - outline[:, 1] * side[:, 0]
     return float((area.abs() / side.norm(dim=-1)).min())
+
+
+def _check_outline(who: str, outline: Tensor, least: int) -> None:
+    if not isinstance(outline, Tensor) or not outline.is_floating_point():
+        got = outline.dtype if isinstance(outline, Tensor) else type(outline).__name__
+        raise TypeError(f"{who}: outline must be a floating point tensor, got {got}.")
+    if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < least:
+        raise ValueError(
+            f"{who}: outline must be [N, 2] with N >= {least}, got {list(outline.shape)}."
+        )
+    if not outline.isfinite().all():
+        raise ValueError(f"{who}: outline must be finite, got {outline.tolist()}.")

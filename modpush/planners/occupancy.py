@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from numbers import Real
 from typing import Literal
 
 import torch
@@ -10,6 +11,7 @@ from torch import Tensor
 from torchrl.data import Binary, Bounded, TensorSpec
 from torchrl.envs import Transform
 
+from modpush._arguments import checked_arguments
 from modpush._keys import check_spec_has, read_key, stored_next
 from modpush.geometry.camera import Camera
 from modpush.planners.inflation import radius_per_scene
@@ -63,6 +65,7 @@ class OccupancyGrid(Transform):
             within `bounds`.
     """
 
+    @checked_arguments
     def __init__(
         self,
         object_radius: float = 0.025 * math.sqrt(2.0),
@@ -82,8 +85,8 @@ class OccupancyGrid(Transform):
         occupancy_key: NestedKey = "occupancy",
         blocked_key: NestedKey = "blocked_bits",
     ) -> None:
-        for value in (object_radius, inscribed_radius):
-            radius_per_scene(value, 1, "OccupancyGrid")
+        radius_per_scene(object_radius, 1, "OccupancyGrid", "object_radius")
+        radius_per_scene(inscribed_radius, 1, "OccupancyGrid", "inscribed_radius")
         self.object_radius, self.inscribed_radius = object_radius, inscribed_radius
         self.inflation = _checked_inflation(inflation)
         self.object_radius_key = object_radius_key
@@ -210,9 +213,10 @@ def cells_outside(camera: Camera, bounds: Corners, margin: float = 0.0) -> Tenso
 
 
 def _checked_inflation(inflation: Inflation) -> Inflation:
-    if inflation in ("circumscribed", "inscribed"):
+    if inflation == "circumscribed" or inflation == "inscribed":
         return inflation
-    if isinstance(inflation, str) or not (math.isfinite(inflation) and inflation >= 0):
+    number = isinstance(inflation, Real) and not isinstance(inflation, bool)
+    if not number or not 0 <= inflation < math.inf:
         raise ValueError(
             "OccupancyGrid: inflation must be 'circumscribed', 'inscribed' or a number of metres "
             f">= 0, got {inflation!r}."

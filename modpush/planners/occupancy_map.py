@@ -5,8 +5,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from modpush._arguments import checked_arguments
 from modpush._batching import run_batch
-from modpush._checks import check_depth_unit, check_dtype, check_shape
+from modpush._checks import check_depth_unit, check_dtype, check_shape, check_width
 from modpush.geometry.camera import Camera
 from modpush.planners.inflation import clamp_radius, radius_per_scene
 from modpush.planners.kernels.bit_grid import words_per_row
@@ -39,6 +40,7 @@ class OccupancyMap:
         ValueError: If `min_height` does not lie between 0 and the camera's height.
     """
 
+    @checked_arguments
     def __init__(
         self, camera: Camera | None = None, min_height: float = 0.013, upright: bool = True
     ) -> None:
@@ -89,7 +91,8 @@ class OccupancyMap:
             TypeError: If depth is not a float32 tensor, or the segmentation or `previous` not a
                 uint8 one.
             ValueError: If a shape does not fit, a radius is negative or not finite, or the depth of a
-                scene is in another unit than metres: all of it lies beyond the table.
+                scene is in another unit than metres: all of it lies beyond the table; or an object's
+                position is not finite.
         """
         self._check(depth, segmentation, object_position, previous)
         batch, device = len(depth), depth.device
@@ -121,7 +124,8 @@ class OccupancyMap:
         radii = radius_per_scene(radius, batch, "OccupancyMap") / self.camera.cell_size
         own = radii
         if object_radius is not None:
-            own = radius_per_scene(object_radius, batch, "OccupancyMap") / self.camera.cell_size
+            own = radius_per_scene(object_radius, batch, "OccupancyMap", "object_radius")
+            own = own / self.camera.cell_size
         segments = np.zeros((batch, 0, 0), dtype=np.uint8)
         if segmentation is not None:
             segments = segmentation.detach().cpu().contiguous().numpy()
@@ -161,7 +165,12 @@ class OccupancyMap:
             check_dtype(who, "segmentation", segmentation, torch.uint8)
             check_shape(who, "segmentation", segmentation, "B, H, W", (batch, height, width))
         if object_position is not None:
+            check_width(who, "object_position", object_position, 2)
             check_shape(who, "object_position", object_position, "B, 2", (batch, 2))
+            if not object_position.isfinite().all():
+                raise ValueError(
+                    f"{who}: object_position must be finite, got {object_position.tolist()}."
+                )
         if previous is not None:
             check_dtype(who, "previous", previous, torch.uint8)
             bits = (batch, height, 8 * words_per_row(width))

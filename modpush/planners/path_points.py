@@ -3,6 +3,9 @@
 import torch
 from torch import Tensor
 
+from modpush._checks import check_instance, check_width
+from modpush._types import Fraction, NonNegative
+from modpush._validation import check_value
 from modpush.planners.paths import Paths
 
 __all__ = ["fraction_subgoal", "lookahead_subgoal", "point_along"]
@@ -18,7 +21,18 @@ def point_along(waypoints: Tensor, distance: Tensor) -> Tensor:
 
     Returns:
         `[B, 2]`.
+
+    Raises:
+        TypeError: If one of them is no tensor of real numbers.
+        ValueError: If a shape is another one.
     """
+    check_width("point_along", "waypoints", waypoints, 2)
+    check_width("point_along", "distance", distance, len(waypoints))
+    if waypoints.ndim != 3 or waypoints.shape[1] < 2 or distance.ndim != 1:
+        raise ValueError(
+            f"point_along: waypoints must be [B, P >= 2, 2] and distance [B], got "
+            f"{list(waypoints.shape)} and {list(distance.shape)}."
+        )
     steps = waypoints[:, 1:] - waypoints[:, :-1]  # [B, P-1, 2]
     lengths = steps.norm(dim=-1)
     ends = lengths.cumsum(-1)
@@ -41,8 +55,14 @@ def fraction_subgoal(paths: Paths, fraction: float) -> Tensor:
 
     Returns:
         `[B, 2]` [px].
-    Source: Sec. IV-A of the paper, 20 % of the global path.
+
+    Raises:
+        TypeError: If `paths` are none.
+        ValueError: If the fraction is not in [0, 1].
+    Source: Sec. IV-B of the paper, 20 % of the global path.
     """
+    check_instance("fraction_subgoal", "paths", paths, Paths)
+    check_value("fraction_subgoal", "fraction", fraction, Fraction)
     lengths = (paths.waypoints[:, 1:] - paths.waypoints[:, :-1]).norm(dim=-1).sum(-1)
     return point_along(paths.waypoints, fraction * lengths)
 
@@ -57,8 +77,14 @@ def lookahead_subgoal(paths: Paths, distance: float) -> Tensor:
 
     Returns:
         `[B, 2]` [px].
+
+    Raises:
+        TypeError: If `paths` are none.
+        ValueError: If the distance is negative or not finite.
     Source: what the authors' code does in place of the fraction.
     """
+    check_instance("lookahead_subgoal", "paths", paths, Paths)
+    check_value("lookahead_subgoal", "distance", distance, NonNegative)
     legs = (paths.waypoints[:, 1:] - paths.waypoints[:, :-1]).norm(dim=-1)  # [B, P-1]
     first = legs[:, 0]
     if legs.shape[1] > 1:

@@ -7,7 +7,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from modpush._checks import check_dtype, check_shape
+from modpush._checks import check_dtype, check_shape, check_width
+from modpush._types import Positive
+from modpush._validation import check_value
 
 __all__ = ["Paths", "check_paths"]
 
@@ -57,7 +59,23 @@ class Paths:
             paths: For each scene its waypoints `[P_b, 2]` [px], P_b >= 2, or None if there is none.
             start: `[B, 2]` [px], fills in where there is no path.
             cell_size: Metres per pixel, or 1 for lengths in pixels.
+
+        Raises:
+            TypeError: If a path is no tensor.
+            ValueError: If a shape is another one, or `cell_size` is not positive.
         """
+        who = "Paths.from_waypoints"
+        check_value(who, "cell_size", cell_size, Positive)
+        check_width(who, "start", start, 2)
+        if not isinstance(paths, Sequence) or len(paths) != len(start):
+            raise ValueError(f"{who}: paths must be a sequence of {len(start)}, got {paths!r}.")
+        for path in paths:
+            if path is not None:
+                check_width(who, "paths", path, 2)
+                if path.ndim != 2 or len(path) < 2:
+                    raise ValueError(
+                        f"{who}: each of the paths must be [P >= 2, 2], got {list(path.shape)}."
+                    )
         longest = max([2, *(len(path) for path in paths if path is not None)])
         waypoints = start[:, None].repeat(1, longest, 1).float()
         count = torch.zeros(len(paths), dtype=torch.int64)

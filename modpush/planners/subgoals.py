@@ -9,6 +9,7 @@ from torch import Tensor
 from torchrl.data import Binary, TensorSpec, Unbounded
 from torchrl.envs import Transform
 
+from modpush._arguments import checked_arguments
 from modpush._keys import check_spec_has, read_key, stored_next
 from modpush.geometry.camera import Camera
 from modpush.planners.base import Planner
@@ -61,6 +62,7 @@ class PlannerSubgoals(Transform):
             range.
     """
 
+    @checked_arguments
     def __init__(
         self,
         planner: Planner | str,

@@ -2,6 +2,8 @@
 
 import torch
 
+from modpush._arguments import checked_arguments
+from modpush._types import PixelCount
 from modpush.geometry.camera import Camera
 from modpush.planners.a_star import AStar
 from modpush.planners.distance_field import DistanceField
@@ -14,7 +16,8 @@ from modpush.planners.theta_star import ThetaStar
 __all__ = ["warmup"]
 
 
-def warmup(height: int = 256, width: int = 256) -> None:
+@checked_arguments
+def warmup(height: PixelCount = 256, width: PixelCount = 256) -> None:
     """Compile every planner's kernels, or load them from the cache on disk, before their first use.
 
     The first call on a machine takes about a minute, later ones about a second. Without it each

@@ -13,19 +13,24 @@ from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 from torchrl.modules import ProbabilisticActor
 
+from modpush._arguments import checked_arguments
+from modpush._checks import check_instance
+from modpush._types import Count
 from modpush._validation import from_plain
 from modpush._weights import check_weights
 from modpush.agents.tqc.config import TQCConfig
 from modpush.agents.tqc.encoder import make_encoder
 from modpush.agents.tqc.factories import ACTORS
 from modpush.agents.tqc.specs import LearnerSpecs
+from modpush.envs.scenes.objects import get_object
 from modpush.files import read_tensors, write_tensors
 from modpush.parts import check_allowed, find_part, part_module, part_name
 from modpush.recipes.config import END_TO_END, PushEnvConfig
 from modpush.recipes.fingerprint import environment_fingerprint, fingerprint_differences
+from modpush.recipes.hub import HUB_PREFIX, download_agent
 from modpush.recipes.make_env import ENV_PARTS, make_push_env
 
-__all__ = ["Agent", "load_agent", "save_agent", "shipped_agents"]
+__all__ = ["Agent", "load_agent", "observed_symmetry", "save_agent", "shipped_agents"]
 
 _KIND, _VERSION = "modpush.Agent", 4
 _TEXT_OF_PART = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
@@ -50,6 +55,8 @@ class Agent:
     """What makes the environment."""
     missing: Mapping[str, str] = field(default_factory=dict)
     """Parts that the environment needs and that were not given, with what they were."""
+    source: Path | None = None
+    """File that the agent was read from."""
 
     def make_env(self, num_envs: int | None = None, **options: Any) -> EnvBase:
         """The environment that the agent was trained in.
@@ -70,7 +77,9 @@ class Agent:
         num_envs = self.config.num_envs if num_envs is None else num_envs
         kinds = set(ENV_PARTS) - ({"encoder"} if self.config.encoder == END_TO_END else set())
         parts = {kind: part for kind, part in self.parts.items() if kind in kinds}
-        env = self.factory(replace(self.config, num_envs=num_envs), **{**parts, **options})
+        symmetry = observed_symmetry(self.config, self.parts.get("pushed_object"))
+        config = replace(self.config, num_envs=num_envs, symmetry=symmetry)
+        env = self.factory(config, **{**parts, **options})
         differences = fingerprint_differences(self.fingerprint, environment_fingerprint(env))
         if self.fingerprint and differences:
             env.close()
@@ -81,13 +90,31 @@ class Agent:
         return env
 
 
+def observed_symmetry(config: PushEnvConfig, pushed_object: Any = None) -> int | None:
+    """The symmetry that an environment's observation goes by.
+
+    Args:
+        config: The environment's configuration.
+        pushed_object: The object or objects, if they are others than the config's.
+
+    Returns:
+        The config's `symmetry`, else the object's own; None for several objects with their own each.
+    """
+    trained = config.pushed_object if pushed_object is None else pushed_object
+    several = trained if isinstance(trained, list | tuple) else (trained,)
+    if config.symmetry is not None or len(several) > 1:
+        return config.symmetry
+    return get_object(several[0]).symmetry
+
+
+@checked_arguments
 def save_agent(
     path: str | Path,
     policy: TensorDictModuleBase,
     config: PushEnvConfig,
     *,
-    hidden_sizes: Sequence[int],
-    observation_dim: int,
+    hidden_sizes: Sequence[Count],
+    observation_dim: Count,
     fingerprint: Mapping[str, Any],
     actor: str = "mlp",
     encoder: str | None = None,
@@ -110,7 +137,14 @@ def save_agent(
             `"module:name"`, of the others what they were.
         make_env: What made the environment, remembered in the same way.
         metadata: What else to keep, ready for JSON.
+
+    Raises:
+        TypeError: If the policy is no TensorDict module, or the fingerprint or the metadata no mapping.
+        ValueError: If an argument is of another type or out of its range.
     """
+    check_instance("save_agent", "policy", policy, TensorDictModuleBase)
+    check_instance("save_agent", "fingerprint", fingerprint, Mapping)
+    check_instance("save_agent", "metadata", metadata or {}, Mapping)
     about = {
         "env": asdict(config),
         "network": {
@@ -155,13 +189,14 @@ def load_agent(
     make_env: Callable[..., EnvBase] | None = None,
     allow: Iterable[str] = (),
 ) -> Agent:
-    """A trained agent: one that is shipped, by its name, or a file of `save_agent`.
+    """A trained agent: one that is shipped, by its name, a file of `save_agent`, or one on the Hub.
 
     A file may name parts of its author's own, `"module:name"`. They are imported only from modules
     that the caller names in `allow`, since importing runs code; or the caller gives the parts.
 
     Args:
-        name: `"small_cube"`, or the path of a file.
+        name: `"small_cube"`, the path of a file, or `"hf://owner/name"` on the Hugging Face Hub
+            (`"hf://owner/name@revision"`), which needs the extra `hub`.
         parts: Parts of the environment by the names of `make_push_env`'s arguments, instead of those
             that the file names.
         make_env: What makes the environment, instead of what the file names.
@@ -173,6 +208,8 @@ def load_agent(
             its config or are not finite.
     """
     path = shipped_agents().get(str(name), Path(name))
+    if str(name).startswith(HUB_PREFIX):
+        path = download_agent(str(name))
     if not path.is_file():
         raise ValueError(
             f"load_agent: no agent {str(name)!r}, expected a file or one of "
@@ -208,6 +245,7 @@ def load_agent(
         factory=make_env or found.pop("make_env", make_push_env),
         parts={**found, **given},
         missing=missing,
+        source=path,
     )
 
 

@@ -1,5 +1,6 @@
 """The paper's observation and reward as a plain Gymnasium environment."""
 
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, Literal
 
@@ -8,11 +9,13 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from tensordict import TensorDictBase
 
+from modpush._validation import from_plain
 from modpush.envs.arguments import parameter_names, refuse_unknown
 from modpush.envs.push_env import PushEnv
 from modpush.envs.scenes.scenario import ScenarioConfig
 from modpush.envs.single_scene import SingleSceneEnv, check_arguments
 from modpush.mdp.push_observation import PushObservation
+from modpush.mdp.push_reward import RewardConfig
 from modpush.recipes.config import END_TO_END, PushEnvConfig
 from modpush.recipes.make_env import ENV_PARTS, make_push_env
 
@@ -32,11 +35,12 @@ class PaperGymEnv(SingleSceneEnv):
     contacts as Python bools.
 
     Args:
-        preset: `"cpu"`, with which the shipped agent learned, or `"paper"`, see `PushEnvConfig.preset`.
+        preset: `"cpu"`, with which the shipped agent learned, `"paper"` or `"authors"`, see
+            `PushEnvConfig.preset`.
         render_mode: None, or `"rgb_array"` for a drawn top view, which needs no renderer.
         **options: Fields of `PushEnvConfig` to set differently (`scene="slot"`, `encoder="rays"`,
-            `difficulty=0.5`, ...), parts that are given to `make_push_env` as objects, or further
-            arguments of `PushEnv`.
+            `difficulty=0.5`, ..., `reward` also as a mapping), parts that are given to
+            `make_push_env` as objects, or further arguments of `PushEnv`.
 
     Raises:
         TypeError: For unknown arguments, with the list of those there are.
@@ -45,12 +49,14 @@ class PaperGymEnv(SingleSceneEnv):
 
     def __init__(
         self,
-        preset: Literal["cpu", "paper"] = "cpu",
+        preset: Literal["cpu", "paper", "authors"] = "cpu",
         render_mode: str | None = None,
         **options: Any,
     ) -> None:
         check_arguments("PaperGymEnv", "modpush/Push-v0", render_mode, options)
         config, rest = _split("PaperGymEnv", options)
+        if isinstance(config.get("reward"), Mapping):  # as an EnvSpec holds it
+            config["reward"] = from_plain(RewardConfig, config["reward"])
         if config.get("encoder") == END_TO_END:
             raise ValueError(
                 f"PaperGymEnv: encoder={END_TO_END!r} has an image beside the observation, which "

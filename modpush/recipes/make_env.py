@@ -8,6 +8,8 @@ from typing import Any
 from torch import nn
 from torchrl.envs import Compose, EnvBase, ExcludeTransform, InitTracker, Transform, TransformedEnv
 
+from modpush._arguments import checked_arguments
+from modpush._types import Seed
 from modpush.encoders.encode import Encode
 from modpush.encoders.named import make_encoder
 from modpush.encoders.networks.conv_encoder import ConvEncoder
@@ -27,7 +29,7 @@ from modpush.mdp.push_observation import PushObservation
 from modpush.mdp.push_reward import PushReward
 from modpush.mdp.reward_terms import RewardTerm
 from modpush.planners.base import Planner
-from modpush.planners.occupancy import OccupancyGrid
+from modpush.planners.occupancy import Corners, Inflation, OccupancyGrid
 from modpush.planners.subgoals import PlannerSubgoals
 from modpush.recipes.config import END_TO_END, PushEnvConfig
 
@@ -49,9 +51,17 @@ _FOR_PUSH_ENV = (
     "randomize_dynamics",
 )
 """Fields of `PushEnvConfig` that are arguments of `PushEnv`."""
-_OF_SCENARIO = ("scene", "pushed_object", "difficulty", "distance", "randomize_dynamics")
+_OF_SCENARIO = (
+    "scene",
+    "pushed_object",
+    "difficulty",
+    "distance",
+    "randomize_dynamics",
+    "path_inflation",
+)
 
 
+@checked_arguments
 def make_push_env(
     config: PushEnvConfig | None = None,
     *,
@@ -62,11 +72,12 @@ def make_push_env(
     depth: Any = None,
     entries: Sequence[EntryLike | tuple[str, EntryLike]] | None = None,
     reward_terms: Mapping[str, RewardTerm | str] | None = None,
+    inflation: Inflation | None = None,
     curriculum: Curriculum | None = None,
     evaluated_envs: Sequence[int] | None = None,
     max_waypoints: int = 0,
     keep_images: bool = False,
-    seed: int | None = None,
+    seed: Seed | None = None,
     **options: Any,
 ) -> EnvBase:
     """The paper's stack of transforms on a `PushEnv`, batch size `[num_envs]`.
@@ -88,6 +99,8 @@ def make_push_env(
         entries: Entries of the observation instead of what the config names, see `PushObservation`.
             From `"latent"` the encoder's latent of an empty window is subtracted.
         reward_terms: Reward terms of your own by name; give each a weight in `config.reward`.
+        inflation: How far obstacles are inflated for planning instead of what the config says, see
+            `OccupancyGrid`.
         curriculum: Says which episodes are drawn.
         evaluated_envs: Scenes whose episodes count for promotion, see `CurriculumScenes`.
         max_waypoints: Number of waypoints of `path`, which is emitted if it is not 0, see
@@ -111,13 +124,16 @@ def make_push_env(
         OccupancyGrid(
             object_radius_key="object_radius",
             inscribed_radius_key="object_inscribed_radius",
-            inflation=config.inflation,
+            inflation=config.inflation if inflation is None else inflation,
+            bounds=None if config.path_margin is None else _workspace(base),
+            margin=-(config.path_margin or 0.0),
         ),
         PlannerSubgoals(
             config.planner if planner is None else planner,
             mode=config.subgoal_mode,
             fraction=config.subgoal_fraction,
             lookahead=config.subgoal_lookahead,
+            lags=config.subgoal_lags,
             max_waypoints=max_waypoints,
         ),
     ]
@@ -137,6 +153,7 @@ def make_push_env(
             config.frame,
             entries=_entries(config, entries, module),
             bounds=base.bounds,
+            symmetry=config.symmetry,
             raw=config.raw,
         ),
         PushReward(config.reward, terms=reward_terms),
@@ -153,10 +170,17 @@ def _make_base(config: PushEnvConfig, options: dict[str, Any]) -> PushEnv:
         set(options) - known,
         f"some of {parameter_names(make_push_env)}, or arguments of PushEnv: {sorted(known)}",
     )
-    names = [field.name for field in fields(config) if field.name in _FOR_PUSH_ENV]
+    given = {f.name: getattr(config, f.name) for f in fields(config) if f.name in _FOR_PUSH_ENV}
+    if config.inflation == "inscribed":
+        given["path_inflation"] = "inscribed"  # episodes are solvable on the map that is planned on
     if "scenario" in options:
-        names = [name for name in names if name not in _OF_SCENARIO]
-    return PushEnv(**{**{name: getattr(config, name) for name in names}, **options})
+        given = {name: value for name, value in given.items() if name not in _OF_SCENARIO}
+    return PushEnv(**{**given, **options})
+
+
+def _workspace(base: PushEnv) -> Corners:
+    """Lower and upper corner of the area in which objects start and goals lie [m]."""
+    return base.scenario.low, base.scenario.high
 
 
 def _make_encoder(config: PushEnvConfig, given: Any) -> nn.Module | None:

@@ -8,12 +8,15 @@ from typing import Any
 
 from tensordict import NestedKey
 from tensordict.nn import TensorDictModuleBase
-from torchrl.envs import Compose, EnvBase, InitTracker, TransformedEnv
+from torchrl.envs import Compose, EnvBase, InitTracker, RenameTransform, TransformedEnv
 
+from modpush._arguments import checked_arguments
 from modpush.agents import PushingCorridorController, ScriptedPusher, faithful_config
 from modpush.envs import PushEnv
+from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.planners import DistanceField, OccupancyGrid, PlannerSubgoals
 from modpush.recipes.agent_file import load_agent, shipped_agents
+from modpush.recipes.hub import HUB_PREFIX
 
 __all__ = ["METHODS", "Method", "get_method"]
 
@@ -36,13 +39,15 @@ class Method:
     make_policy: Callable[[], TensorDictModuleBase]
     """Makes the policy."""
     make_env: Callable[..., EnvBase]
-    """`(number of scenes, names of the objects, **options of PushEnv) -> environment`; picklable."""
+    """`(number of scenes, names of the objects, conditions=None, **options of PushEnv) -> environment`;
+    picklable. `conditions` are the `EpisodeConditions` of a set; by default the environment's own."""
     path_key: NestedKey
     """Key of the planned path, `[B, n, 2]` [m], in what a step returns."""
     target_key: NestedKey
     """Key of the sub-goal that is acted upon, `[B, 2]` [m], in what a step returns."""
 
 
+@checked_arguments
 def get_method(
     policy: str,
     objects: Sequence[str] = ("small_cube",),
@@ -52,7 +57,7 @@ def get_method(
     """Look a policy up.
 
     Args:
-        policy: A name in `METHODS`, a training run's folder, or an agent's file.
+        policy: A name in `METHODS`, a training run's folder, an agent's file, or `"hf://owner/name"`.
         objects: Names of the objects that will be pushed.
         allow: Modules that an agent's file may import parts of its author's own from.
 
@@ -101,28 +106,57 @@ def _find_agent(policy: str, objects: Sequence[str]) -> tuple[str, str]:
         return path.name, str(path / "best_agent.safetensors")
     if path.is_file():
         return path.stem, policy
+    if policy.startswith(HUB_PREFIX):
+        return policy.removeprefix(HUB_PREFIX).replace("/", "_").replace("@", "_"), policy
     raise ValueError(
-        f"policy: no {policy!r}, expected {', '.join(METHODS)}, a training run's folder or an "
-        "agent's file."
+        f"policy: no {policy!r}, expected {', '.join(METHODS)}, a training run's folder, an "
+        "agent's file or hf://owner/name."
     )
 
 
-def _plain_env(num_envs: int, objects: Sequence[str], *, planner: bool, **options: Any) -> EnvBase:
+def _plain_env(
+    num_envs: int,
+    objects: Sequence[str],
+    conditions: EpisodeConditions | None = None,
+    *,
+    planner: bool,
+    **options: Any,
+) -> EnvBase:
     """`PushEnv`, with the planner's sub-goals for those that follow them."""
+    conditions = conditions or EpisodeConditions()
     transforms: list[Any] = [InitTracker()]
     if planner:
-        transforms += [
-            OccupancyGrid(object_radius_key="object_radius"),
-            PlannerSubgoals(DistanceField(), max_waypoints=_MAX_WAYPOINTS),
-        ]
+        grid = OccupancyGrid(
+            object_radius_key="object_radius",
+            inscribed_radius_key="object_inscribed_radius",
+            inflation=conditions.inflation,
+        )
+        transforms += [grid, PlannerSubgoals(DistanceField(), max_waypoints=_MAX_WAYPOINTS)]
+    elif conditions.inflation == "inscribed":  # the corridor controller's map
+        keys = ["object_inscribed_radius"], ["touch_radius"]
+        transforms.append(RenameTransform(*keys, create_copy=True))
+    options = {**conditions.env_options, **options}
     env = PushEnv(num_envs, pushed_object=tuple(objects), **options)
     return TransformedEnv(env, Compose(*transforms))
 
 
 def _agent_env(
-    num_envs: int, objects: Sequence[str], *, agent: str, allow: Sequence[str], **options: Any
+    num_envs: int,
+    objects: Sequence[str],
+    conditions: EpisodeConditions | None = None,
+    *,
+    agent: str,
+    allow: Sequence[str],
+    **options: Any,
 ) -> EnvBase:
     """The environment that an agent was trained in, with the objects of an evaluation set."""
+    given = {} if conditions is None else conditions.agent_options
     return load_agent(agent, allow=allow).make_env(
-        num_envs, **{"pushed_object": tuple(objects), "max_waypoints": _MAX_WAYPOINTS, **options}
+        num_envs,
+        **{
+            "pushed_object": tuple(objects),
+            "max_waypoints": _MAX_WAYPOINTS,
+            **given,
+            **options,
+        },
     )

@@ -1,5 +1,6 @@
 """Attentive experience replay: train on transitions that resemble the present situation."""
 
+import math
 from collections import OrderedDict
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,8 @@ from torch import Tensor
 from torchrl.data.replay_buffers.samplers import Sampler
 from torchrl.data.replay_buffers.storages import Storage
 
+from modpush._arguments import checked_arguments
+from modpush._checks import check_instance
 from modpush._state import read_state, write_state
 from modpush.parts import find_part
 from modpush.replay.similarity import SIMILARITIES, Similarity
@@ -61,6 +64,7 @@ class AttentiveSampler(Sampler):
     Source: paper Sec. IV-B; Sun et al. (2020), "Attentive Experience Replay".
     """
 
+    @checked_arguments
     def __init__(
         self,
         k: float = 4,
@@ -122,6 +126,7 @@ class AttentiveSampler(Sampler):
             ValueError: If the query is empty, of more dimensions, or holds NaN.
         """
         if query is not None:
+            check_instance("AttentiveSampler", "query", query, Tensor)
             if query.ndim not in (1, 2) or not query.numel():
                 raise ValueError(
                     f"AttentiveSampler: query must be [Q, D] or [D], got {tuple(query.shape)}."
@@ -278,7 +283,7 @@ class AttentiveSampler(Sampler):
 
 
 def _checked_k(name: str, k: float) -> float:
-    if not k >= 1:
+    if not 1 <= k < math.inf:
         raise ValueError(f"AttentiveSampler: {name} must be >= 1, got {k}.")
     return k
 

@@ -17,6 +17,7 @@ from torchrl.data import (
 from torchrl.data.replay_buffers.samplers import Sampler
 from torchrl.data.replay_buffers.storages import Storage
 
+from modpush._arguments import checked_arguments
 from modpush._keys import read_key
 from modpush.parts import find_part
 from modpush.replay.attentive import AttentiveSampler
@@ -31,6 +32,7 @@ SamplerFactory = Callable[[ReplayConfig], Sampler]
 """Makes a sampler from the config."""
 
 
+@checked_arguments
 def make_replay_buffer(
     config: ReplayConfig,
     *,

@@ -20,7 +20,10 @@ from torch import Tensor
 from torchrl.data import LazyTensorStorage
 from torchrl.data.replay_buffers.checkpointers import StorageCheckpointerBase
 
+from modpush._arguments import checked_arguments
+from modpush._checks import check_instance
 from modpush._state import read_state, write_state
+from modpush._types import Count
 
 __all__ = ["CompactStorage"]
 
@@ -67,9 +70,10 @@ class CompactStorage(LazyTensorStorage):
 
     _default_checkpointer = _Checkpointer
 
+    @checked_arguments
     def __init__(
         self,
-        max_size: int,
+        max_size: Count,
         *,
         keys: Sequence[NestedKey] = ("observation",),
         device: torch.device | str = "cpu",
@@ -95,6 +99,7 @@ class CompactStorage(LazyTensorStorage):
         """Write transitions, `[n]` (or one, `[]`) at `cursor`."""
         if isinstance(data, list):
             data = torch.stack(data)
+        check_instance("CompactStorage", "data", data, TensorDictBase)
         single = data.ndim == 0
         rows = data.unsqueeze(0) if single else data
         slots = torch.arange(self.max_size)[cursor].reshape(-1) if single else _slots(cursor, self)

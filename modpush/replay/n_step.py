@@ -6,6 +6,11 @@ from torch import Tensor
 from torchrl.data import TensorDictReplayBuffer
 from torchrl.envs.transforms import MultiStepTransform
 
+from modpush._arguments import checked_arguments
+from modpush._checks import check_instance
+from modpush._types import Count, Fraction
+from modpush._validation import check_value
+
 __all__ = ["NStepTransform", "extend_rollout", "forget_open_steps", "n_step_transforms"]
 
 
@@ -27,7 +32,8 @@ class NStepTransform(MultiStepTransform):
         gamma: Discount factor per step.
     """
 
-    def __init__(self, n_steps: int, gamma: float) -> None:
+    @checked_arguments
+    def __init__(self, n_steps: Count, gamma: Fraction) -> None:
         super().__init__(n_steps, gamma, done_keys=[])  # none is left as it is
 
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase | None:
@@ -73,6 +79,9 @@ def extend_rollout(
     Raises:
         ValueError: If the transitions are not as many for each environment.
     """
+    check_instance("extend_rollout", "buffer", buffer, TensorDictReplayBuffer)
+    check_instance("extend_rollout", "transitions", transitions, TensorDictBase)
+    check_value("extend_rollout", "num_envs", num_envs, Count)
     if transitions.ndim != 1 or len(transitions) % num_envs:
         raise ValueError(
             f"extend_rollout: transitions must be [T * num_envs] for {num_envs} environments, got "
@@ -93,6 +102,7 @@ def forget_open_steps(buffer: TensorDictReplayBuffer) -> None:
     Args:
         buffer: From `make_replay_buffer`.
     """
+    check_instance("forget_open_steps", "buffer", buffer, TensorDictReplayBuffer)
     for transform in n_step_transforms(buffer):
         transform.forget()
 

@@ -5,6 +5,8 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
+from modpush._checks import check_instance, check_shape
+
 __all__ = ["SIMILARITIES", "LatentSimilarity", "Similarity", "cosine", "negative_l2"]
 
 Similarity = Callable[[Tensor, Tensor], Tensor]
@@ -21,8 +23,12 @@ def cosine(candidates: Tensor, queries: Tensor) -> Tensor:
     Returns:
         Values in [-1, 1], `[Q, C]`; 0 where a vector is zero.
 
+    Raises:
+        TypeError: If one of them is no tensor.
+        ValueError: If the shapes do not belong together.
     Source: Sun et al. (2020), "Attentive Experience Replay".
     """
+    _check_pairs("cosine", candidates, queries)
     dot = torch.matmul(candidates, queries.unsqueeze(-1)).squeeze(-1)
     # Row norms through einsum: a third of the time of `vector_norm` on a strided batch.
     norms = torch.linalg.vecdot(candidates, candidates).sqrt_()
@@ -39,8 +45,22 @@ def negative_l2(candidates: Tensor, queries: Tensor) -> Tensor:
 
     Returns:
         Values <= 0, `[Q, C]`.
+
+    Raises:
+        TypeError: If one of them is no tensor.
+        ValueError: If the shapes do not belong together.
     """
+    _check_pairs("negative_l2", candidates, queries)
     return -torch.linalg.vector_norm(candidates - queries.unsqueeze(-2), dim=-1)
+
+
+def _check_pairs(who: str, candidates: Tensor, queries: Tensor) -> None:
+    check_instance(who, "candidates", candidates, Tensor)
+    check_instance(who, "queries", queries, Tensor)
+    if candidates.ndim != 3:
+        raise ValueError(f"{who}: candidates must be [Q, C, D], got {list(candidates.shape)}.")
+    number, _, width = candidates.shape
+    check_shape(who, "queries", queries, "Q, D", [number, width])
 
 
 SIMILARITIES: dict[str, Similarity] = {"cosine": cosine, "negative_l2": negative_l2}
@@ -56,6 +76,9 @@ class LatentSimilarity:
     """
 
     def __init__(self, encoder: nn.Module, similarity: Similarity = cosine) -> None:
+        check_instance("LatentSimilarity", "encoder", encoder, nn.Module)
+        if not callable(similarity):
+            raise TypeError(f"LatentSimilarity: similarity must be a function, got {similarity!r}.")
         self.encoder = encoder
         self.similarity = similarity
 

@@ -2,7 +2,10 @@
 
 from tensordict import NestedKey, TensorDictBase
 
+from modpush._checks import check_instance
 from modpush._keys import read_key
+from modpush._types import Key
+from modpush._validation import check_value
 
 __all__ = ["TRANSITION_KEYS", "KeepTransition"]
 
@@ -29,6 +32,8 @@ class KeepTransition:
     """
 
     def __init__(self, *extra: NestedKey) -> None:
+        for key in extra:
+            check_value("KeepTransition", "extra", key, Key)
         self.keys = (*TRANSITION_KEYS, *extra)
 
     def __call__(self, data: TensorDictBase) -> TensorDictBase:
@@ -37,6 +42,7 @@ class KeepTransition:
         Raises:
             KeyError: If one is missing; the message lists those there are.
         """
+        check_instance("KeepTransition", "data", data, TensorDictBase)
         for key in self.keys:
             read_key("KeepTransition", data, key)
         return data.select(*self.keys)

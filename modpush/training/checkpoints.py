@@ -8,9 +8,9 @@ from typing import Any
 from modpush._atomic import clean_leftovers
 from modpush._state import read_state, write_state
 
-__all__ = ["Checkpoints"]
+__all__ = ["CHECKPOINT_KIND", "CHECKPOINT_VERSION", "Checkpoints"]
 
-_KIND, _VERSION = "modpush.Checkpoint", 1
+CHECKPOINT_KIND, CHECKPOINT_VERSION = "modpush.Checkpoint", 1
 _NAME = re.compile(r"step-(\d+)\.safetensors")
 
 
@@ -36,6 +36,11 @@ class Checkpoints:
         return paths[-1] if paths else None
 
     @staticmethod
+    def is_checkpoint(path: Path) -> bool:
+        """Whether a path has a checkpoint's name."""
+        return _NAME.fullmatch(path.name) is not None
+
+    @staticmethod
     def step(path: Path) -> int:
         """Environment steps after which a checkpoint was written."""
         found = _NAME.fullmatch(path.name)
@@ -48,7 +53,9 @@ class Checkpoints:
         Raises:
             OSError: If it cannot be written; those before stay.
         """
-        write_state(self.folder / f"step-{step:09d}.safetensors", state, _KIND, _VERSION)
+        write_state(
+            self.folder / f"step-{step:09d}.safetensors", state, CHECKPOINT_KIND, CHECKPOINT_VERSION
+        )
         for path in self.paths()[: -self.keep]:
             path.unlink()
 
@@ -64,7 +71,7 @@ class Checkpoints:
         errors = []
         for path in reversed(self.paths()):
             try:
-                state: dict[str, Any] = read_state(path, _KIND, _VERSION)
+                state: dict[str, Any] = read_state(path, CHECKPOINT_KIND, CHECKPOINT_VERSION)
                 break
             except ValueError as error:
                 errors.append((path, error))

@@ -3,7 +3,7 @@
 from dataclasses import asdict, field, replace
 from typing import Any, Literal
 
-from modpush._types import Count, NonNegativeInteger, Seed, Several
+from modpush._types import Count, Name, NonNegativeInteger, Seed, Several
 from modpush._validation import checked
 from modpush.agents.tqc.config import TQCConfig
 from modpush.mdp.curriculum import CurriculumConfig
@@ -18,7 +18,11 @@ _MAY_CHANGE = {"total_steps", "evaluate_every", "log_every", "checkpoint_every",
 
 @checked
 class TrainConfig:
-    """A training run. All numbers of steps are environment steps, summed over the scenes."""
+    """A training run; the defaults are the paper's.
+
+    All numbers of steps are environment steps, summed over the scenes. Of those below, the paper prints
+    `total_steps` alone.
+    """
 
     env: PushEnvConfig = field(default_factory=PushEnvConfig)
     """Environment that the agent is trained in."""
@@ -31,6 +35,10 @@ class TrainConfig:
     zero_init_latent: bool = False
     """Start with zero weights for the latent in the first layer of actor and critics, so that what
     is learned in free space holds among obstacles until the latent is used."""
+    init_from: Name | None = None
+    """Begin with weights that are trained already, and act with them from the first step: of a shipped
+    agent by its name or of an agent's file those of the actor; of a run's folder or one of its
+    checkpoints those of critics, targets and temperature as well. None for random weights."""
     total_steps: Count = 7_000_000
     """Environment steps after which the run ends."""
     rollout_length: Count = 8
@@ -38,9 +46,11 @@ class TrainConfig:
     async_collection: bool = True
     """Step the environment in a process of its own while the learner learns. Without it the two take
     turns in one process, with the same results."""
-    greedy_envs: NonNegativeInteger = 4
+    greedy_envs: NonNegativeInteger = 0
     """Number of scenes that act without exploration noise; promotion in the curriculum depends on their
-    successes."""
+    successes. With 0 (the paper) all scenes act with noise, and promotion depends on the successes of
+    all of them: the noise frees a policy that would stand still, so that these flatter it. The
+    evaluations have no noise in either case."""
     evaluate_every: Count = 25_000
     """Environment steps between greedy evaluations on the held-out episodes."""
     evaluation_episodes: Count = 120
@@ -53,7 +63,10 @@ class TrainConfig:
     keep_checkpoints: Count = 2
     """Number of newest checkpoints that are kept."""
     save_buffer: bool = True
-    """Keep the replay buffer in the checkpoints. Without it a resumed run fills a new one first."""
+    """Keep the replay buffer in the checkpoints. Without it checkpoints are of some megabytes, with all
+    else that a run depends on. A resumed run then acts for `tqc.learning_starts` steps, which count,
+    with the policy that it has, before updates go on with what these brought; so that its numbers
+    are not those of an uninterrupted run."""
     loggers: Several[Literal["csv", "tensorboard"]] = ("csv",)
     """TorchRL loggers that are written to, beside the run's own tables."""
     progress: bool = True
@@ -109,8 +122,11 @@ def field_differences(stored: dict[str, Any], now: dict[str, Any], prefix: str =
     """Fields that differ between two configs as plain data, as `"name: stored -> now"`."""
     found: list[str] = []
     for name in now:
+        if name not in stored:
+            found.append(f"{prefix}{name}: not known then -> {now[name]!r}")
+            continue
         a, b = stored[name], now[name]
-        if isinstance(a, dict) and isinstance(b, dict) and set(a) == set(b):
+        if isinstance(a, dict) and isinstance(b, dict) and set(a) <= set(b):
             found += field_differences(a, b, f"{prefix}{name}.")
         elif a != b:
             found.append(f"{prefix}{name}: {a!r} -> {b!r}")

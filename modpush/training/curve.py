@@ -11,7 +11,7 @@ matplotlib.use("Agg")  # no screen is needed
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
-__all__ = ["draw_curve"]
+__all__ = ["draw_curve", "success_in_common"]
 
 _PANELS = (
     ("success", "success, greedy, held-out", (0.0, 1.02)),
@@ -21,33 +21,60 @@ _PANELS = (
 
 
 def draw_curve(
-    runs: Sequence[Path] | Mapping[str, Sequence[Path]], path: Path, *, against: str = "minutes"
+    runs: Sequence[Path] | Mapping[str, Sequence[Path]],
+    path: Path,
+    *,
+    against: str | Sequence[str] = "minutes",
 ) -> None:
     """Draw the evaluations of some runs.
 
     Args:
-        runs: Run folders; or groups of them, one colour each, with the mean over their runs.
+        runs: Run folders; or groups of them, one colour each, with the mean over their runs. Where
+            they were evaluated in different scene families, success is the mean over those in common.
         path: The picture's file.
-        against: The horizontal axis: `"minutes"`, `"step"` or `"updates"`.
+        against: The horizontal axis: `"minutes"`, `"step"` or `"updates"`; several make a row each.
 
     Raises:
         FileNotFoundError: If a folder holds no evaluations.
     """
     groups = runs if isinstance(runs, Mapping) else {run.name: [run] for run in runs}
-    figure, axes = plt.subplots(1, len(_PANELS), figsize=(5 * len(_PANELS), 3.6))
-    for colour, (label, folders) in enumerate(groups.items()):
-        tables = [pd.read_csv(Path(folder) / "evaluations.csv") for folder in folders]
-        for axis, (column, _, _) in zip(axes, _PANELS, strict=True):
-            _draw_group(axis, tables, column, against, f"C{colour}", label)
-    for axis, (_, title, limits) in zip(axes, _PANELS, strict=True):
-        axis.set(title=title, xlabel=against)
-        axis.set_ylim(*limits)  # after all curves: the first one's top would cut the others off
-        axis.grid(alpha=0.3)
-    axes[0].legend(loc="lower right")
+    tables = {
+        label: [pd.read_csv(Path(folder) / "evaluations.csv") for folder in folders]
+        for label, folders in groups.items()
+    }
+    success_in_common([table for group in tables.values() for table in group])
+    rows = [against] if isinstance(against, str) else list(against)
+    size = 5 * len(_PANELS), 3.6 * len(rows)
+    figure, grid = plt.subplots(len(rows), len(_PANELS), figsize=size, squeeze=False)
+    for axes, unit in zip(grid, rows, strict=True):
+        for axis, (column, title, limits) in zip(axes, _PANELS, strict=True):
+            for colour, (label, group) in enumerate(tables.items()):
+                _draw_group(axis, group, column, unit, f"C{colour}", label)
+            axis.set(title=title, xlabel=unit)
+            axis.set_ylim(*limits)  # after all curves: the first one's top would cut the others off
+            axis.grid(alpha=0.3)
+    grid[0, 0].legend(loc="lower right")
     figure.tight_layout()
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
     plt.close(figure)
+
+
+def success_in_common(tables: Sequence[pd.DataFrame]) -> list[str]:
+    """Make success comparable: its mean over the scene families that all tables have, in place.
+
+    Args:
+        tables: Evaluations of runs, with success by family in columns `success/<family>`.
+
+    Returns:
+        The families in common.
+    """
+    sets = [{c for c in table if str(c).startswith("success/")} for table in tables]
+    common = sorted(set.intersection(*sets)) if sets else []
+    for table, own in zip(tables, sets, strict=True):
+        if common and own != set(common):
+            table["success"] = table[common].mean(axis=1)
+    return [column.partition("/")[2] for column in common]
 
 
 def _draw_group(

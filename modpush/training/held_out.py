@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from modpush._arguments import checked_arguments
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.training.config import TrainConfig
@@ -14,6 +15,7 @@ __all__ = ["held_out_scenarios"]
 _HELD_OUT_SEED = 20_221_023  # no training run and no evaluation set draws with it
 
 
+@checked_arguments
 def held_out_scenarios(
     config: TrainConfig, *, scene: Any = None, pushed_object: Any = None
 ) -> list[Scenario]:

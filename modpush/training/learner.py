@@ -52,6 +52,8 @@ class Learner:
         if config.zero_init_latent and specs.latent.stop:
             zero_input_weights(self.agent.loss, specs.latent)
         self.buffer = make_replay_buffer(config.filled_replay(), **replay_parts(parts))
+        self.learn_from = config.tqc.learning_starts
+        """Environment steps after which updates are made."""
         self.updates = 0
         self.pending_updates = 0.0
         """Updates that are due but not made, less than one."""
@@ -91,7 +93,7 @@ class Learner:
         Raises:
             NonFiniteLossError: After the batch was saved.
         """
-        starts = self.config.tqc.learning_starts
+        starts = self.learn_from
         if now <= starts:
             return
         self.pending_updates += (now - max(before, starts)) * self.config.tqc.updates_per_step
@@ -132,7 +134,9 @@ def zero_input_weights(loss: LossModule, columns: slice) -> None:
         loss: A loss with an actor and critics.
         columns: Columns of the observation, which comes first in the networks' inputs.
     """
-    names = ("actor_network_params", "qvalue_network_params", "target_qvalue_network_params")
-    for networks in (getattr(loss, name) for name in names if hasattr(loss, name)):
+    kinds = ("actor_network_params", "qvalue_network_params")
+    names = [f"{which}{kind}" for which in ("", "target_") for kind in kinds]
+    own = dict(loss.named_children())
+    for networks in (own[name] for name in names if name in own):
         first = next(value for _, value in networks.items(True, True) if value.ndim > 1)
         first.data[..., columns] = 0.0

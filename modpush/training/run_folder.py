@@ -4,6 +4,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from modpush._arguments import checked_arguments
 from modpush._validation import from_plain
 from modpush.files import read_yaml, write_yaml
 from modpush.training.checkpoints import Checkpoints
@@ -58,6 +59,7 @@ class RunFolder:
             raise ValueError(f"RunFolder: {self.config} is no run's config: {error}") from error
 
 
+@checked_arguments
 def check_run_folder(path: str | Path, config: TrainConfig, *, resume: bool) -> RunFolder:
     """Refuse a folder that this run must not write to, before any work is done.
 

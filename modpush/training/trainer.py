@@ -25,6 +25,7 @@ from modpush.training.run_folder import check_run_folder
 from modpush.training.scene_worker import EnvFactory, SceneWorker
 from modpush.training.signals import interrupts_noted
 from modpush.training.trainer_state import load_trainer_state, save_trained_agent, trainer_state
+from modpush.training.warm_start import load_initial_weights
 from modpush.training.worker import Done, InlineWorker, Pending, ProcessWorker, StartMethod, Worker
 
 __all__ = ["Trainer"]
@@ -42,9 +43,8 @@ class Trainer:
         folder: Folder that the run writes to; new or empty unless the run is resumed.
         resume: Go on from the folder's newest checkpoint that is whole.
         parts: Parts of your own given as objects, instead of those that the config names:
-            `encoder`, `planner`, `scene`, `pushed_object`, `depth`, `entries`, `reward_terms` (see
-            `make_push_env`), `loss`, `actor`, `critic` (see `make_tqc`), `sampler`, `similarity`
-            (see `make_replay_buffer`). What is resumed needs the same parts.
+            those of `make_push_env` (`ENV_PARTS`), `loss`, `actor`, `critic` (see `make_tqc`),
+            `sampler`, `similarity` (see `make_replay_buffer`). What is resumed needs the same parts.
         make_env: Makes the environment, `make_push_env` or a function of yours with its arguments.
         start_method: How the worker's process begins, see `ProcessWorker`.
 
@@ -123,6 +123,8 @@ class Trainer:
             )
         elif resume:
             load_trainer_state(self, self.folder.checkpoints.load())
+        if config.init_from and not self.steps:
+            load_initial_weights(self.learner, config, self.specs)
         self.log.write_tables()
         with self.guard(self.folder.config.name):
             self.folder.write_config(config)
@@ -245,7 +247,7 @@ class Trainer:
 
     def collect(self) -> Pending[Rollout]:
         """Have the scenes act with the present policy."""
-        random = self.steps < self.config.tqc.learning_starts
+        random = self.steps < self.config.tqc.learning_starts and not self.config.init_from
         weights = None if random else self.learner.actor_weights()
         return self.worker.submit(SceneWorker.collect, self.config.rollout_length, weights)
 

@@ -71,6 +71,8 @@ def load_trainer_state(trainer: "Trainer", state: dict[str, Any]) -> None:
     learner.agent.optimizer.load_state_dict(copy.deepcopy(state["optimizer"]))
     if state["buffer"] is not None:
         load_buffer_state(learner.buffer, state["buffer"])
+    else:
+        learner.learn_from = state["steps"] + trainer.config.tqc.learning_starts
     trainer.steps, learner.updates = state["steps"], state["updates"]
     trainer.checkpoints_made = state["checkpoints_made"]
     learner.pending_updates = state["pending_updates"]
@@ -100,7 +102,7 @@ def save_trained_agent(trainer: "Trainer", path: Path, summary: dict[str, float]
         hidden_sizes=config.tqc.hidden_sizes,
         observation_dim=learner.observation_dim,
         fingerprint=trainer.specs.fingerprint,
-        actor=config.tqc.actor,
+        actor=config.tqc.actor_network,
         encoder=config.tqc.encoder,
         parts=trainer.parts,
         make_env=trainer.make_env,

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import Field, Strict
 
-from modpush._types import Fraction, Name, NonNegativeInteger
+from modpush._types import ORDERED, Fraction, Name, NonNegativeInteger
 from modpush._validation import checked
 from modpush.envs.scenes.layouts import SCENES
 from modpush.envs.scenes.objects import OBJECTS
@@ -20,9 +20,9 @@ CONTROL_FREQ = 15
 class PlayConfig:
     """What the page starts with; all but address and folders can be changed on the page."""
 
-    policy: Annotated[tuple[Name, ...], Strict(False), Field(min_length=1, max_length=2)] = (
-        "agent",
-    )
+    policy: Annotated[
+        tuple[Name, ...], Strict(False), Field(min_length=1, max_length=2), ORDERED
+    ] = ("agent",)
     """One policy, or two that are shown side by side on the same scene: agent (the shipped one),
     corridor, corridor_faithful, scripted, hand, an agent's file, or a training run's folder."""
     scene: Name = "slot"
@@ -33,7 +33,7 @@ class PlayConfig:
     """Difficulty of the scenes, 0 to 1."""
     seed: NonNegativeInteger = 0
     """Seed of the first episode; in a replay, the number of the episode."""
-    replay: Annotated[tuple[Path, ...], Strict(False), Field(max_length=2)] = ()
+    replay: Annotated[tuple[Path, ...], Strict(False), Field(max_length=2), ORDERED] = ()
     """One or two folders that an evaluation wrote, whose episodes are shown instead of running
     policies."""
     paused: bool = False

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from modpush._validation import check_value
 from modpush.envs.outcome import is_at_goal, is_out_of_bounds
 from modpush.envs.robot.ur5_2f85 import TOOLS
 from modpush.envs.scenes.layouts import BAR_SECTION, CUBE_SIDE
@@ -107,8 +108,9 @@ def add_obstacle(
         keep_free: Further circles that it must not touch, centre (x, y) and radius [m].
 
     Raises:
-        ValueError: If the scene is full.
+        ValueError: If there is no such kind, or the scene is full.
     """
+    check_value("add_obstacle", "kind", kind, ObstacleKind)
     if len(scenario.obstacles) >= MAX_OBSTACLES:
         raise ValueError(f"A scene holds at most {MAX_OBSTACLES} obstacles.")
     size = OBSTACLE_SIZES[kind]

@@ -40,7 +40,7 @@ def make_lane(policy: str) -> PolicyLane:
     from modpush.recipes.config import PushEnvConfig
     from modpush.recipes.make_env import make_push_env
 
-    config = PushEnvConfig(num_envs=1, frame="path", action_frame="base")
+    config = PushEnvConfig.preset("cpu", num_envs=1, action_frame="base")
     env = make_push_env(config, **options)
     if policy == "hand":
         return PolicyLane(policy, env, HandPolicy())

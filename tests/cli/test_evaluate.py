@@ -36,7 +36,8 @@ def test_evaluate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 def test_all_stands_for_the_papers_sets() -> None:
     names = EvaluateConfig(sets=("all",)).set_names
     assert names[0] == "free/small_cube"
-    assert len(names) == 6
+    assert len(names) == 8
+    assert not any(name.startswith(("smoke", "tuning")) for name in names)
 
 
 def test_a_set_of_ones_own_is_given_as_a_file(tmp_path: Path) -> None:

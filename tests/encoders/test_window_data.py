@@ -26,7 +26,7 @@ def test_what_is_saved_comes_back(tmp_path):
 
 def test_values_come_back_to_half_a_level():
     windows = torch.rand(2, 1, 64, 64)
-    data = WindowData.from_floats(windows, torch.zeros(2), torch.zeros(2).bool(), {})
+    data = WindowData.from_floats(windows, torch.zeros(2).byte(), torch.zeros(2).bool(), {})
     torch.testing.assert_close(data.floats(), windows, atol=0.5001 / 255, rtol=0)
     assert data.floats(torch.tensor([1])).shape == (1, 1, 64, 64)
 
@@ -54,7 +54,7 @@ def test_a_file_cut_short_or_of_another_kind_is_refused(tmp_path):
 
 
 def test_windows_of_another_shape_or_dtype_are_refused():
-    rest = {"family": torch.zeros(2), "held_out": torch.zeros(2)}
+    rest = {"family": torch.zeros(2).byte(), "held_out": torch.zeros(2).bool()}
     with pytest.raises(ValueError, match=r"\[N, S, S\] uint8, got \[2, 32, 16\] torch.uint8"):
         WindowData(windows=torch.zeros(2, 32, 16).byte(), **rest)
     with pytest.raises(ValueError, match=r"got \[2, 64, 64\] torch.float32"):
@@ -105,7 +105,9 @@ def test_probes_find_what_is_there():
 
 
 def test_windows_of_another_size_are_kept():
-    data = WindowData.from_floats(torch.rand(3, 1, 32, 32), torch.zeros(3), torch.zeros(3), {})
+    data = WindowData.from_floats(
+        torch.rand(3, 1, 32, 32), torch.zeros(3).byte(), torch.zeros(3).bool(), {}
+    )
     assert data.window_size == 32
     assert data.floats().shape == (3, 1, 32, 32)
 

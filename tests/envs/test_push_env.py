@@ -21,6 +21,7 @@ from modpush.envs import OBJECTS, PushEnv, ScenarioConfig
 from modpush.envs.scenes.drawing import draw_top_view
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES
 from modpush.envs.scenes.obstacle import Obstacle
+from modpush.envs.sim.contacts import CONTACT_GAP
 from modpush.envs.sim.task import ClutterPushEnv
 from modpush.geometry.camera import CAMERA
 from tests.envs.sim.test_agent import scenario
@@ -59,7 +60,7 @@ def test_every_key_of_the_docstring_is_emitted_and_no_other() -> None:
     said = {
         line.split()[0]
         for line in PushEnv.__doc__.split("meaning")[1].splitlines()
-        if line.startswith("    ") and not line.startswith("     ") and "`[B" in line
+        if line.startswith(" " * 8) and not line.startswith(" " * 9) and "`[B" in line
     }
     state = env.rand_step(env.reset())
     emitted = set(state["next"].keys()) | {"action"}
@@ -245,6 +246,32 @@ def test_it_steps_as_the_maniskill_task_does() -> None:
     env.close()
 
 
+def test_contact_at_a_step_s_end_is_what_physics_shows_then() -> None:
+    env = PushEnv(1, depth=None)
+    where = scenario((0.42, 0.0, np.pi / 2), (0.52, 0.0, 0.0), goal_position=(0.72, 0.2))
+    td = env.reset(scenarios=[where])
+    task = env._batch.tasks[0]
+    body = task.objects.actors["small_cube"]._bodies[0]
+    robot = {link._objs[0] for link in task.agent.robot.links}
+    during, at_end = [], []
+    for step in range(24):
+        td = act(env, td, 1.0 if step % 4 < 3 else -0.6, 0.0, 0.0)  # pushes, and lets go
+        touching = any(
+            point.separation <= CONTACT_GAP or (point.separation <= 0.005 and point.impulse.any())
+            for contact in task.scene.px.get_contacts()
+            if body in contact.bodies and robot.intersection(contact.bodies)
+            for point in contact.points
+        )
+        during.append(bool(td["object_contact"]))
+        at_end.append(bool(td["object_contact_at_end"]))
+        assert at_end[-1] == touching
+    assert all(a or not b for a, b in zip(during, at_end, strict=True))
+    assert 0 < sum(at_end) <= sum(during) < 24
+    kept = env.get_state()
+    assert bool(env.reset(state=kept)["object_contact_at_end"]) == at_end[-1]
+    env.close()
+
+
 def test_success_terminates_with_reward_one() -> None:
     env = PushEnv(1, depth=None)
     where = scenario((0.40, 0.0, np.pi / 2), (0.50, 0.0, 0.0), goal_position=(0.60, 0.0))
@@ -395,7 +422,7 @@ def test_a_misspelt_argument_lists_the_parameters_and_the_fields_of_the_scenario
 
 
 def test_a_scenario_that_is_no_config_is_refused(env) -> None:
-    with pytest.raises(TypeError, match="scenario must be a ScenarioConfig, got 'slot'"):
+    with pytest.raises(ValueError, match="scenario must be of type ScenarioConfig, got 'slot'"):
         PushEnv(scenario="slot")
     with pytest.raises(TypeError, match="scenario must be a ScenarioConfig, got 'posts'"):
         env.scenario = "posts"

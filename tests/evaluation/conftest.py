@@ -44,9 +44,13 @@ def make_episode(number: int, scenario: Scenario, *, success: bool = True) -> Ep
         object_contact=flags[:, 0],
         obstacle_contact=flags[:, 1],
         tool_obstacle_contact=flags[:, 2],
+        object_contact_at_end=flags[:, 0],
         success=success,
         out_of_bounds=False,
-        shortest_length=float(np.linalg.norm(goal - start[:2])),
+        **dict.fromkeys(
+            ("shortest_length", "authors_agent_length", "authors_controller_length"),
+            float(np.linalg.norm(goal - start[:2])),
+        ),
     )
     trajectory = Trajectory(
         object_pose=poses.astype(np.float32),

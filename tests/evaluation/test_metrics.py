@@ -63,19 +63,25 @@ def test_an_episode_by_hand() -> None:
         object_contact=flags("0101"),
         obstacle_contact=flags("0001"),
         tool_obstacle_contact=flags("1000"),
+        object_contact_at_end=flags("0100"),
         success=True,
         out_of_bounds=False,
         shortest_length=0.6,
+        authors_agent_length=0.65,
+        authors_controller_length=0.9,
     )
     assert metrics.steps == 4
     assert metrics.episode_return == pytest.approx(3.25)
     assert metrics.contact_rate == pytest.approx(2 / 3)
+    assert metrics.contact_rate_at_end == pytest.approx(1 / 3)
     assert metrics.collision_rate == pytest.approx(0.5)
     assert metrics.collision_rate_object == pytest.approx(0.25)
     assert metrics.collision_rate_arm == pytest.approx(0.25)
     assert metrics.path_length == pytest.approx(0.75)  # 0.3 + 0.4 + 0.05
     assert metrics.final_distance == pytest.approx(0.05)
     assert metrics.spl == pytest.approx(0.8)
+    assert metrics.spl_authors_agent == pytest.approx(0.65 / 0.75)
+    assert metrics.spl_authors_controller == 1.0  # the path was shorter than their staircase
 
 
 def test_lengths_that_do_not_fit_are_refused() -> None:
@@ -87,7 +93,10 @@ def test_lengths_that_do_not_fit_are_refused() -> None:
             object_contact=flags("00"),
             obstacle_contact=flags("00"),
             tool_obstacle_contact=flags("0"),
+            object_contact_at_end=flags("0"),
             success=False,
             out_of_bounds=False,
             shortest_length=1.0,
+            authors_agent_length=1.0,
+            authors_controller_length=1.0,
         )

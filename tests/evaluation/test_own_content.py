@@ -8,6 +8,7 @@ from torchrl.envs import TransformedEnv
 from modpush.agents import ScriptedPusher
 from modpush.envs import Obstacle, PushedObject, PushEnv, ScenarioConfig, sample_scenario
 from modpush.envs.gym_env import PushGymEnv
+from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.drawing import TopView, draw_top_view
 from modpush.envs.scenes.layouts import get_scene
 from modpush.evaluation import EvaluationConfig, EvaluationSet, evaluate
@@ -81,7 +82,11 @@ def assert_an_l_is_drawn(picture: np.ndarray, pose: np.ndarray) -> None:
 
 
 def test_an_object_given_by_text_is_evaluated_and_drawn_without_saying_more(tmp_path) -> None:
-    chosen = EvaluationSet(name="mine", scenarios=tuple(drawn(f"{__name__}:L_SHAPE")))
+    chosen = EvaluationSet(
+        name="mine",
+        scenarios=tuple(drawn(f"{__name__}:L_SHAPE")),
+        conditions=EpisodeConditions(max_episode_steps=3),
+    )
     rows = evaluate(
         ScriptedPusher(),
         chosen,

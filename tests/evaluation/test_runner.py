@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +16,10 @@ from tensordict.nn import TensorDictModule
 from torch import nn
 
 from modpush._folder_lock import FolderLock, FolderLockedError
+from modpush._hash import weights_hash
 from modpush.agents import ScriptedPusher
-from modpush.evaluation.results import COLUMNS, ResultStore, describe_policy
+from modpush.envs import EpisodeConditions, PushEnv
+from modpush.evaluation.results import COLUMNS, ResultStore, describe_policy, policy_hash
 from modpush.evaluation.runner import EvaluationConfig, evaluate
 from modpush.evaluation.sealed_rows import append_row
 from modpush.evaluation.sets import EvaluationSet, load_set
@@ -235,6 +238,30 @@ def test_rows_of_nobody_are_not_adopted(tmp_path: Path, free: EvaluationSet) -> 
     (tmp_path / "run.json").unlink()
     with pytest.raises(ValueError, match=r"holds rows, but no run.json"):
         ResultStore(tmp_path, free.first(1), MADE)
+
+
+def test_rows_say_which_policy_acted(tmp_path: Path, unbroken: pd.DataFrame) -> None:
+    assert unbroken["policy"].nunique() == 1
+    assert unbroken["policy"].iloc[0].startswith("settings:")
+    first, second = (describe_policy(Linear(weight)) for weight in (0.0, 0.1))
+    assert policy_hash(first) == f"weights:{weights_hash(Linear(0.0))}"
+    assert policy_hash(first) != policy_hash(second)
+
+
+def test_an_environment_of_other_conditions_is_refused(tmp_path: Path, free: EvaluationSet) -> None:
+    short = replace(free.first(1), conditions=EpisodeConditions(max_episode_steps=7))
+    with pytest.raises(ValueError, match=r"of the set\): \{'max_episode_steps': \(200, 7\)\}"):
+        evaluate(ScriptedPusher(), short, tmp_path / "a", make_env=make_env, config=QUIET)
+    rows = evaluate(
+        ScriptedPusher(), short, tmp_path / "b", make_env=make_conditioned_env, config=QUIET
+    )
+    assert rows["steps"].tolist() == [7]
+    with pytest.raises(ValueError, match=r"holds another run.*'conditions'"):
+        evaluate(ScriptedPusher(), free.first(1), tmp_path / "b", make_env=fail, config=QUIET)
+
+
+def make_conditioned_env(num_envs: int, objects: object, conditions: EpisodeConditions) -> PushEnv:
+    return PushEnv(num_envs, pushed_object=objects, depth=None, **conditions.env_options)
 
 
 def test_a_policy_without_an_environment_is_refused(tmp_path: Path) -> None:

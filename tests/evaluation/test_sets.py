@@ -1,13 +1,25 @@
+import math
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import kstest
 
+from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.objects import get_object
 from modpush.envs.scenes.rectangles import obstacle_distance
 from modpush.evaluation import sets
-from modpush.evaluation.sets import SET_NAMES, SET_VERSION, EvaluationSet, generate_set, load_set
+from modpush.evaluation.sets import (
+    EVALUATION_SETS,
+    SET_NAMES,
+    SET_VERSION,
+    TUNING_SETS,
+    EvaluationSet,
+    generate_set,
+    load_set,
+)
 from modpush.files import write_packed_json
 
 COUNTS = {
@@ -18,7 +30,13 @@ COUNTS = {
     "obstacles/small_cylinder": 1000,
     "obstacles/fragment": 1000,
     "hard/small_cube": 50,
+    "hard200/small_cube": 200,
+    "hard_wide/small_cube": 200,
+    "tuning/small_cube": 200,
+    "tuning/all_objects": 200,
+    "tuning/hard": 100,
 }
+SEVERAL_OBJECTS = ("smoke", "tuning/all_objects")
 
 
 def test_there_are_the_sets_of_the_specification() -> None:
@@ -29,9 +47,10 @@ def test_there_are_the_sets_of_the_specification() -> None:
 def test_a_set_has_its_episodes_in_equal_shares(name: str) -> None:
     loaded = load_set(name)
     assert len(loaded) == COUNTS[name]
-    assert len(set(Counter(s.scene for s in loaded).values())) == 1
-    if name != "smoke":
-        assert loaded.objects == (name.split("/")[1],)
+    shares = Counter(s.scene for s in loaded).values()
+    assert max(shares) - min(shares) <= 1
+    if name not in SEVERAL_OBJECTS:
+        assert loaded.objects == ("small_cube" if "tuning" in name else name.split("/")[1],)
     scenes = len({s.scene for s in loaded})
     assert set(Counter(s.scene for s in loaded.first(2 * scenes)).values()) == {2}
 
@@ -66,6 +85,41 @@ def test_episodes_are_as_far_and_as_clear_as_specified(name: str) -> None:
         assert np.std(difficulties) == pytest.approx(12**-0.5, abs=0.03)
 
 
+@pytest.mark.parametrize("name", [n for n in SET_NAMES if n != "smoke"])
+def test_distances_are_uniform_in_a_set_and_in_its_families(name: str) -> None:
+    loaded = load_set(name)
+    distance = np.array([math.dist(s.object_pose[:2], s.goal_position) for s in loaded])
+    scenes = np.array([s.scene for s in loaded])
+    for chosen in (distance, *(distance[scenes == scene] for scene in {*scenes})):
+        assert kstest(chosen, "uniform", (0.2, 0.4)).pvalue > 0.001
+
+
+def test_a_set_says_under_which_conditions_it_is_run(tmp_path: Path) -> None:
+    hard = load_set("hard/small_cube")
+    assert hard.conditions == EpisodeConditions(
+        max_episode_steps=200, tool="2f85", sim_freq=120, inflation="inscribed"
+    )
+    assert load_set("hard_wide/small_cube").conditions.inflation == "circumscribed"
+    other = EpisodeConditions(max_episode_steps=50, tool="rod", sim_freq=240)
+    replace(hard, conditions=other).save(tmp_path / "set.json.gz")
+    assert load_set(tmp_path / "set.json.gz").conditions == other
+    assert hard.first(3).conditions == hard.conditions
+
+
+def test_the_larger_hard_set_begins_with_the_paper_s_number_of_episodes() -> None:
+    assert load_set("hard200/small_cube").scenarios[:50] == load_set("hard/small_cube").scenarios
+
+
+def test_nothing_that_is_tuned_on_is_evaluated_on() -> None:
+    assert set(TUNING_SETS) | set(EVALUATION_SETS) | {"smoke"} == set(SET_NAMES)
+    tuned = {(s.object_pose, s.goal_position) for name in TUNING_SETS for s in load_set(name)}
+    assert len(tuned) == 500
+    for name in EVALUATION_SETS:
+        assert not tuned & {(s.object_pose, s.goal_position) for s in load_set(name)}
+    hard = {s.scene for name in EVALUATION_SETS if "hard" in name for s in load_set(name)}
+    assert not hard & {s.scene for s in load_set("tuning/hard")}
+
+
 def test_the_files_are_small() -> None:
     folder = Path(sets.__file__).parent / "data"
     assert sum(path.stat().st_size for path in folder.rglob("*.gz")) < 3e6
@@ -92,9 +146,20 @@ def test_a_truncated_file_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ([], "must hold a name and episodes"),
-        ({"name": "mine", "episodes": [{"scene": "free"}]}, "Scenario: 'difficulty' is missing"),
-        ({"name": "../mine", "episodes": []}, r"EvaluationSet: name must be .*got '../mine'"),
+        ([], "must hold a name, conditions and episodes"),
+        ({"name": "mine", "episodes": []}, "must hold a name, conditions and episodes"),
+        (
+            {"name": "mine", "conditions": {}, "episodes": [{"scene": "free"}]},
+            "Scenario: 'difficulty' is missing",
+        ),
+        (
+            {"name": "mine", "conditions": {"tool": "spoon"}, "episodes": []},
+            "EpisodeConditions: tool must be .*got 'spoon'",
+        ),
+        (
+            {"name": "../mine", "conditions": {}, "episodes": []},
+            r"EvaluationSet: name must be .*got '../mine'",
+        ),
     ],
 )
 def test_another_file_is_refused(tmp_path: Path, content: object, message: str) -> None:
@@ -106,7 +171,7 @@ def test_another_file_is_refused(tmp_path: Path, content: object, message: str) 
 
 def test_a_set_of_another_version_is_refused(tmp_path: Path) -> None:
     write_packed_json(tmp_path / "set.json.gz", {}, "modpush.EvaluationSet", 99)
-    with pytest.raises(ValueError, match="is of version 99, expected 2"):
+    with pytest.raises(ValueError, match="is of version 99, expected 3"):
         load_set(tmp_path / "set.json.gz")
 
 

@@ -68,5 +68,5 @@ def test_paired_t_test_without_spread() -> None:
 
 
 def test_paired_t_test_refuses_other_shapes() -> None:
-    with pytest.raises(ValueError, match=r"expected two arrays of one shape \[N\], got \(2,\)"):
+    with pytest.raises(ValueError, match=r"must be of one shape \[N\], got \(2,\)"):
         paired_t_test([1.0, 2.0], [1.0])

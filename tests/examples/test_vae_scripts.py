@@ -7,7 +7,9 @@ import json
 import pytest
 import torch
 
+from modpush import load_agent
 from modpush.encoders import DepthVAE
+from modpush.training import TRAIN_PRESETS, Trainer
 from tests.examples import load_example
 
 
@@ -98,6 +100,33 @@ def test_training_stopped_and_resumed_ends_the_same(train, data, config, tmp_pat
     torch.testing.assert_close(back(window), whole.eval()(window))
     with pytest.raises(ValueError, match=r"was made with other \['lr'\]"):
         train.main(dataclasses.replace(short, lr=1e-2))
+
+
+def test_an_agent_is_trained_on_an_encoder_with_a_latent_of_another_size(
+    train, data, config, tmp_path
+):
+    train.main(
+        train.Config(
+            data=config.output,
+            output=tmp_path / "vae",
+            images=32,
+            batch_size=16,
+            eval_windows=4,
+            threads=1,
+            latent_dim=8,
+        )
+    )
+    smoke = TRAIN_PRESETS["smoke"][1]
+    file = str(tmp_path / "vae" / "depth_vae.safetensors")
+    trained = dataclasses.replace(
+        smoke, env=dataclasses.replace(smoke.env, encoder=file), total_steps=160
+    )
+    trainer = Trainer(trained, tmp_path / "run")
+    trainer.run()
+    assert trainer.specs.latent == slice(0, 8)
+    env = load_agent(tmp_path / "run" / "best_agent.safetensors").make_env(1)
+    assert env.reset()["latent"].shape == (1, 8)
+    env.close()
 
 
 def test_training_needs_windows(train, data, config, tmp_path):

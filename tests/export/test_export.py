@@ -77,12 +77,20 @@ def test_the_card_says_what_goes_in_and_comes_out(
         described = card["graphs"][name]
         assert [i.name for i in session.get_inputs()] == [i["name"] for i in described["inputs"]]
         assert [o.name for o in session.get_outputs()] == [o["name"] for o in described["outputs"]]
-        for entry in described["inputs"]:
+        for entry, value in zip(described["inputs"], session.get_inputs(), strict=True):
+            assert value.shape == entry["shape"]
             assert list(recorded[entry["name"]].shape[1:]) == entry["shape"][1:]
     last = card["observation"]["entries"][-1]
     assert last["columns"][1] == recorded["observation"].shape[-1]
     assert card["action"]["frame"] == agent.config.frame
     assert card["window"]["size"] == recorded["window"].shape[-1]
+
+
+def test_the_first_axis_of_every_input_and_output_is_called_batch(folder: Path) -> None:
+    for name in ("policy", "window_policy"):
+        session = onnxruntime.InferenceSession(folder / f"{name}.onnx")
+        for value in (*session.get_inputs(), *session.get_outputs()):
+            assert value.shape[0] == "batch", (name, value.name, value.shape)
 
 
 def test_a_robot_without_torch_in_its_policy_pushes(folder: Path) -> None:

@@ -35,7 +35,7 @@ def test_an_empty_window_gives_zeros_and_others_the_difference():
     blank = encoder(torch.zeros(1, 1, 8, 8)).detach()
     observe = PushObservation(entries=[("latent", latent_entry(encoder))])
     seen = observed(observe, torch.cat([blank, blank + 2.0]))
-    torch.testing.assert_close(seen, torch.tensor([[0.0] * 3, [1.0] * 3]))
+    torch.testing.assert_close(seen, torch.tensor([[0.0] * 3, [2.0] * 3]))
 
 
 def test_training_flags_stay_and_the_latent_is_that_of_evaluation():

@@ -100,7 +100,9 @@ def test_off_means_everything_at_once():
 
 @pytest.mark.parametrize("scene", ["slot", ("free", *OBSTACLE_SCENES)])
 def test_after_free_space_come_the_environments_own_scenes(scene):
-    curriculum, base = Curriculum(), ScenarioConfig(scene=scene)
+    phases = (Phase(scenes=("free",)), Phase(first_stage=6))
+    curriculum = Curriculum(CurriculumConfig(phases=phases))
+    base = ScenarioConfig(scene=scene)
     assert curriculum.scenario(base).scene == ("free",)
     curriculum.phase = 1
     assert curriculum.scenario(base).scene == scene

@@ -169,6 +169,20 @@ def test_bounds_that_are_none_are_refused():
         PushObservation("path", bounds=((0.8, 0.4), (0.2, -0.4)))
 
 
+def test_a_given_symmetry_counts_for_every_object():
+    state = make_state()
+    state["object_symmetry"] = torch.tensor([[1.0], [0.0]])
+    own = PushObservation("path", entries=["object_axis", "object_symmetry"], raw=True)
+    given = PushObservation(
+        "path", entries=["object_axis", "object_symmetry"], symmetry=4, raw=True
+    )
+    cube = state.clone().set("object_symmetry", torch.full((2, 1), 4.0))
+    assert torch.equal(given(state.clone())["observation"], own(cube)["observation"])
+    assert own(state)["observation"][:, 2].tolist() == [1.0, 0.0]
+    with pytest.raises(ValueError, match="symmetry must be >= 0 or None, got -1"):
+        PushObservation(symmetry=-1)
+
+
 def test_scaled_values_are_the_raw_ones_shifted_and_scaled():
     state = make_state()
     scaled = PushObservation("object")(state.clone())["observation"]

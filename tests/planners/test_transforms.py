@@ -362,7 +362,7 @@ def test_missing_keys_and_wrong_sizes_are_named():
     OccupancyGrid(camera=SMALL)(data)
     with pytest.raises(ValueError, match=r"= \[..., 1, 256, 256\], got \[1, 1, 64, 64\]"):
         PlannerSubgoals(LazyThetaStar())(data)
-    with pytest.raises(ValueError, match="OccupancyGrid: radius must be finite and >= 0"):
+    with pytest.raises(ValueError, match="OccupancyGrid: object_radius must be finite and >= 0"):
         OccupancyGrid(math.nan)
 
 

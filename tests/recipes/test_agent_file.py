@@ -10,7 +10,7 @@ from torchrl.data import Bounded
 from modpush.agents.tqc.networks import make_actor
 from modpush.encoders import RayScan
 from modpush.files import read_tensors, write_tensors
-from modpush.mdp import PATH_ENTRIES, RewardConfig
+from modpush.mdp import PATH_ENTRIES, PushObservation, RewardConfig
 from modpush.recipes import (
     PushEnvConfig,
     environment_fingerprint,
@@ -33,7 +33,7 @@ def fingerprint():
 
 def save(path, config=RAYS, **options):
     spec = Bounded(-1.0, 1.0, (3,), dtype=torch.float32)
-    actor = make_actor(options.pop("width", 54), spec, (16, 8))
+    actor = make_actor(options.pop("width", 55), spec, (16, 8))
     options = {"metadata": {"steps": 7}, "hidden_sizes": (16, 8), **options}
     save_agent(path, actor, config, **options)
     return actor
@@ -42,7 +42,34 @@ def save(path, config=RAYS, **options):
 @pytest.fixture
 def saved(tmp_path, fingerprint):
     path = tmp_path / "agent.safetensors"
-    return path, save(path, observation_dim=54, fingerprint=fingerprint)
+    return path, save(path, observation_dim=55, fingerprint=fingerprint)
+
+
+def test_the_object_s_axis_means_for_other_objects_what_the_agent_was_trained_with(saved):
+    env = load_agent(saved[0]).make_env(num_envs=1, seed=0, pushed_object="fragment")
+    td = env.reset()
+    columns = next(t.columns for t in env.transform if isinstance(t, PushObservation))
+    to_subgoal = td["subgoal"] - td["object_pose"][:, :2]
+    ahead = torch.atan2(to_subgoal[:, 1], to_subgoal[:, 0])
+    angle = 4 * (td["object_pose"][:, 2] - ahead)  # the small cube looks alike at four yaw angles
+    assert td["object_symmetry"].item() == 1
+    torch.testing.assert_close(
+        td["observation"][:, columns["object_axis"]],
+        torch.stack([angle.cos(), angle.sin()], -1),
+        atol=1e-5,
+        rtol=0,
+    )
+    env.close()
+
+
+def test_an_agent_of_several_objects_sees_each_one_s_own_axis(tmp_path):
+    path = tmp_path / "agent.safetensors"
+    config = replace(RAYS, pushed_object=("small_cube", "fragment"))
+    save(path, config, observation_dim=55, fingerprint={})
+    env = load_agent(path).make_env(num_envs=1, seed=0, pushed_object="fragment")
+    observe = next(t for t in env.transform if isinstance(t, PushObservation))
+    assert observe.symmetry is None
+    env.close()
 
 
 def test_an_agent_comes_back_as_it_was_and_acts(saved):
@@ -92,7 +119,7 @@ def test_another_frame_or_reward_is_refused(saved):
 def test_a_file_runs_no_code_unless_its_reader_allows_it(tmp_path, fingerprint):
     path = tmp_path / "agent.safetensors"
     config = replace(RAYS, encoder="tests.own_parts:MeanHeight")
-    save(path, config, observation_dim=54, fingerprint=fingerprint)
+    save(path, config, observation_dim=55, fingerprint=fingerprint)
     with pytest.raises(
         ValueError, match=r"parts in \['tests.own_parts'\], which are imported only"
     ):

@@ -77,7 +77,8 @@ def test_options_are_obeyed_or_refused() -> None:
         PaperGymEnv(scnee="slot")
     with pytest.raises(ValueError, match=r"one scene, got num_envs=4; for several use .*make_vec"):
         gym.make("modpush/Push-v0", num_envs=4)
-    with pytest.raises(ValueError, match=r"preset must be one of \['cpu', 'paper'\], got 'gpu'"):
+    known = r"\['authors', 'cpu', 'paper'\]"
+    with pytest.raises(ValueError, match=f"preset must be one of {known}, got 'gpu'"):
         PaperGymEnv("gpu")
     with pytest.raises(ValueError, match="'end_to_end' has an image beside the observation"):
         PaperGymEnv(encoder="end_to_end")
@@ -106,7 +107,7 @@ def test_several_scenes_at_once() -> None:
 def test_torchrls_gym_env() -> None:
     env = GymEnv("modpush/Push-v0", scene="slot", encoder="rays")
     check_env_specs(env)
-    assert env.rollout(3)["next", "observation"].shape == (3, 54)
+    assert env.rollout(3)["next", "observation"].shape == (3, 55)
     env.close()
 
 

@@ -80,7 +80,7 @@ def test_every_part_can_be_replaced():
 
 def test_without_an_encoder_there_is_no_latent():
     env = make_push_env(replace(RAYS, encoder="none"))
-    assert env.observation_spec["observation"].shape == (2, 22)
+    assert env.observation_spec["observation"].shape == (2, 23)
     assert "latent" not in env.observation_spec.keys()
     env.close()
 
@@ -149,7 +149,7 @@ def test_text_stands_for_parts_as_in_the_config():
 
 def test_entries_can_be_left_out_for_an_ablation():
     env = make_push_env(replace(RAYS, leave_out=("edges", "contact")), seed=0)
-    assert env.observation_spec["observation"].shape == (2, 54 - 4 - 1)
+    assert env.observation_spec["observation"].shape == (2, 55 - 4 - 1)
     env.close()
 
 
@@ -187,7 +187,7 @@ def test_an_untrained_conv_encoder_is_warned_of():
 def test_obstacles_are_inflated_by_the_size_of_each_scene_s_object(inflation, attribute):
     bar = PushedObject(name="bar", parts=(box(0.12, 0.03, 0.05),))
     objects = (*OBJECTS.values(), bar)
-    config = replace(RAYS, num_envs=len(objects), inflation=inflation)
+    config = replace(RAYS, num_envs=len(objects), inflation=inflation, path_margin=None)
     env = make_push_env(config, pushed_object=objects, keep_images=True, seed=0)
     scenario = sample_scenario(np.random.default_rng(0), ScenarioConfig(scene="posts"))
     td = env.reset(scenarios=[replace(scenario, pushed_object=item.name) for item in objects])
@@ -195,6 +195,21 @@ def test_obstacles_are_inflated_by_the_size_of_each_scene_s_object(inflation, at
         images = state[None].select("depth", "segmentation")
         expected = OccupancyGrid(inflation=getattr(item, attribute))(images)["occupancy"]
         assert torch.equal(state["occupancy"], expected[0]), item.name
+    env.close()
+
+
+@pytest.mark.parametrize("path_margin", [0.0, 0.03, None])
+def test_paths_leave_the_workspace_by_no_more_than_the_margin(path_margin):
+    config = replace(RAYS, scene=("free",), path_margin=path_margin)
+    env = make_push_env(config, keep_images=True, seed=0)
+    blocked = env.reset()["occupancy"][0, 0]
+    side = OccupancyGrid().camera.cell_size
+    free = (~blocked).sum(-1).max() * side, (~blocked).sum(-2).max() * side
+    if path_margin is None:
+        assert not blocked.any()
+    else:
+        expected = sorted([0.55 + 2 * path_margin, 0.70 + 2 * path_margin])
+        assert sorted(float(f) for f in free) == pytest.approx(expected, abs=2 * side)
     env.close()
 
 

@@ -5,8 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from modpush.envs import EpisodeConditions
 from modpush.evaluation.results import describe_policy
-from modpush.recipes import METHODS, get_method
+from modpush.planners import OccupancyGrid
+from modpush.recipes import METHODS, PushEnvConfig, get_method, make_push_env
 from modpush.recipes.agent_file import shipped_agents
 
 
@@ -30,6 +32,34 @@ def test_the_agent_is_the_one_of_the_object_or_the_output_says_whose(
         assert other.make_env.keywords["agent"] == "small_cube"
         printed = capsys.readouterr().out
         assert f"none is shipped for {', '.join(objects)}; small_cube's agent is used" in printed
+
+
+@pytest.mark.parametrize("name", ["corridor", "scripted"])
+def test_the_environment_is_as_a_set_says(name: str) -> None:
+    conditions = EpisodeConditions(
+        max_episode_steps=40, tool="rod", sim_freq=240, inflation="inscribed"
+    )
+    env = get_method(name).make_env(1, ("large_cube",), conditions)
+    assert not conditions.differences(env.settings)
+    td = env.reset()
+    if name == "corridor":
+        assert td["touch_radius"].item() == pytest.approx(0.025)  # half of the shorter side
+        assert td["object_inscribed_radius"].item() == pytest.approx(0.025)
+    else:
+        assert env.transform[1].inflation == "inscribed"
+    env.close()
+
+
+def test_an_agent_s_environment_is_as_a_set_says_and_not_as_it_was_trained_in() -> None:
+    conditions = EpisodeConditions(max_episode_steps=40, sim_freq=240, inflation="inscribed")
+    config = PushEnvConfig(num_envs=1, encoder="rays", max_episode_steps=9, tool="rod")
+    env = make_push_env(config, **conditions.agent_options, seed=0)
+    assert not conditions.differences(env.settings)
+    (grid,) = (t for t in env.transform if isinstance(t, OccupancyGrid))
+    assert grid.inflation == "inscribed"
+    env.close()
+    own = EpisodeConditions(inflation="circumscribed")
+    assert "inflation" not in own.agent_options  # on the other sets it plans on its own map
 
 
 def test_an_agent_s_file_and_a_run_s_folder_are_found(tmp_path: Path) -> None:

@@ -186,7 +186,7 @@ def test_another_object_is_pushed_without_a_new_environment(session, pushed_obje
 def test_the_window_and_its_reconstruction_show_the_obstacles(session) -> None:
     session.choose_scene(scene="posts", difficulty=1.0)
     x, y, _ = session.snapshots[0].object_pose
-    session.move_obstacle(0, x + 0.09, y)
+    session.move_obstacle(0, x - 0.09, y)
     window, kept = session.snapshots[0].window, session.lanes[0].reconstruction()
     assert window.shape == kept.shape == (64, 64)
     assert window.max() > 0.5

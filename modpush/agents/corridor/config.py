@@ -7,6 +7,7 @@ from annotated_types import Ge, Le
 from pydantic import Strict
 
 from modpush._types import (
+    ORDERED,
     Angle,
     Count,
     Finite,
@@ -42,7 +43,7 @@ class CorridorConfig:
 
     At the prior's kappa of 3.37 it is reached 13 degrees off, the paper's 0.6 only 21 degrees off;
     the authors' own code ran at a kappa of 50, where 0.6 is reached 5 degrees off. What either
-    does to success and contact is in `docs/evaluation.md`."""
+    does to success and contact on the tuning sets is in `docs/evaluation.md`."""
     approach_gain: NonNegative = 1.0
     """Speed towards the object while the tool goes round it from afar, 1 is full speed."""
     retreat_gain: NonNegative = 0.1
@@ -64,8 +65,12 @@ class CorridorConfig:
     """Width of the outer zone around obstacles, in circumscribed radii of the object."""
     touch_zone: NonNegative = 1.0
     """Distance from an obstacle at which the object touches it, in circumscribed radii of the
-    object."""
-    zone_costs: Annotated[tuple[Positive, Positive, Positive], Strict(False)] = (1.0, 50.0, 200.0)
+    object; less where the controller's `touch_radius_key` says so."""
+    zone_costs: Annotated[tuple[Positive, Positive, Positive], Strict(False), ORDERED] = (
+        1.0,
+        50.0,
+        200.0,
+    )
     """Cost of a free cell, of one in the outer zone, and of one in the inner zone."""
     workspace: Rectangle | None = WORKSPACE
     """Lower and upper corner (x, y) of the rectangle in which the object should stay; cells outside

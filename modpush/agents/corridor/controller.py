@@ -10,6 +10,7 @@ from torch import Tensor
 from torchrl.data import Composite
 from torchrl.envs.transforms import TensorDictPrimer
 
+from modpush._arguments import checked_arguments
 from modpush._keys import read_key
 from modpush.agents.corridor.action import choose_action
 from modpush.agents.corridor.config import CorridorConfig
@@ -45,6 +46,8 @@ class PushingCorridorController(TensorDictModuleBase):
         ee_pose_key: Key of the tool's pose, read, `[B, 3]`.
         goal_position_key: Key of the goal, read, `[B, 2]` [m].
         object_radius_key: Key of the object's circumscribed radius, read if there, `[B, 1]` [m].
+        touch_radius_key: Key of the largest distance from an obstacle at which the object counts as
+            touching it, read if there, `[B, 1]` [m]; by default the configuration alone says.
         is_init_key: Key that marks an episode's first step, read if there, `[B, 1]` bool.
         state_key: Key of the controller's state, read and written, also under `"next"`.
         action_key: Key of the action, written, `[B, 3]` float32 in [-1, 1]: (dx, dy, dyaw).
@@ -53,6 +56,7 @@ class PushingCorridorController(TensorDictModuleBase):
         robot" (Autonomous Robots 2019), as implemented by the paper's authors.
     """
 
+    @checked_arguments
     def __init__(
         self,
         config: CorridorConfig | None = None,
@@ -65,6 +69,7 @@ class PushingCorridorController(TensorDictModuleBase):
         ee_pose_key: NestedKey = "ee_pose",
         goal_position_key: NestedKey = "goal_position",
         object_radius_key: NestedKey = "object_radius",
+        touch_radius_key: NestedKey = "touch_radius",
         is_init_key: NestedKey = "is_init",
         state_key: NestedKey = "corridor",
         action_key: NestedKey = "action",
@@ -77,6 +82,7 @@ class PushingCorridorController(TensorDictModuleBase):
         self.object_pose_key, self.ee_pose_key = object_pose_key, ee_pose_key
         self.goal_position_key = goal_position_key
         self.object_radius_key = object_radius_key
+        self.touch_radius_key = touch_radius_key
         self.is_init_key = is_init_key
         self.state_key = unravel_key(state_key)
         self.action_key = action_key
@@ -141,17 +147,25 @@ class PushingCorridorController(TensorDictModuleBase):
             self._read(tensordict, key).detach().cpu().reshape(scenes, -1).float()
             for key in (self.object_pose_key, self.ee_pose_key, self.goal_position_key)
         )
-        radius: Any = tensordict.get(self.object_radius_key, None)
-        if radius is None:
-            radius = torch.full((scenes,), self.object_radius)
+        radius, touch = (
+            torch.full((scenes,), default)
+            if value is None
+            else value.detach().cpu().reshape(scenes)
+            for key, default in (
+                (self.object_radius_key, self.object_radius),
+                (self.touch_radius_key, math.inf),
+            )
+            for value in [tensordict.get(key, None)]
+        )
         return CorridorScene(
             camera=self.camera,
             obstacle_distance=self._distances(depth, segmentation),
             object_position=object_pose[:, :2],
-            object_radius=radius.detach().cpu().reshape(scenes).float(),
+            object_radius=radius.float(),
             tool_position=ee_pose[:, :2],
             tool_yaw=ee_pose[:, 2],
             goal=goal,
+            touch_radius=touch.float(),
         )
 
     def _begin(self, tensordict: TensorDictBase, goal: Tensor) -> TensorDict:

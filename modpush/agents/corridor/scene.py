@@ -26,6 +26,8 @@ class CorridorScene(NamedTuple):
     """Orientation of the tool, `[B]` [rad]."""
     goal: Tensor
     """Position of the goal, `[B, 2]` [m]."""
+    touch_radius: Tensor
+    """Largest distance from an obstacle at which the object counts as touching it, `[B]` [m]."""
 
     def select(self, rows: Tensor) -> "CorridorScene":
         """The scenes with the given indices `[N]`."""

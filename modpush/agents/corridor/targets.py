@@ -35,11 +35,12 @@ def choose_targets(
     )
     first = (~state["started"].squeeze(-1)).tolist()
     targets = []
+    touch = torch.minimum(config.touch_zone * scene.object_radius, scene.touch_radius) / cell
     for b, radius in enumerate((scene.object_radius / cell).tolist()):
         limits = Limits(
             outer=config.outer_zone * radius,
             inner=config.inner_zone * radius,
-            touch=config.touch_zone * radius,
+            touch=float(touch[b]),
             tool=config.tool_clearance / cell,
             behind=config.behind_distance / cell,
             relative=rules.relative_zones,
@@ -59,12 +60,13 @@ def _make_room(scene: CorridorScene, target: Tensor, config: CorridorConfig) -> 
     positions = camera.project(scene.object_position.double()).numpy()
     targets = camera.project(target.double()).numpy()
     turned = []
+    touch = torch.minimum(scene.object_radius, scene.touch_radius) / cell
     for b, radius in enumerate(scene.object_radius.tolist()):
         room = RoomNeeded(
             behind=(radius + config.contact_distance) / cell,
             tool=config.tool_clearance / cell,
             ahead=CHECKED_AHEAD / cell,
-            touch=radius / cell,
+            touch=float(touch[b]),
         )
         turned.append(turn_target(scene.obstacle_distance[b], positions[b], targets[b], room))
     return camera.unproject(torch.tensor(turned, dtype=torch.float64)).to(target.dtype)

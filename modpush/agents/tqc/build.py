@@ -1,7 +1,7 @@
 """A TQC agent in one call: networks, loss, target updater and optimizer from one config."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from tensordict.nn import TensorDictModule, TensorDictSequential
@@ -12,6 +12,7 @@ from torchrl.envs import EnvBase
 from torchrl.modules import AdditiveGaussianModule, ProbabilisticActor
 from torchrl.objectives import LossModule, SoftUpdate
 
+from modpush._arguments import checked_arguments
 from modpush.agents.tqc.config import TQCConfig
 from modpush.agents.tqc.encoder import make_encoder
 from modpush.agents.tqc.factories import (
@@ -54,6 +55,7 @@ class TQCAgent:
     """One optimisation step on a batch, run as `config.execution` says."""
 
 
+@checked_arguments
 def make_tqc(
     config: TQCConfig,
     env: EnvBase,
@@ -98,6 +100,7 @@ def make_tqc(
     )
 
 
+@checked_arguments
 def make_tqc_from_specs(
     config: TQCConfig,
     observation_spec: Composite,
@@ -129,7 +132,9 @@ def make_tqc_from_specs(
     Raises:
         ValueError: As `make_tqc`.
     """
-    make_actor: ActorFactory = find_part("make_tqc: actor", actor or config.actor, ACTORS)
+    if isinstance(loss, str):
+        config = replace(config, loss=loss)  # the networks' outputs depend on it
+    make_actor: ActorFactory = find_part("make_tqc: actor", actor or config.actor_network, ACTORS)
     make_critic: CriticFactory = find_part("make_tqc: critic", critic or config.critic, CRITICS)
     make_loss: LossFactory = find_part("make_tqc: loss", loss or config.loss, LOSSES)
     encoder = config.encoder if encoder is None else encoder

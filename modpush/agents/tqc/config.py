@@ -26,12 +26,18 @@ Preset = Literal["paper", "cpu", "gpu"]
 
 @checked
 class TQCConfig:
-    """Everything that defines a TQC agent; the defaults are the paper's."""
+    """Everything that defines a TQC agent; the defaults are the paper's (Sec. IV-B, V).
+
+    The paper prints the networks' sizes, batch size and exploration noise. The rest is as in its authors'
+    code and in the implementation that this uses, sb3-contrib's.
+    """
 
     loss: Name = "tqc"
-    """Loss: "tqc", or "module:name" of a loss factory."""
+    """Loss: "tqc", TorchRL's "sac" or "td3", or "module:name" of a loss factory. Fields that the loss
+    does not know are without effect: quantiles for "sac" and "td3", the temperature for "td3"."""
     actor: Name = "mlp"
-    """Network of the actor: "mlp", or "module:name" of an actor factory."""
+    """Network of the actor: "mlp" (for the loss "td3" that is "deterministic_mlp"),
+    "deterministic_mlp", or "module:name" of an actor factory."""
     critic: Name = "mlp"
     """Network of each critic: "mlp", or "module:name" of a critic factory."""
     encoder: Name | None = None
@@ -99,6 +105,11 @@ class TQCConfig:
                 "TQCConfig: alpha_init must lie between min_alpha and max_alpha, got "
                 f"{self.min_alpha} <= {self.alpha_init} <= {self.max_alpha}."
             )
+
+    @property
+    def actor_network(self) -> str:
+        """Name of the actor's network, with the loss taken into account."""
+        return "deterministic_mlp" if (self.actor, self.loss) == ("mlp", "td3") else self.actor
 
     @classmethod
     def preset(cls, name: Preset, **overrides: Any) -> "TQCConfig":

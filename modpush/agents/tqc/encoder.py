@@ -13,6 +13,7 @@ from tensordict.nn import TensorDictModule, TensorDictParams, dispatch
 from tensordict.utils import NestedKey, unravel_key
 from torch import Tensor, nn
 
+from modpush._checks import check_instance
 from modpush._keys import read_key
 from modpush.agents.tqc.loss import TQCLoss
 from modpush.parts import find_part
@@ -34,8 +35,12 @@ def encode_images(encoder: nn.Module, images: Tensor) -> Tensor:
         Latents, `[*B, latent_dim]`.
 
     Raises:
-        TypeError: If the images are neither uint8 nor floating point.
+        TypeError: If the images are no tensor, or neither uint8 nor floating point.
+        ValueError: If they have fewer than three dimensions.
     """
+    check_instance("encode_images", "images", images, Tensor)
+    if images.ndim < 3:
+        raise ValueError(f"encode_images: images must be [*B, C, H, W], got {list(images.shape)}.")
     if images.dtype == torch.uint8:
         images = images.float() / 255
     elif not images.is_floating_point():

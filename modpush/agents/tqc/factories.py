@@ -4,7 +4,6 @@ A part of your own is a function of the same signature, given as an object or as
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
 from tensordict.nn import TensorDictModule
 from torchrl.modules import ProbabilisticActor, ValueOperator
@@ -13,7 +12,8 @@ from torchrl.objectives import LossModule
 from modpush.agents.tqc.config import TQCConfig
 from modpush.agents.tqc.encoder import EncoderTQCLoss
 from modpush.agents.tqc.loss import TQCLoss
-from modpush.agents.tqc.networks import make_actor, make_critic
+from modpush.agents.tqc.networks import make_actor, make_critic, make_deterministic_actor
+from modpush.agents.tqc.scalar_losses import entropy_settings, sac_loss, td3_loss
 from modpush.agents.tqc.specs import LearnerSpecs
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "ActorFactory",
     "CriticFactory",
     "LossFactory",
+    "deterministic_mlp_actor",
     "mlp_actor",
     "mlp_critic",
     "tqc_loss",
@@ -56,12 +57,27 @@ def mlp_actor(config: TQCConfig, specs: LearnerSpecs) -> ProbabilisticActor:
     )
 
 
+def deterministic_mlp_actor(config: TQCConfig, specs: LearnerSpecs) -> ProbabilisticActor:
+    """A multilayer perceptron over the observation whose output is the action, for TD3."""
+    return make_deterministic_actor(
+        specs.observation_dim,
+        specs.action,
+        config.hidden_sizes,
+        observation_key=specs.observation_key,
+        action_key=specs.action_key,
+        device=config.device,
+    )
+
+
 def mlp_critic(config: TQCConfig, specs: LearnerSpecs) -> ValueOperator:
-    """A multilayer perceptron over observation, action and, if there is an encoder, its latent."""
+    """A multilayer perceptron over observation, action and, if there is an encoder, its latent.
+
+    It predicts one value for the losses "sac" and "td3", and `num_quantiles` for others.
+    """
     return make_critic(
         specs.observation_dim,
         specs.action.shape[-1],
-        config.num_quantiles,
+        1 if config.loss in ("sac", "td3") else config.num_quantiles,
         config.hidden_sizes,
         layer_norm=config.layer_norm,
         latent_dim=specs.latent_dim,
@@ -78,20 +94,11 @@ def tqc_loss(
     specs: LearnerSpecs,
 ) -> TQCLoss:
     """`TQCLoss`, or `EncoderTQCLoss` where there is an encoder to train."""
-    settings: dict[str, Any] = {
+    settings = {
         "num_qvalue_nets": len(critics),
         "top_quantiles_to_drop_per_net": config.top_quantiles_to_drop_per_net,
-        "alpha_init": config.alpha_init,
-        "min_alpha": config.min_alpha,
-        "max_alpha": config.max_alpha,
-        "fixed_alpha": config.fixed_alpha,
-        "action_spec": specs.action,
-        "target_entropy": (
-            -float(specs.action.shape[-1])
-            if config.target_entropy == "auto"
-            else config.target_entropy
-        ),
         "skip_done_states": config.skip_done_states,
+        **entropy_settings(config, specs),
     }
     loss = (
         TQCLoss(actor, critics, **settings)
@@ -105,9 +112,12 @@ def tqc_loss(
     return loss
 
 
-ACTORS: Mapping[str, ActorFactory] = {"mlp": mlp_actor}
+ACTORS: Mapping[str, ActorFactory] = {
+    "mlp": mlp_actor,
+    "deterministic_mlp": deterministic_mlp_actor,
+}
 """Actor networks by name."""
 CRITICS: Mapping[str, CriticFactory] = {"mlp": mlp_critic}
 """Critic networks by name."""
-LOSSES: Mapping[str, LossFactory] = {"tqc": tqc_loss}
+LOSSES: Mapping[str, LossFactory] = {"tqc": tqc_loss, "sac": sac_loss, "td3": td3_loss}
 """Losses by name."""

@@ -7,12 +7,14 @@ from tensordict.nn import NormalParamExtractor, TensorDictModule, add_custom_map
 from tensordict.utils import NestedKey
 from torch import Tensor, nn
 from torchrl.data import Bounded
-from torchrl.modules import MLP, ProbabilisticActor, TanhNormal, ValueOperator
+from torchrl.modules import MLP, ProbabilisticActor, TanhDelta, TanhNormal, ValueOperator
 
+from modpush._arguments import checked_arguments
+from modpush._types import Count, NonNegativeInteger
 from modpush.agents.tqc.encoder import LATENT_KEY, EncodedNetwork
 from modpush.agents.tqc.relu_mlp import ReluMLP
 
-__all__ = ["make_actor", "make_critic"]
+__all__ = ["make_actor", "make_critic", "make_deterministic_actor"]
 
 _LOG_SCALE_BOUNDS = (-20.0, 2.0)
 
@@ -25,10 +27,11 @@ def _clamped_exp(log_scale: Tensor) -> Tensor:
 add_custom_mapping("modpush_clamped_exp", _clamped_exp)
 
 
+@checked_arguments
 def make_actor(
-    observation_dim: int,
+    observation_dim: Count,
     action_spec: Bounded,
-    hidden_sizes: Sequence[int],
+    hidden_sizes: Sequence[Count],
     *,
     observation_key: NestedKey = "observation",
     action_key: NestedKey = "action",
@@ -56,10 +59,7 @@ def make_actor(
     Raises:
         ValueError: If the action is not a bounded vector.
     """
-    if not isinstance(action_spec, Bounded) or len(action_spec.shape) != 1:
-        raise ValueError(
-            f"make_actor: action_spec must be a Bounded spec of shape [A], got {action_spec}."
-        )
+    _check_action_spec("make_actor", action_spec)
     latent_dim = 0 if encoder is None else int(encoder.latent_dim)  # type: ignore[arg-type]
     in_features, out_features = observation_dim + latent_dim, 2 * action_spec.shape[-1]
     network: nn.Module = nn.Sequential(
@@ -80,14 +80,60 @@ def make_actor(
     )
 
 
+@checked_arguments
+def make_deterministic_actor(
+    observation_dim: Count,
+    action_spec: Bounded,
+    hidden_sizes: Sequence[Count],
+    *,
+    observation_key: NestedKey = "observation",
+    action_key: NestedKey = "action",
+    device: torch.device | str | None = None,
+) -> ProbabilisticActor:
+    """A policy without randomness, squashed by tanh into the action's bounds.
+
+    Args:
+        observation_dim: Width of the observation.
+        action_spec: Spec of one action, `[A]`, bounded.
+        hidden_sizes: Widths of the hidden layers, ReLU after each.
+        observation_key: Where the observation is read, `[*B, observation_dim]`.
+        action_key: Where the action is written, `[*B, A]`.
+        device: Device of the parameters.
+
+    Returns:
+        An actor that writes `param`, the action before tanh, and the action.
+
+    Raises:
+        ValueError: If the action is not a bounded vector.
+    """
+    _check_action_spec("make_deterministic_actor", action_spec)
+    network = ReluMLP(observation_dim, action_spec.shape[-1], hidden_sizes, device=device)
+    return ProbabilisticActor(
+        TensorDictModule(network, in_keys=[observation_key], out_keys=["param"]),
+        in_keys=["param"],
+        out_keys=[action_key],
+        spec=action_spec.to(device) if device is not None else action_spec,
+        distribution_class=TanhDelta,
+        distribution_kwargs={"low": action_spec.space.low, "high": action_spec.space.high},
+    )
+
+
+def _check_action_spec(who: str, action_spec: Bounded) -> None:
+    if not isinstance(action_spec, Bounded) or len(action_spec.shape) != 1:
+        raise ValueError(
+            f"{who}: action_spec must be a Bounded spec of shape [A], got {action_spec}."
+        )
+
+
+@checked_arguments
 def make_critic(
-    observation_dim: int,
-    action_dim: int,
-    num_quantiles: int,
-    hidden_sizes: Sequence[int],
+    observation_dim: Count,
+    action_dim: Count,
+    num_quantiles: Count,
+    hidden_sizes: Sequence[Count],
     *,
     layer_norm: bool = False,
-    latent_dim: int = 0,
+    latent_dim: NonNegativeInteger = 0,
     observation_key: NestedKey = "observation",
     action_key: NestedKey = "action",
     device: torch.device | str | None = None,

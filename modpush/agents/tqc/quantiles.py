@@ -13,6 +13,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from modpush._checks import check_instance
+
 __all__ = ["quantile_huber", "truncate_atoms"]
 
 
@@ -27,10 +29,17 @@ def truncate_atoms(atoms: Tensor, num_dropped: int) -> Tensor:
         The lowest atoms in ascending order, `[*B, N * n - num_dropped]`.
 
     Raises:
-        ValueError: If no atom would be left.
+        TypeError: If the atoms are no tensor.
+        ValueError: If no atom would be left, or `num_dropped` is negative.
 
     Source: Kuznetsov et al. (2020), eq. 9-10.
     """
+    check_instance("truncate_atoms", "atoms", atoms, Tensor)
+    if atoms.ndim < 2 or num_dropped < 0:
+        raise ValueError(
+            "truncate_atoms: atoms must be [N, *B, n] and num_dropped >= 0, got "
+            f"{list(atoms.shape)} and {num_dropped}."
+        )
     pooled = atoms.movedim(0, -2).flatten(-2)
     kept = pooled.shape[-1] - num_dropped
     if kept < 1:
@@ -58,10 +67,13 @@ def quantile_huber(quantiles: Tensor, targets: Tensor) -> tuple[Tensor, Tensor]:
         the pairs, `[N, *B]`, without gradient.
 
     Raises:
+        TypeError: If one of them is no tensor.
         ValueError: If the batch shapes or the dtypes differ.
 
     Source: Kuznetsov et al. (2020), eq. 12-13, with Huber threshold 1.
     """
+    check_instance("quantile_huber", "quantiles", quantiles, Tensor)
+    check_instance("quantile_huber", "targets", targets, Tensor)
     if quantiles.shape[1:-1] != targets.shape[:-1]:
         raise ValueError(
             f"quantile_huber: quantiles {tuple(quantiles.shape)} must be [N, *B, n] for targets "

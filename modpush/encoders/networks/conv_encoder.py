@@ -2,6 +2,7 @@
 
 from torch import Tensor, nn
 
+from modpush._arguments import checked_arguments
 from modpush.encoders.base import Encoder, as_floats, check_window
 from modpush.encoders.window import WINDOW_SIZE
 
@@ -25,6 +26,7 @@ class ConvEncoder(Encoder):
     Source: the shape of DrQ's encoder (Kostrikov et al. 2020): LayerNorm and tanh at the end.
     """
 
+    @checked_arguments
     def __init__(
         self, latent_dim: int = 32, width: int = 16, window_size: int = WINDOW_SIZE
     ) -> None:
@@ -58,5 +60,5 @@ class ConvEncoder(Encoder):
             window: `[B, 1, S, S]` float32 in [0, 1], or uint8, of which 255 stands for 1.
         """
         window = as_floats(window)
-        check_window(window, self.window_size, "ConvEncoder", values=False, batched=True)
+        check_window(window, self.window_size, "ConvEncoder", batched=True)
         return self.layers(window)

@@ -5,6 +5,7 @@ import math
 import torch
 from torch import Tensor
 
+from modpush._arguments import checked_arguments
 from modpush.encoders.base import Encoder, check_window
 from modpush.encoders.window import MAX_HEIGHT, WINDOW_SIZE
 from modpush.geometry.camera import Camera
@@ -31,6 +32,7 @@ class RayScan(Encoder):
         ValueError: For numbers out of range.
     """
 
+    @checked_arguments
     def __init__(
         self,
         num_rays: int = 32,
@@ -52,7 +54,7 @@ class RayScan(Encoder):
                 f"RayScan: max_range and pixel_size must be > 0 m and finite, got {max_range} and "
                 f"{pixel_size}."
             )
-        if not 0 <= min_height < max_height:
+        if not 0 <= min_height < max_height < math.inf:
             raise ValueError(
                 f"RayScan: min_height must lie in [0, max_height = {max_height}), got {min_height}."
             )
@@ -75,7 +77,7 @@ class RayScan(Encoder):
 
     def forward(self, window: Tensor) -> Tensor:
         """Clearance along each ray, `[B, num_rays]` in [0, 1]."""
-        check_window(window, self.window_size, "RayScan", values=False, batched=True)
+        check_window(window, self.window_size, "RayScan", batched=True)
         index: Tensor = self._index  # type: ignore[assignment]
         fractions: Tensor = self._fractions  # type: ignore[assignment]
         blocked = torch.nn.functional.pad(window.flatten(1) > self.threshold, (0, 1))

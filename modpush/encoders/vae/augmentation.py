@@ -3,6 +3,8 @@
 import torch
 from torch import Tensor
 
+from modpush._checks import check_instance
+
 __all__ = ["augment_windows"]
 
 
@@ -25,6 +27,8 @@ def augment_windows(windows: Tensor, others: Tensor, overlay: float = 0.5) -> Te
     Raises:
         ValueError: If `overlay` is not in [0, 1] or the shapes differ.
     """
+    for name, value in (("windows", windows), ("others", others)):
+        check_instance("augment_windows", name, value, Tensor)
     if not 0 <= overlay <= 1:
         raise ValueError(f"augment_windows: overlay must lie in [0, 1], got {overlay}.")
     if windows.shape != others.shape:

@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from modpush._checks import check_dtype, check_instance, check_shape
 from modpush.encoders.base import check_window
 from modpush.files import read_tensors, write_tensors
 
@@ -35,6 +36,11 @@ class WindowData:
 
     def __post_init__(self) -> None:
         """Check shapes and dtypes."""
+        for name in ("windows", "family", "held_out"):
+            check_instance("WindowData", name, getattr(self, name), Tensor)
+        check_instance("WindowData", "config", self.config, dict)
+        check_dtype("WindowData", "family", self.family, torch.uint8)
+        check_dtype("WindowData", "held_out", self.held_out, torch.bool)
         shape = self.windows.shape
         if self.windows.dtype != torch.uint8 or len(shape) != 3 or shape[1] != shape[2]:
             raise ValueError(
@@ -82,6 +88,8 @@ class WindowData:
 
     def where(self, mask: Tensor) -> "WindowData":
         """The windows for which a mask `[N]` bool is True."""
+        check_dtype("WindowData.where", "mask", mask, torch.bool)
+        check_shape("WindowData.where", "mask", mask, "N", (len(self),))
         return WindowData(
             windows=self.windows[mask],
             family=self.family[mask],
@@ -92,6 +100,10 @@ class WindowData:
     @classmethod
     def join(cls, parts: Sequence["WindowData"]) -> "WindowData":
         """All parts in one, with the first part's config; their windows must be of one size."""
+        if not isinstance(parts, Sequence) or not parts:
+            raise ValueError(f"WindowData.join: parts must be one or more, got {parts!r}.")
+        for part in parts:
+            check_instance("WindowData.join", "parts", part, WindowData)
         columns = {
             name: torch.cat([getattr(part, name) for part in parts])
             for name in ("windows", "family", "held_out")

@@ -8,6 +8,10 @@ from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
 from torchrl.objectives import LossModule
 
+from modpush._arguments import checked_arguments
+from modpush._keys import read_key
+from modpush._types import NonNegative
+from modpush.encoders.base import check_window
 from modpush.encoders.vae.model import DepthVAE
 
 __all__ = ["VAELoss", "bernoulli_entropy", "kl_divergence"]
@@ -38,7 +42,8 @@ class VAELoss(LossModule):
         kl_weight: Weight w of the divergence.
 
     Raises:
-        ValueError: If the weight is negative.
+        TypeError: If it is no autoencoder.
+        ValueError: If the weight is negative or not finite.
     Source: Sec. IV-A of the paper; w = 0.5 as in the authors' code.
     """
 
@@ -49,10 +54,11 @@ class VAELoss(LossModule):
     tensor_keys: _AcceptedKeys
     default_keys = _AcceptedKeys
 
-    def __init__(self, vae: DepthVAE, kl_weight: float = 0.5) -> None:
+    @checked_arguments
+    def __init__(self, vae: DepthVAE, kl_weight: NonNegative = 0.5) -> None:
         super().__init__()
-        if not kl_weight >= 0:
-            raise ValueError(f"VAELoss: kl_weight must be >= 0, got {kl_weight}.")
+        if not isinstance(vae, DepthVAE):
+            raise TypeError(f"VAELoss: vae must be a DepthVAE, got {type(vae).__name__}.")
         self.vae = vae
         self.kl_weight = kl_weight
         self.out_keys = ["loss_reconstruction", "loss_kl", "kl", "kl_per_latent"]
@@ -67,7 +73,8 @@ class VAELoss(LossModule):
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Both losses of a batch of windows `[B, 1, 64, 64]`."""
-        window = tensordict.get(self.tensor_keys.window)
+        window = read_key("VAELoss", tensordict, self.tensor_keys.window)
+        check_window(window, self.vae.window_size, "VAELoss", batched=True)
         mean, std = self.vae.encode(window)
         logits = self.vae.decode(mean + std * torch.randn_like(std))
         likelihood = binary_cross_entropy_with_logits(logits, window, reduction="sum")

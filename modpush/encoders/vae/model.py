@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import softplus
 
+from modpush._arguments import checked_arguments
 from modpush._weights import check_weights
 from modpush.encoders.base import Encoder, check_window
 from modpush.files import read_tensors, write_tensors
@@ -43,6 +44,7 @@ class DepthVAE(Encoder):
     Source: Sec. IV-A of the paper.
     """
 
+    @checked_arguments
     def __init__(
         self,
         latent_dim: int = 32,
@@ -102,6 +104,7 @@ class DepthVAE(Encoder):
 
     def forward(self, window: Tensor) -> Tensor:
         """The latent, `[B, latent_dim]`: its mean, or a sample with `sample=True`."""
+        check_window(window, self.window_size, "DepthVAE", batched=True)
         mean, std = self.encode(window)
         return mean + std * torch.randn_like(std) if self.sample else mean
 

@@ -7,6 +7,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
+from modpush._checks import check_instance
+from modpush._types import Count
+from modpush._validation import check_value
 from modpush.encoders.base import evaluating
 from modpush.encoders.vae.loss import bernoulli_entropy, kl_divergence
 from modpush.encoders.vae.model import DepthVAE
@@ -54,7 +57,15 @@ def vae_quality(vae: DepthVAE, windows: Callable[[slice], Tensor], count: int) -
         vae: The autoencoder to measure.
         windows: From a slice to `[n, 1, 64, 64]` float32, such as `WindowData.floats`.
         count: Number of windows.
+
+    Raises:
+        TypeError: If `vae` is no autoencoder, or `windows` no function.
+        ValueError: If `count` is not positive.
     """
+    check_instance("vae_quality", "vae", vae, DepthVAE)
+    if not callable(windows):
+        raise TypeError(f"vae_quality: windows must be a function, got {windows!r}.")
+    check_value("vae_quality", "count", count, Count)
     device = next(vae.parameters()).device
     rows, means = [], []
     per_latent = torch.zeros(vae.latent_dim, device=device)
@@ -117,7 +128,18 @@ def r_squared(predicted: Tensor, true: Tensor) -> float:
     Args:
         predicted: Predictions, `[N, T]`.
         true: Targets, `[N, T]`.
+
+    Raises:
+        TypeError: If one of them is no tensor.
+        ValueError: If their shapes differ.
     """
+    for name, value in (("predicted", predicted), ("true", true)):
+        check_instance("r_squared", name, value, Tensor)
+    if predicted.shape != true.shape:
+        raise ValueError(
+            f"r_squared: predicted and true must be of one shape [N, T], got "
+            f"{list(predicted.shape)} and {list(true.shape)}."
+        )
     return 1.0 - ((predicted - true).square().sum() / (true - true.mean(0)).square().sum()).item()
 
 
@@ -127,7 +149,11 @@ def linear_probe(train: tuple[Tensor, Tensor], test: tuple[Tensor, Tensor]) -> f
     Args:
         train: Latents `[N, d]` and targets `[N, T]`.
         test: The same for the test.
+
+    Raises:
+        ValueError: If one of the two is no such pair.
     """
+    _check_probe("linear_probe", train=train, test=test)
     one = [torch.cat([x, torch.ones_like(x[:, :1])], 1).double() for x, _ in (train, test)]
     weights = torch.linalg.lstsq(one[0], train[1].double()).solution
     return r_squared(one[1] @ weights, test[1].double())
@@ -149,7 +175,11 @@ def mlp_probe(
         width: Width of the hidden layers.
         epochs: Number of passes over the training part.
         seed: Seed of the initialisation and of the order of the windows.
+
+    Raises:
+        ValueError: If one of the two is no such pair.
     """
+    _check_probe("mlp_probe", train=train, test=test)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         mean, std = train[0].mean(0), train[0].std(0).clamp_min(1e-6)
@@ -173,3 +203,13 @@ def mlp_probe(
                     schedule.step()
         with torch.no_grad():
             return r_squared(model((test[0] - mean) / std), test[1])
+
+
+def _check_probe(who: str, **parts: tuple[Tensor, Tensor]) -> None:
+    for name, part in parts.items():
+        good = isinstance(part, tuple | list) and len(part) == 2
+        good = good and all(isinstance(value, Tensor) and value.ndim == 2 for value in part)
+        if not good or len(part[0]) != len(part[1]):
+            raise ValueError(
+                f"{who}: {name} must be latents [N, d] and targets [N, T], got {part!r}."
+            )

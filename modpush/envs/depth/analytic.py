@@ -1,5 +1,7 @@
 """`AnalyticDepthCamera`: the depth image, computed from the known shapes."""
 
+from numbers import Integral
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -48,8 +50,21 @@ class AnalyticDepthCamera(DepthCamera):
     def capture(
         self, index: int, depth: NDArray[np.float32], segmentation: NDArray[np.uint8]
     ) -> None:
-        """Draw the moving bodies over the fixed ones."""
+        """Draw the moving bodies over the fixed ones.
+
+        Raises:
+            ValueError: If there is no such scene, or an image has another shape or dtype.
+        """
+        self._check_index("capture", index)
         behind, labels = self._background[index]
+        images = ("depth", depth, behind), ("segmentation", segmentation, labels)
+        for name, image, like in images:
+            got = getattr(image, "shape", None), getattr(image, "dtype", type(image).__name__)
+            if got != (like.shape, like.dtype):
+                raise ValueError(
+                    f"AnalyticDepthCamera.capture: {name} must have shape {like.shape} and dtype "
+                    f"{like.dtype}, got {got[0]} and {got[1]}."
+                )
         np.copyto(depth, behind)
         np.copyto(segmentation, labels)
         for solids, poses, label in self._moving(index):
@@ -58,8 +73,29 @@ class AnalyticDepthCamera(DepthCamera):
     def cast(
         self, index: int, pixels: NDArray[np.float64]
     ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-        """Depth and label at single pixels `[..., 2]` (u, v), without an image."""
+        """Depth and label at single pixels `[..., 2]` (u, v), without an image.
+
+        Raises:
+            ValueError: If there is no such scene, or the pixels have another shape or are not finite.
+        """
+        self._check_index("cast", index)
+        if (
+            not isinstance(pixels, np.ndarray)
+            or pixels.dtype.kind not in "iuf"
+            or pixels.shape[-1:] != (2,)
+            or not np.isfinite(pixels).all()
+        ):
+            raise ValueError(
+                f"AnalyticDepthCamera.cast: pixels must be a finite array [..., 2], got {pixels!r}."
+            )
         return cast_pixels(pixels, self._moving(index) + self._fixed[index])
+
+    def _check_index(self, who: str, index: int) -> None:
+        if not isinstance(index, Integral) or not 0 <= index < self.scenes.num_envs:
+            raise ValueError(
+                f"AnalyticDepthCamera.{who}: index must be a whole number in "
+                f"[0, {self.scenes.num_envs}), got {index!r}."
+            )
 
     def _moving(self, index: int) -> list[Placed]:
         """The bodies that are drawn anew in every image: solids, poses, label."""

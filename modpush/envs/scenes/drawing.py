@@ -85,7 +85,7 @@ def draw_top_view(
     goal_radius: float = 0.05,
     view: TopView | None = None,
 ) -> NDArray[np.uint8]:
-    """Draw a moment of an episode: start red, goal green, object blue, tool black (as in Fig. 6).
+    """Draw a moment of an episode: start red, goal green, object blue, tool black (as in the paper).
 
     Args:
         scenario: What the episode started from.

@@ -17,8 +17,11 @@ __all__ = [
     "BAR_SECTION",
     "CUBE_SIDE",
     "HARD_SCENES",
+    "HARD_TUNING_SCENES",
+    "HARD_WIDE_SCENES",
     "OBSTACLE_SCENES",
     "SCENES",
+    "TIGHT_SCENES",
     "SceneFn",
     "get_scene",
     "random_clutter",
@@ -91,51 +94,86 @@ def zigzag(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
     return [_bar(0.60, 0.45 + side * offset, side * 0.15, _ACROSS) for side in (-1, 1)]
 
 
-def _short_bar(x: float, y: float, difficulty: float) -> Obstacle:
-    """A bar of a diagonal wall in the hard scenes, 6 to 8 cm long, across the table.
+_AUTHORS_BAR = 0.10
+"""Length of the short bars of the authors' hard scenes [m]."""
+_WALLS = (
+    (0.15, -0.475),
+    (0.25, -0.375),
+    (0.35, -0.275),
+    (0.0, -0.575),
+    (0.15, -0.675),
+    (0.25, -0.775),
+    (0.35, -0.875),
+    (-0.15, -0.475),
+    (-0.25, -0.375),
+    (-0.35, -0.275),
+    (-0.15, -0.675),
+    (-0.25, -0.775),
+    (-0.35, -0.875),
+)
+"""Centres of the short bars of the authors' case 11, in their coordinates [m]."""
+_MAZE = (*_WALLS[:4], *_WALLS[10:])
+"""Centres of the short bars of the authors' case 12, in their coordinates [m]."""
+_MAZE_LONG = ((-0.15, -0.375), (0.15, -0.775))
+"""Centres of the long oblique bars of the authors' case 12, in their coordinates [m]."""
 
-    Where the diagonals cross, neighbours leave 9.8 cm from corner to corner, 8.1 at difficulty 1;
-    elsewhere they leave no gap. The authors' bars are 10 cm long and leave 6.4 cm there: a path on
-    their map, which they inflate by half the cube's side, and none on one inflated by the radius of
-    its circumscribed circle, 3.5 cm.
-    """
-    return _bar(0.06 + 0.02 * difficulty, x, y, _ACROSS)
+
+def _wide_bar(difficulty: float) -> float:
+    """Length of the short bars of the wider hard scenes, 6 to 8 cm [m]."""
+    return 0.06 + 0.02 * difficulty
+
+
+def _walls(length: float) -> list[Obstacle]:
+    return [_bar(length, -y, x, _ACROSS) for x, y in _WALLS]
+
+
+def _maze(length: float) -> list[Obstacle]:
+    short = [_bar(length, -y, x, _ACROSS) for x, y in _MAZE]
+    return short + [_bar(0.40, -y, x, _ACROSS + math.pi / 4) for x, y in _MAZE_LONG]
 
 
 def diagonal_walls(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
-    """Unseen and hard: thirteen short bars in two crossing diagonals (the authors' case 11)."""
-    theirs = [
-        (0.15, -0.475),
-        (0.25, -0.375),
-        (0.35, -0.275),
-        (0.0, -0.575),
-        (0.15, -0.675),
-        (0.25, -0.775),
-        (0.35, -0.875),
-        (-0.15, -0.475),
-        (-0.25, -0.375),
-        (-0.35, -0.275),
-        (-0.15, -0.675),
-        (-0.25, -0.775),
-        (-0.35, -0.875),
-    ]
-    return [_short_bar(-y, x, difficulty) for x, y in theirs]
+    """Unseen and hard: thirteen short bars in two crossing diagonals (the authors' case 11).
+
+    Where the diagonals cross, the 10 cm long bars leave 6.4 cm from corner to corner; elsewhere 4 cm.
+    On a map inflated by half the small cube's side, 2.5 cm, a path leads through; on one inflated by
+    the radius of its circumscribed circle, 3.5 cm, none does. The difficulty is not used.
+    """
+    return _walls(_AUTHORS_BAR)
 
 
 def maze(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
-    """Unseen and hard: one diagonal of short bars and two long oblique ones (the authors' case 12)."""
-    theirs = [
-        (0.15, -0.475),
-        (0.25, -0.375),
-        (0.35, -0.275),
-        (0.0, -0.575),
-        (-0.15, -0.675),
-        (-0.25, -0.775),
-        (-0.35, -0.875),
+    """Unseen and hard: a diagonal of short bars and two long oblique ones (the authors' case 12).
+
+    As in `diagonal_walls` the short bars are 10 cm long, and the difficulty is not used.
+    """
+    return _maze(_AUTHORS_BAR)
+
+
+def diagonal_walls_wide(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
+    """Like `diagonal_walls` but easier: bars of 6 to 8 cm leave 9.8 to 8.1 cm at the crossing."""
+    return _walls(_wide_bar(difficulty))
+
+
+def maze_wide(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
+    """Like `maze` but easier: its short bars are 6 to 8 cm long."""
+    return _maze(_wide_bar(difficulty))
+
+
+def diagonal_walls_turned(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
+    """`diagonal_walls` turned by 90 degrees about where the diagonals cross, for tuning."""
+    x, y = 0.575, 0.0
+    return [
+        Obstacle(wall.size, (x - (wall.pose[1] - y), y + (wall.pose[0] - x), 0.0))
+        for wall in _walls(_AUTHORS_BAR)
     ]
-    short = [_short_bar(-y, x, difficulty) for x, y in theirs]
-    long = [_bar(0.40, -y, x, _ACROSS + math.pi / 4) for x, y in ((-0.15, -0.375), (0.15, -0.775))]
-    return short + long
+
+
+def maze_mirrored(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
+    """`maze` with left and right exchanged, for tuning."""
+    return [
+        Obstacle(bar.size, (bar.pose[0], -bar.pose[1], -bar.pose[2])) for bar in _maze(_AUTHORS_BAR)
+    ]
 
 
 def random_clutter(
@@ -180,15 +218,28 @@ SCENES: dict[str, SceneFn] = {
     "corridor": corridor,
     "zigzag": zigzag,
     "random_clutter": random_clutter,
+    "diagonal_walls_wide": diagonal_walls_wide,
+    "maze_wide": maze_wide,
+}
+"""The families by name in which every object can be pushed any distance."""
+
+TIGHT_SCENES: dict[str, SceneFn] = {
     "diagonal_walls": diagonal_walls,
     "maze": maze,
+    "diagonal_walls_turned": diagonal_walls_turned,
+    "maze_mirrored": maze_mirrored,
 }
-"""All families by name."""
+"""The families by name through whose passages only the inscribed circle of a small object fits: episodes
+are drawn with `ScenarioConfig.path_inflation` `inscribed`, and planned with the same inflation."""
 
 OBSTACLE_SCENES = ("bar_across", "bar_along", "slot", "posts", "corridor")
 """The paper's five families for training and testing (Sec. V)."""
 HARD_SCENES = ("diagonal_walls", "maze")
-"""The paper's two unseen complex scenes (Sec. V)."""
+"""The paper's two unseen complex scenes, as its authors' released simulation builds them (Sec. V)."""
+HARD_WIDE_SCENES = ("diagonal_walls_wide", "maze_wide")
+"""The same with shorter bars, which leave wider gaps."""
+HARD_TUNING_SCENES = ("zigzag", "random_clutter", "diagonal_walls_turned", "maze_mirrored")
+"""Hard layouts which are not the paper's, to tune on."""
 
 
 def get_scene(scene: str | SceneFn) -> tuple[str, SceneFn]:
@@ -201,12 +252,13 @@ def get_scene(scene: str | SceneFn) -> tuple[str, SceneFn]:
     Raises:
         ValueError: If there is no such family, with those there are; or if it is no function.
     """
-    found = find_part("scene", scene, SCENES)
+    known = {**SCENES, **TIGHT_SCENES}
+    found = find_part("scene", scene, known)
     if not callable(found):
         raise ValueError(
             f"scene: {scene!r} is no function (rng, difficulty) -> list[Obstacle], got {found!r}."
         )
     try:
-        return part_name("scene", scene, SCENES), found
+        return part_name("scene", scene, known), found
     except ValueError:
         return getattr(found, "__name__", type(found).__name__), found

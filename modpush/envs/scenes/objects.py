@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -21,8 +21,10 @@ from modpush.geometry.inscribed import inscribed_radius
 from modpush.geometry.shapes import Primitive, box, cylinder, prism
 from modpush.parts import find_part
 
-__all__ = ["OBJECTS", "PushedObject", "get_object", "get_object_of"]
+__all__ = ["OBJECTS", "Circle", "PushedObject", "get_object", "get_object_of"]
 
+Circle = Literal["circumscribed", "inscribed"]
+"""A circle about an object's origin: around its footprint, or inside it."""
 
 _TOLERANCE = 1e-4  # of where an object's frame must be [m]
 
@@ -49,6 +51,9 @@ class PushedObject:
     symmetry: Annotated[int, Ge(-1), Le(360)] = -1
     """Number of yaw angles that look alike: 4 for a square footprint, 0 for a disc (all of them). -1
     computes it from the parts; a smaller one may be given where they differ in what is not seen."""
+    tip_height: Annotated[Positive, Le(1)] | None = None
+    """Height of the tool's tip over the table while this object is pushed [m]; None takes 2 cm, or half
+    the height of a flat object, but never under 1.2 cm."""
     height: float = field(init=False)
     """Height, computed [m]."""
     radius: float = field(init=False)
@@ -74,6 +79,10 @@ class PushedObject:
             )
         self._check_symmetry(who)
 
+    def radius_of(self, circle: Circle) -> float:
+        """Radius of the circumscribed or the inscribed circle of the footprint [m]."""
+        return self.radius if circle == "circumscribed" else self.inscribed_radius
+
     def _check_symmetry(self, who: str) -> None:
         found = yaw_symmetry(self.parts)
         if self.symmetry == -1:
@@ -88,11 +97,35 @@ class PushedObject:
 
     @property
     def tool_height(self) -> float:
-        """Height of the tool's tip over the table while this object is pushed [m].
-
-        2 cm, or half the height of a flat object, but never under 1.2 cm.
-        """
+        """Height of the tool's tip over the table while this object is pushed [m], see `tip_height`."""
+        if self.tip_height is not None:
+            return self.tip_height
         return max(0.012, min(0.02, self.height / 2))
+
+    def scaled(self, factor: float, name: str) -> "PushedObject":
+        """An object of the same mass, larger or smaller in all directions.
+
+        Args:
+            factor: Ratio of its lengths to this object's, positive.
+            name: Name of the new object.
+
+        Raises:
+            ValueError: If the factor is not positive, or an object of that size is refused.
+        """
+
+        def times(values: Sequence[float]) -> Any:
+            return tuple(factor * value for value in values)
+
+        parts = tuple(
+            replace(
+                part,
+                size=times(part.size),
+                position=times(part.position),
+                outline=tuple(times(point) for point in part.outline),
+            )
+            for part in self.parts
+        )
+        return replace(self, name=name, parts=parts)
 
     def footprints(self, num_arc: int = 32) -> list[np.ndarray]:
         """Outlines of the parts seen from above, object frame, a list of `[n, 2]` [m]."""

@@ -9,8 +9,10 @@ import cv2
 import numba
 import numpy as np
 
+from modpush._checks import check_instance
 from modpush.envs.robot.control import MotionConfig
 from modpush.envs.robot.ur5_2f85 import TOOLS, ToolName
+from modpush.envs.scenes.layouts import TIGHT_SCENES
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
 from modpush.envs.scenes.rectangles import (
@@ -23,8 +25,10 @@ from modpush.envs.scenes.scenario import Dynamics, Scenario, ScenarioConfig
 
 __all__ = ["sample_scenario"]
 
-_CELL = 0.01  # of the grid that decides whether a path exists [m]
-_LOW, _SHAPE = (0.145, -0.455), (91, 91)  # its lower corner [m] and its cells
+_CELLS = {"circumscribed": 0.01, "inscribed": 0.0025}
+"""Sides of the cells of the grid that decides whether a path exists [m]. An object has a few millimetres
+to spare in the passages that only its inscribed circle fits through."""
+_LOW, _SIDE = (0.145, -0.455), 0.91  # the grid's lower corner and the length of its sides [m]
 _BATCH = 256  # candidates drawn at a time
 _BATCHES = 40
 _LAYOUTS = 4
@@ -85,7 +89,9 @@ class _FreeSpace(NamedTuple):
     turned: np.ndarray
     """The obstacles, as `nearest_rectangle` reads them, `[n, 6]`."""
     labels: np.ndarray
-    """Equal positive labels are joined, `[91, 91]`; empty where nothing stands."""
+    """Equal positive labels are joined, `[n, n]`; empty where nothing stands."""
+    cell: float
+    """Side of their cells [m]."""
 
 
 def sample_scenario(
@@ -93,8 +99,10 @@ def sample_scenario(
 ) -> Scenario:
     """Draw an episode's start.
 
-    Start and goal keep their distance from obstacles, a path joins them on the grid inflated by the
-    object's radius, and the tool stands free and within reach. The number of tries is bounded.
+    The distance from start to goal is drawn first and kept, so that it is uniform over its range
+    whatever the layout. Start and goal keep their distance from obstacles, a path joins them on the
+    grid inflated by the object's radius (`ScenarioConfig.path_inflation` says which), and the tool
+    stands free and within reach. The number of tries is bounded.
 
     Args:
         rng: Source of randomness; the result depends on nothing else.
@@ -102,10 +110,17 @@ def sample_scenario(
         tool: Name of the tool that the arm holds.
 
     Raises:
-        ValueError: If no start is found; the message counts which condition failed how often.
+        TypeError: If generator or config are none.
+        ValueError: If there is no such tool, or no start is found; the message counts which condition
+            failed how often.
     """
+    check_instance("sample_scenario", "rng", rng, np.random.Generator)
+    check_instance("sample_scenario", "config", config, ScenarioConfig)
+    if tool not in TOOLS:
+        raise ValueError(f"sample_scenario: tool must be one of {sorted(TOOLS)}, got {tool!r}.")
     scenes, objects = config.scenes, config.objects
     failed: Counter[str] = Counter()
+    distance = float(rng.uniform(*config.distance_range))
     name = ""
     for _ in range(_LAYOUTS):
         name, scene = scenes[rng.integers(len(scenes))]
@@ -116,9 +131,9 @@ def sample_scenario(
             raise ValueError(
                 f"scene: {name!r} placed {len(obstacles)} obstacles, at most {MAX_OBSTACLES} fit."
             )
-        free, limits = _free_space(obstacles, item.radius, config), _limits(config, item, tool)
+        free, limits = _free_space(obstacles, item, config), _limits(config, item, tool)
         for _ in range(_BATCHES):
-            candidates = _draw_candidates(rng, config)
+            candidates = _draw_candidates(rng, config, distance)
             i, counts = _first_good(candidates, free, limits)
             if i < 0:
                 failed.update(dict(zip(_CONDITIONS, counts.tolist(), strict=True)))
@@ -137,8 +152,13 @@ def sample_scenario(
             )
     reasons = ", ".join(f"{reason}: {n}" for reason, n in failed.most_common())
     raise ValueError(
-        f"sample_scenario: no start found in scene {name!r} after {_LAYOUTS} layouts of "
-        f"{_BATCH * _BATCHES} tries each. Failed conditions: {reasons}."
+        f"sample_scenario: no start {distance:.3f} m from a goal found in scene {name!r} after "
+        f"{_LAYOUTS} layouts of {_BATCH * _BATCHES} tries each. Failed conditions: {reasons}."
+        + (
+            f" In {name!r} a path needs path_inflation='inscribed'."
+            if name in TIGHT_SCENES and config.path_inflation != "inscribed"
+            else ""
+        )
     )
 
 
@@ -159,11 +179,13 @@ def _limits(config: ScenarioConfig, item: PushedObject, tool: ToolName) -> _Limi
     return _Limits(*map(float, numbers))
 
 
-def _draw_candidates(rng: np.random.Generator, config: ScenarioConfig) -> _Candidates:
+def _draw_candidates(
+    rng: np.random.Generator, config: ScenarioConfig, distance: float
+) -> _Candidates:
     n = _BATCH
     start = rng.uniform(config.low, config.high, (n, 2))
     yaw = rng.uniform(-np.pi, np.pi, n)
-    goal = start + _polar(rng.uniform(*config.distance_range, n), rng.uniform(-np.pi, np.pi, n))
+    goal = start + _polar(np.full(n, distance), rng.uniform(-np.pi, np.pi, n))
     tool_distance = rng.uniform(*config.tool_distance, n)
     tool = start + _polar(tool_distance, rng.uniform(-np.pi, np.pi, n))
     tool_yaw = rng.uniform(-np.pi / 2, np.pi / 2, n)
@@ -203,7 +225,7 @@ def _first_good(
             counts[6] += 1
         elif nearest_rectangle(tx, ty, free.turned) < limits.tool_to_obstacle:
             counts[7] += 1
-        elif not _joined(sx, sy, gx, gy, free.labels):
+        elif not _joined(sx, sy, gx, gy, free):
             counts[8] += 1
         else:
             return i, counts
@@ -211,39 +233,43 @@ def _first_good(
 
 
 @numba.njit(cache=True)
-def _joined(sx: float, sy: float, gx: float, gy: float, labels: np.ndarray) -> bool:
+def _joined(sx: float, sy: float, gx: float, gy: float, free: _FreeSpace) -> bool:
     """Whether a path joins two points; no labels mean that nothing stands in the way."""
-    if len(labels) == 0:
+    if len(free.labels) == 0:
         return True
-    first = _label(sx, sy, labels)
-    return first > 0 and first == _label(gx, gy, labels)
+    first = _label(sx, sy, free)
+    return first > 0 and first == _label(gx, gy, free)
 
 
 @numba.njit(cache=True)
-def _label(x: float, y: float, labels: np.ndarray) -> int:
-    i, j = int((x - _LOW[0]) / _CELL), int((y - _LOW[1]) / _CELL)
-    return labels[min(max(i, 0), _SHAPE[0] - 1), min(max(j, 0), _SHAPE[1] - 1)]
+def _label(x: float, y: float, free: _FreeSpace) -> int:
+    i, j = int((x - _LOW[0]) / free.cell), int((y - _LOW[1]) / free.cell)
+    last = len(free.labels) - 1
+    return free.labels[min(max(i, 0), last), min(max(j, 0), last)]
 
 
-def _free_space(obstacles: list[Obstacle], radius: float, config: ScenarioConfig) -> _FreeSpace:
+def _free_space(
+    obstacles: list[Obstacle], item: PushedObject, config: ScenarioConfig
+) -> _FreeSpace:
     """Which free places an object can be slid between without ending the episode.
 
     On a grid over what the camera sees, and hardly out of the workspace.
     """
-    labels = np.zeros((0, 0), np.int32)
+    labels, cell = np.zeros((0, 0), np.int32), _CELLS[config.path_inflation]
     if obstacles:
-        centers, margin = _cell_centers(), config.path_margin
-        passable = obstacle_distance(centers, obstacles) > radius
+        centers, margin = _cell_centers(cell), config.path_margin
+        passable = obstacle_distance(centers, obstacles) > item.radius_of(config.path_inflation)
         passable &= (centers >= np.subtract(config.low, margin)).all(-1)
         passable &= (centers <= np.add(config.high, margin)).all(-1)
         _, labels = cv2.connectedComponents(passable.astype(np.uint8), connectivity=4)
-    return _FreeSpace(turned_rectangles(rectangles(obstacles)), labels)
+    return _FreeSpace(turned_rectangles(rectangles(obstacles)), labels, cell)
 
 
 @functools.cache
-def _cell_centers() -> np.ndarray:
-    x, y = np.indices(_SHAPE)
-    return np.array(_LOW) + (np.stack([x, y], -1) + 0.5) * _CELL
+def _cell_centers(cell: float) -> np.ndarray:
+    side = round(_SIDE / cell)
+    x, y = np.indices((side, side))
+    return np.array(_LOW) + (np.stack([x, y], -1) + 0.5) * cell
 
 
 def _sample_dynamics(

@@ -8,6 +8,7 @@ from annotated_types import Ge, Le, MaxLen
 from pydantic import Strict
 
 from modpush._types import (
+    ORDERED,
     Fraction,
     FractionSpan,
     Length,
@@ -22,7 +23,7 @@ from modpush._types import (
 from modpush._validation import checked, from_plain
 from modpush.envs.outcome import GOAL_THRESHOLD
 from modpush.envs.scenes.layouts import SceneFn, get_scene
-from modpush.envs.scenes.objects import PushedObject, get_object
+from modpush.envs.scenes.objects import Circle, PushedObject, get_object
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
 from modpush.geometry.workspace import BOUNDS_MARGIN, WORKSPACE, Rectangle
 
@@ -34,7 +35,7 @@ Friction = Annotated[NonNegative, Le(10)]
 """Friction coefficient of an object's material."""
 GoalDistance = Annotated[Length, Ge(GOAL_THRESHOLD), Le(2)]
 """Distance from start to goal [m]; nearer, an episode has ended before its first step."""
-GoalDistances = Annotated[tuple[GoalDistance, GoalDistance], Strict(False)]
+GoalDistances = Annotated[tuple[GoalDistance, GoalDistance], Strict(False), ORDERED]
 """Lower and upper end of a range of distances from start to goal [m]."""
 
 
@@ -116,13 +117,16 @@ class ScenarioConfig:
     path_margin: Fraction = 0.04
     """Largest distance by which the object's path to the goal may leave the workspace [m]; at 5 cm an
     episode ends."""
+    path_inflation: Circle = "circumscribed"
+    """By which of the object's circles obstacles are inflated where it is decided whether a path to the
+    goal exists. `inscribed` lets through what an object fits through at some angles only."""
     tool_distance: FractionSpan = (0.08, 0.14)
     """Range of the distance from the object's centre to the tool's tip at the start [m]."""
     randomize_dynamics: bool = False
     """Whether mass, friction and centre of mass are drawn anew for each episode."""
-    mass: Annotated[tuple[Mass, Mass], Strict(False)] = (0.2, 2.0)
+    mass: Annotated[tuple[Mass, Mass], Strict(False), ORDERED] = (0.2, 2.0)
     """Range of the mass with randomised dynamics, drawn log-uniformly [kg]."""
-    friction: Annotated[tuple[Friction, Friction], Strict(False)] = (0.2, 0.8)
+    friction: Annotated[tuple[Friction, Friction], Strict(False), ORDERED] = (0.2, 0.8)
     """Range of the friction coefficient of the object's material with randomised dynamics."""
     center_of_mass: NonNegativeLength = 0.01
     """Largest offset of the centre of mass along each axis with randomised dynamics [m]."""

@@ -1,6 +1,6 @@
 """The ManiSkill agents `ur5_2f85` and `ur5_rod`, and the planar controller that drives them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -107,10 +107,11 @@ class PlanarController(BaseController):
         """The commanded pose and height."""
         return {"target": self.target.clone(), "flange_height": self.flange_height[:, None].clone()}
 
-    def set_state(self, state: dict[str, Tensor]) -> None:
-        """Inverse of `get_state`."""
-        self.target = state["target"].clone()
-        self.flange_height = state["flange_height"][:, 0].clone()
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Inverse of `get_state`; ManiSkill's replay gives arrays, without the dimension of scenes."""
+        target, height = (torch.as_tensor(state[key]) for key in ("target", "flange_height"))
+        self.target = target.reshape(-1, 3).to(self.target, copy=True)
+        self.flange_height = height.reshape(-1).to(self.flange_height, copy=True)
         self._ramp = None
 
 

@@ -9,6 +9,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from modpush._checks import check_width
+from modpush.envs.arguments import check_scene
 from modpush.envs.depth.analytic import AnalyticDepthCamera
 from modpush.envs.depth.base import DepthCamera, DepthCameraFactory
 from modpush.envs.depth.image_memory import ImageMemory
@@ -31,7 +33,7 @@ class Measurement(NamedTuple):
     joint_position: NDArray[np.float64]
     """Angles of the arm's joints, `[B, 6]` [rad]."""
     contacts: NDArray[np.bool_]
-    """What touched during the last step, `[B, 3]`, in the order of `CONTACT_KEYS`."""
+    """What touched during the last step, `[B, 4]`, in the order of `CONTACT_KEYS`."""
     target_reachable: NDArray[np.bool_]
     """False where the commanded pose had no solution, `[B]`."""
 
@@ -117,6 +119,8 @@ class SceneBatch(ABC):
 
     def cast(self, index: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Depth [m] and label at single pixels `[..., 2]` (u, v) of one scene's image."""
+        check_scene("PushEnv.cast", index, self.num_envs)
+        check_width("PushEnv.cast", "pixels", pixels, 2)
         number, i = self._locate(index)
         return self._analytic[number].cast(i, pixels)
 
@@ -138,6 +142,7 @@ class SceneBatch(ABC):
 
     def render(self, index: int) -> np.ndarray:
         """A picture of one scene, `[H, W, 3]` uint8: rendered from the side, or the drawn top view."""
+        check_scene("PushEnv.render", index, self.num_envs)
         number, i = self._locate(index)
         task = self.tasks[number]
         if task.scene.can_render():

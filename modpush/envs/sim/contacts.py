@@ -15,9 +15,16 @@ __all__ = ["CONTACT_GAP", "CONTACT_KEYS", "CpuContacts", "CudaContacts"]
 
 CONTACT_GAP = 0.001
 """Bodies whose surfaces are nearer than this count as touching [m]."""
-CONTACT_KEYS = ("object_contact", "obstacle_contact", "tool_obstacle_contact")
-"""Tool or arm touches the object; object touches an obstacle; tool or arm touches an obstacle."""
+CONTACT_KEYS = (
+    "object_contact",
+    "obstacle_contact",
+    "tool_obstacle_contact",
+    "object_contact_at_end",
+)
+"""During a control step tool or arm touched the object; the object touched an obstacle; tool or arm
+touched an obstacle; and at the step's end tool or arm touched the object."""
 
+_PUSHED, _AT_END = 0, 3
 _ROBOT, _OBJECT, _OBSTACLE = 1, 2, 4
 _KEY_OF_PAIR = {_ROBOT | _OBJECT: 0, _OBJECT | _OBSTACLE: 1, _ROBOT | _OBSTACLE: 2}
 _SPECULATIVE_GAP = 0.005  # bodies that are farther apart than this do not touch, pushed or not [m]
@@ -77,20 +84,24 @@ class CpuContacts:
             self.read()
 
     def read(self) -> None:
-        """Add the present contacts to `touched`."""
+        """Add the present contacts to `touched`, of which the last tells of this look alone."""
         category, touched = self._category, self.touched
+        touched[_AT_END] = False
         for contact in self._scene.px.get_contacts():
             first, second = contact.bodies
             key = _KEY_OF_PAIR.get(category.get(first, 0) | category.get(second, 0))
-            if key is not None and not touched[key]:
-                touched[key] = any(
-                    point.separation <= CONTACT_GAP
-                    or (point.separation <= _SPECULATIVE_GAP and point.impulse.any())
-                    for point in contact.points
-                )
+            if key is None or touched[_AT_END if key == _PUSHED else key]:
+                continue
+            if any(
+                point.separation <= CONTACT_GAP
+                or (point.separation <= _SPECULATIVE_GAP and point.impulse.any())
+                for point in contact.points
+            ):
+                touched[key] = True
+                touched[_AT_END] |= key == _PUSHED
 
     def flags(self) -> Tensor:
-        """What has touched, `[1, 3]` bool, in the order of `CONTACT_KEYS`."""
+        """What has touched, `[1, 4]` bool, in the order of `CONTACT_KEYS`."""
         return torch.tensor([self.touched], device=self._device)
 
 
@@ -118,7 +129,7 @@ class CudaContacts:
         self._links = [robot.links_map[name] for name in _NEAR_OBSTACLES]
         self._objects, self._obstacles = objects, obstacles
         self._query: Any = None
-        self._rows_of_key: list[list[int]] = [[] for _ in CONTACT_KEYS]
+        self._rows_of_key: list[list[int]] = [[] for _ in CONTACT_KEYS[:_AT_END]]
 
     def reset(self, env_idx: Tensor) -> None:
         """Nothing: impulses are those of the last substep."""
@@ -130,7 +141,7 @@ class CudaContacts:
         """Nothing: impulses are read once, in `flags`."""
 
     def flags(self) -> Tensor:
-        """What touches, `[num_envs, 3]` bool, in the order of `CONTACT_KEYS`."""
+        """What touches, `[num_envs, 4]` bool, in the order of `CONTACT_KEYS`."""
         scene = self._scene
         if not scene._gpu_sim_initialized:
             return torch.zeros(
@@ -144,7 +155,7 @@ class CudaContacts:
             touching[torch.tensor(rows, device=scene.device)].view(scene.num_envs, -1).any(-1)
             for rows in self._rows_of_key
         ]
-        return torch.stack(columns, -1)
+        return torch.stack([*columns, columns[_PUSHED]], -1)
 
     def _make_query(self) -> Any:
         pairs: list[tuple[Any, Any]] = []

@@ -101,12 +101,12 @@ class CpuBatch(SceneBatch):
         """See `SceneBatch`."""
         scene = self._scenes[index]
         x, y, yaw = self._target[index].tolist()
-        first, second, third = scene.contacts.touched
+        first, second, third, fourth = scene.contacts.touched
         return SceneState(
             scenario=self.scenario(index),
             physics=np.frombuffer(scene.physics.pack(), dtype=np.float32),
             target=(x, y, yaw),
-            contacts=(first, second, third),
+            contacts=(first, second, third, fourth),
             target_reachable=bool(self._target_reachable[index]),
         )
 

@@ -67,13 +67,13 @@ class CudaBatch(SceneBatch):
         task = self._task
         controller = task.agent.controller
         x, y, yaw = controller.target[index].tolist()
-        first, second, third = task.contacts.flags()[index].tolist()
+        first, second, third, fourth = task.contacts.flags()[index].tolist()
         physics = {k: v for k, v in task.get_state_dict().items() if k != "controller"}
         return SceneState(
             scenario=task.scenarios[index],
             physics=_select_scene(physics, index),
             target=(x, y, yaw),
-            contacts=(first, second, third),
+            contacts=(first, second, third, fourth),
             target_reachable=bool(controller.reachable[index]),
         )
 

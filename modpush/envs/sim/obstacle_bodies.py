@@ -89,14 +89,14 @@ class ObstacleSwapper:
 class ObstaclePool:
     """Obstacles of scenes that bodies cannot be added to while they run, as in a GPU simulation.
 
-    The pool has cubes, bars of 7 cm, and bars in steps of 5 cm. A layout's lengths are rounded to
-    these, and `place` returns the layout that was placed. Unused obstacles are parked far away.
+    The pool has cubes, bars of 7 and 10 cm, and bars in steps of 5 cm. A layout's lengths are rounded
+    to these, and `place` returns the layout that was placed. Unused obstacles are parked far away.
     """
 
     _SIZES = (
         *((CUBE_SIDE,) * 3 for _ in range(24)),
-        *((0.07, BAR_SECTION, BAR_SECTION) for _ in range(13)),  # the hard scenes' short bars
-        *((0.05 * n, BAR_SECTION, BAR_SECTION) for n in range(2, 13) for _ in range(2)),
+        *((length, BAR_SECTION, BAR_SECTION) for length in (0.07, 0.10) for _ in range(13)),  # hard
+        *((0.05 * n, BAR_SECTION, BAR_SECTION) for n in range(3, 13) for _ in range(2)),
     )
 
     def __init__(

@@ -22,7 +22,7 @@ class SceneState:
     """Everything that the future of one scene depends on, but for PhysX's contact cache.
 
     Raises:
-        ValueError: If `target` is not three finite numbers, or `contacts` not three truth values.
+        ValueError: If `target` is not three finite numbers, or `contacts` not four truth values.
     """
 
     scenario: Scenario
@@ -31,7 +31,7 @@ class SceneState:
     """On a CPU the numbers that PhysX packs, `[n]` float32; on CUDA ManiSkill's state dictionary."""
     target: tuple[float, float, float]
     """The controller's commanded pose (x, y, yaw) [m, m, rad]."""
-    contacts: tuple[bool, bool, bool]
+    contacts: tuple[bool, bool, bool, bool]
     """What touched during the last step, in the order of `CONTACT_KEYS`."""
     target_reachable: bool
     """False where the commanded pose had no solution."""
@@ -40,8 +40,8 @@ class SceneState:
         """Check what is not checked against an environment."""
         if len(self.target) != 3 or not all(math.isfinite(x) for x in self.target):
             raise ValueError(f"SceneState: target must be 3 finite numbers, got {self.target}.")
-        if len(self.contacts) != 3 or not all(isinstance(x, bool) for x in self.contacts):
-            raise ValueError(f"SceneState: contacts must be 3 booleans, got {self.contacts}.")
+        if len(self.contacts) != 4 or not all(isinstance(x, bool) for x in self.contacts):
+            raise ValueError(f"SceneState: contacts must be 4 booleans, got {self.contacts}.")
         if not isinstance(self.target_reachable, bool):
             raise ValueError(
                 f"SceneState: target_reachable must be a boolean, got {self.target_reachable!r}."

@@ -4,7 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-__all__ = ["make_generators"]
+from modpush._types import Seed
+from modpush._validation import check_value
+
+__all__ = ["make_generators", "restart_generators"]
 
 
 def make_generators(seed: int | Sequence[int] | None, count: int) -> list[np.random.Generator]:
@@ -21,3 +24,16 @@ def make_generators(seed: int | Sequence[int] | None, count: int) -> list[np.ran
     if len(seeds) != count:
         seeds = [seeds[0] + i for i in range(count)]
     return [np.random.default_rng(s) for s in seeds]
+
+
+def restart_generators(
+    generators: list[np.random.Generator], indices: Sequence[int], seed: int | None
+) -> None:
+    """Seed the generators of some scenes anew, that of scene i with `seed + i`; None leaves them.
+
+    Raises:
+        ValueError: If the seed is no whole number >= 0.
+    """
+    if check_value("PushEnv.reset", "seed", seed, Seed | None) is not None:
+        for i in indices:
+            generators[i] = np.random.default_rng(int(seed) + i)  # type: ignore[arg-type]  # checked

@@ -220,7 +220,7 @@ class ClutterPushEnv(BaseEnv):
         return super().step(action)
 
     def evaluate(self) -> dict[str, Tensor]:
-        """Success, out of bounds and the three contacts, each `[num_envs]` bool."""
+        """Success, out of bounds and the contacts, each `[num_envs]` bool."""
         position = self.object_pose[:, :2]
         bounds = self.scenario_config.bounds(self.bounds_margin)
         return {
@@ -234,7 +234,7 @@ class ClutterPushEnv(BaseEnv):
             "object_pose": self.object_pose.float(),
             "goal_position": self._goal.float(),
             "ee_pose": self.ee_pose.float(),
-            **{key: info[key].float()[:, None] for key in CONTACT_KEYS},
+            **{key: info[key].float()[:, None] for key in CONTACT_KEYS[:3]},
         }
 
     @property

@@ -31,6 +31,7 @@ def motion(push, relocate, near, has_moved, alpha=0.3, alpha_p=0.0, config=None)
         tool_position=torch.tensor([[0.3, 0.0]]),
         tool_yaw=torch.zeros(1),
         goal=torch.zeros(1, 2),
+        touch_radius=torch.full((1,), torch.inf),
     )
     numbers = (torch.tensor([value]) for value in (alpha, alpha_p, push, relocate))
     moved = torch.tensor([has_moved])

@@ -1,9 +1,12 @@
 """Corridor geometry by hand: distances, costs, paths, look-ahead."""
 
+import math
+
 import numpy as np
 import pytest
 import scipy.ndimage as ndi
 import torch
+from tensordict import TensorDict
 
 from modpush.agents.corridor.clearance import (
     away_from_obstacles,
@@ -15,7 +18,9 @@ from modpush.agents.corridor.config import CorridorConfig
 from modpush.agents.corridor.corridor_path import cells_outside, corridor_cost, least_cost_path
 from modpush.agents.corridor.look_ahead import Limits, View, look_ahead
 from modpush.agents.corridor.obstacle_distance import ObstacleDistances, obstacle_distance
+from modpush.agents.corridor.rules import RULES
 from modpush.agents.corridor.scene import CorridorScene
+from modpush.agents.corridor.targets import choose_targets
 from modpush.agents.corridor.tool_path import next_tool_position
 from modpush.agents.corridor.turn_target import RoomNeeded, turn_target
 from modpush.geometry import Camera
@@ -58,6 +63,7 @@ def scene(distance, camera, object_position=(0.0, 0.0), tool_position=(0.0, 0.0)
         tool_position=torch.as_tensor(tool_position).reshape(-1, 2),
         tool_yaw=torch.zeros(len(distance)),
         goal=torch.zeros(len(distance), 2),
+        touch_radius=torch.full((len(distance),), torch.inf),
     )
 
 
@@ -172,6 +178,25 @@ def test_relative_limits_let_an_object_at_a_wall_slide_along_it():
     assert faithful == (9, 9)  # sees nothing, keeps the target before
     target = ahead(wall(), path, (10, 16), tool=(2, 16), relative=True)
     assert target == (58, 16)
+
+
+def test_a_smaller_touch_radius_lets_the_object_see_through_a_narrower_gap():
+    camera, config = Camera(), CorridorConfig(contact_distance=0.0)
+    blocked = np.zeros((camera.height, camera.width), bool)
+    blocked[120:136] = True
+    blocked[:, 119:137] = False  # a gap of 6.4 cm for a cube of 5 cm, right ahead of it
+    start, goal = (camera.unproject(torch.tensor([[128.0, v]])) for v in (141.0, 90.0))
+    path = torch.linspace(0, 1, 64)[None, :, None] * (goal - start)[:, None] + start[:, None]
+    previous = start + 0.01
+    state = TensorDict({"path": path, "target": previous, "started": torch.tensor([[True]])}, [1])
+    tool = start - torch.tensor([config.behind_distance, 0.0])
+    targets = []
+    for touch in (math.inf, 0.025):
+        here = scene([obstacle_distance(blocked)], camera, start, tool, radius=0.0354)
+        here = here._replace(goal=goal, touch_radius=torch.tensor([touch]))
+        targets.append(choose_targets(here, state, config, RULES["faithful"]))
+    torch.testing.assert_close(targets[0], previous)  # sees nothing, keeps the target before
+    torch.testing.assert_close(targets[1], goal)
 
 
 def test_relative_limits_ask_for_room_behind_the_object():

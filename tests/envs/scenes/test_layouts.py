@@ -6,10 +6,12 @@ import pytest
 
 from modpush.envs.scenes.layouts import (
     HARD_SCENES,
+    HARD_TUNING_SCENES,
+    HARD_WIDE_SCENES,
     OBSTACLE_SCENES,
-    SCENES,
     get_scene,
     random_clutter,
+    slot,
 )
 from modpush.envs.scenes.objects import get_object
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
@@ -17,7 +19,7 @@ from modpush.envs.scenes.rectangles import obstacle_distance
 
 
 def build(name: str, difficulty: float, seed: int = 0) -> list[Obstacle]:
-    return SCENES[name](np.random.default_rng(seed), difficulty)
+    return get_scene(name)[1](np.random.default_rng(seed), difficulty)
 
 
 def free_gap(a: Obstacle, b: Obstacle) -> float:
@@ -65,14 +67,42 @@ def test_hard_scenes_are_the_authors_turned_by_90_degrees() -> None:
     assert maze[7].size[0] == pytest.approx(0.40)
 
 
-@pytest.mark.parametrize(("difficulty", "gap"), [(0.0, 0.0985), (1.0, 0.0806)])
+@pytest.mark.parametrize(
+    ("name", "difficulty", "gap"),
+    [
+        # Centres are 10 and 15 cm apart: hypot(0.10 - 0.06, 0.15 - length).
+        ("diagonal_walls", 0.0, 0.0640),
+        ("diagonal_walls", 1.0, 0.0640),
+        ("diagonal_walls_wide", 0.0, 0.0985),
+        ("diagonal_walls_wide", 1.0, 0.0806),
+    ],
+)
 def test_the_walls_leave_a_way_for_the_small_cube_where_they_cross(
-    difficulty: float, gap: float
+    name: str, difficulty: float, gap: float
 ) -> None:
-    walls = build("diagonal_walls", difficulty)
-    # Centres are 10 and 15 cm apart: hypot(0.10 - 0.06, 0.15 - 0.06) and hypot(0.04, 0.15 - 0.08).
+    walls, cube = build(name, difficulty), get_object("small_cube")
     assert free_gap(walls[3], walls[0]) == pytest.approx(gap, abs=1e-3)
-    assert gap > 2 * get_object("small_cube").radius
+    assert gap > 2 * cube.inscribed_radius
+    assert (gap > 2 * cube.radius) == (name in HARD_WIDE_SCENES)
+
+
+def test_the_authors_bars_are_10_cm_long() -> None:
+    for name in HARD_SCENES:
+        lengths = {bar.size[0] for bar in build(name, 0.3)}
+        assert lengths - {0.40} == {0.10}
+
+
+def test_tuning_layouts_are_the_hard_ones_turned_or_mirrored_and_others() -> None:
+    walls, turned = build("diagonal_walls", 0.0), build("diagonal_walls_turned", 0.0)
+    # The crossing stays; 15 cm to the left of it is now 15 cm nearer to the robot.
+    assert turned[3].pose == pytest.approx((*walls[3].pose[:2], 0.0))
+    assert walls[0].pose[:2] == pytest.approx((0.475, 0.15))
+    assert turned[0].pose[:2] == pytest.approx((0.425, -0.10))
+    assert free_gap(turned[3], turned[0]) == pytest.approx(free_gap(walls[3], walls[0]), abs=1e-4)
+    maze, mirrored = build("maze", 0.0), build("maze_mirrored", 0.0)
+    for a, b in zip(maze, mirrored, strict=True):
+        assert b.pose == pytest.approx((a.pose[0], -a.pose[1], -a.pose[2]))
+    assert not {*HARD_TUNING_SCENES} & {*HARD_SCENES, *HARD_WIDE_SCENES}
 
 
 def test_clutter_does_not_overlap_and_is_different_every_time() -> None:
@@ -92,7 +122,7 @@ def test_clutter_that_does_not_fit_fails_after_bounded_tries() -> None:
 
 
 def test_families_are_functions_of_generator_and_difficulty_alone() -> None:
-    for name in (*OBSTACLE_SCENES, *HARD_SCENES, "free", "zigzag", "random_clutter"):
+    for name in (*OBSTACLE_SCENES, *HARD_SCENES, *HARD_TUNING_SCENES, "free"):
         assert build(name, 0.3, seed=5) == build(name, 0.3, seed=5)
 
 
@@ -113,7 +143,7 @@ def test_a_function_is_found_again_by_the_name_it_is_recorded_under() -> None:
 
 
 def test_a_family_given_as_its_function_keeps_its_name() -> None:
-    assert get_scene(SCENES["slot"]) == ("slot", SCENES["slot"])
+    assert get_scene(slot) == ("slot", slot)
 
 
 def test_a_function_that_cannot_be_imported_is_recorded_by_its_own_name() -> None:

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import kstest
 
-from modpush.envs.scenes.layouts import SCENES
+from modpush.envs.scenes.layouts import SCENES, TIGHT_SCENES, get_scene
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.rectangles import obstacle_distance
@@ -13,7 +14,7 @@ from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import ScenarioConfig
 
 GOLDEN = json.loads((Path(__file__).parent / "golden_scenarios.json").read_text())
-"""Drawn at commit 2cd1fa5: two episodes of each family, then twenty of three families at once."""
+"""Drawn with the distance first: two episodes of each family, then twenty of three families at once."""
 
 
 def assert_same(drawn, golden) -> None:
@@ -45,7 +46,10 @@ def test_a_seed_gives_the_scenario_that_it_always_gave() -> None:
         for j in range(2)
     ]
     several = ScenarioConfig(
-        scene=["free", "slot", "maze"], pushed_object=names, difficulty=0.5, distance=(0.3, 0.5)
+        scene=["free", "slot", "maze_wide"],
+        pushed_object=names,
+        difficulty=0.5,
+        distance=(0.3, 0.5),
     )
     drawn += [(np.random.default_rng([99, j]), several) for j in range(20)]
     for (rng, config), golden in zip(drawn, GOLDEN, strict=True):
@@ -66,9 +70,14 @@ def test_a_small_tool_may_stand_where_a_large_one_may_not() -> None:
         sample_scenario(np.random.default_rng(0), config, tool="2f85")
 
 
-@pytest.mark.parametrize("scene", sorted(SCENES))
+def config_of(scene: str) -> ScenarioConfig:
+    circle = "inscribed" if scene in TIGHT_SCENES else "circumscribed"
+    return ScenarioConfig(scene=scene, pushed_object="small_cube", path_inflation=circle)
+
+
+@pytest.mark.parametrize("scene", sorted({*SCENES, *TIGHT_SCENES}))
 def test_starts_and_goals_keep_the_spec(scene) -> None:
-    config = ScenarioConfig(scene=scene, pushed_object="small_cube")
+    config = config_of(scene)
     rng = np.random.default_rng(0)
     for _ in range(30):
         s = sample_scenario(rng, config)
@@ -92,6 +101,14 @@ def test_goals_lie_in_every_direction_and_at_every_distance() -> None:
     quadrant = (way[:, 0] > 0) * 2 + (way[:, 1] > 0)
     assert np.bincount(quadrant, minlength=4).min() > 50
     assert np.histogram(np.linalg.norm(way, axis=1), 4, (0.06, 0.08))[0].min() > 40
+
+
+@pytest.mark.parametrize("scene", [*SCENES, *TIGHT_SCENES])
+def test_distances_are_uniform_in_every_family(scene: str) -> None:
+    config = config_of(scene)
+    drawn = [sample_scenario(np.random.default_rng([5, i]), config) for i in range(100)]
+    distance = [math.dist(s.goal_position, s.object_pose[:2]) for s in drawn]
+    assert kstest(distance, "uniform", (0.2, 0.4)).pvalue > 0.01
 
 
 def test_no_scenario_without_a_path() -> None:
@@ -119,11 +136,37 @@ def test_no_scenario_whose_way_leads_out_of_bounds() -> None:
     assert sides(path_margin=0.10) == {True, False}
 
 
+def test_passages_are_open_to_the_circle_that_is_asked_for() -> None:
+    """A wall whose gap of 6.4 cm lets the cube's inscribed circle through, not the other one."""
+
+    def wall(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
+        x, y = 0.475, 0.032 + 0.4
+        return [Obstacle((0.8, 0.06, 0.06), (x, side * y, np.pi / 2)) for side in (-1, 1)]
+
+    def sides(circle: str) -> set[bool]:
+        config = ScenarioConfig(scene=wall, path_inflation=circle)
+        drawn = [sample_scenario(np.random.default_rng([0, i]), config) for i in range(30)]
+        return {(s.object_pose[0] > 0.475) == (s.goal_position[0] > 0.475) for s in drawn}
+
+    assert sides("circumscribed") == {True}
+    assert sides("inscribed") == {True, False}
+
+
+def test_a_tight_family_says_what_it_needs() -> None:
+    with pytest.raises(ValueError, match=r"In 'diagonal_walls' a path needs path_inflation='inscr"):
+        sample_scenario(
+            np.random.default_rng(0), ScenarioConfig(scene="diagonal_walls", distance=0.6)
+        )
+    assert get_scene("diagonal_walls")[0] == "diagonal_walls"
+
+
 def test_an_impossible_scene_says_which_condition_failed() -> None:
     def full(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
         return [Obstacle((2.0, 2.0, 0.06), (0.5, 0.0, 0.0))]
 
-    with pytest.raises(ValueError, match=r"no start found in scene 'full'.*start too close"):
+    with pytest.raises(
+        ValueError, match=r"no start .* m from a goal found in scene 'full'.*start too close"
+    ):
         sample_scenario(np.random.default_rng(0), ScenarioConfig(scene=full))
 
 

@@ -1,0 +1,28 @@
+"""Record demonstrations of any policies for offline learning, as Minari and ManiSkill data sets.
+
+    modpush collect --policy agent corridor --episodes 1000 --only-success
+    modpush collect --policy scripted --env.scene free --env.difficulty 0 0.5 --images
+
+Writes both data sets and a card to `runs/demonstrations/`. An interrupted run goes on where it stopped,
+and one that asks for more episodes adds them. It needs `pip install 'modpush[data]'`.
+"""
+
+from collections.abc import Sequence
+
+import torch
+import tyro
+
+from modpush.data.config import CollectConfig
+
+__all__ = ["main"]
+
+
+def main(arguments: Sequence[str]) -> None:
+    """`modpush collect <arguments>`."""
+    torch.set_num_threads(1)
+    config = tyro.cli(CollectConfig, prog="modpush collect", description=__doc__, args=[*arguments])
+    from modpush.data.collecting import collect_demonstrations
+
+    folder = collect_demonstrations(config)
+    print((folder / "README.md").read_text())
+    print(f"Wrote {folder}/.")

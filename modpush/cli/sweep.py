@@ -1,0 +1,49 @@
+"""Train variants and seeds of a configuration, one after the other or with Ray Tune.
+
+    modpush sweep examples/sweeps/ablations.yaml --out runs/ablations
+    modpush sweep examples/sweeps/ablations.yaml --out runs/ablations --groups replay encoder
+    modpush sweep examples/sweeps/smoke.yaml --out /tmp/sweep --ray
+
+The file names a training preset, what all runs change in it, the seeds, and the variants by the dotted
+names of `modpush train`. The folder gets a training run's folder for every variant and seed, and
+`trials.csv` (last and best evaluation of each), `curves.csv` and `curves.png`. Started again, it goes
+on where it was. Ray needs `pip install 'modpush[ray]'`; with it each trial takes two CPUs.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import tyro
+
+from modpush._types import Count, FilePath, Name, Several
+from modpush._validation import checked
+from modpush.sweeps.definition import load_sweep
+from modpush.sweeps.runner import run_sweep
+
+__all__ = ["SweepConfig", "main"]
+
+
+@checked
+class SweepConfig:
+    """A sweep and its folder."""
+
+    sweep: tyro.conf.Positional[Name]
+    """YAML file of the sweep, or `module:name` of a `Sweep` or of a list of variants."""
+    out: FilePath = Path("runs/sweep")
+    """Folder to write to."""
+    groups: Several[Name] = ()
+    """Groups of variants to run, beside the first variant; all by default."""
+    total_steps: Count | None = None
+    """Environment steps of each run, instead of what the file says."""
+    ray: bool = False
+    """Run trials at the same time, with Ray Tune."""
+
+
+def main(arguments: Sequence[str]) -> None:
+    """`modpush sweep <arguments>`."""
+    config = tyro.cli(SweepConfig, prog="modpush sweep", description=__doc__, args=[*arguments])
+    sweep = load_sweep(config.sweep).of_groups(config.groups)
+    results = run_sweep(sweep, config.out, ray=config.ray, total_steps=config.total_steps)
+    columns = ["variant", "seed", "state", "step", "final_success", "best_success"]
+    print(results[columns].to_string(index=False))
+    print(f"Wrote trials.csv, curves.csv and curves.png to {config.out}/.")

@@ -1,0 +1,8 @@
+"""Demonstrations: episodes of any policies as a data set for offline learning, and back into a buffer.
+
+Names are imported on first use; `__init__.pyi` lists them.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,94 @@
+"""`CollectConfig`: which demonstrations are collected, and from which starts."""
+
+from dataclasses import asdict, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from annotated_types import Le
+from pydantic import StringConstraints
+
+from modpush._types import AtLeastOne, Count, FilePath, Name, NonNegativeInteger, Several
+from modpush._validation import checked
+from modpush.recipes.config import END_TO_END, PushEnvConfig
+
+__all__ = ["MAX_NUMBER", "CollectConfig", "Format", "episode_seed"]
+
+Format = Literal["minari", "maniskill"]
+
+MAX_NUMBER = 1_000_000
+"""Number of starts that there are for one seed."""
+_FIRST_SEED = 1_000_000_000
+
+
+def episode_seed(seed: int, number: int) -> int:
+    """Seed from which the start of an episode is drawn.
+
+    It is between 1e9 and 2^32. The evaluation sets and the episodes held out in training are drawn
+    with smaller first words, so that none of their starts is among the demonstrations.
+
+    Args:
+        seed: Seed of the data set.
+        number: Number of the start, below `MAX_NUMBER`.
+    """
+    return _FIRST_SEED + MAX_NUMBER * seed + number
+
+
+@checked
+class CollectConfig:
+    """What `collect_demonstrations` collects."""
+
+    policy: AtLeastOne[Name] = ("agent",)
+    """Policies to record: `agent`, `corridor`, `corridor_faithful`, `scripted`, a training run's
+    folder, or an agent's file. Each of their episodes is labelled with the policy's name."""
+    episodes: Annotated[Count, Le(MAX_NUMBER)] = 100
+    """Number of episodes to keep of each policy."""
+    only_success: bool = False
+    """Keep only episodes that reach the goal; others are run in place of those that do not."""
+    images: bool = False
+    """Keep depth and segmentation images, too, in the Minari data set (some 2 kB for each step)."""
+    formats: AtLeastOne[Format] = ("minari", "maniskill")
+    """Formats to write."""
+    env: PushEnvConfig = field(default_factory=lambda: PushEnvConfig.preset("cpu", num_envs=8))
+    """Environment whose observations, actions and rewards are recorded. Policies that observe or act
+    otherwise see what they were made for; their actions are turned into this environment's."""
+    seed: Annotated[NonNegativeInteger, Le(3000)] = 0
+    """Seed of the starts. Those of two seeds are different, and none is in an evaluation set."""
+    name: Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_]+$")] = "push"
+    """Name of the data set: letters, digits and underscores. Minari calls it `modpush/<name>-v0`."""
+    licence: Name = "MIT"
+    """Licence that the card names."""
+    allow: Several[Name] = ()
+    """Modules that an agent's file may import parts of its author's own from."""
+    out: FilePath = Path("runs/demonstrations")
+    """Folder to write to. A run that was interrupted, or that asks for more, goes on with what it
+    holds."""
+
+    def __post_init__(self) -> None:
+        """Refuse what a flat observation cannot hold, and policies that are named twice."""
+        if self.env.encoder == END_TO_END:
+            raise ValueError(
+                f"CollectConfig: env.encoder={END_TO_END!r} has no flat observation; collect with "
+                "images=True and another encoder, and encode the images when learning."
+            )
+        if len(set(self.policy)) < len(self.policy):
+            raise ValueError(f"CollectConfig: a policy is named twice, got {self.policy}.")
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """Names of the objects that are pushed."""
+        names = self.env.pushed_object
+        return (names,) if isinstance(names, str) else tuple(names)
+
+    @property
+    def dataset_id(self) -> str:
+        """Minari's name of the data set."""
+        return f"modpush/{self.name}-v0"
+
+    def env_options(self) -> dict[str, Any]:
+        """Arguments of `gymnasium.make("modpush/Push-v0", ...)`, as plain data.
+
+        All fields are spelled out, so that they stay what they are when a preset changes.
+        """
+        options = {name: value for name, value in asdict(self.env).items() if value != ()}
+        del options["num_envs"]
+        return {"preset": "cpu", **options}

@@ -1,0 +1,178 @@
+"""`RecordingEnv`: a `PushEnv` for policies, which records its episodes as another stack sees them."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.envs import EnvBase, Transform, TransformedEnv
+from torchrl.envs.utils import step_mdp
+
+from modpush.data.demonstration import FLAG_KEYS, POSE_KEYS, Demonstration, body_state
+from modpush.envs.push_env import PushEnv
+from modpush.envs.scenes.objects import PushedObject
+from modpush.geometry.angles import rotate
+from modpush.geometry.frames import frame_yaw
+from modpush.mdp.action_frame import ActionFrame
+
+__all__ = ["RecordingEnv"]
+
+_IMAGES = ("depth", "segmentation")
+
+
+class _NoteCommand(Transform):
+    """Keeps the action that reaches `PushEnv`, in the base frame."""
+
+    def __init__(self) -> None:
+        super().__init__(in_keys_inv=["action"], out_keys_inv=["action"])
+        self.command = torch.zeros(0)
+
+    def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
+        self.command = tensordict["action"].clone()
+        return tensordict
+
+
+class RecordingEnv(EnvBase):
+    """Emits and takes what `PushEnv` does, and records what the stack of transforms on it says.
+
+    A policy may have its own transforms on top of this environment: its observation and action need
+    not be the recorded ones. Its action, in the base frame, is turned into the axes of the recorded
+    stack, shrunk where it leaves the box of actions there (the direction is kept), and taken by that
+    stack; what is recorded is what has been done.
+
+    Args:
+        env: What `make_push_env` returns with `keep_images=True`. It is closed with this environment.
+        images: Whether to record depth and segmentation.
+
+    Raises:
+        ValueError: If the environment has no `PushEnv` at its bottom or does not emit images.
+    """
+
+    batch_locked = True
+
+    def __init__(self, env: TransformedEnv, images: bool = False) -> None:
+        base = env.base_env
+        if not isinstance(base, PushEnv):
+            raise ValueError(
+                f"RecordingEnv: env must be a stack of transforms on a PushEnv, got {env!r}."
+            )
+        missing = set(base.observation_spec.keys()) - set(env.observation_spec.keys())
+        if missing:
+            raise ValueError(
+                f"RecordingEnv: env drops {sorted(missing)}, which policies may need; make it with "
+                "keep_images=True."
+            )
+        super().__init__(device=base.device, batch_size=base.batch_size)
+        self.is_closed = False
+        self._env, self._base, self._images = env, base, images
+        self._note = _NoteCommand()
+        env.insert_transform(0, self._note)
+        frames = [t.frame for t in env.transform if isinstance(t, ActionFrame)]
+        self._frame = frames[0] if frames else "base"
+        for name in ("observation_spec", "action_spec", "reward_spec", "done_spec"):
+            setattr(self, name, getattr(base, name).clone())
+        self._keys = [*base.observation_spec.keys(True, True), *base.done_spec.keys(True, True)]
+        self._state = TensorDict({}, batch_size=self.batch_size)
+        self._records: list[dict[str, list[Any]]] = [{} for _ in range(self.batch_size[0])]
+
+    @property
+    def pushed_objects(self) -> Mapping[str, PushedObject]:
+        """The objects that may be pushed, by name."""
+        return self._base.pushed_objects
+
+    def _set_seed(self, seed: int | None) -> None:
+        self._env.set_seed(seed)
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **options: Any) -> TensorDictBase:
+        """Start new episodes, with the arguments of `PushEnv`'s reset."""
+        mask = None if tensordict is None else tensordict.get("_reset", None)
+        if mask is None:
+            self._state = self._env.reset(**options)
+            rows = range(self.batch_size[0])
+        else:
+            self._state = self._env.reset(self._state.set("_reset", mask), **options)
+            self._state.pop("_reset", None)
+            rows = mask.reshape(self.batch_size[0], -1).any(-1).nonzero()[:, 0].tolist()
+        for row in rows:
+            self._records[row] = {}
+        self._record_state(self._state, rows)
+        return self._emitted(self._state)
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        action = self._turned(tensordict["action"])
+        stepped = self._env.step(self._state.set("action", action))
+        after = stepped["next"]
+        rows = range(self.batch_size[0])
+        done = {
+            "action": action.numpy(),
+            "command": self._note.command.numpy(),
+            "reward": after["reward"][:, 0].numpy(),
+            "terminated": after["terminated"][:, 0].numpy(),
+            "truncated": after["truncated"][:, 0].numpy(),
+        }
+        for row in rows:
+            for key, value in done.items():
+                self._records[row].setdefault(key, []).append(value[row])
+        self._record_state(after, rows)
+        self._state = step_mdp(stepped)
+        return self._emitted(after).set("reward", after["success"].float())
+
+    def _turned(self, command: Tensor) -> Tensor:
+        """An action in the base frame in the axes of the recorded stack, `[B, 3]`."""
+        if self._frame == "base":
+            return command.clone()
+        yaw = frame_yaw(self._frame, self._state["object_pose"], self._state.get("subgoal", None))
+        planar = rotate(command[:, :2], -yaw)
+        planar = planar / planar.abs().amax(-1, keepdim=True).clamp_min(1.0)
+        return torch.cat([planar, command[:, 2:]], -1)
+
+    def _emitted(self, td: TensorDictBase) -> TensorDictBase:
+        """What `PushEnv` emits, of what the stack does."""
+        return TensorDict({key: td[key] for key in self._keys}, batch_size=self.batch_size)
+
+    def _record_state(self, td: TensorDictBase, rows: Any) -> None:
+        state = self._base.get_state(list(rows))
+        values: dict[str, NDArray[Any]] = {"observation": td["observation"].numpy()}
+        values |= {f"poses/{key}": td[key].numpy() for key in POSE_KEYS}
+        values |= {f"flags/{key}": td[key][:, 0].numpy() for key in FLAG_KEYS}
+        if self._images:
+            values |= {key: td[key][:, 0].numpy() for key in _IMAGES}
+        for row, scene in zip(rows, state.scenes, strict=True):
+            record = self._records[row]
+            for key, value in values.items():
+                record.setdefault(key, []).append(np.array(value[row]))  # a copy
+            record.setdefault("physics", []).append(body_state(scene))
+            record.setdefault("target", []).append(scene.target)
+
+    def demonstration(self, row: int, *, policy: str, number: int, seed: int) -> Demonstration:
+        """The episode of a scene since its last reset.
+
+        Args:
+            row: The scene.
+            policy: Name of the policy that acted.
+            number: Number of the start.
+            seed: Seed of the start.
+        """
+        found: dict[str, Any] = {"poses": {}, "flags": {}}
+        for name, value in self._records[row].items():
+            group, _, key = name.partition("/")
+            if key:
+                found[group][key] = np.array(value)
+            else:
+                found[name] = np.array(value)
+        return Demonstration(
+            policy=policy,
+            number=number,
+            seed=seed,
+            scenario=self._base.scenarios[row],
+            **found,
+        )
+
+    def close(self, *, raise_if_closed: bool = True) -> None:
+        """Free the simulators."""
+        if not self.is_closed:
+            self._env.close()
+        super().close(raise_if_closed=raise_if_closed)

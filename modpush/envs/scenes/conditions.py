@@ -1,0 +1,62 @@
+"""The conditions under which the episodes of a set are run, the same for every method."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Annotated, Any, Literal
+
+from annotated_types import Le
+
+from modpush._types import Count
+from modpush._validation import checked, from_plain
+from modpush.envs.scenes.objects import Circle
+
+__all__ = ["EpisodeConditions"]
+
+
+@checked
+class EpisodeConditions:
+    """Time limit, tool, physics and map of an evaluation set, whatever a method was made with."""
+
+    max_episode_steps: Count = 200
+    """Control steps after which an episode is truncated."""
+    tool: Literal["2f85", "rod"] = "2f85"
+    """Tool of the arm: the closed gripper, or the rod of the authors' code."""
+    sim_freq: Annotated[Count, Le(100_000)] = 120
+    """Physics steps per second [Hz]."""
+    inflation: Circle = "circumscribed"
+    """Which of the object's circles gives the radius by which obstacles were inflated where it was
+    decided that an episode can be solved, and are for its shortest path. With `inscribed` every method
+    plans on a map inflated so, since there may be no way on another; with `circumscribed` there is one
+    on either, and a method plans on a map of its own."""
+
+    @property
+    def env_options(self) -> dict[str, Any]:
+        """Time limit, tool and physics, as arguments of `PushEnv`."""
+        return {name: value for name, value in asdict(self).items() if name != "inflation"}
+
+    @property
+    def agent_options(self) -> dict[str, Any]:
+        """`env_options` and, where the set asks for a certain map, `inflation` of `make_push_env`."""
+        own_map = self.inflation == "circumscribed"
+        return self.env_options if own_map else {**self.env_options, "inflation": self.inflation}
+
+    def differences(self, settings: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
+        """What differs in an environment: `(there, of the set)` by argument of `PushEnv`.
+
+        Args:
+            settings: `PushEnv.settings` of the environment.
+        """
+        return {
+            name: (settings.get(name), value)
+            for name, value in self.env_options.items()
+            if settings.get(name) != value
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "EpisodeConditions":
+        """Inverse of `dataclasses.asdict`.
+
+        Raises:
+            ValueError: If a field is missing, unknown or wrong; the message names it.
+        """
+        return from_plain(cls, data)

@@ -1,0 +1,67 @@
+"""What the evaluation and tuning sets are drawn from.
+
+Source: paper Sec. V (numbers of episodes, scenes, objects, distances).
+"""
+
+from dataclasses import dataclass, field
+
+from modpush.envs.scenes.conditions import EpisodeConditions
+from modpush.envs.scenes.layouts import (
+    HARD_SCENES,
+    HARD_TUNING_SCENES,
+    HARD_WIDE_SCENES,
+    OBSTACLE_SCENES,
+)
+from modpush.envs.scenes.objects import OBJECTS
+
+__all__ = ["RECIPES", "SetRecipe"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetRecipe:
+    """Distribution of a set's episodes. Episode i takes the i-th family and object, in turn."""
+
+    seed: int
+    """Seed of the set; episode i draws from the generator of (seed, i)."""
+    count: int
+    """Number of episodes."""
+    scenes: tuple[str, ...]
+    """Scene families."""
+    objects: tuple[str, ...] = ("small_cube",)
+    """Pushed objects."""
+    distance: tuple[float, float] = (0.2, 0.6)
+    """Range of the distance from start to goal, which is uniform [m]."""
+    difficulty: tuple[float, float] = (0.0, 1.0)
+    """Range of the scenes' difficulty, which is uniform."""
+    conditions: EpisodeConditions = field(default_factory=EpisodeConditions)
+    """Conditions under which the episodes are run."""
+
+
+_TIGHT = EpisodeConditions(inflation="inscribed")
+
+RECIPES = {
+    "smoke": SetRecipe(
+        seed=1,
+        count=20,
+        scenes=("free", *OBSTACLE_SCENES, "zigzag", "random_clutter", *HARD_WIDE_SCENES),
+        objects=tuple(OBJECTS),
+    ),
+    "free/small_cube": SetRecipe(seed=2, count=500, scenes=("free",)),
+    **{
+        f"obstacles/{name}": SetRecipe(
+            seed=3 + k, count=1000, scenes=OBSTACLE_SCENES, objects=(name,)
+        )
+        for k, name in enumerate(("small_cube", "large_cube", "small_cylinder", "fragment"))
+    },
+    "hard/small_cube": SetRecipe(seed=7, count=50, scenes=HARD_SCENES, conditions=_TIGHT),
+    "hard200/small_cube": SetRecipe(seed=7, count=200, scenes=HARD_SCENES, conditions=_TIGHT),
+    "hard_wide/small_cube": SetRecipe(seed=8, count=200, scenes=HARD_WIDE_SCENES),
+    "tuning/small_cube": SetRecipe(seed=101, count=200, scenes=OBSTACLE_SCENES),
+    "tuning/all_objects": SetRecipe(
+        seed=102, count=200, scenes=("free", *OBSTACLE_SCENES), objects=tuple(OBJECTS)
+    ),
+    "tuning/hard": SetRecipe(seed=103, count=100, scenes=HARD_TUNING_SCENES, conditions=_TIGHT),
+}
+"""By name of the set. `hard200/small_cube` begins with the episodes of `hard/small_cube`. Those whose
+name begins with `tuning/` have other seeds than the others and, where they are hard, other layouts:
+settings are chosen on them and on no other set."""

@@ -1,0 +1,63 @@
+"""`DepthNoise`: the noise and the missing pixels of a real depth camera."""
+
+import torch
+from tensordict import NestedKey, TensorDictBase
+from torchrl.data import TensorSpec, Unbounded
+from torchrl.envs import Transform
+
+from modpush._keys import check_spec_has, read_key
+from modpush._types import Fraction, NonNegativeLength
+from modpush._validation import check_value
+
+__all__ = ["DepthNoise"]
+
+
+class DepthNoise(Transform):
+    """Adds noise to a depth image and takes pixels out of it, anew in every step.
+
+    It belongs before whatever reads the image: `env.insert_transform(0, DepthNoise(sigma=0.002))`.
+    Random numbers are torch's, so that `torch.manual_seed` repeats them.
+
+    Args:
+        sigma: Standard deviation of the normal noise on each pixel [m].
+        dropout: Share of pixels without a measurement, in [0, 1]. They read 0, which stands for
+            "nothing seen" in all of modpush.
+        depth_key: Read and written, `[..., 1, H, W]` float32 [m].
+
+    Raises:
+        ValueError: If a number is out of its range.
+        KeyError: If the image is missing.
+    """
+
+    def __init__(
+        self, sigma: float = 0.0, dropout: float = 0.0, *, depth_key: NestedKey = "depth"
+    ) -> None:
+        super().__init__(in_keys=[depth_key], out_keys=[depth_key])
+        self.sigma = check_value("DepthNoise", "sigma", sigma, NonNegativeLength)
+        self.dropout = check_value("DepthNoise", "dropout", dropout, Fraction)
+        self.depth_key = depth_key
+
+    def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
+        depth = read_key("DepthNoise", next_tensordict, self.depth_key)
+        if self.sigma > 0:
+            depth = (depth + self.sigma * torch.randn_like(depth)).clamp_min(0.0)
+        if self.dropout > 0:
+            depth = depth.masked_fill(torch.rand_like(depth) < self.dropout, 0.0)
+        return next_tensordict.set(self.depth_key, depth)
+
+    forward = _call
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        return self._call(tensordict_reset)
+
+    def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
+        """With noise the table may seem to be farther away than it is."""
+        check_spec_has("DepthNoise", observation_spec, [self.depth_key])
+        if self.sigma > 0:
+            spec = observation_spec[self.depth_key]
+            observation_spec[self.depth_key] = Unbounded(
+                shape=spec.shape, dtype=spec.dtype, device=spec.device
+            )
+        return observation_spec

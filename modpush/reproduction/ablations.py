@@ -1,0 +1,138 @@
+"""What the parts of the method are worth: a sweep's results as one table and one figure."""
+
+import math
+
+import numpy as np
+import pandas as pd
+
+from modpush._provenance import read_sessions, sources_text
+from modpush.evaluation.stats import paired_t_test
+from modpush.evaluation.tables import format_table
+from modpush.files import write_text
+from modpush.reproduction.config import ReproduceConfig
+from modpush.sweeps.figure import draw_sweep
+
+__all__ = ["ablation_table", "write_ablations"]
+
+_REACHED = 0.9  # success rate whose first step is given
+_SWEEP = "examples/sweeps/ablations.yaml"
+
+
+def ablation_table(trials: pd.DataFrame, curves: pd.DataFrame) -> pd.DataFrame:
+    """A sweep's trials by variant, compared with its first variant.
+
+    Args:
+        trials: `trials.csv` of a sweep; only finished trials count.
+        curves: `curves.csv` of the same sweep.
+
+    Returns:
+        By group and variant: `seeds`; `success`, `spl`, `contact_rate` and `collision_rate` of the last
+        evaluation, mean over the seeds; `lowest` and `highest` success; `area`, the mean success of all
+        evaluations; `steps_to_0.9`, the mean over the seeds of the steps after which the success rate
+        first was 0.9 (NaN if it was not with every seed); and against the first variant with the same
+        seeds `difference` in success, `p` and `effect_size` of the paired t-test.
+
+    Raises:
+        ValueError: If no trial of the first variant has finished.
+    """
+    baseline = trials["variant"].iloc[0]
+    finished = trials[trials["state"] == "finished"]
+    reference = finished[finished["variant"] == baseline].set_index("seed")["final_success"]
+    if reference.empty:
+        raise ValueError(
+            f"ablation_table: no trial of {baseline!r}, the first variant, is finished."
+        )
+    lines = []
+    for (group, variant), own in finished.groupby(["group", "variant"], sort=False):
+        seeds = own["seed"].tolist()
+        chosen = curves[(curves["variant"] == variant) & curves["seed"].isin(seeds)]
+        line = {"group": group, "variant": variant, "seeds": len(own)}
+        line |= {"success": own["final_success"].mean()}
+        line |= {"lowest": own["final_success"].min(), "highest": own["final_success"].max()}
+        for metric in ("spl", "contact_rate", "collision_rate"):
+            line[metric] = own[f"final_{metric}"].mean()
+        line["area"] = chosen.groupby("seed")["success"].mean().mean()
+        line[f"steps_to_{_REACHED:g}"] = _steps_to(chosen)
+        others = None if variant == baseline else reference
+        lines.append(line | _against(own.set_index("seed")["final_success"], others))
+    return pd.DataFrame(lines).set_index(["group", "variant"])
+
+
+def _steps_to(curves: pd.DataFrame) -> float:
+    reached = curves[curves["success"] >= _REACHED].groupby("seed")["step"].min()
+    return float(reached.mean()) if len(reached) == curves["seed"].nunique() else math.nan
+
+
+def _against(own: pd.Series, reference: pd.Series | None) -> dict[str, float]:
+    common = own.index.intersection([] if reference is None else reference.index)
+    if reference is None or len(common) == 0:
+        return {"difference": math.nan, "p": math.nan, "effect_size": math.nan}
+    test = paired_t_test(own[common], reference[common])
+    return {"difference": test.difference, "p": test.p, "effect_size": test.effect_size}
+
+
+def write_ablations(config: ReproduceConfig) -> None:
+    """Write `ablations.md`, `.csv`, `.tex` and `.png` from a sweep's folder.
+
+    Raises:
+        FileNotFoundError: If there is no sweep in the folder, with the command that runs one.
+        ValueError: If no trial of its first variant has finished.
+    """
+    paths = [config.sweep / name for name in ("trials.csv", "curves.csv")]
+    if not all(path.exists() for path in paths):
+        raise FileNotFoundError(
+            f"write_ablations: no sweep in {config.sweep}; run modpush sweep {_SWEEP} --out "
+            f"{config.sweep}."
+        )
+    trials, curves = (pd.read_csv(path) for path in paths)
+    table = ablation_table(trials, curves)
+    write_text(config.out / "ablations.csv", table.to_csv())
+    write_text(config.out / "ablations.tex", format_table(_as_text(table), "latex"))
+    draw_sweep(curves, config.out / "ablations.png")
+    for path in paths:
+        write_text(config.out / f"ablations_{path.name}", path.read_text())
+    open_trials = trials[trials["state"] != "finished"]
+    missing = ", ".join(f"{r.variant} (seed {r.seed}, {r.state})" for r in open_trials.itertuples())
+    command = f"modpush sweep {_SWEEP} --out {config.sweep.name}; {config.command('ablations')}"
+    seeds = ", ".join(str(seed) for seed in sorted(trials["seed"].unique()))
+    sources = sources_text(command, read_sessions(config.sweep), seeds, "training runs")
+    steps = sorted(trials["total_steps"].unique())
+    text = _TEXT.format(
+        sources=sources,
+        steps=" or ".join(f"{value:,}".replace(",", " ") for value in steps),
+        minutes=trials["minutes"].mean() if "minutes" in trials else math.nan,
+        baseline=trials["variant"].iloc[0],
+        table=format_table(_as_text(table)),
+        missing=f"Not finished, and left out: {missing}." if missing else "All runs are finished.",
+    )
+    write_text(config.out / "ablations.md", text)
+
+
+def _as_text(table: pd.DataFrame) -> pd.DataFrame:
+    shown = pd.DataFrame(index=table.index)
+    shown["seeds"] = table["seeds"].astype(str)
+    shown["success"] = [
+        f"{row.success:.3f} ({row.lowest:.3f} to {row.highest:.3f})" for row in table.itertuples()
+    ]
+    for name in ("spl", "contact_rate", "collision_rate", "area"):
+        shown[name] = table[name]
+    steps = table[f"steps_to_{_REACHED:g}"]
+    shown[f"steps to {_REACHED:g}"] = ["–" if np.isnan(s) else f"{s:.0f}" for s in steps]
+    shown["difference"] = ["–" if np.isnan(d) else f"{d:+.3f}" for d in table["difference"]]
+    shown["p"] = ["–" if np.isnan(p) else f"{p:.2g}" for p in table["p"]]
+    shown["d"] = ["–" if np.isnan(d) else f"{d:+.2f}" for d in table["effect_size"]]
+    return shown
+
+
+_TEXT = """# What the parts of the method are worth
+
+{sources}
+Every variant is trained alike, {steps} environment steps ({minutes:.0f} minutes on average), and
+evaluated without exploration noise on the same held-out episodes, which belong to no evaluation
+set. Figures are of the last evaluation, means over the seeds, success with its lowest and highest
+seed; `area` is the mean success of all evaluations. Differences are from `{baseline}` with the same
+seeds, by paired t-tests: with few seeds only large ones can be told from chance. {missing}
+
+{table}
+![learning curves: the mean over the seeds and their range](ablations.png)
+"""

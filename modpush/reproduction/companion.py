@@ -1,0 +1,81 @@
+"""The first page of `docs/results/paper`: what is there, and where we are ahead, level and behind."""
+
+from pathlib import Path
+
+import pandas as pd
+
+from modpush.files import write_text
+from modpush.reproduction.config import PARTS, ReproduceConfig
+from modpush.reproduction.verdicts import RULES
+
+__all__ = ["verdict_lists", "write_companion"]
+
+_ABOUT = {
+    "table1": "Table I: straight pushes in free space",
+    "table2": "Table II: five families of obstacles, four objects",
+    "table3": "Table III: unseen scenes, dense with clutter",
+    "figure6": "The paper's figure of example episodes",
+    "runtime": "The paper's computing times (Sec. V-B)",
+    "dynamics": "Dynamics that the agent was not trained with",
+    "ablations": "What the parts of the method are worth (Sec. IV)",
+}
+
+
+def write_companion(config: ReproduceConfig) -> None:
+    """Write `README.md` from the pages and verdicts that the folder holds."""
+    found = [part for part in PARTS if (config.out / f"{part}.md").exists()]
+    lines = [
+        "# The paper, reproduced",
+        "Every page has the command that makes it again, the commit, the seed, the machine and the "
+        "time it took. `modpush reproduce all` makes all of them; episodes that were run are kept "
+        "in `runs/reproduce`, so that only missing ones run again.",
+        "\n".join(
+            ["| page | what | command |", "|---|---|---|"]
+            + [
+                f"| [{part}]({part}.md) | {_ABOUT[part]} | `{config.command(part)}` |"
+                for part in found
+            ]
+        ),
+    ]
+    if missing := [_ABOUT[part] for part in PARTS if part not in found]:
+        lines.append("Not there yet: " + "; ".join(missing) + ".")
+    if verdicts := _read_verdicts(config.out):
+        lines.append("## Ahead, level, behind\n\n" + RULES.strip())
+        lines += verdict_lists(pd.concat(verdicts, ignore_index=True))
+    write_text(config.out / "README.md", "\n\n".join(lines) + "\n")
+
+
+def _read_verdicts(out: Path) -> list[pd.DataFrame]:
+    paths = [out / f"{part}_verdicts.csv" for part in PARTS]
+    return [pd.read_csv(path) for path in paths if path.exists()]
+
+
+def verdict_lists(verdicts: pd.DataFrame) -> list[str]:
+    """The agents' verdicts as Markdown: counts, and a list each of what is ahead, level and behind.
+
+    Args:
+        verdicts: Columns of `judge`, and `table` and `section`.
+
+    Returns:
+        Paragraphs. Rows of the controllers are left out: the lists are about the agents.
+    """
+    agents = verdicts[verdicts["method"].str.startswith("agent")]
+    counts = agents.groupby(["versus", "verdict"], sort=False).size().unstack(fill_value=0)
+    counts = counts.reindex(columns=["ahead", "level", "behind"], fill_value=0)
+    table = ["| against | ahead | level | behind |", "|---|---|---|---|"]
+    table += [
+        f"| {row.Index} | {row.ahead} | {row.level} | {row.behind} |" for row in counts.itertuples()
+    ]
+    paragraphs = ["\n".join(table)]
+    for verdict in ("ahead", "level", "behind"):
+        chosen = agents[agents["verdict"] == verdict]
+        lines = [
+            f"- {table}, {section}, {method} against {versus}: "
+            + ", ".join(f"{r.ours} {r.mean:.3f} ({r.theirs:.3f})" for r in own.itertuples())
+            for (table, section, method, versus), own in chosen.groupby(
+                ["table", "section", "method", "versus"], sort=False
+            )
+        ]
+        paragraphs.append(f"### {verdict.capitalize()}")
+        paragraphs.append("\n".join(lines) or "Nothing.")
+    return paragraphs

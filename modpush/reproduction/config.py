@@ -1,0 +1,85 @@
+"""What is reproduced, with which agents, and where it is written."""
+
+from collections.abc import Mapping
+from dataclasses import field
+from pathlib import Path
+from typing import Literal, get_args
+
+import tyro
+
+from modpush._types import AtLeastOne, Count, FilePath, Name, Scenes, Seed, Several
+from modpush._validation import checked
+
+__all__ = ["PARTS", "Part", "ReproduceConfig"]
+
+Part = Literal["table1", "table2", "table3", "figure6", "runtime", "dynamics", "ablations", "all"]
+PARTS = tuple(part for part in get_args(Part) if part != "all")
+"""What can be reproduced, in the order of the companion page."""
+
+
+_MATTERS: dict[str, tuple[str, ...]] = {
+    "table1": ("agent", "first"),
+    "table2": ("agent", "first", "policy_files"),
+    "table3": ("agent", "first"),
+    "figure6": ("agent", "first"),
+    "runtime": ("agent", "seed"),
+    "dynamics": ("agent", "seed", "dynamics_episodes"),
+    "ablations": ("sweep",),
+}
+"""Fields of the configuration that each part's results depend on."""
+
+
+@checked
+class ReproduceConfig:
+    """Parts of the paper, the agents, and where results are kept."""
+
+    parts: tyro.conf.Positional[AtLeastOne[Part]] = ("all",)
+    """Parts to reproduce: `table1` (free space), `table2` (five families, four objects), `table3` (hard
+    scenes), `figure6` (pictures of episodes), `runtime`, `dynamics` (dynamics that the agent was not
+    trained with), `ablations` (from a sweep that has been run), or `all` of them."""
+    agent: Name = "small_cube"
+    """Agent that is evaluated everywhere, unchanged: the name of a shipped one, a training run's folder,
+    or an agent's file."""
+    policy_files: Mapping[Name, FilePath] = field(default_factory=dict)
+    """Further agents by the object that they were trained with, for the paper's retrained row: pairs of
+    object and agent's file."""
+    first: Count | None = None
+    """Number of episodes to run of each set, from its first on; all by default."""
+    num_envs: Scenes = 8
+    """Number of scenes that a process steps together."""
+    workers: Count = 1
+    """Number of processes."""
+    seed: Seed = 20_261_122
+    """Seed from which the scenarios of `dynamics` and `runtime` are drawn, which are in no set."""
+    dynamics_episodes: Count = 100
+    """Number of episodes for each value of each quantity in `dynamics`."""
+    sweep: FilePath = Path("runs/ablations")
+    """Folder of the sweep that `ablations` reads, as `modpush sweep` wrote it."""
+    rows: FilePath = Path("runs/reproduce")
+    """Folder that rows and trajectories are kept in, so that only missing episodes run."""
+    out: FilePath = Path("docs/results/paper")
+    """Folder that pages, tables and pictures are written to."""
+    fresh: bool = False
+    """Run all episodes anew instead of going on with the rows that are there."""
+    progress: bool = True
+    """Show progress bars."""
+    allow: Several[Name] = ()
+    """Modules that an agent's file may import parts of its author's own from."""
+
+    @property
+    def chosen(self) -> tuple[Part, ...]:
+        """The parts asked for in the order of `PARTS`, `all` spelled out."""
+        asked = set(PARTS) if "all" in self.parts else set(self.parts)
+        return tuple(part for part in PARTS if part in asked)
+
+    def command(self, part: str) -> str:
+        """The command that makes a part again: with what it depends on, if not as by default."""
+        words = ["modpush reproduce", part]
+        default = ReproduceConfig()
+        for name in _MATTERS[part]:
+            if (value := getattr(self, name)) == getattr(default, name):
+                continue
+            if name == "policy_files":
+                value = " ".join(f"{item} {Path(path).name}" for item, path in value.items())
+            words.append(f"--{name.replace('_', '-')} {value}")
+        return " ".join(words)

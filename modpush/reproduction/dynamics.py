@@ -1,0 +1,259 @@
+"""The agent under dynamics, sizes and sensors that it was not trained with."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+import pandas as pd
+from torchrl.envs import EnvBase
+from tqdm import tqdm
+
+from modpush._provenance import Session, sources_text
+from modpush.envs.scenes.conditions import EpisodeConditions
+from modpush.envs.scenes.layouts import OBSTACLE_SCENES
+from modpush.envs.scenes.objects import OBJECTS, PushedObject
+from modpush.envs.scenes.sampling import sample_scenario
+from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
+from modpush.evaluation.sets import EvaluationSet
+from modpush.evaluation.tables import format_table
+from modpush.files import write_text
+from modpush.mdp.depth_noise import DepthNoise
+from modpush.recipes.methods import Method, get_method
+from modpush.reproduction.cells import make_cells
+from modpush.reproduction.config import ReproduceConfig
+from modpush.reproduction.measure import (
+    AGENT,
+    Measured,
+    agent_source,
+    measure_policy,
+    methods_for,
+)
+
+matplotlib.use("Agg")  # no screen is needed
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+
+__all__ = ["QUANTITIES", "Change", "Quantity", "write_dynamics"]
+
+_OBJECT = "small_cube"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quantity:
+    """Something that differs from training, and the values that it takes."""
+
+    title: str
+    nominal: float
+    """Value in training."""
+    values: tuple[float, ...]
+    """Values that are measured, the nominal one among them."""
+
+
+QUANTITIES = {
+    "mass": Quantity(title="mass (kg)", nominal=1.0, values=(0.1, 0.3, 1.0, 2.0, 4.0)),
+    "friction": Quantity(
+        title="friction coefficient", nominal=0.5, values=(0.1, 0.3, 0.5, 0.8, 1.2)
+    ),
+    "center_of_mass": Quantity(
+        title="centre of mass off the middle (m)",
+        nominal=0.0,
+        values=(0.0, 0.005, 0.01, 0.015, 0.02),
+    ),
+    "size": Quantity(
+        title="size of the cube, times 5 cm", nominal=1.0, values=(0.6, 0.8, 1.0, 1.3, 1.6)
+    ),
+    "depth_noise": Quantity(
+        title="noise of the depth image (m)",
+        nominal=0.0,
+        values=(0.0, 0.001, 0.002, 0.003, 0.004, 0.006),
+    ),
+    "depth_dropout": Quantity(
+        title="share of missing pixels", nominal=0.0, values=(0.0, 0.02, 0.1, 0.3, 0.6)
+    ),
+    "control_freq": Quantity(title="control rate (Hz)", nominal=15, values=(5, 10, 15, 20, 30)),
+    "tip_height": Quantity(
+        title="height of the tool's tip (m)", nominal=0.02, values=(0.012, 0.016, 0.02, 0.03, 0.04)
+    ),
+}
+"""What is varied, one at a time. All other values are those of training."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Change:
+    """One quantity with another value than in training; picklable."""
+
+    quantity: str
+    value: float
+
+    @property
+    def nominal(self) -> bool:
+        """Whether this is the value of training."""
+        return self.value == QUANTITIES[self.quantity].nominal
+
+    @property
+    def name(self) -> str:
+        """Name of the results, which all nominal changes share."""
+        return "nominal" if self.nominal else f"{self.quantity}_{self.value:g}"
+
+    @property
+    def item(self) -> PushedObject:
+        """The pushed object."""
+        item = OBJECTS[_OBJECT]
+        if self.quantity == "size" and not self.nominal:
+            return item.scaled(self.value, f"{_OBJECT}_times_{self.value:g}")
+        if self.quantity == "tip_height" and not self.nominal:
+            return replace(item, name=f"{_OBJECT}_tip_{self.value:g}", tip_height=self.value)
+        return item
+
+    def scenario(self, seed: int, number: int) -> Scenario:
+        """Episode of this number: the same for all changes that leave the object's size alone."""
+        config = ScenarioConfig(
+            scene=OBSTACLE_SCENES[number % len(OBSTACLE_SCENES)], pushed_object=self.item
+        )
+        drawn = sample_scenario(np.random.default_rng([seed, number]), config)
+        dynamics = drawn.dynamics
+        if self.nominal:
+            return drawn
+        if self.quantity == "center_of_mass":
+            # In a direction of its own in every episode, and the same for every distance.
+            angle = np.random.default_rng([seed, number, 1]).uniform(-np.pi, np.pi)
+            offset = (self.value * float(np.cos(angle)), self.value * float(np.sin(angle)))
+            dynamics = replace(dynamics, center_of_mass=offset)
+        elif self.quantity in ("mass", "friction"):
+            changed: dict[str, Any] = {self.quantity: self.value}
+            dynamics = replace(dynamics, **changed)
+        return replace(drawn, dynamics=dynamics)
+
+    def make_env(self, num_envs: int, method: Method, conditions: EpisodeConditions) -> EnvBase:
+        """The agent's environment with this change."""
+        options: dict[str, Any] = {"pushed_object": self.item, "conditions": conditions}
+        if self.quantity == "control_freq":
+            options["control_freq"] = int(self.value)
+        env = method.make_env(num_envs, (_OBJECT,), **options)
+        if self.quantity == "depth_noise" and self.value:
+            env.insert_transform(0, DepthNoise(sigma=self.value))
+        if self.quantity == "depth_dropout" and self.value:
+            env.insert_transform(0, DepthNoise(dropout=self.value))
+        return env
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Factory:
+    """`make_env` of a change, as `evaluate` wants it."""
+
+    change: Change
+    agent: str
+    allow: tuple[str, ...]
+
+    def __call__(
+        self, num_envs: int, objects: Sequence[str], conditions: EpisodeConditions
+    ) -> EnvBase:
+        method = get_method(self.agent, (_OBJECT,), allow=self.allow)
+        return self.change.make_env(num_envs, method, conditions)
+
+
+def write_dynamics(config: ReproduceConfig) -> None:
+    """Measure the agent for each value, and write `dynamics.md`, `.csv` and `.png`."""
+    changes = [Change(quantity=q, value=v) for q, about in QUANTITIES.items() for v in about.values]
+    method = methods_for(config, _OBJECT)[AGENT]
+    sessions: dict[str, list[Session]] = {}
+    tables = []
+    for change in tqdm(changes, desc="dynamics", unit="value", disable=not config.progress):
+        measured = _measure(change, method, config)
+        sessions[change.name] = measured.sessions
+        cells = make_cells({AGENT: measured.rows})
+        about = {"quantity": change.quantity, "value": change.value, "nominal": change.nominal}
+        tables.append(cells.drop(columns=["method", "pair"]).assign(**about))
+    table = pd.concat(tables, ignore_index=True)
+    write_text(config.out / "dynamics.csv", table.to_csv(index=False))
+    _draw(table, config.out / "dynamics.png")
+    sources = sources_text(
+        config.command("dynamics"),
+        [s for several in sessions.values() for s in several],
+        f"{config.seed}; no evaluation set",
+    )
+    text = _TEXT.format(sources=sources, count=config.dynamics_episodes, table=_as_text(table))
+    write_text(config.out / "dynamics.md", text)
+
+
+def _measure(change: Change, method: Method, config: ReproduceConfig) -> Measured:
+    numbers = range(config.dynamics_episodes)
+    scenarios = tuple(change.scenario(config.seed, number) for number in numbers)
+    episodes = EvaluationSet(name=f"dynamics/{change.name}", scenarios=scenarios)
+    factory = _Factory(change=change, agent=agent_source(config.agent), allow=config.allow)
+    return measure_policy(
+        method.make_policy(),
+        episodes,
+        config.rows / episodes.name,
+        config,
+        make_env=factory,
+        label=change.name,
+        path_key=method.path_key,
+        target_key=method.target_key,
+    )
+
+
+def _as_text(table: pd.DataFrame) -> str:
+    lines = []
+    for (quantity, value), own in table.groupby(["quantity", "value"], sort=False):
+        cells = own.set_index("metric")
+        success, spl = cells.loc["success"], cells.loc["spl"]
+        mark = " (training)" if own["nominal"].iloc[0] else ""
+        lines.append(
+            {
+                "quantity": QUANTITIES[str(quantity)].title,
+                "value": f"{value:g}{mark}",
+                "success": f"{success['mean']:.3f} [{success['low']:.3f}, {success['high']:.3f}]",
+                "contact": f"{cells.loc['contact_rate', 'mean']:.3f}",
+                "collision": f"{cells.loc['collision_rate', 'mean']:.3f}",
+                "SPL": f"{spl['mean']:.3f}",
+            }
+        )
+    return format_table(pd.DataFrame(lines).set_index("quantity"))
+
+
+def _draw(table: pd.DataFrame, path: Path) -> None:
+    figure, axes = plt.subplots(2, 4, figsize=(15, 6.4), sharey=True)
+    for axis, (name, about) in zip(axes.flat, QUANTITIES.items(), strict=True):
+        own = table[table["quantity"] == name]
+        for metric, colour, label in (
+            ("success", "C0", "success"),
+            ("contact_rate", "C1", "contact rate"),
+            ("collision_rate", "C3", "collision rate"),
+        ):
+            _draw_metric(axis, own[own["metric"] == metric], colour, label)
+        axis.axvline(about.nominal, color="0.6", linestyle=":", label="training")
+        axis.set(xlabel=about.title, ylim=(-0.02, 1.04))
+        axis.grid(alpha=0.3)
+    axes[0, 0].legend(fontsize="small", loc="center right")
+    figure.tight_layout()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def _draw_metric(axis: Axes, cells: pd.DataFrame, colour: str, label: str) -> None:
+    axis.plot(cells["value"], cells["mean"], color=colour, marker=".", label=label)
+    axis.fill_between(cells["value"], cells["low"], cells["high"], color=colour, alpha=0.15)
+
+
+_TEXT = """# Dynamics that the agent was not trained with
+
+{sources}
+The agent as it is, without further training; one quantity is changed at a time. {count} episodes
+for each value, in turn from the five families of Table II, drawn from a seed of their own: the same
+starts for every value, but for the size of the cube, which decides what starts are possible.
+Contact and collision rate are over the solved episodes, intervals are 95 % (Wilson's for success).
+
+![success, contact rate and collision rate against each quantity](dynamics.png)
+
+{table}
+An action moves the tool by up to 2 cm a control step, so that the control rate is also the tool's
+speed; an episode ends after 200 steps at every rate. Missing pixels read as "nothing seen". Depth
+noise is independent from pixel to pixel and from step to step; what is seen higher than 13 mm
+counts as an obstacle for the planner. The cube's mass is the same at every size. The paper says of
+the dynamics that they are unknown to its agent, and has no figures for them.
+"""

@@ -1,0 +1,47 @@
+"""Makes the chosen parts one after the other, and the page over them."""
+
+from collections.abc import Callable
+
+import torch
+
+from modpush._folder_lock import FolderLock
+from modpush.reproduction.ablations import write_ablations
+from modpush.reproduction.companion import write_companion
+from modpush.reproduction.config import ReproduceConfig
+from modpush.reproduction.dynamics import write_dynamics
+from modpush.reproduction.figure6 import write_figure6
+from modpush.reproduction.paper_tables import PAPER_TABLES, write_paper_table
+from modpush.reproduction.runtime import write_runtime
+
+__all__ = ["reproduce"]
+
+_WRITERS: dict[str, Callable[[ReproduceConfig], None]] = {
+    "figure6": write_figure6,
+    "runtime": write_runtime,
+    "dynamics": write_dynamics,
+    "ablations": write_ablations,
+}
+
+
+def reproduce(config: ReproduceConfig) -> None:
+    """Make the chosen parts, and `README.md` after each.
+
+    With `all`, ablations are left out where no sweep has been run.
+
+    Raises:
+        FileNotFoundError: If ablations are asked for by name and there is no sweep.
+        ValueError: If there is no such agent, or the rows kept are of another one.
+    """
+    torch.set_num_threads(1)
+    swept = (config.sweep / "curves.csv").exists()
+    with FolderLock(config.rows):
+        for part in config.chosen:
+            if part == "ablations" and "ablations" not in config.parts and not swept:
+                print(f"ablations: left out, no sweep in {config.sweep}.")
+                continue
+            if part in PAPER_TABLES:
+                write_paper_table(part, config)
+            else:
+                _WRITERS[part](config)
+            write_companion(config)
+            print(f"Wrote {config.out / part}.md.")

@@ -1,0 +1,74 @@
+"""Whether a figure is ahead of another one, level with it or behind it, by the rules in `RULES`."""
+
+from typing import Literal
+
+import pandas as pd
+from scipy import stats
+
+from modpush.evaluation.stats import PairedTest
+
+__all__ = ["LOWER_IS_BETTER", "RULES", "Verdict", "against_method", "against_printed"]
+
+Verdict = Literal["ahead", "level", "behind"]
+LEVEL = 0.05
+"""Significance level of all tests."""
+LOWER_IS_BETTER = ("collision_rate", "path_length")
+"""Metrics of which less is better; of all others more is."""
+RULES = """
+1. Against a method that was measured here on the same episodes: ahead or behind where the two-sided
+   paired t-test rejects equal means at 0.05, else level.
+2. Against a printed success rate: ahead or behind where Fisher's exact test of the numbers of
+   successes, ours and those that the printed rate stands for, gives p < 0.05, else level.
+3. Against another printed figure: ahead or behind where the 95 % interval of our mean leaves it out,
+   else level. The printed figure's own uncertainty is not known, so that these verdicts are a little
+   bolder than tests would be.
+4. Path lengths are not judged against printed ones: they depend on the episodes that were drawn.
+"""
+"""The rules in Markdown, as the companion page prints them."""
+
+
+def against_method(metric: str, test: PairedTest) -> Verdict:
+    """Rule 1, for the first method of a paired test.
+
+    Args:
+        metric: Name of the metric.
+        test: The test; with fewer than two pairs, or NaN for p, the verdict is "level".
+    """
+    return _signed(metric, test.difference) if test.significant(LEVEL) else "level"
+
+
+def against_printed(
+    metric: str, cell: pd.Series, printed: float, printed_runs: int
+) -> Verdict | None:
+    """Rules 2 to 4, for one of our figures beside a printed one.
+
+    Args:
+        metric: Name of the paper's metric.
+        cell: Our figure, with `mean`, `low`, `high` and `count`.
+        printed: The printed figure.
+        printed_runs: Number of the paper's runs.
+
+    Returns:
+        The verdict; None where there is none by rule 4.
+
+    Raises:
+        ValueError: If our figure is of no episodes.
+    """
+    if metric == "path_length":
+        return None
+    if not cell["count"]:
+        raise ValueError(f"against_printed: our {metric} is of no episodes.")
+    difference = float(cell["mean"]) - printed
+    if metric == "success":
+        count = int(cell["count"])
+        ours, theirs = round(float(cell["mean"]) * count), round(printed * printed_runs)
+        table = [[ours, count - ours], [theirs, printed_runs - theirs]]
+        apart = stats.fisher_exact(table).pvalue < LEVEL
+    else:
+        apart = not cell["low"] <= printed <= cell["high"]
+    return _signed(metric, difference) if apart else "level"
+
+
+def _signed(metric: str, difference: float) -> Verdict:
+    better = difference < 0 if metric.startswith(LOWER_IS_BETTER) else difference > 0
+    return "ahead" if better else "behind"

@@ -1,0 +1,59 @@
+"""Training runs as trials of Ray Tune."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from modpush.sweeps.definition import Trial
+from modpush.sweeps.results import trial_row
+from modpush.sweeps.trial import run_trial
+
+__all__ = ["run_with_ray"]
+
+_CPUS = 2  # of a trial: learner and environment
+
+
+def run_with_ray(trials: Sequence[Trial], folder: Path) -> None:
+    """Run trials as those of a `ray.tune.Tuner`, as many at a time as there are pairs of CPUs.
+
+    What a trial has done is in its own folder, from which it goes on wherever it is started again, so
+    that Ray's record of the trials is not needed to resume.
+
+    Args:
+        trials: What is to run.
+        folder: The sweep's folder, which every machine of a cluster must see under this path.
+
+    Raises:
+        RuntimeError: If Ray finds fewer CPUs than a trial needs.
+    """
+    import ray
+    from ray import tune
+
+    os.environ.setdefault("RAY_CHDIR_TO_TRIAL_DIR", "0")  # files are named from the present folder
+    own = not ray.is_initialized()
+    if own:
+        ray.init(include_dashboard=False, log_to_driver=False)
+    try:
+        if ray.cluster_resources().get("CPU", 0) < _CPUS:
+            raise RuntimeError(
+                f"run_with_ray: a trial needs {_CPUS} CPUs, Ray has "
+                f"{ray.cluster_resources().get('CPU', 0):g}."
+            )
+        by_name = {trial.name: trial for trial in trials}
+        sweep_folder = folder.resolve()
+
+        def run(parameters: dict[str, Any]) -> None:
+            trial = by_name[parameters["trial"]]
+            run_trial(trial, sweep_folder)
+            row = trial_row(trial, sweep_folder)
+            tune.report({k: v for k, v in row.items() if isinstance(v, int | float)})
+
+        tune.Tuner(
+            tune.with_resources(run, {"cpu": _CPUS}),
+            param_space={"trial": tune.grid_search(list(by_name))},
+            run_config=tune.RunConfig(name="ray", storage_path=str(sweep_folder), verbose=1),
+        ).fit()
+    finally:
+        if own:
+            ray.shutdown()

@@ -1,0 +1,97 @@
+"""Runs a sweep: one run after the other, or as trials of Ray Tune."""
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import pandas as pd
+from tqdm import tqdm
+
+from modpush._extras import require_extra
+from modpush._folder_lock import FolderLock
+from modpush._provenance import add_session
+from modpush.sweeps.definition import Sweep, Trial
+from modpush.sweeps.results import write_results
+from modpush.sweeps.trial import TrialFailedError, is_finished, run_trial
+
+__all__ = ["run_sweep"]
+
+
+def run_sweep(
+    sweep: Sweep,
+    folder: Path | str,
+    *,
+    ray: bool = False,
+    total_steps: int | None = None,
+    progress: bool = True,
+) -> pd.DataFrame:
+    """Train what is missing of a sweep, and write its results.
+
+    A run that was killed goes on from its newest checkpoint, one that is finished is left alone, and
+    one that failed is begun again. The folder gets a run's folder for every trial,
+    `<variant>/seed_<seed>`, and `trials.csv`, `curves.csv` and `curves.png`, which are written anew
+    after every trial.
+
+    Args:
+        sweep: What is run.
+        folder: The sweep's folder.
+        ray: Run as many trials at a time as Ray finds pairs of CPUs for, on this machine or on a
+            cluster that shares the folder; otherwise one after the other.
+        total_steps: Environment steps of each run; None for what the sweep says.
+        progress: Show a progress bar over the trials.
+
+    Returns:
+        A row for each trial, see `sweep_results`.
+
+    Raises:
+        FolderLockedError: If another process runs a sweep in the folder.
+        MissingExtraError: If Ray is asked for and not installed.
+        RuntimeError: If trials failed, after all others have run; the message names them.
+        ValueError: If an override is wrong, or a run's folder holds another configuration.
+    """
+    if ray:
+        require_extra("run_sweep: ray=True", "ray")
+    folder = Path(folder)
+    trials = sweep.trials(total_steps)
+    with FolderLock(folder):
+        missing = [trial for trial in trials if not is_finished(trial, folder)]
+        began = time.perf_counter()
+        try:
+            if ray and missing:
+                from modpush.sweeps.ray_trials import run_with_ray
+
+                run_with_ray(missing, folder)
+            else:
+                _run_in_turn(trials, missing, folder, progress)
+        finally:
+            results = write_results(trials, folder)
+            ended = [trial for trial in missing if is_finished(trial, folder)]
+            if missing:
+                add_session(folder, len(ended), time.perf_counter() - began)
+    failed = results[results["state"] == "failed"]
+    if len(failed):
+        names = ", ".join(f"{row.variant}/seed_{row.seed}" for row in failed.itertuples())
+        raise RuntimeError(
+            f"run_sweep: {len(failed)} of {len(trials)} trials failed: {names}; see logs/error.txt "
+            "in their folders. Run again to try them again."
+        )
+    return results
+
+
+def _run_in_turn(
+    trials: Sequence[Trial], missing: Sequence[Trial], folder: Path, progress: bool
+) -> None:
+    with tqdm(
+        total=len(trials),
+        initial=len(trials) - len(missing),
+        unit="trial",
+        disable=not progress,
+    ) as bar:
+        for trial in missing:
+            bar.set_postfix_str(trial.name)
+            try:
+                run_trial(trial, folder)
+            except TrialFailedError as error:
+                bar.write(str(error))
+            write_results(trials, folder)
+            bar.update()

@@ -1,0 +1,96 @@
+"""Beginning a run with weights that are trained already."""
+
+from pathlib import Path
+from typing import Any
+
+from torchrl.objectives import LossModule
+
+from modpush._state import read_state
+from modpush._validation import from_plain
+from modpush._weights import check_weights
+from modpush.recipes.agent_file import load_agent, observed_symmetry
+from modpush.recipes.config import PushEnvConfig
+from modpush.recipes.fingerprint import fingerprint_differences
+from modpush.training.checkpoints import CHECKPOINT_KIND, CHECKPOINT_VERSION, Checkpoints
+from modpush.training.config import TrainConfig
+from modpush.training.learner import Learner
+from modpush.training.rollout import WorkerSpecs
+from modpush.training.run_folder import RunFolder
+
+__all__ = ["load_initial_weights"]
+
+_OF_YAW = {"object_axis", "object_symmetry"}
+"""Entries of the observation that depend on the object's symmetry."""
+
+
+def load_initial_weights(learner: Learner, config: TrainConfig, specs: WorkerSpecs) -> None:
+    """Put the weights that `config.init_from` names into a learner that has learned nothing.
+
+    Of an agent these are the actor's; of a run or a checkpoint those of the critics, the targets and
+    the temperature, too. Optimizer, buffer and curriculum begin anew in either case.
+
+    Args:
+        learner: The learner.
+        config: The run's configuration.
+        specs: What the run's environment observes. It must mean the same as in the run that the
+            weights are from; the reward may be another.
+
+    Raises:
+        ValueError: If there are no such weights, they are of another architecture, or the environment
+            observes something else; the message says what.
+    """
+    source = str(config.init_from)
+    checkpoint = _find_checkpoint(Path(source))
+    who = f"TrainConfig: init_from {source!r}"
+    if checkpoint is None:
+        agent = load_agent(source)
+        symmetry = observed_symmetry(agent.config, agent.parts.get("pushed_object"))
+        _check_environment(who, agent.fingerprint, symmetry, config, specs)
+        actor = learner.agent.actor
+        check_weights(who, actor.state_dict(), agent.policy.state_dict())
+        actor.load_state_dict(agent.policy.state_dict())
+        _copy_actor_to_its_target(learner.agent.loss)
+        return
+    state = read_state(checkpoint, CHECKPOINT_KIND, CHECKPOINT_VERSION)
+    trained_in = from_plain(PushEnvConfig, state["config"]["env"])
+    symmetry = observed_symmetry(trained_in)
+    _check_environment(who, state["fingerprint"], symmetry, config, specs)
+    loss = learner.agent.loss
+    check_weights(who, loss.state_dict(), state["loss"])
+    loss.load_state_dict(state["loss"])
+
+
+def _find_checkpoint(path: Path) -> Path | None:
+    """The checkpoint that a path names: the file itself, or the newest in a run's folder."""
+    if not path.is_dir():
+        return path if Checkpoints.is_checkpoint(path) else None
+    newest = RunFolder(path).checkpoints.latest()
+    if newest is None:
+        raise ValueError(
+            f"TrainConfig: init_from must be a run with a checkpoint, {path} has none."
+        )
+    return newest
+
+
+def _check_environment(
+    who: str, stored: Any, symmetry: int | None, config: TrainConfig, specs: WorkerSpecs
+) -> None:
+    """Refuse weights that were trained to read another observation."""
+    own = {name: value for name, value in specs.fingerprint.items() if name != "reward"}
+    given = {name: value for name, value in stored.items() if name != "reward"}
+    if differences := fingerprint_differences(given, own):
+        raise ValueError(f"{who}: trained in another environment. " + "; ".join(differences))
+    entries = {entry["name"] for entry in own.get("observation", {}).get("entries", ())}
+    now = observed_symmetry(config.env)
+    if entries & _OF_YAW and symmetry != now:
+        raise ValueError(
+            f"{who}: trained with objects that count as looking the same at {symmetry} yaw angles, "
+            f"those of this run at {now}; set env.symmetry to {symmetry}."
+        )
+
+
+def _copy_actor_to_its_target(loss: LossModule) -> None:
+    children = dict(loss.named_children())
+    target: Any = children.get("target_actor_network_params")
+    if target is not None:
+        target.data.update_(loss.actor_network_params.data)

@@ -1,0 +1,98 @@
+"""Demonstrations as transitions, in modpush's and in TorchRL's own way."""
+
+import json
+from pathlib import Path
+
+import minari
+import numpy as np
+import pytest
+import torch
+
+import modpush._extras
+from modpush._extras import MissingExtraError
+from modpush.data import load_demonstrations
+from modpush.replay import TRANSITION_KEYS, KeepTransition, ReplayConfig, make_replay_buffer
+
+
+def test_transitions_are_those_that_training_stores(collected) -> None:
+    found = load_demonstrations(collected)
+    data = found.transitions
+    kept = KeepTransition()(data)
+    assert set(kept.keys(True, True)) == set(TRANSITION_KEYS)
+    env = found.make_env(2)
+    made = KeepTransition()(env.rollout(1, break_when_any_done=False)).reshape(-1)
+    env.close()
+    for key in TRANSITION_KEYS:
+        assert kept[key].dtype == made[key].dtype
+        assert kept[key].shape[1:] == made[key].shape[1:]
+    ends = data["next", "done"][:, 0].nonzero()[:, 0]
+    assert len(ends) == len(found.episodes) == 6
+    torch.testing.assert_close(
+        data["observation"][1 : ends[0] + 1], data["next", "observation"][: ends[0]], rtol=0, atol=0
+    )
+    assert data["episode"][ends].tolist() == [0, 1, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize("storage", ["tensor", "compact"])
+def test_a_replay_buffer_takes_them(collected, storage) -> None:
+    data = KeepTransition()(load_demonstrations(collected).transitions)
+    config = ReplayConfig(capacity=2000, batch_size=16, sampler="uniform", storage=storage)
+    buffer = make_replay_buffer(config)
+    buffer.extend(data)
+    assert len(buffer) == len(data)
+    torch.testing.assert_close(
+        buffer[: len(data)]["next", "observation"], data["next", "observation"], rtol=0, atol=0
+    )
+    assert buffer.sample()["action"].shape == (16, 3)
+
+
+def test_episodes_are_chosen_by_policy_and_success(collected) -> None:
+    found = load_demonstrations(collected, policies=["corridor"])
+    assert {episode["policy"] for episode in found.episodes} == {"corridor"}
+    assert len(found.episodes) == 3
+    solved = load_demonstrations(collected, only_success=True)
+    assert all(episode["success"] for episode in solved.episodes)
+    with pytest.raises(
+        ValueError, match=r"no policies \['duck'\], there are \['corridor', 'script"
+    ):
+        load_demonstrations(collected, policies=["duck"])
+
+
+def test_an_environment_that_observes_otherwise_is_refused(collected) -> None:
+    found = load_demonstrations(collected)
+    with pytest.raises(
+        ValueError, match=r"not the environment that they were recorded in\. .*observation, entries"
+    ):
+        found.make_env(1, encoder="none")
+
+
+def test_minari_lists_the_data_set(collected, monkeypatch) -> None:
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(collected / "minari"))
+    assert list(minari.list_local_datasets()) == ["modpush/push-v0"]
+    assert minari.load_dataset("modpush/push-v0").total_episodes == 6
+
+
+def test_what_is_not_there_or_not_ours_is_said(collected, tmp_path, monkeypatch) -> None:
+    with pytest.raises(FileNotFoundError, match="no Minari data set in"):
+        load_demonstrations(tmp_path)
+    folder = tmp_path / "other"
+    source = collected / "minari" / "modpush" / "push-v0" / "data"
+    folder.mkdir()
+    for path in source.iterdir():
+        (folder / path.name).write_bytes(path.read_bytes())
+    about = json.loads((folder / "metadata.json").read_text())
+    del about["modpush"]
+    (folder / "metadata.json").write_text(json.dumps(about))
+    with pytest.raises(ValueError, match="is not a data set of modpush"):
+        load_demonstrations(folder)
+    monkeypatch.setitem(modpush._extras.EXTRAS, "no_such_package", "data")
+    monkeypatch.setattr("modpush.data.loading._PACKAGES", ("no_such_package",))
+    with pytest.raises(MissingExtraError, match=r"pip install 'modpush\[data\]'"):
+        load_demonstrations(Path(folder))
+
+
+def test_rewards_are_the_environment_s(collected) -> None:
+    rewards = load_demonstrations(collected).transitions["next", "reward"]
+    assert rewards.dtype == torch.float32
+    assert np.isfinite(rewards.numpy()).all()
+    assert rewards.std() > 0

@@ -1,0 +1,62 @@
+"""`DepthNoise` on a depth image, and in front of the planner's grid."""
+
+import pytest
+import torch
+from tensordict import TensorDict
+from torchrl.envs import TransformedEnv
+from torchrl.envs.utils import check_env_specs
+
+from modpush.envs import PushEnv
+from modpush.mdp import DepthNoise
+from modpush.planners import OccupancyGrid
+
+
+def images() -> TensorDict:
+    return TensorDict({"camera": {"depth": torch.full((2, 1, 256, 256), 1.1)}}, batch_size=[2])
+
+
+def test_noise_and_missing_pixels_have_the_given_size() -> None:
+    torch.manual_seed(0)
+    noise = DepthNoise(sigma=0.003, dropout=0.1, depth_key=("camera", "depth"))
+    depth = noise(images())["camera", "depth"]
+    missing = depth == 0
+    # 131072 pixels: the standard errors are 0.0008 of the share and 6e-6 m of the deviation.
+    assert missing.float().mean() == pytest.approx(0.1, abs=0.004)
+    assert depth[~missing].std() == pytest.approx(0.003, abs=3e-5)
+    assert depth[~missing].mean() == pytest.approx(1.1, abs=5e-5)
+    again = noise(images())["camera", "depth"]
+    assert not torch.equal(depth, again)  # anew in every step
+    torch.manual_seed(0)
+    assert torch.equal(depth, noise(images())["camera", "depth"])
+
+
+def test_without_noise_nothing_changes() -> None:
+    assert torch.equal(
+        DepthNoise(depth_key=("camera", "depth"))(images())["camera", "depth"],
+        images()["camera", "depth"],
+    )
+
+
+def test_what_is_out_of_range_is_refused() -> None:
+    with pytest.raises(ValueError, match="DepthNoise: dropout must be <= 1, got 2"):
+        DepthNoise(dropout=2.0)
+    with pytest.raises(ValueError, match="DepthNoise: sigma must be >= 0, got -1"):
+        DepthNoise(sigma=-1.0)
+    with pytest.raises(KeyError, match=r"DepthNoise: key .*depth.* is missing"):
+        DepthNoise(sigma=0.1)(images())
+
+
+def test_it_goes_before_the_planner_s_grid() -> None:
+    """Missing pixels leave holes in the obstacles' cells; noise of a centimetre blocks free ones."""
+    env = TransformedEnv(PushEnv(1, scene="slot", seed=0), OccupancyGrid(inflation=0.0))
+    blocked = env.reset()["occupancy"].clone()
+    env.insert_transform(0, DepthNoise(dropout=0.5))
+    check_env_specs(env)
+    with_holes = env.reset(scenarios=env.base_env.scenarios)["occupancy"]
+    env.close()
+    noisy = TransformedEnv(PushEnv(1, scene="slot", seed=0), OccupancyGrid(inflation=0.0))
+    noisy.insert_transform(0, DepthNoise(sigma=0.01))
+    check_env_specs(noisy)
+    assert noisy.reset()["occupancy"].sum() > 2 * blocked.sum()
+    noisy.close()
+    assert with_holes.any()

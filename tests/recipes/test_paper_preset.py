@@ -1,0 +1,182 @@
+"""The preset `paper` against the paper's printed numbers, and what the other presets change."""
+
+from dataclasses import asdict, fields
+from functools import reduce
+
+import pytest
+
+from modpush.agents import TQCConfig
+from modpush.encoders.vae.model import DepthVAE
+from modpush.envs.scenes.layouts import OBSTACLE_SCENES
+from modpush.mdp import CurriculumConfig, RewardConfig
+from modpush.mdp.observation_entries import PAPER_ENTRIES
+from modpush.recipes.config import PushEnvConfig
+from modpush.replay import ReplayConfig
+from modpush.training import TRAIN_PRESETS, TrainConfig
+
+PAPER = TRAIN_PRESETS["paper"][1]
+
+PRINTED = {
+    # Sec. IV-A, preprocessing
+    "env.window_size": 64,
+    "env.encoder": "vae",
+    # Sec. IV-B, observation space: the tool in the object's frame, a sub-goal after 20 % of the path
+    "env.frame": "object",
+    "env.subgoal_mode": "fraction",
+    "env.subgoal_fraction": 0.2,
+    "env.inflation": "inscribed",  # half of the small cube's diameter
+    "env.path_margin": None,
+    "env.subgoal_lags": (1, 5),  # table of observations
+    "env.entries": (),
+    "env.leave_out": (),
+    "env.add": (),
+    # Sec. IV-B, action space: point control of the arm
+    "env.action_frame": "base",
+    # Sec. IV-B, eq. 2 to 5
+    "env.reward.weights": {
+        "goal": 50,
+        "distance": 1,
+        "approach": 1,
+        "touch": 1,
+        "object_collision": 5,
+        "out_of_bounds": 10,
+    },
+    "env.reward.scale": 1,
+    "env.reward.normalisation": "initial",
+    # Sec. IV-B, RL algorithm, with the defaults of the implementation that the paper names
+    "tqc.loss": "tqc",
+    "tqc.num_critics": 2,
+    "tqc.num_quantiles": 25,
+    "tqc.top_quantiles_to_drop_per_net": 2,
+    "tqc.alpha_init": 1,
+    # Sec. IV-B, attentive experience replay
+    "replay.sampler": "attentive",
+    "replay.similarity": "cosine",
+    "replay.capacity": 1e6,
+    "replay.batch_size": 512,
+    "tqc.batch_size": 512,
+    "replay.k": 4,
+    "replay.k_end": None,
+    # Sec. IV-B, learning strategy
+    "curriculum.phases": ({"scenes": (), "first_stage": 0},),
+    "env.scene": OBSTACLE_SCENES,
+    "env.pushed_object": "small_cube",
+    "total_steps": 7e6,
+    "tqc.updates_per_step": 1,
+    # Sec. V
+    "env.tool": "2f85",
+    "env.planner": "lazy_theta_star_grid",
+    "tqc.hidden_sizes": (512, 256, 128),
+    "tqc.exploration_sigma": 0.4,
+    "greedy_envs": 0,  # the noise is in all scenes
+    # Sec. V-B
+    "env.distance": (0.2, 0.6),
+    "curriculum.final_distance": (0.2, 0.6),
+    # What this library adds is off.
+    "env.randomize_dynamics": False,
+    "env.symmetry": None,
+    "zero_init_latent": False,
+    "init_from": None,
+}
+
+
+def value_of(config, path):
+    return reduce(lambda part, name: part[name], path.split("."), asdict(config))
+
+
+@pytest.mark.parametrize("path", PRINTED)
+def test_the_preset_is_what_the_paper_prints(path):
+    assert value_of(PAPER, path) == PRINTED[path]
+
+
+def test_the_curriculum_goes_from_6_to_60_centimetres():
+    distances = PAPER.curriculum.distances
+    assert (distances[0], distances[-1]) == (0.06, 0.6)
+    assert PAPER.curriculum.promotion == "success"
+
+
+def test_the_observation_has_the_widths_of_the_papers_table():
+    widths = {
+        "latent": DepthVAE.from_pretrained().latent_dim,
+        "ee_pose": 5,
+        "joint_position": 6,
+        "subgoal_past": 2 * len(PAPER.env.subgoal_lags),
+        "contact": 1,
+        "goal_distance": 1,
+    }
+    assert tuple(widths) == PAPER_ENTRIES
+    assert (widths["latent"], sum(widths.values())) == (32, 49)
+
+
+def test_what_is_made_without_arguments_is_the_papers():
+    assert TrainConfig() == PAPER
+    assert PushEnvConfig() == PushEnvConfig.preset("paper") == PAPER.env
+    assert RewardConfig() == PAPER.env.reward
+    assert TQCConfig() == TQCConfig.preset("paper") == PAPER.tqc
+    assert ReplayConfig() == PAPER.replay
+    assert CurriculumConfig() == PAPER.curriculum
+
+
+def changed(config, base, prefix=""):
+    """Paths of the fields in which two configs differ."""
+    found = {}
+    for field in fields(base):
+        one, other = getattr(config, field.name), getattr(base, field.name)
+        if hasattr(one, "__dataclass_fields__"):
+            found |= changed(one, other, f"{prefix}{field.name}.")
+        elif one != other:
+            found[f"{prefix}{field.name}"] = one
+    return found
+
+
+def test_all_in_which_the_cpu_preset_departs_from_the_paper():
+    departures = changed(TRAIN_PRESETS["cpu"][1], PAPER)
+    assert departures.pop("env.reward.weights") == {
+        "goal": 50.0,
+        "distance": 1.0,
+        "approach": 1.0,
+        "touch": 1.0,
+        "object_collision": 1.5,
+        "tool_collision": 0.5,
+        "out_of_bounds": 10.0,
+        "window": 0.0,
+        "detour": 100.0,
+        "no_contact": 0.5,
+    }
+    phases = departures.pop("curriculum.phases")
+    assert [(phase.scenes, phase.first_stage) for phase in phases] == [(("free",), 0), ((), 6)]
+    assert departures == {
+        "env.num_envs": 16,
+        "env.scene": ("free", *OBSTACLE_SCENES),
+        "env.frame": "path",
+        "env.action_frame": None,
+        "env.planner": "distance_field",
+        "env.inflation": "circumscribed",
+        "env.path_margin": 0.02,
+        "env.subgoal_mode": "lookahead",
+        "env.reward.scale": 0.1,
+        "env.reward.normalisation": "constant",
+        "tqc.hidden_sizes": (256, 256),
+        "tqc.actor_lr": 3e-4,
+        "tqc.critic_lr": 3e-4,
+        "tqc.alpha_lr": 3e-4,
+        "tqc.alpha_init": 0.02,
+        "tqc.batch_size": 256,
+        "tqc.learning_starts": 3000,
+        "tqc.updates_per_step": 1 / 12,
+        "replay.batch_size": 256,
+        "replay.storage": "compact",
+        "zero_init_latent": True,
+        "total_steps": 800_000,
+        "greedy_envs": 4,
+        "evaluate_every": 50_000,
+    }
+
+
+def test_the_authors_code_stops_its_curriculum_at_38_centimetres():
+    """Its thresholds are eight, of which the last is beyond its highest difficulty."""
+    curriculum = TRAIN_PRESETS["authors"][1].curriculum
+    last = len(curriculum.step_thresholds)
+    assert curriculum.distances[last - 2 : last + 1] == (0.28, 0.33, 0.38)
+    env = TRAIN_PRESETS["authors"][1].env
+    assert (env.reward.weights["window"], env.subgoal_lookahead) == (2.0, 0.2)

@@ -1,0 +1,157 @@
+"""Figures, tests and examples from rows made by hand."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from modpush.evaluation.sets import EvaluationSet, load_set
+from modpush.reproduction.ablations import ablation_table
+from modpush.reproduction.cells import make_cells, make_tests
+from modpush.reproduction.figure6 import choose_examples
+from modpush.reproduction.printed import judge, printed_rows
+
+
+def rows(success: list[int], contact: list[float], path: list[float]) -> pd.DataFrame:
+    return pd.DataFrame(
+        {
+            "episode": range(len(success)),
+            "scene": "slot",
+            "success": np.array(success, dtype=bool),
+            "spl": np.array(success) * 0.5,
+            "contact_rate": contact,
+            "collision_rate": 0.0,
+            "path_length": path,
+            "shortest_length": 0.4,
+        }
+    )
+
+
+AGENT = rows([1, 1, 1, 0], [0.8, 0.6, 0.1, 0.0], [0.4, 0.6, 9.0, 9.0])
+CORRIDOR = rows([1, 1, 0, 1], [0.4, 0.4, 0.0, 0.2], [0.4, 0.5, 9.0, 9.0])
+FAITHFUL = rows([1, 0, 1, 0], [0.2, 0.0, 0.3, 0.0], [0.4, 9.0, 0.8, 9.0])
+ROWS = {"agent": AGENT, "corridor": CORRIDOR, "corridor_faithful": FAITHFUL}
+
+
+def test_a_cell_is_over_what_both_methods_of_its_pair_solved() -> None:
+    cells = make_cells(ROWS).set_index(["method", "metric"])
+    # The agent and the corridor solved 0 and 1, the agent and the faithful one 0 and 2.
+    assert cells.loc[("agent", "contact_rate"), "mean"] == pytest.approx(0.7)
+    assert cells.loc[("corridor", "contact_rate"), "mean"] == pytest.approx(0.4)
+    assert cells.loc[("corridor_faithful", "contact_rate"), "mean"] == pytest.approx(0.25)
+    assert cells.loc[("agent", "contact_rate"), "std"] == pytest.approx(np.sqrt(0.02))
+    assert cells["pair"].groupby("method").first().to_dict() == {
+        "agent": "corridor",
+        "corridor": "agent",
+        "corridor_faithful": "agent",
+    }
+    success = cells.loc[("agent", "success")]
+    assert success["mean"] == 0.75
+    assert success["count"] == 4
+    # Wilson's interval of 3 in 4, by its formula: (p + z²/2n ± z sqrt(p(1-p)/n + z²/4n²)) / (1 + z²/n)
+    assert (success["low"], success["high"]) == pytest.approx((0.3006, 0.9544), abs=1e-4)
+
+
+def test_the_tests_are_those_of_scipy_over_the_pair() -> None:
+    tests = make_tests(ROWS).set_index(["second", "metric"])
+    contact = tests.loc[("corridor", "contact_rate")]
+    assert contact["p"] == pytest.approx(stats.ttest_rel([0.8, 0.6], [0.4, 0.4]).pvalue)
+    assert contact["effect_size"] == pytest.approx(2.1213, abs=1e-4)  # 0.3 / 0.1414
+    assert contact["count"] == 2
+    assert tests.loc[("corridor_faithful", "success"), "count"] == 4
+    assert set(tests["verdict"]) == {"level"}
+    with pytest.raises(ValueError, match="'agent' has 4 and 'corridor' 3"):
+        make_tests({"agent": AGENT, "corridor": CORRIDOR.head(3)})
+
+
+def test_printed_figures_stand_beside_what_is_measured_as_there() -> None:
+    as_there = {
+        name: frame.assign(
+            spl_authors_agent=0.4, spl_authors_controller=0.6, contact_rate_at_end=0.1
+        )
+        for name, frame in ROWS.items()
+    }
+    judged = judge(make_cells(as_there), "obstacles/fragment")
+    assert set(judged["versus"]) == {
+        "paper: agent",
+        "paper: controller",
+        "paper: agent, retrained",
+    }
+    ours = judged[judged["method"] == "agent"].set_index(["versus", "metric"])["ours"]
+    assert ours["paper: agent"].to_dict() == {
+        "success": "success",
+        "contact_rate": "contact_rate_at_end",
+        "collision_rate": "collision_rate",
+        "spl": "spl_authors_agent",
+    }
+    assert ours[("paper: controller", "spl")] == "spl_authors_controller"
+    assert ours[("paper: agent, retrained", "spl")] == "spl_authors_agent"
+    # In free space the controller's staircase would be no way to be longer than: it was Lazy Theta*'s.
+    free = judge(make_cells(as_there), "free/small_cube").set_index(["method", "versus", "metric"])
+    assert free.loc[("agent", "paper: controller", "spl"), "ours"] == "spl_authors_agent"
+    plain = judge(make_cells(ROWS), "obstacles/fragment")
+    assert {"spl", "contact_rate"} <= set(plain["ours"])
+    assert judge(make_cells(ROWS), None).empty
+    retrained = printed_rows("obstacles/fragment")[2].figures
+    assert list(retrained.values()) == [0.959, 0.984, 0.01, 0.83, 0.58]
+
+
+def test_examples_are_chosen_by_the_rule() -> None:
+    scenarios = load_set("obstacles/small_cube").scenarios[:5]
+    episodes = EvaluationSet(name="five", scenarios=scenarios)
+    straight = [np.hypot(*np.subtract(s.object_pose[:2], s.goal_position)) for s in scenarios]
+    agent = pd.DataFrame(
+        {
+            "episode": range(5),
+            "scene": ["a", "a", "a", "b", "b"],
+            "success": [True, True, True, True, False],
+            # Nothing stands in the way of 0 and 4.
+            "shortest_length": np.multiply(straight, [1.0, 1.2, 1.2, 1.2, 1.2]),
+            "path_length": [0.5, 0.5, 0.5, 0.5, 0.5],
+        }
+    )
+    controller = agent.assign(success=[True, False, True, True, True])
+    controller["path_length"] = [0.9, 0.9, 0.5, 0.6, 0.9]
+    # Of family a: 1 is not solved by both, so 2; of b: 3. Both solved 0, where 0.4 m were saved.
+    assert choose_examples(agent, controller, episodes) == [2, 3, 0]
+
+
+def test_ablations_are_compared_with_the_first_variant() -> None:
+    final = {"base": [0.95, 0.97, 0.99], "uniform": [0.90, 0.94, 0.92], "off": [0.1, 0.2, 0.3]}
+    trials = pd.DataFrame(
+        [
+            {
+                "variant": variant,
+                "group": "base" if variant == "base" else "others",
+                "seed": seed,
+                "state": "unfinished" if (variant, seed) == ("off", 2) else "finished",
+                "final_success": value,
+                "final_spl": 0.8,
+                "final_contact_rate": 0.9,
+                "final_collision_rate": 0.01,
+            }
+            for variant, values in final.items()
+            for seed, value in enumerate(values)
+        ]
+    )
+    curves = pd.DataFrame(
+        [
+            {"variant": v, "seed": s, "step": step, "success": value * step / 200}
+            for v, values in final.items()
+            for s, value in enumerate(values)
+            for step in (100, 200)
+        ]
+    )
+    table = ablation_table(trials, curves).droplevel("group")
+    assert table["success"].to_dict() == pytest.approx({"base": 0.97, "uniform": 0.92, "off": 0.15})
+    assert table["seeds"].to_dict() == {"base": 3, "uniform": 3, "off": 2}
+    assert table["area"]["uniform"] == pytest.approx(0.75 * 0.92)
+    assert table["steps_to_0.9"].to_dict() == pytest.approx(
+        {"base": 200, "uniform": 200, "off": np.nan}, nan_ok=True
+    )
+    expected = stats.ttest_rel(final["uniform"], final["base"]).pvalue
+    assert table["p"]["uniform"] == pytest.approx(expected)
+    assert table["difference"]["off"] == pytest.approx(-0.81)  # of the two seeds that are finished
+    assert np.isnan(table["difference"]["base"])
+    with pytest.raises(ValueError, match="no trial of 'base', the first variant, is finished"):
+        ablation_table(trials.assign(state="failed"), curves)

@@ -1,0 +1,136 @@
+"""`modpush reproduce` with the real agent, controllers and environments, for a few episodes."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from modpush.envs.scenes.conditions import EpisodeConditions
+from modpush.recipes.methods import get_method
+from modpush.reproduction import PAPER_TABLES, PARTS, ReproduceConfig, reproduce
+from modpush.reproduction.dynamics import QUANTITIES, Change
+from modpush.reproduction.measure import agent_source
+
+pytestmark = pytest.mark.filterwarnings("ignore:Precision loss occurred:RuntimeWarning")
+
+
+def test_a_table_is_written_resumed_and_listed(tmp_path: Path) -> None:
+    config = ReproduceConfig(
+        parts=("table1",),
+        first=2,
+        rows=tmp_path / "rows",
+        out=tmp_path / "out",
+        progress=False,
+    )
+    reproduce(config)
+    page = (config.out / "table1.md").read_text()
+    assert "`modpush reproduce table1 --first 2`" in page
+    assert "The first 2 of 500 episodes." in page
+    assert "| paper: agent | – | 1 | " in page
+    assert "Agent minus `corridor_faithful`, paired t-tests:" in page
+    assert r"\begin{tabular}" in (config.out / "table1.tex").read_text()
+    cells = pd.read_csv(config.out / "table1_cells.csv").set_index(["method", "metric"])
+    rows = pd.read_csv(config.out / "rows" / "agent_free_small_cube.csv.gz")
+    assert cells.loc[("agent", "success"), "mean"] == rows["success"].mean()
+    assert cells.loc[("agent", "spl"), "mean"] == pytest.approx(rows["spl"].mean())
+    companion = (config.out / "README.md").read_text()
+    assert "[table1](table1.md)" in companion
+    assert "\n4. Path lengths are not judged against printed ones" in companion
+    assert "Not there yet: Table II" in companion
+    verdicts = pd.read_csv(config.out / "table1_verdicts.csv")
+    agents = verdicts[verdicts["method"] == "agent"]
+    for verdict in ("ahead", "level", "behind"):
+        assert companion.count(f"### {verdict.capitalize()}") == 1
+    assert len(agents) >= 8
+
+    stored = config.rows / "sets" / "agent" / "free" / "small_cube" / "episodes.csv"
+    before = stored.read_bytes()
+    reproduce(replace(config, parts=("table1",), first=3))
+    assert stored.read_bytes().startswith(before)  # only the third was run
+    assert stored.read_bytes().count(b"\n") == 4
+    assert "minutes for 9 episodes" in (config.out / "table1.md").read_text()
+
+
+@pytest.mark.slow
+def test_the_other_pages_are_written(tmp_path: Path) -> None:
+    config = ReproduceConfig(
+        parts=("figure6", "runtime", "dynamics"),
+        first=5,
+        dynamics_episodes=1,
+        rows=tmp_path / "rows",
+        out=tmp_path / "out",
+        progress=False,
+    )
+    reproduce(config)
+    table = pd.read_csv(config.out / "dynamics.csv")
+    assert set(table["quantity"]) == set(QUANTITIES)
+    values = sum(len(about.values) for about in QUANTITIES.values())
+    assert (table["metric"] == "success").sum() == values
+    # Nominal values are measured once, whatever is varied.
+    assert table[table["nominal"]].groupby("metric")["mean"].nunique().max() <= 1
+    times = pd.read_csv(config.out / "runtime.csv")
+    assert (times["cpu_ms"] > 0).all()
+    assert "action prediction of the network" in (config.out / "runtime.md").read_text()
+    for name in ("figure6", "runtime", "dynamics"):
+        assert f"[{name}]({name}.md)" in (config.out / "README.md").read_text()
+        assert (config.out / f"{name}.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_a_change_reaches_scenario_or_environment(quantity: str) -> None:
+    value = QUANTITIES[quantity].values[-1]
+    assert QUANTITIES[quantity].nominal in QUANTITIES[quantity].values
+    change = Change(quantity=quantity, value=value)
+    nominal = Change(quantity=quantity, value=QUANTITIES[quantity].nominal)
+    assert (change.name, nominal.name) == (f"{quantity}_{value:g}", "nominal")
+    plain, changed = nominal.scenario(1, 0), change.scenario(1, 0)
+    if quantity in ("mass", "friction"):
+        assert getattr(changed.dynamics, quantity) == value
+    elif quantity == "center_of_mass":
+        x, y = changed.dynamics.center_of_mass
+        assert (x * x + y * y) ** 0.5 == pytest.approx(value)
+    elif quantity == "size":
+        assert change.item.radius == pytest.approx(1.6 * nominal.item.radius)
+        assert change.item.mass == nominal.item.mass
+    elif quantity == "tip_height":
+        assert change.item.tool_height == value
+    if quantity != "size":
+        assert changed.object_pose == plain.object_pose
+        assert changed.goal_position == plain.goal_position
+        assert changed.obstacles == plain.obstacles
+
+
+@pytest.mark.parametrize("quantity", ["size", "tip_height", "control_freq", "depth_noise"])
+def test_the_agent_acts_in_a_changed_environment(quantity: str) -> None:
+    change = Change(quantity=quantity, value=QUANTITIES[quantity].values[-1])
+    method = get_method(agent_source("small_cube"))
+    env = change.make_env(1, method, EpisodeConditions())
+    try:
+        td = env.reset(scenarios=[change.scenario(1, 0)])
+        td = env.step(method.make_policy()(td))
+        assert td["next", "observation"].isfinite().all()
+    finally:
+        env.close()
+
+
+def test_ablations_without_a_sweep_say_how_to_run_one(tmp_path: Path) -> None:
+    config = ReproduceConfig(
+        parts=("ablations",), sweep=tmp_path / "no", rows=tmp_path / "rows", out=tmp_path / "out"
+    )
+    with pytest.raises(FileNotFoundError, match=r"no sweep in .*; run modpush sweep examples/"):
+        reproduce(config)
+
+
+def test_parts_are_made_in_the_order_of_the_paper() -> None:
+    assert ReproduceConfig(parts=("runtime", "table1")).chosen == ("table1", "runtime")
+    assert ReproduceConfig().chosen == PARTS
+    assert set(PAPER_TABLES) < set(PARTS)
+    with pytest.raises(ValueError, match="parts"):
+        ReproduceConfig(parts=("table4",))
+    config = ReproduceConfig(first=3, policy_files={"fragment": Path("runs/f.safetensors")})
+    assert config.command("table2") == (
+        "modpush reproduce table2 --first 3 --policy-files fragment f.safetensors"
+    )
+    assert config.command("table1") == "modpush reproduce table1 --first 3"
+    assert config.command("dynamics") == "modpush reproduce dynamics"
