@@ -15,7 +15,8 @@ from modpush.envs.sim.rendering import choose_render_backend
 from modpush.envs.sim.task import ClutterPushEnv
 from modpush.geometry.labels import Label
 
-NUM_SCENES = 200
+# Every family with every object once; with five starts each among the slow tests.
+COUNTS = [pytest.param(40, id="quick"), pytest.param(200, id="slow", marks=pytest.mark.slow)]
 OUT = Path(__file__).parents[3] / "build" / "depth"
 # SAPIEN warns of shader fallbacks and missing extensions on software devices.
 pytestmark = [pytest.mark.render, pytest.mark.filterwarnings("default")]
@@ -38,13 +39,14 @@ def view(depth: np.ndarray) -> np.ndarray:
     return cv2.applyColorMap((height * 255).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
 
 
-def test_analytic_equals_rendered_on_200_scenes(rendered_task) -> None:
+@pytest.mark.parametrize("count", COUNTS)
+def test_analytic_equals_rendered(rendered_task, count: int) -> None:
     """At least 99.9 % of pixels within 2 mm, and the masks of object and robot likewise."""
     task = rendered_task
     analytic, rendered = AnalyticDepthCamera(task, True), RenderedDepthCamera(task, True)
     rng = np.random.default_rng(0)
     rows, seen, worst = [], set(), (1.1, None)
-    for k in range(NUM_SCENES):
+    for k in range(count):
         # Every family with every object in turn.
         task.reset(seed=k)
         for _ in range(k % 5):
@@ -57,7 +59,7 @@ def test_analytic_equals_rendered_on_200_scenes(rendered_task) -> None:
         rendered.capture(0, *theirs)
         error = np.abs(ours[0] - theirs[0])
         same = {n.name: ((ours[1] == n) == (theirs[1] == n)).mean() for n in Label}
-        off = (error > 0.002) & ~at_an_edge(theirs[0])
+        off = (error > 0.002) & ~at_an_edge(ours[0]) & ~at_an_edge(theirs[0])
         rows.append({"within_2mm": (error <= 0.002).mean(), "off_edges": off.mean(), **same})
         if rows[-1]["within_2mm"] < worst[0]:
             worst = (rows[-1]["within_2mm"], (ours[0], theirs[0], error))
@@ -73,7 +75,8 @@ def test_analytic_equals_rendered_on_200_scenes(rendered_task) -> None:
         assert summary[key]["mean"] >= 0.999, (key, summary[key])
     # All differences lie at edges: a rasteriser snaps vertices to a part of a pixel (a sixteenth on
     # SwiftShader), so that where a straight edge runs along pixel centres a whole row may fall on
-    # its other side. Hence a few images are below 99.9 % for themselves, and none far below.
+    # its other side, and a corner that covers one pixel's centre may be in one image alone. Hence
+    # a few images are below 99.9 % for themselves, and none far below.
     assert max(table["off_edges"]) == 0.0
     assert np.mean(np.array(table["within_2mm"]) >= 0.999) >= 0.85
     assert summary["within_2mm"]["min"] >= 0.995
