@@ -64,6 +64,9 @@ def hammer(call: Call, inputs: list[list[Inputs]], plans: int) -> tuple[int, int
             got = call(*own[k])
             wrong = torch.zeros(len(own[k][0]), dtype=torch.bool)
             for one, other in zip(got, true[k], strict=True):
+                if one.shape != other.shape:  # other numbers of waypoints
+                    wrong[:] = True
+                    continue
                 # The fields' first dimension is the batch; not-a-number marks a path that is not there.
                 same = (one == other) | ((one != one) & (other != other))
                 wrong |= ~same.flatten(1).all(1) if same.ndim > 1 else ~same

@@ -146,6 +146,14 @@ class PushEnvConfig:
                 f"{self.encoder!r}."
             )
 
+    @property
+    def path_inflation(self) -> Literal["circumscribed", "inscribed"]:
+        """Circle of the object for which every episode that is drawn has a path.
+
+        The inscribed one where that is planned with: episodes are solvable on the planner's map.
+        """
+        return "inscribed" if self.inflation == "inscribed" else "circumscribed"
+
     @classmethod
     def preset(cls, name: Literal["paper", "authors", "cpu"], **overrides: Any) -> "PushEnvConfig":
         """A named set of values, with single fields overridden.

@@ -171,8 +171,7 @@ def _make_base(config: PushEnvConfig, options: dict[str, Any]) -> PushEnv:
         f"some of {parameter_names(make_push_env)}, or arguments of PushEnv: {sorted(known)}",
     )
     given = {f.name: getattr(config, f.name) for f in fields(config) if f.name in _FOR_PUSH_ENV}
-    if config.inflation == "inscribed":
-        given["path_inflation"] = "inscribed"  # episodes are solvable on the map that is planned on
+    given["path_inflation"] = config.path_inflation
     if "scenario" in options:
         given = {name: value for name, value in given.items() if name not in _OF_SCENARIO}
     return PushEnv(**{**given, **options})

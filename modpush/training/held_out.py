@@ -34,6 +34,7 @@ def held_out_scenarios(
         pushed_object=config.env.pushed_object if pushed_object is None else pushed_object,
         difficulty=config.env.difficulty,
         distance=config.env.distance,
+        path_inflation=config.env.path_inflation,
     )
     return [
         sample_scenario(

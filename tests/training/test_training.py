@@ -283,6 +283,16 @@ def test_the_scene_of_the_environment_is_what_is_trained_and_evaluated_on():
     worker.close()
 
 
+def test_held_out_episodes_are_solvable_on_the_map_that_is_planned_on() -> None:
+    """Only the inscribed circle of the object passes through these scenes."""
+    env = replace(SMOKE.env, scene=("diagonal_walls",), inflation="inscribed")
+    curriculum = replace(SMOKE.curriculum, phases=(Phase(),))
+    config = replace(SMOKE, env=env, curriculum=curriculum, evaluation_episodes=6)
+    assert {start.scene for start in held_out_scenarios(config)} == {"diagonal_walls"}
+    with pytest.raises(ValueError, match="a path needs path_inflation='inscribed'"):
+        held_out_scenarios(replace(config, env=replace(env, inflation="circumscribed")))
+
+
 def _distance(scenario):
     (x, y, _), (a, b) = scenario.object_pose, scenario.goal_position
     return ((x - a) ** 2 + (y - b) ** 2) ** 0.5
