@@ -1,9 +1,9 @@
 """Reproduce the paper's tables and figures: ours beside the printed ones, with tests.
 
-    modpush reproduce table1
+    modpush reproduce free
     modpush reproduce all --out docs/results/paper
-    modpush reproduce table2 --policy-files fragment runs/fragment/best_agent.safetensors
-    modpush reproduce table1 --first 20 --out /tmp/paper --rows /tmp/rows     # a few minutes
+    modpush reproduce obstacles --policy-files fragment runs/fragment/best_agent.safetensors
+    modpush reproduce free --first 20 --out /tmp/paper --rows /tmp/rows     # a few minutes
 
 Each part gets a page, `<part>.md`, and beside it LaTeX, CSV and pictures; `README.md` lists the pages
 and where the agent is ahead, level and behind. Rows and trajectories are kept, so that an interrupted

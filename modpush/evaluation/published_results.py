@@ -25,7 +25,7 @@ class PaperFigures:
     collision_rate: tuple[float, float] | None = None
     collision_rate_std: tuple[float, float] | None = None
     spl: tuple[float, float]
-    """Each by the shortest path of its own planner."""
+    """Each by the shortest path of its own planner, but in free space both by that of Lazy Theta*."""
     path_length: tuple[float, float]
     """[m]"""
     path_length_std: tuple[float, float]

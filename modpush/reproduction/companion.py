@@ -11,10 +11,10 @@ from modpush.reproduction.verdicts import RULES
 __all__ = ["verdict_lists", "write_companion"]
 
 _ABOUT = {
-    "table1": "Table I: straight pushes in free space",
-    "table2": "Table II: five families of obstacles, four objects",
-    "table3": "Table III: unseen scenes, dense with clutter",
-    "figure6": "The paper's figure of example episodes",
+    "free": "Table II: straight pushes in free space",
+    "obstacles": "Table III: five families of obstacles, four objects",
+    "hard": "Table IV: unseen scenes, dense with clutter",
+    "examples": "Fig. 4: episodes of the agent and the controller",
     "runtime": "The paper's computing times (Sec. V-B)",
     "dynamics": "Dynamics that the agent was not trained with",
     "ablations": "What the parts of the method are worth (Sec. IV)",

@@ -12,16 +12,16 @@ from modpush._validation import checked
 
 __all__ = ["PARTS", "Part", "ReproduceConfig"]
 
-Part = Literal["table1", "table2", "table3", "figure6", "runtime", "dynamics", "ablations", "all"]
+Part = Literal["free", "obstacles", "hard", "examples", "runtime", "dynamics", "ablations", "all"]
 PARTS = tuple(part for part in get_args(Part) if part != "all")
 """What can be reproduced, in the order of the companion page."""
 
 
 _MATTERS: dict[str, tuple[str, ...]] = {
-    "table1": ("agent", "first"),
-    "table2": ("agent", "first", "policy_files"),
-    "table3": ("agent", "first"),
-    "figure6": ("agent", "first"),
+    "free": ("agent", "first"),
+    "obstacles": ("agent", "first", "policy_files"),
+    "hard": ("agent", "first"),
+    "examples": ("agent", "first"),
     "runtime": ("agent", "seed"),
     "dynamics": ("agent", "seed", "dynamics_episodes"),
     "ablations": ("sweep",),
@@ -34,8 +34,8 @@ class ReproduceConfig:
     """Parts of the paper, the agents, and where results are kept."""
 
     parts: tyro.conf.Positional[AtLeastOne[Part]] = ("all",)
-    """Parts to reproduce: `table1` (free space), `table2` (five families, four objects), `table3` (hard
-    scenes), `figure6` (pictures of episodes), `runtime`, `dynamics` (dynamics that the agent was not
+    """Parts to reproduce: `free` (free space), `obstacles` (five families, four objects), `hard` (hard
+    scenes), `examples` (pictures of episodes), `runtime`, `dynamics` (dynamics that the agent was not
     trained with), `ablations` (from a sweep that has been run), or `all` of them."""
     agent: Name = "small_cube"
     """Agent that is evaluated everywhere, unchanged: the name of a shipped one, a training run's folder,

@@ -244,7 +244,7 @@ _TEXT = """# Dynamics that the agent was not trained with
 
 {sources}
 The agent as it is, without further training; one quantity is changed at a time. {count} episodes
-for each value, in turn from the five families of Table II, drawn from a seed of their own: the same
+for each value, in turn from the five families of Table III, drawn from a seed of their own: the same
 starts for every value, but for the size of the cube, which decides what starts are possible.
 Contact and collision rate are over the solved episodes, intervals are 95 % (Wilson's for success).
 

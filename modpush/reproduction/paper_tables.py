@@ -45,8 +45,8 @@ def _obstacles(title: str, name: str) -> Section:
 
 
 PAPER_TABLES = {
-    "table1": Table(
-        title="Table I: straight pushes in free space",
+    "free": Table(
+        title="Table II: straight pushes in free space",
         sections=(
             Section(
                 title="Small cube",
@@ -56,8 +56,8 @@ PAPER_TABLES = {
             ),
         ),
     ),
-    "table2": Table(
-        title="Table II: scenes with obstacles, the small cube's agent unchanged",
+    "obstacles": Table(
+        title="Table III: scenes with obstacles, the small cube's agent unchanged",
         sections=(
             _obstacles("Small cube", "small_cube"),
             _obstacles("Large cube", "large_cube"),
@@ -65,8 +65,8 @@ PAPER_TABLES = {
             _obstacles("Fragment", "fragment"),
         ),
     ),
-    "table3": Table(
-        title="Table III: unseen scenes, dense with clutter",
+    "hard": Table(
+        title="Table IV: unseen scenes, dense with clutter",
         sections=(
             Section(
                 title="The authors' layouts, as many episodes as in the paper",

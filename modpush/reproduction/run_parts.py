@@ -9,14 +9,14 @@ from modpush.reproduction.ablations import write_ablations
 from modpush.reproduction.companion import write_companion
 from modpush.reproduction.config import ReproduceConfig
 from modpush.reproduction.dynamics import write_dynamics
-from modpush.reproduction.figure6 import write_figure6
+from modpush.reproduction.example_pictures import write_example_pictures
 from modpush.reproduction.paper_tables import PAPER_TABLES, write_paper_table
 from modpush.reproduction.runtime import write_runtime
 
 __all__ = ["reproduce"]
 
 _WRITERS: dict[str, Callable[[ReproduceConfig], None]] = {
-    "figure6": write_figure6,
+    "examples": write_example_pictures,
     "runtime": write_runtime,
     "dynamics": write_dynamics,
     "ablations": write_ablations,

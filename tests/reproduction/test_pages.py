@@ -8,7 +8,7 @@ from scipy import stats
 from modpush.evaluation.sets import EvaluationSet, load_set
 from modpush.reproduction.ablations import ablation_table
 from modpush.reproduction.cells import make_cells, make_tests
-from modpush.reproduction.figure6 import choose_examples
+from modpush.reproduction.example_pictures import choose_examples
 from modpush.reproduction.printed import judge, printed_rows
 
 

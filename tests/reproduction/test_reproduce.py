@@ -17,28 +17,28 @@ pytestmark = pytest.mark.filterwarnings("ignore:Precision loss occurred:RuntimeW
 
 def test_a_table_is_written_resumed_and_listed(tmp_path: Path) -> None:
     config = ReproduceConfig(
-        parts=("table1",),
+        parts=("free",),
         first=2,
         rows=tmp_path / "rows",
         out=tmp_path / "out",
         progress=False,
     )
     reproduce(config)
-    page = (config.out / "table1.md").read_text()
-    assert "`modpush reproduce table1 --first 2`" in page
+    page = (config.out / "free.md").read_text()
+    assert "`modpush reproduce free --first 2`" in page
     assert "The first 2 of 500 episodes." in page
     assert "| paper: agent | – | 1 | " in page
     assert "Agent minus `corridor_faithful`, paired t-tests:" in page
-    assert r"\begin{tabular}" in (config.out / "table1.tex").read_text()
-    cells = pd.read_csv(config.out / "table1_cells.csv").set_index(["method", "metric"])
+    assert r"\begin{tabular}" in (config.out / "free.tex").read_text()
+    cells = pd.read_csv(config.out / "free_cells.csv").set_index(["method", "metric"])
     rows = pd.read_csv(config.out / "rows" / "agent_free_small_cube.csv.gz")
     assert cells.loc[("agent", "success"), "mean"] == rows["success"].mean()
     assert cells.loc[("agent", "spl"), "mean"] == pytest.approx(rows["spl"].mean())
     companion = (config.out / "README.md").read_text()
-    assert "[table1](table1.md)" in companion
+    assert "[free](free.md)" in companion
     assert "\n4. Path lengths are not judged against printed ones" in companion
-    assert "Not there yet: Table II" in companion
-    verdicts = pd.read_csv(config.out / "table1_verdicts.csv")
+    assert "Not there yet: Table III" in companion
+    verdicts = pd.read_csv(config.out / "free_verdicts.csv")
     agents = verdicts[verdicts["method"] == "agent"]
     for verdict in ("ahead", "level", "behind"):
         assert companion.count(f"### {verdict.capitalize()}") == 1
@@ -46,16 +46,16 @@ def test_a_table_is_written_resumed_and_listed(tmp_path: Path) -> None:
 
     stored = config.rows / "sets" / "agent" / "free" / "small_cube" / "episodes.csv"
     before = stored.read_bytes()
-    reproduce(replace(config, parts=("table1",), first=3))
+    reproduce(replace(config, parts=("free",), first=3))
     assert stored.read_bytes().startswith(before)  # only the third was run
     assert stored.read_bytes().count(b"\n") == 4
-    assert "minutes for 9 episodes" in (config.out / "table1.md").read_text()
+    assert "minutes for 9 episodes" in (config.out / "free.md").read_text()
 
 
 @pytest.mark.slow
 def test_the_other_pages_are_written(tmp_path: Path) -> None:
     config = ReproduceConfig(
-        parts=("figure6", "runtime", "dynamics"),
+        parts=("examples", "runtime", "dynamics"),
         first=5,
         dynamics_episodes=1,
         rows=tmp_path / "rows",
@@ -72,7 +72,7 @@ def test_the_other_pages_are_written(tmp_path: Path) -> None:
     times = pd.read_csv(config.out / "runtime.csv")
     assert (times["cpu_ms"] > 0).all()
     assert "action prediction of the network" in (config.out / "runtime.md").read_text()
-    for name in ("figure6", "runtime", "dynamics"):
+    for name in ("examples", "runtime", "dynamics"):
         assert f"[{name}]({name}.md)" in (config.out / "README.md").read_text()
         assert (config.out / f"{name}.png").stat().st_size > 10_000
 
@@ -123,14 +123,14 @@ def test_ablations_without_a_sweep_say_how_to_run_one(tmp_path: Path) -> None:
 
 
 def test_parts_are_made_in_the_order_of_the_paper() -> None:
-    assert ReproduceConfig(parts=("runtime", "table1")).chosen == ("table1", "runtime")
+    assert ReproduceConfig(parts=("runtime", "free")).chosen == ("free", "runtime")
     assert ReproduceConfig().chosen == PARTS
     assert set(PAPER_TABLES) < set(PARTS)
     with pytest.raises(ValueError, match="parts"):
         ReproduceConfig(parts=("table4",))
     config = ReproduceConfig(first=3, policy_files={"fragment": Path("runs/f.safetensors")})
-    assert config.command("table2") == (
-        "modpush reproduce table2 --first 3 --policy-files fragment f.safetensors"
+    assert config.command("obstacles") == (
+        "modpush reproduce obstacles --first 3 --policy-files fragment f.safetensors"
     )
-    assert config.command("table1") == "modpush reproduce table1 --first 3"
+    assert config.command("free") == "modpush reproduce free --first 3"
     assert config.command("dynamics") == "modpush reproduce dynamics"

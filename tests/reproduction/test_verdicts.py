@@ -48,7 +48,7 @@ def test_against_another_printed_figure_the_interval_decides() -> None:
 
 
 def test_the_lists_hold_every_verdict_on_an_agent_once() -> None:
-    base = {"table": "table1", "section": "Small cube", "low": 0.0, "high": 1.0}
+    base = {"table": "free", "section": "Small cube", "low": 0.0, "high": 1.0}
     lines = [
         ("agent", "paper: agent", "success", 0.98, 0.95, "ahead"),
         ("agent", "paper: agent", "spl", 0.90, 0.91, "level"),
@@ -61,9 +61,9 @@ def test_the_lists_hold_every_verdict_on_an_agent_once() -> None:
     assert "| paper: agent | 1 | 1 | 0 |" in text
     assert "| paper: controller | 0 | 0 | 1 |" in text  # the controller's own row is not counted
     ahead, behind = text.split("### Level")[0], text.split("### Behind")[1]
-    assert "table1, Small cube, agent against paper: agent: success 0.980 (0.950)" in ahead
+    assert "free, Small cube, agent against paper: agent: success 0.980 (0.950)" in ahead
     assert behind.strip() == (
-        "- table1, Small cube, agent against paper: controller: spl 0.900 (0.950)"
+        "- free, Small cube, agent against paper: controller: spl 0.900 (0.950)"
     )
     assert verdict_lists(verdicts[:1].assign(metric="success"))[-1] == "Nothing."
 

@@ -12,7 +12,7 @@ from modpush.files import write_text
 from modpush.reproduction.config import ReproduceConfig
 from modpush.reproduction.measure import AGENT, measure, methods_for
 
-__all__ = ["choose_examples", "write_figure6"]
+__all__ = ["choose_examples", "write_example_pictures"]
 
 _SET, _CONTROLLER = "obstacles/small_cube", "corridor"
 _DETOUR = 1.05  # ratio of shortest path to straight line from which on something stands in the way
@@ -43,8 +43,8 @@ def choose_examples(
     return list(dict.fromkeys(chosen))
 
 
-def write_figure6(config: ReproduceConfig) -> None:
-    """Draw the examples as `figure6.png` and write `figure6.md`.
+def write_example_pictures(config: ReproduceConfig) -> None:
+    """Draw the examples as `examples.png` and write `examples.md`.
 
     Raises:
         ValueError: If the agent and the controller solved no episode in common.
@@ -58,8 +58,8 @@ def write_figure6(config: ReproduceConfig) -> None:
     chosen = choose_examples(agent, controller, episodes)
     if not chosen:
         raise ValueError(
-            f"write_figure6: agent and {_CONTROLLER} solved none of the first {len(agent)} episodes of "
-            f"{_SET} in common; run more of them."
+            f"write_example_pictures: agent and {_CONTROLLER} solved none of the first "
+            f"{len(agent)} episodes of {_SET} in common; run more of them."
         )
     pictures, lines = [], []
     for name, item in measured.items():
@@ -80,10 +80,10 @@ def write_figure6(config: ReproduceConfig) -> None:
             + " | ".join(f"{r['path_length']:.3f} | {r['contact_rate']:.2f}" for r in rows)
             + " |"
         )
-    write_picture(config.out / "figure6.png", contact_sheet(pictures, columns=len(chosen)))
+    write_picture(config.out / "examples.png", contact_sheet(pictures, columns=len(chosen)))
     sessions = [s for item in measured.values() for s in item.sessions]
-    sources = sources_text(config.command("figure6"), sessions, f"the set `{_SET}`")
-    write_text(config.out / "figure6.md", _TEXT.format(sources=sources, rows="\n".join(lines)))
+    sources = sources_text(config.command("examples"), sessions, f"the set `{_SET}`")
+    write_text(config.out / "examples.md", _TEXT.format(sources=sources, rows="\n".join(lines)))
 
 
 _TEXT = """# Example episodes
@@ -94,7 +94,7 @@ path magenta, tool black, object blue, obstacles with their inflation grey. The 
 by a rule: of each family the first one that both solved in which the straight line is blocked, and
 at last the one in which the agent saved most of the object's path.
 
-![agent above, controller below](figure6.png)
+![agent above, controller below](examples.png)
 
 | episode | family | shortest path (m) | agent: path (m) | contact | controller: path (m) | contact |
 |---|---|---|---|---|---|---|
