@@ -1,4 +1,5 @@
 # `make demo` and `make test` do all their own set-up on a fresh clone. PYTHON must be 3.11 or 3.12.
+SHELL := /bin/bash
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
@@ -8,7 +9,7 @@ ifneq ($(ICD),)
 export VK_ICD_FILENAMES ?= $(abspath $(ICD))
 endif
 
-.PHONY: setup demo train test test-slow check docs bench renderer clean
+.PHONY: setup demo train test test-slow test-gpu check docs bench renderer clean
 
 setup: $(STAMP)
 
@@ -30,6 +31,13 @@ test: setup
 
 test-slow: setup
 	$(BIN)/python -m pytest -m slow -s
+
+# What has never run on a GPU: the batched simulation, CUDA graphs, training on CUDA. Send build/gpu_report.txt.
+test-gpu: setup
+	mkdir -p build
+	$(BIN)/python -m torch.utils.collect_env > build/gpu_report.txt
+	git rev-parse HEAD >> build/gpu_report.txt
+	set -o pipefail; $(BIN)/python -m pytest -m gpu -rA --durations=0 2>&1 | tee -a build/gpu_report.txt
 
 check: setup
 	$(BIN)/ruff check .

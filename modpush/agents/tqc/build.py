@@ -13,6 +13,7 @@ from torchrl.modules import AdditiveGaussianModule, ProbabilisticActor
 from torchrl.objectives import LossModule, SoftUpdate
 
 from modpush._arguments import checked_arguments
+from modpush._experimental import warn_experimental
 from modpush.agents.tqc.config import TQCConfig
 from modpush.agents.tqc.encoder import make_encoder
 from modpush.agents.tqc.factories import (
@@ -132,6 +133,8 @@ def make_tqc_from_specs(
     Raises:
         ValueError: As `make_tqc`.
     """
+    if config.device.startswith("cuda"):
+        warn_experimental("The learner")
     if isinstance(loss, str):
         config = replace(config, loss=loss)  # the networks' outputs depend on it
     make_actor: ActorFactory = find_part("make_tqc: actor", actor or config.actor_network, ACTORS)

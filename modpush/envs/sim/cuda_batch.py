@@ -1,13 +1,12 @@
 """Scenes in one batched simulation on CUDA. Experimental: it has never been run."""
 
-import functools
-import warnings
 from collections.abc import Sequence
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from modpush._experimental import warn_experimental
 from modpush.envs.depth.base import DepthCameraFactory
 from modpush.envs.scenes.scenario import Scenario
 from modpush.envs.sim.batch import Measurement, SceneBatch
@@ -33,7 +32,7 @@ class CudaBatch(SceneBatch):
     def __init__(
         self, num_envs: int, depth: DepthCameraFactory | None, arm_in_depth: bool, **task: Any
     ) -> None:
-        warn_experimental()
+        warn_experimental("PushEnv")
         self._task = ClutterPushEnv(
             obs_mode="none", num_envs=num_envs, sim_backend="physx_cuda", **task
         )
@@ -102,14 +101,3 @@ def _to_device(state: Any, device: torch.device) -> Any:
     if isinstance(state, dict):
         return {key: _to_device(value, device) for key, value in state.items()}
     return torch.as_tensor(state, device=device)
-
-
-@functools.cache
-def warn_experimental() -> None:
-    """Warn, once per process, that the CUDA simulation is untested."""
-    warnings.warn(
-        "PushEnv on CUDA is experimental: its batched simulation has never been run. Check it with "
-        "`pytest -m gpu tests/envs/sim/test_cuda.py` first, or use device='cpu'.",
-        UserWarning,
-        stacklevel=2,
-    )
