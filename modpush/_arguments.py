@@ -24,16 +24,18 @@ __all__ = ["checked_arguments"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 _PLAIN = (bool, int, float, str, Path, Tensor, TensorDictBase, type(None))
+_LIBRARIES = ("pandas", "tensordict", "torch", "torchrl")
 _CONTAINERS = (tuple, list, Sequence, Mapping, dict)
 
 
 def checked_arguments(function: F) -> F:
     """Check the arguments of a function or constructor against its annotations.
 
-    Checked are numbers, text, truth values, paths, keys, tensors, configurations, and tuples, sequences
-    and mappings of them; what may be anything else, such as a part of a user's own, is left to the
-    function. Ranges are checked where the annotation has one, such as `modpush._types.Positive`. It
-    takes some microseconds an argument, so it is for what is called once, not at every step.
+    Checked are numbers, text, truth values, paths, keys, tensors, configurations, functions, classes of
+    torch, TorchRL and pandas, and tuples, sequences and mappings of them; what may be anything else,
+    such as a part of a user's own, is left to the function. Ranges are checked where the annotation has
+    one, such as `modpush._types.Positive`. It takes some microseconds an argument, so it is for what is
+    called once, not at every step.
 
     Args:
         function: The function. A constructor's errors name its class.
@@ -80,16 +82,22 @@ def _checkable(kind: Any) -> Any:
         return kind
     if origin in (Union, types.UnionType) or origin in _CONTAINERS:
         items = [item if item is Ellipsis else _checkable(item) for item in inner]
-        if not items or any(item is None for item in items):
-            return None
         if origin in (Union, types.UnionType):
-            return functools.reduce(operator.or_, items)
+            return None if None in items else functools.reduce(operator.or_, items)
+        items = [Any if item is None else item for item in items]
         if origin is tuple:  # a list does for a tuple
             return Annotated[tuple[tuple(items)], Strict(False)]  # type: ignore[misc]  # of types found
         return origin[tuple(items)]
-    if isinstance(kind, type) and dataclasses.is_dataclass(kind):
+    if origin is Callable:
+        return Callable
+    if isinstance(kind, type) and (dataclasses.is_dataclass(kind) or _is_foreign(kind)):
         return Annotated[Any, BeforeValidator(functools.partial(_instance, kind))]
     return None
+
+
+def _is_foreign(kind: type) -> bool:
+    """Whether a class is of a library whose functions take nothing else in its place."""
+    return kind.__module__.partition(".")[0] in _LIBRARIES
 
 
 def _instance(kind: type, value: Any) -> Any:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["clean_leftovers", "replacing"]
+__all__ = ["clean_leftovers", "make_folder", "replacing"]
 
 _HOST = socket.gethostname()
 
@@ -24,9 +24,15 @@ def replacing(path: Path | str) -> Iterator[Path]:
 
     Yields:
         The temporary file's path, in the same folder.
+
+    Raises:
+        IsADirectoryError: If the path is a folder.
+        NotADirectoryError: If its folder is or lies in a file.
     """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.is_dir():
+        raise IsADirectoryError(f"{path} is a folder, expected the path of a file.")
+    make_folder(path.parent)
     clean_leftovers(path.parent, path.name)
     unfinished = path.with_name(f".{path.name}.{_HOST}.{os.getpid()}.tmp")
     try:
@@ -37,6 +43,20 @@ def replacing(path: Path | str) -> Iterator[Path]:
         _sync(path.parent)
     finally:
         unfinished.unlink(missing_ok=True)
+
+
+def make_folder(path: Path | str) -> Path:
+    """Make a folder unless it is there.
+
+    Raises:
+        NotADirectoryError: If it, or a folder that it lies in, is a file.
+    """
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise NotADirectoryError(f"{folder} is or lies in a file, expected a folder.") from None
+    return folder
 
 
 def clean_leftovers(folder: Path | str, name: str = "*") -> None:

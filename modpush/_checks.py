@@ -1,13 +1,23 @@
 """Checks of tensors at the border to compiled kernels, which check nothing themselves."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
-__all__ = ["check_depth_unit", "check_dtype", "check_instance", "check_shape", "check_width"]
+__all__ = [
+    "check_callable",
+    "check_depth_unit",
+    "check_dtype",
+    "check_finite",
+    "check_instance",
+    "check_keys",
+    "check_real",
+    "check_shape",
+]
+
+_NO_NUMBERS = {torch.bool, torch.complex32, torch.complex64, torch.complex128}
 
 _STRIDE = 8  # of the pixels that are looked at first
 _TOLERANCE = 1.1  # of the camera's height over the table
@@ -71,23 +81,77 @@ def check_instance(who: str, name: str, value: Any, kind: type) -> None:
         )
 
 
-def check_width(who: str, name: str, value: Any, width: int) -> None:
-    """Check that a value is a real tensor or array `[..., width]`.
+def check_real(who: str, name: str, value: Any, *last: int) -> None:
+    """Check that a value is a tensor of real numbers `[..., *last]`, in less than a microsecond.
 
     Args:
         who: What asks, for the error message.
         name: The argument's name.
         value: What was given.
-        width: The last dimension.
+        last: The last dimensions.
 
     Raises:
         TypeError: If it is something else.
-        ValueError: If its last dimension is another one.
+        ValueError: If its last dimensions are others.
     """
-    if not isinstance(value, Tensor | np.ndarray):
+    if not isinstance(value, Tensor):
         raise TypeError(f"{who}: {name} must be a tensor, got {type(value).__name__}.")
-    if value.ndim < 1 or value.shape[-1] != width:
-        raise ValueError(f"{who}: {name} must be [..., {width}], got {list(value.shape)}.")
+    if value.dtype in _NO_NUMBERS:
+        raise TypeError(f"{who}: {name} must be a tensor of real numbers, got {value.dtype}.")
+    if last and value.shape[-len(last) :] != last:
+        dims = ", ".join(map(str, last))
+        raise ValueError(f"{who}: {name} must be [..., {dims}], got {list(value.shape)}.")
+
+
+def check_finite(who: str, name: str, value: Tensor) -> None:
+    """Check a tensor for NaN and infinity; it waits for a GPU.
+
+    Args:
+        who: What asks, for the error message.
+        name: The argument's name.
+        value: What was given.
+
+    Raises:
+        ValueError: If it is not finite, with the first such row.
+    """
+    good = value.isfinite()
+    if not good.all():
+        index = (~good).nonzero()[0, : max(value.ndim - 1, 0)].tolist()
+        raise ValueError(
+            f"{who}: {name} must be finite, got {value[tuple(index)].tolist()} in row {index}."
+        )
+
+
+def check_keys(who: str, state: Mapping[str, Any], expected: Collection[str]) -> None:
+    """Check that a state holds what it must, and nothing else.
+
+    Args:
+        who: What asks, for the error message.
+        state: What was given.
+        expected: Names of its fields.
+
+    Raises:
+        ValueError: If a field is missing or unknown.
+    """
+    if set(state) != set(expected):
+        raise ValueError(
+            f"{who}: the state must hold {sorted(expected)}, got {sorted(map(str, state))}."
+        )
+
+
+def check_callable(who: str, name: str, value: Any) -> None:
+    """Check that a value can be called.
+
+    Args:
+        who: What asks, for the error message.
+        name: The argument's name.
+        value: What was given.
+
+    Raises:
+        TypeError: If it cannot.
+    """
+    if not callable(value):
+        raise TypeError(f"{who}: {name} must be a function, got {value!r}.")
 
 
 def check_depth_unit(who: str, depth: Tensor, camera_z: float) -> None:

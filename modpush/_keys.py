@@ -5,19 +5,24 @@ from collections.abc import Iterable
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
+from modpush._checks import check_real
+
 __all__ = ["check_spec_has", "read_key", "stored_next"]
 
 
-def read_key(who: str, tensordict: TensorDictBase, key: NestedKey) -> Tensor:
+def read_key(who: str, tensordict: TensorDictBase, key: NestedKey, *last: int) -> Tensor:
     """The entry under a key.
 
     Args:
         who: What reads it, for the error message.
         tensordict: Where it is read.
         key: Its key.
+        last: Its last dimensions; none for an entry of any kind.
 
     Raises:
         KeyError: If there is none, with the keys there are.
+        TypeError: With `last`, if it is no tensor of real numbers.
+        ValueError: If its last dimensions are others.
     """
     value = tensordict.get(key, None)
     if value is None:
@@ -25,6 +30,8 @@ def read_key(who: str, tensordict: TensorDictBase, key: NestedKey) -> Tensor:
             f"{who}: key {key!r} is missing; there are "
             f"{sorted(map(str, tensordict.keys(True, True)))}."
         )
+    if last:
+        check_real(who, repr(key), value, *last)
     return value
 
 

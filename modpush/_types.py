@@ -35,6 +35,7 @@ __all__ = [
     "NonNegative",
     "NonNegativeInteger",
     "NonNegativeLength",
+    "PartName",
     "PixelCount",
     "Point",
     "Pose",
@@ -105,6 +106,8 @@ Scenes = Annotated[int, Field(ge=1, le=65_536), _NUMBER]
 
 Name = Annotated[str, StringConstraints(min_length=1)]
 """Text that is not empty."""
+PartName = Annotated[str, StringConstraints(pattern=r"^[\w.]+:[\w.]+$")]
+"""Where a part of a user's own is, "module:name"."""
 Device = Annotated[str, StringConstraints(pattern=r"^[a-z]+(:\d+)?$")]
 """A torch device, "cpu" or "cuda:0" for instance."""
 FilePath = Annotated[Path, Strict(False)]

@@ -237,6 +237,8 @@ def _read(path: Path | str, kind: str, version: int) -> bytes:
 @contextmanager
 def _explained(path: Path | str, kind: str) -> Iterator[None]:
     """Turn what a file's reader raises into one kind of error that names the file."""
+    if not isinstance(path, str | os.PathLike):
+        raise TypeError(f"{kind}: path must be a file's path, got {path!r}.")
     if not Path(path).is_file():
         raise FileNotFoundError(f"{kind}: no file {path}.")
     try:

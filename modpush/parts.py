@@ -86,8 +86,12 @@ def check_allowed(who: str, modules: Iterable[str], allow: Iterable[str]) -> Non
     A file must never decide what code is run: what it names is imported only if the caller agrees.
 
     Raises:
+        TypeError: If `allow` is not of texts.
         ValueError: If a module is neither in `allow` nor inside a package that is.
     """
+    named = isinstance(allow, Iterable) and not isinstance(allow, str)
+    if not named or not all(isinstance(module, str) for module in allow):
+        raise TypeError(f"{who}: allow must be names of modules, got {allow!r}.")
     allowed = ("modpush", *allow)
     refused = sorted(
         {m for m in modules if not any(m == a or m.startswith(f"{a}.") for a in allowed)}

@@ -2,6 +2,7 @@
 
     python benchmarks/reliability/malformed.py                  # 2,000 of them, some minutes of a core
     python benchmarks/reliability/malformed.py --seed 1 --show 20
+    python benchmarks/reliability/malformed.py --log runs/malformed.jsonl  # goes on if interrupted
 
 Targets, right arguments and the ways to make them wrong are in `tests/malformed`. An error is clear if
 it is a ValueError, TypeError, KeyError, OSError or RuntimeError that names the argument (or the key)
@@ -15,6 +16,7 @@ import select
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +87,12 @@ def work(seed: int) -> None:
 
 
 def main(
-    count: int = 2000, seed: int = 0, seconds: float = 60.0, show: int = 0, work: bool = False
+    count: int = 2000,
+    seed: int = 0,
+    seconds: float = 60.0,
+    show: int = 0,
+    log: Path | None = None,
+    work: bool = False,
 ) -> None:
     """Print a table of outcomes by part of the surface.
 
@@ -94,19 +101,19 @@ def main(
         seed: Seed of what they are.
         seconds: After which a case counts as hanging.
         show: Number of cases that are printed of those that are not refused clearly.
+        log: File of a line for each case. A count goes on with those that it holds, which must be of
+            the same seed and the same code.
         work: Run cases whose numbers come in, for this command's own use.
     """
     if work:
         _work(seed)
         return
-    worker, outcomes, shown = Worker(seed), Counter(), 0
+    outcomes: Counter[str] = Counter()
     cases: set[str] = set()
-    for number in range(count):
-        result = worker.run(number, seconds)
+    shown = 0
+    for number, result in enumerate(_results(count, seed, seconds, log)):
         outcomes[result["outcome"]] += 1
         cases.add(result.get("case", str(number)))
-        if result["outcome"] in ("crash", "hang"):
-            worker = Worker(seed)
         if result["outcome"] != "clear" and shown < show:
             shown += 1
             print(f"{number} {result['outcome']}: {result.get('case')}: {result.get('text')}")
@@ -118,6 +125,22 @@ def main(
     print("|---|---|---|---|---|---|---|---|")
     counted = " | ".join(str(outcomes[name]) for name in names)
     print(f"| {count} | {len(cases)} | {counted} |")
+
+
+def _results(count: int, seed: int, seconds: float, log: Path | None) -> Iterator[dict[str, Any]]:
+    """What became of each case: as the log says, and of the others by running them."""
+    known = log.read_text().splitlines() if log is not None and log.exists() else []
+    yield from (json.loads(line) for line in known[:count])
+    worker = Worker(seed) if len(known) < count else None
+    for number in range(len(known), count):
+        assert worker is not None
+        result = worker.run(number, seconds)
+        if result["outcome"] in ("crash", "hang"):
+            worker = Worker(seed)
+        if log is not None:
+            with log.open("a") as file:
+                file.write(f"{json.dumps(result)}\n")
+        yield result
 
 
 _work = work

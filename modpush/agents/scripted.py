@@ -8,6 +8,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
 from modpush._arguments import checked_arguments
+from modpush._checks import check_dtype, check_finite
 from modpush._keys import read_key
 from modpush._types import Finite, HalfTurn, Length, NonNegative, Positive, PositiveFraction
 from modpush._validation import checked
@@ -134,14 +135,25 @@ class ScriptedPusher(TensorDictModuleBase):
 
         Raises:
             KeyError: If a key is missing; the message lists those there are.
+            TypeError: If one is no tensor of real numbers.
+            ValueError: If one is of another width, or a pose is not finite.
         """
-        values = [read_key("ScriptedPusher", tensordict, key) for key in self.in_keys]
-        object_pose, target, ee_pose, contact, radius = values
+        who = "ScriptedPusher"
+        pose_key, target_key, ee_key, contact_key, radius_key = self.in_keys
+        object_pose = read_key(who, tensordict, pose_key, 3)
+        target = read_key(who, tensordict, target_key, 2)
+        ee_pose = read_key(who, tensordict, ee_key, 3)
+        contact = read_key(who, tensordict, contact_key)
+        check_dtype(who, repr(contact_key), contact, torch.bool)
+        radius = read_key(who, tensordict, radius_key, 1)
         batch = object_pose.shape[:-1]
         target, ee_pose, contact, radius = (
             value.reshape(-1, value.shape[-1]) for value in (target, ee_pose, contact, radius)
         )
         position = object_pose.reshape(-1, 3)[:, :2]
+        if not math.isfinite(torch.cat([position, target, ee_pose], -1).sum()):
+            for key, value in zip(self.in_keys, (object_pose, target, ee_pose), strict=False):
+                check_finite(who, repr(key), value)
         action = scripted_push(position, target, ee_pose, contact, radius, self.config)
         tensordict.set(self.out_keys[0], action.reshape(*batch, 3))
         return tensordict

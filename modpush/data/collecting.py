@@ -14,6 +14,7 @@ from torchrl.envs import EnvBase, TransformedEnv
 from tqdm import tqdm
 
 import modpush.envs  # noqa: F401  # registers the environments
+from modpush._arguments import checked_arguments
 from modpush._extras import require_extra
 from modpush._folder_lock import FolderLock
 from modpush.data.card import card_text
@@ -37,6 +38,7 @@ _TRIES = 10
 """With `only_success`, the largest number of episodes to run for each that is to be kept."""
 
 
+@checked_arguments
 def collect_demonstrations(config: CollectConfig, progress: bool = True) -> Path:
     """Run policies from starts drawn for this purpose, and write their episodes and a card.
 

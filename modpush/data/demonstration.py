@@ -101,7 +101,7 @@ class Demonstration:
         write_arrays(path, {"about": np.array(json.dumps(about)), **arrays}, _KIND, _VERSION)
 
     @classmethod
-    def load(cls, path: Path) -> "Demonstration":
+    def load(cls, path: Path | str) -> "Demonstration":
         """Read what `save` wrote.
 
         Raises:

@@ -1,6 +1,6 @@
 """`load_demonstrations`: collected episodes as transitions, and the environment they are of."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,9 @@ from tensordict import TensorDict
 from torch import Tensor
 from torchrl.envs import EnvBase
 
+from modpush._arguments import checked_arguments
 from modpush._extras import require_extra
+from modpush._types import Several
 from modpush._validation import from_plain
 from modpush.recipes.config import PushEnvConfig
 from modpush.recipes.fingerprint import environment_fingerprint, fingerprint_differences
@@ -60,10 +62,11 @@ class Demonstrations:
         return env
 
 
+@checked_arguments
 def load_demonstrations(
     path: Path | str,
     *,
-    policies: Collection[str] | None = None,
+    policies: Several[str] | None = None,
     only_success: bool = False,
 ) -> Demonstrations:
     """Read what `modpush collect` wrote, from its Minari data set.
@@ -91,8 +94,8 @@ def load_demonstrations(
     known = [dict(m) for m in dataset.storage.get_episode_metadata(range(len(dataset)))]
     if policies is not None and (missing := set(policies) - set(about["policies"])):
         raise ValueError(
-            f"load_demonstrations: no policies {sorted(missing)}, there are "
-            f"{sorted(about['policies'])}."
+            f"load_demonstrations: policies must be some of {sorted(about['policies'])}, got "
+            f"{sorted(missing)}."
         )
     chosen = [
         n
@@ -120,8 +123,8 @@ def _find(path: Path) -> Path:
     found = [p for p in found if not p.name.startswith(".")]
     if not found:
         raise FileNotFoundError(
-            f"load_demonstrations: no Minari data set in {path}; `modpush collect` writes one with "
-            "--formats minari."
+            f"load_demonstrations: there is no Minari data set in {path}; `modpush "
+            "collect` writes one with --formats minari."
         )
     if len(found) > 1:
         raise ValueError(

@@ -11,6 +11,7 @@ from torch import Tensor
 from torchrl.envs import EnvBase, Transform, TransformedEnv
 from torchrl.envs.utils import step_mdp
 
+from modpush._arguments import checked_arguments
 from modpush.data.demonstration import FLAG_KEYS, POSE_KEYS, Demonstration, body_state
 from modpush.envs.push_env import PushEnv
 from modpush.envs.scenes.objects import PushedObject
@@ -53,6 +54,7 @@ class RecordingEnv(EnvBase):
 
     batch_locked = True
 
+    @checked_arguments
     def __init__(self, env: TransformedEnv, images: bool = False) -> None:
         base = env.base_env
         if not isinstance(base, PushEnv):

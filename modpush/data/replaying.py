@@ -3,12 +3,15 @@
 import torch
 from tensordict import TensorDict
 
+from modpush._arguments import checked_arguments
+from modpush._checks import check_instance
 from modpush.data.demonstration import Demonstration, body_state
 from modpush.envs.push_env import PushEnv
 
 __all__ = ["replay_demonstration"]
 
 
+@checked_arguments
 def replay_demonstration(demonstration: Demonstration, env: PushEnv) -> TensorDict:
     """Start where a demonstration started, and do its commands.
 
@@ -24,8 +27,10 @@ def replay_demonstration(demonstration: Demonstration, env: PushEnv) -> TensorDi
         `physics`, see `body_state`, beside it.
 
     Raises:
+        TypeError: If the environment is no `PushEnv`.
         ValueError: If the environment has several scenes.
     """
+    check_instance("replay_demonstration", "env", env, PushEnv)
     if env.batch_size != torch.Size([1]):
         raise ValueError(f"replay_demonstration: env must have one scene, got {env.batch_size[0]}.")
     keys = [*env.observation_spec.keys(True, True), *env.done_spec.keys(True, True)]

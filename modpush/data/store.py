@@ -7,7 +7,8 @@ from typing import Any
 
 import pandas as pd
 
-from modpush._atomic import clean_leftovers
+from modpush._arguments import checked_arguments
+from modpush._atomic import clean_leftovers, make_folder
 from modpush.data.demonstration import Demonstration
 from modpush.evaluation.metrics import EpisodeMetrics
 from modpush.evaluation.sealed_rows import append_row, begin_rows, read_rows
@@ -44,8 +45,9 @@ class DemonstrationStore:
         ValueError: If the folder holds other demonstrations, or a file is damaged.
     """
 
-    def __init__(self, folder: Path, about: Mapping[str, Any]) -> None:
-        self.folder = folder
+    @checked_arguments
+    def __init__(self, folder: Path | str, about: Mapping[str, Any]) -> None:
+        self.folder = folder = make_folder(folder)
         if (folder / "run.json").exists():
             found = read_json(folder / "run.json", _KIND, _VERSION)["about"]
             other = sorted(

@@ -67,7 +67,8 @@ def evaluating(module: nn.Module) -> Iterator[None]:
 
 def as_floats(window: Tensor) -> Tensor:
     """Windows as float32 in [0, 1]: bytes are divided by 255, floats stay as they are."""
-    return window.float() / 255 if window.dtype == torch.uint8 else window
+    stored = isinstance(window, Tensor) and window.dtype == torch.uint8
+    return window.float() / 255 if stored else window
 
 
 def check_window(

@@ -13,7 +13,13 @@ from torch import Tensor
 
 from modpush._arguments import checked_arguments
 from modpush._batching import run_batch
-from modpush._checks import check_depth_unit, check_dtype, check_instance, check_width
+from modpush._checks import (
+    check_callable,
+    check_depth_unit,
+    check_dtype,
+    check_instance,
+    check_real,
+)
 from modpush._types import PixelCount
 from modpush.encoders.window_kernel import Pinhole, window_few, window_many
 from modpush.geometry.camera import Camera
@@ -124,7 +130,7 @@ def window_pixels(
     Raises:
         ValueError: If the pose is not `[..., 3]`, or a number is out of range.
     """
-    check_width("window_pixels", "pose", pose, 3)
+    check_real("window_pixels", "pose", pose, 3)
     camera = camera or Camera()
     if not -math.inf < height < camera.z:
         raise ValueError(f"window_pixels: height must be below the camera's, got {height}.")
@@ -162,7 +168,10 @@ def cast_window(
     Returns:
         `[1, size, size]` float32, the values that `egocentric_window` reads from the full image.
     """
+    check_callable("cast_window", "cast", cast)
+    check_real("cast_window", "pose", pose, 3)
     camera = camera or Camera()
+    check_options("cast_window", size, max_height, outside, camera.z)
     depth = np.full((1, camera.height, camera.width), camera.z, dtype=np.float32)
     labels = np.zeros(depth.shape, dtype=np.uint8)
     heights = (0.0, max_height) if upright else (0.0,)
@@ -241,8 +250,7 @@ def _check(
                 f"{who}: segmentation must be shaped like depth {list(depth.shape)}, "
                 f"got {list(segmentation.shape)}."
             )
-    if not isinstance(pose, Tensor):
-        raise TypeError(f"{who}: pose must be a tensor, got {type(pose).__name__}.")
+    check_real(who, "pose", pose)
     if pose.shape != (len(depth), 3):
         raise ValueError(f"{who}: pose must be [{len(depth)}, 3], got {list(pose.shape)}.")
     return camera

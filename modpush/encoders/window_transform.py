@@ -7,6 +7,7 @@ from torchrl.data import Bounded, TensorSpec
 from torchrl.envs import Transform
 
 from modpush._arguments import checked_arguments
+from modpush._checks import check_finite
 from modpush._keys import check_spec_has, read_key, stored_next
 from modpush.encoders.window import (
     MAX_HEIGHT,
@@ -81,10 +82,10 @@ class EgocentricWindow(Transform):
 
     def _pose(self, tensordict: TensorDictBase) -> Tensor:
         """`[B, 3]` of the window's frame."""
-        pose = read_key("EgocentricWindow", tensordict, self.object_pose_key).reshape(-1, 3)
+        pose = read_key("EgocentricWindow", tensordict, self.object_pose_key, 3).reshape(-1, 3)
         subgoal = None
         if self.frame == "path":
-            subgoal = read_key("EgocentricWindow", tensordict, self.subgoal_key).reshape(-1, 2)
+            subgoal = read_key("EgocentricWindow", tensordict, self.subgoal_key, 2).reshape(-1, 2)
         return torch.cat([pose[:, :2], frame_yaw(self.frame, pose, subgoal)], -1)
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
@@ -97,18 +98,23 @@ class EgocentricWindow(Transform):
             )
         labels = None
         if self.segmentation_key is not None:
-            labels = read_key("EgocentricWindow", next_tensordict, self.segmentation_key)
+            labels = read_key("EgocentricWindow", next_tensordict, self.segmentation_key, *expected)
             labels = labels.reshape(-1, *expected[1:])
-        window = egocentric_window(
-            depth.reshape(-1, *expected[1:]),
-            labels,
-            self._pose(next_tensordict),
-            size=self.size,
-            max_height=self.max_height,
-            outside=self.outside,
-            upright=self.upright,
-            camera=self.camera,
-        )
+        pose = self._pose(next_tensordict)
+        try:
+            window = egocentric_window(
+                depth.reshape(-1, *expected[1:]),
+                labels,
+                pose,
+                size=self.size,
+                max_height=self.max_height,
+                outside=self.outside,
+                upright=self.upright,
+                camera=self.camera,
+            )
+        except ValueError:  # it looks at the pose, and does not know its key
+            check_finite("EgocentricWindow", f"{self.object_pose_key!r} or sub-goal", pose)
+            raise
         next_tensordict.set(self.window_key, window.reshape(*depth.shape[:-3], *window.shape[1:]))
         return next_tensordict
 

@@ -108,7 +108,7 @@ def check_options(
         raise ValueError(
             f"PushEnv: max_episode_steps must be >= 1 or None, got {max_episode_steps}."
         )
-    if tool not in TOOLS:
+    if not isinstance(tool, str) or tool not in TOOLS:
         raise ValueError(f"PushEnv: no tool {tool!r}, expected one of {sorted(TOOLS)}.")
     if oob not in ("truncate", "terminate"):
         raise ValueError(f"PushEnv: oob must be 'truncate' or 'terminate', got {oob!r}.")

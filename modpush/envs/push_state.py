@@ -98,7 +98,7 @@ def check_state(
     if dict(state.config) != dict(config):
         names = sorted(set(state.config) | set(config))
         differences = [
-            f"{name}={state.config.get(name)!r} (this one has {config.get(name)!r})"
+            f"{name}={state.config.get(name)!r} (expected {config.get(name)!r})"
             for name in names
             if state.config.get(name) != config.get(name)
         ]
@@ -112,8 +112,8 @@ def check_state(
             )
         if state.objects.get(name) != objects[name]:
             raise ValueError(
-                f"{who}: the state's object {name!r} is another than this environment's of that "
-                "name."
+                f"{who}: the state's object {name!r} must be this environment's of that name, got "
+                f"{state.objects.get(name)!r} for {objects[name]!r}."
             )
     _check_counts_and_rngs(who, state.step_count, state.rngs, count)
 

@@ -12,6 +12,8 @@ from tensordict import TensorDictBase
 from torchrl.envs import EnvBase
 from torchrl.envs.utils import step_mdp
 
+from modpush._types import Seed
+from modpush._validation import check_value
 from modpush.envs.push_env import PushEnv
 from modpush.envs.specs import ACTION_SIZE
 
@@ -69,13 +71,13 @@ class SingleSceneEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], AB
         Raises:
             ValueError: For unknown options.
         """
-        super().reset(seed=seed)
+        who = f"{type(self).__name__}.reset"
+        check_value(who, "seed", seed, Seed | None)
+        check_value(who, "options", options, dict[str, Any] | None)
+        super().reset(seed=None if seed is None else int(seed))
         options = options or {}
         if unknown := sorted(set(options) - {"scenario"}):
-            raise ValueError(
-                f"{type(self).__name__}.reset: unknown options {unknown}, expected ['scenario'] or "
-                "none."
-            )
+            raise ValueError(f"{who}: unknown options {unknown}, expected ['scenario'] or none.")
         scenario = options.get("scenario")
         state = self.env.reset(seed=seed, scenarios=None if scenario is None else [scenario])
         self._state = state

@@ -1,9 +1,14 @@
 """Metrics of an episode, as pure functions of its recorded positions, contacts and rewards."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from modpush._arguments import checked_arguments
+from modpush._types import Positive
 
 __all__ = [
     "EpisodeMetrics",
@@ -125,6 +130,7 @@ def success_weighted_by_path_length(success: bool, shortest: float, taken: float
     return float(success) * shortest / max(taken, shortest)
 
 
+@checked_arguments
 def episode_metrics(
     *,
     object_position: NDArray[np.float64],
@@ -136,9 +142,9 @@ def episode_metrics(
     object_contact_at_end: Flags,
     success: bool,
     out_of_bounds: bool,
-    shortest_length: float,
-    authors_agent_length: float,
-    authors_controller_length: float,
+    shortest_length: Positive,
+    authors_agent_length: Positive,
+    authors_controller_length: Positive,
 ) -> EpisodeMetrics:
     """All metrics of an episode of T control steps.
 
@@ -157,16 +163,17 @@ def episode_metrics(
         authors_controller_length: See `modpush.evaluation.authors_paths` [m].
 
     Raises:
-        ValueError: If the lengths do not fit each other.
+        TypeError: If an array is none, or of another kind.
+        ValueError: If the lengths do not fit each other, or a number is out of range.
     """
-    steps = len(reward)
-    flags = (object_contact, obstacle_contact, tool_obstacle_contact, object_contact_at_end)
-    rows = [len(x) for x in flags]
-    if rows != [steps] * 4 or len(object_position) != steps + 1:
-        raise ValueError(
-            f"episode_metrics: with {steps} rewards expected {steps} contacts and {steps + 1} "
-            f"positions, got {rows} and {len(object_position)}."
-        )
+    steps = len(object_position) - 1 if isinstance(object_position, np.ndarray) else 0
+    _check_array("object_position", object_position, "f", (steps + 1, 2))
+    _check_array("goal_position", goal_position, "f", (2,))
+    _check_array("reward", reward, "f", (steps,))
+    _check_array("object_contact", object_contact, "b", (steps,))
+    _check_array("obstacle_contact", obstacle_contact, "b", (steps,))
+    _check_array("tool_obstacle_contact", tool_obstacle_contact, "b", (steps,))
+    _check_array("object_contact_at_end", object_contact_at_end, "b", (steps,))
     taken, final = pushed_length(object_position, goal_position)
     spl, spl_agent, spl_controller = (
         success_weighted_by_path_length(success, length, taken)
@@ -191,3 +198,18 @@ def episode_metrics(
         spl_authors_controller=spl_controller,
         out_of_bounds=bool(out_of_bounds),
     )
+
+
+def _check_array(name: str, value: Any, kind: str, shape: Sequence[int]) -> None:
+    """Raise unless a value is an array of a kind, `"f"` or `"b"`, and shape, and finite."""
+    who, words = "episode_metrics", {"f": "floats", "b": "bool"}
+    if not isinstance(value, np.ndarray) or value.dtype.kind != kind:
+        got = getattr(value, "dtype", type(value).__name__)
+        raise TypeError(f"{who}: {name} must be an array of {words[kind]}, got {got}.")
+    if value.shape != tuple(shape):
+        raise ValueError(
+            f"{who}: {name} must be {list(shape)}, by the length of object_position [T + 1, 2], got "
+            f"{list(value.shape)}."
+        )
+    if not np.isfinite(value).all():
+        raise ValueError(f"{who}: {name} must be finite, got {value}.")

@@ -6,6 +6,9 @@ from pathlib import Path
 
 import pandas as pd
 
+from modpush._arguments import checked_arguments
+from modpush._atomic import make_folder
+from modpush._types import NonNegativeInteger
 from modpush.evaluation.pictures import (
     contact_sheet,
     draw_episode,
@@ -16,12 +19,20 @@ from modpush.evaluation.pictures import (
 from modpush.evaluation.published_results import beside_paper
 from modpush.evaluation.results import load_trajectory
 from modpush.evaluation.sets import EvaluationSet
-from modpush.evaluation.tables import LEGEND, compare, format_table, summarize, to_display
+from modpush.evaluation.tables import (
+    LEGEND,
+    check_rows,
+    compare,
+    format_table,
+    summarize,
+    to_display,
+)
 
 __all__ = ["comparison_report", "draw_results", "write_tables"]
 
 
-def write_tables(rows: pd.DataFrame, folder: Path) -> str:
+@checked_arguments
+def write_tables(rows: pd.DataFrame, folder: Path | str) -> str:
     """Write means over all episodes and over each scene family as `table.csv`, `.tex` and `.md`.
 
     Args:
@@ -31,6 +42,8 @@ def write_tables(rows: pd.DataFrame, folder: Path) -> str:
     Returns:
         The table in Markdown.
     """
+    check_rows("write_tables", {"all": rows})
+    folder = make_folder(folder)
     by_scene = {str(scene): frame for scene, frame in rows.groupby("scene", sort=False)}
     table = pd.concat(
         [summarize({name: frame}) for name, frame in [("all", rows), *by_scene.items()]]
@@ -42,13 +55,14 @@ def write_tables(rows: pd.DataFrame, folder: Path) -> str:
     return text
 
 
+@checked_arguments
 def draw_results(
     rows: pd.DataFrame,
     episodes: EvaluationSet,
-    folder: Path,
+    folder: Path | str,
     policy: str,
     *,
-    pictures: int = 24,
+    pictures: NonNegativeInteger = 24,
     videos: bool = True,
 ) -> None:
     """Draw failed and solved episodes, spread over the set, and a video of each scene family.
@@ -63,6 +77,8 @@ def draw_results(
         pictures: Largest number of failed episodes that are drawn; half as many solved ones are.
         videos: Whether to write the videos.
     """
+    check_rows("draw_results", {"all": rows})
+    folder = Path(folder)
     load = functools.partial(load_trajectory, folder)
     for name, solved, most in (("failures", False, pictures), ("successes", True, pictures // 2)):
         chosen = rows[rows["success"] == solved]
@@ -88,6 +104,7 @@ def draw_results(
         write_video(folder / "videos" / f"{scene}.mp4", frames)
 
 
+@checked_arguments
 def comparison_report(name: str, rows: Mapping[str, pd.DataFrame]) -> str:
     """Policies beside the paper's figures; several of them are tested against the first.
 

@@ -10,6 +10,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import nn
 
 from modpush._arguments import checked_arguments
+from modpush._atomic import make_folder
 from modpush._hash import data_hash, weights_hash
 from modpush.evaluation.episodes import Episode, Trajectory
 from modpush.evaluation.metrics import EpisodeMetrics
@@ -61,7 +62,7 @@ class ResultStore:
         *,
         resume: bool = True,
     ) -> None:
-        self.folder, self.evaluation_set = Path(folder), evaluation_set
+        self.folder, self.evaluation_set = make_folder(folder), evaluation_set
         self._policy = policy_hash(policy)
         if not resume:
             self.csv.unlink(missing_ok=True)
@@ -142,7 +143,8 @@ class ResultStore:
         return [n for n in range(len(self.evaluation_set)) if n not in done]
 
 
-def load_trajectory(folder: Path, number: int) -> Trajectory:
+@checked_arguments
+def load_trajectory(folder: Path | str, number: int) -> Trajectory:
     """What an episode looked like, from a folder that a `ResultStore` filled."""
     return Trajectory.load(Path(folder) / _TRAJECTORIES / f"{number:05d}.npz")
 

@@ -18,6 +18,7 @@ from tqdm import tqdm
 
 from modpush._arguments import checked_arguments
 from modpush._atomic import clean_leftovers
+from modpush._checks import check_callable
 from modpush._end_with_parent import begin_worker_process
 from modpush._folder_lock import FolderLock
 from modpush._types import Count, Key, Scenes, Seed
@@ -124,6 +125,7 @@ def evaluate(
             target_key=config.target_key or "subgoal",
         )
     acting: Policy = getattr(policy, "policy", policy)
+    check_callable("evaluate", "policy", acting)
     about = describe_policy(acting, label)
     if resume and (finished := _finished(Path(folder), evaluation_set, about)) is not None:
         return finished

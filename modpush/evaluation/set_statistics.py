@@ -10,6 +10,7 @@ import math
 import numpy as np
 import pandas as pd
 
+from modpush._arguments import checked_arguments
 from modpush.evaluation.authors_paths import authors_agent_length, authors_controller_length
 from modpush.evaluation.sets import SET_NAMES, EvaluationSet, load_set
 from modpush.evaluation.shortest import shortest_path
@@ -18,6 +19,7 @@ from modpush.evaluation.tables import format_table
 __all__ = ["set_statistics"]
 
 
+@checked_arguments
 def set_statistics(episodes: EvaluationSet) -> dict[str, float]:
     """Means over the episodes of a set.
 

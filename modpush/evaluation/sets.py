@@ -19,7 +19,7 @@ import numpy as np
 
 from modpush._arguments import checked_arguments
 from modpush._hash import data_hash
-from modpush._types import Count, Several
+from modpush._types import Count, NonNegativeInteger, Several
 from modpush._validation import checked
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.sampling import sample_scenario
@@ -89,14 +89,13 @@ class EvaluationSet:
         """Names of the objects that are pushed, each once, in order of appearance."""
         return tuple(dict.fromkeys(s.pushed_object for s in self.scenarios))
 
-    def first(self, count: int | None) -> "EvaluationSet":
+    @checked_arguments
+    def first(self, count: Count | None) -> "EvaluationSet":
         """The first `count` episodes; all of them for None.
 
         Raises:
             ValueError: If `count` is not positive.
         """
-        if count is not None and count < 1:
-            raise ValueError(f"EvaluationSet.first: count must be >= 1 or None, got {count}.")
         return replace(self, scenarios=self.scenarios[:count])
 
     def save(self, path: Path) -> None:
@@ -139,7 +138,7 @@ def load_set(name: str | Path) -> EvaluationSet:
 
 
 @checked_arguments
-def generate_set(name: str, episodes: Sequence[int] | None = None) -> EvaluationSet:
+def generate_set(name: str, episodes: Sequence[NonNegativeInteger] | None = None) -> EvaluationSet:
     """Draw a set, or some of its episodes. Each episode has its own generator, from set and number.
 
     Args:
@@ -150,7 +149,7 @@ def generate_set(name: str, episodes: Sequence[int] | None = None) -> Evaluation
         ValueError: If there is no such set, with the list of those there are.
     """
     if name not in RECIPES:
-        raise ValueError(f"generate_set: no set {name!r}, expected one of {list(SET_NAMES)}.")
+        raise ValueError(f"generate_set: name must be one of {list(SET_NAMES)}, got {name!r}.")
     recipe = RECIPES[name]
     numbers = range(recipe.count) if episodes is None else episodes
     return EvaluationSet(

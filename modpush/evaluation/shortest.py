@@ -12,7 +12,7 @@ from modpush.envs.scenes.rectangles import obstacle_distance
 from modpush.envs.scenes.scenario import Scenario
 from modpush.geometry import Camera
 from modpush.geometry.workspace import BOUNDS_MARGIN, WORKSPACE
-from modpush.planners import LazyThetaStar, Planner, inflate
+from modpush.planners import LazyThetaStar, Planner, inflate, make_planner
 from modpush.planners.occupancy import cells_outside
 
 __all__ = ["blocked_cells", "shortest_path"]
@@ -56,7 +56,7 @@ def blocked_cells(
 @checked_arguments
 def shortest_path(
     scenario: Scenario,
-    planner: Planner | None = None,
+    planner: Planner | str | None = None,
     camera: Camera | None = None,
     objects: Mapping[str, PushedObject] | None = None,
     *,
@@ -66,7 +66,7 @@ def shortest_path(
 
     Args:
         scenario: What the episode starts from.
-        planner: What plans; `LazyThetaStar` by default.
+        planner: What plans, or a planner's name as in `PLANNERS`; `LazyThetaStar` by default.
         camera: The camera, whose pixels are the grid's cells.
         objects: Objects of your own by name, as in `PushEnv.pushed_objects`.
         inflation: Which of the object's circles obstacles are inflated by.
@@ -75,7 +75,8 @@ def shortest_path(
         Its corners `[n, 2]` [m], ends included, and its length [m]. Where the grid shows no way the
         straight line, as in `PlannerSubgoals` at a reset.
     """
-    camera, planner = camera or Camera(), planner or LazyThetaStar()
+    camera = camera or Camera()
+    planner = make_planner("shortest_path", LazyThetaStar() if planner is None else planner)
     ends = torch.tensor([scenario.object_pose[:2], scenario.goal_position], dtype=torch.float64)
     straight = ends.numpy()
     pixels = camera.project(ends).float()

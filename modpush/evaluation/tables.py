@@ -6,12 +6,11 @@ from typing import Literal, get_args
 import numpy as np
 import pandas as pd
 
-from modpush._checks import check_instance
+from modpush._arguments import checked_arguments
 from modpush._types import Fraction
-from modpush._validation import check_value
 from modpush.evaluation.stats import bootstrap_interval, paired_t_test
 
-__all__ = ["LEGEND", "METRICS", "compare", "format_table", "summarize", "to_display"]
+__all__ = ["LEGEND", "METRICS", "check_rows", "compare", "format_table", "summarize", "to_display"]
 
 METRICS = (
     "success",
@@ -45,6 +44,7 @@ _IDENTITY = ("episode", "scene", "pushed_object", "difficulty")
 TableFormat = Literal["markdown", "latex", "csv"]
 
 
+@checked_arguments
 def summarize(rows: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     """One line for each method, over the same episodes.
 
@@ -60,7 +60,7 @@ def summarize(rows: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     Raises:
         ValueError: If the methods ran different episodes.
     """
-    _check_same_episodes(rows)
+    check_rows("summarize", rows)
     solved = _solved_by_all(rows)
     lines = []
     for method, frame in rows.items():
@@ -78,7 +78,8 @@ def summarize(rows: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     return pd.DataFrame(lines).set_index("method")
 
 
-def compare(first: pd.DataFrame, second: pd.DataFrame, level: float = 0.05) -> pd.DataFrame:
+@checked_arguments
+def compare(first: pd.DataFrame, second: pd.DataFrame, level: Fraction = 0.05) -> pd.DataFrame:
     """Paired t-tests between two methods over the same episodes.
 
     Args:
@@ -95,10 +96,7 @@ def compare(first: pd.DataFrame, second: pd.DataFrame, level: float = 0.05) -> p
         ValueError: If the methods ran different episodes, or the level is not in [0, 1].
     """
     rows = {"first": first, "second": second}
-    for name, frame in rows.items():
-        check_instance("compare", name, frame, pd.DataFrame)
-    check_value("compare", "level", level, Fraction)
-    _check_same_episodes(rows)
+    check_rows("compare", rows)
     solved = _solved_by_all(rows)
     lines = []
     for name in METRICS:
@@ -125,23 +123,38 @@ def _solved_by_all(rows: Mapping[str, pd.DataFrame]) -> np.ndarray:
     return np.logical_and.reduce([frame["success"].to_numpy(bool) for frame in rows.values()])
 
 
-def _check_same_episodes(rows: Mapping[str, pd.DataFrame]) -> None:
+def check_rows(who: str, rows: Mapping[str, pd.DataFrame]) -> None:
+    """Check rows of episodes, by method.
+
+    Args:
+        who: What asks, for the error message.
+        rows: What `evaluate` returned, by method.
+
+    Raises:
+        ValueError: If there are none, a column is missing, or the methods ran different episodes.
+    """
     if not rows:
-        raise ValueError("tables: expected at least one method, got none.")
+        raise ValueError(f"{who}: rows must be of at least one method, got none.")
     (first, reference), *others = rows.items()
-    if not len(reference):
-        raise ValueError(f"tables: method {first!r} has no episodes.")
+    for method, frame in rows.items():
+        if missing := sorted({*_OVER_ALL, *_OVER_SOLVED} - set(frame.columns)):
+            raise ValueError(
+                f"{who}: rows of {method!r} must have the columns {missing}, got none."
+            )
+        if not len(frame):
+            raise ValueError(f"{who}: rows of {method!r} must be of one episode or more, got none.")
     for method, frame in others:
         same = len(frame) == len(reference) and all(
             np.array_equal(frame[key], reference[key]) for key in _IDENTITY if key in reference
         )
         if not same:
             raise ValueError(
-                f"tables: methods must have run the same episodes in the same order, {first!r} "
-                f"has {len(reference)} and {method!r} {len(frame)}."
+                f"{who}: rows must be of methods that ran the same episodes in the same order, "
+                f"{first!r} has {len(reference)} and {method!r} {len(frame)}."
             )
 
 
+@checked_arguments
 def to_display(summary: pd.DataFrame) -> pd.DataFrame:
     """A summary as text: means with their intervals or standard deviations.
 
@@ -150,7 +163,12 @@ def to_display(summary: pd.DataFrame) -> pd.DataFrame:
 
     Returns:
         The same lines, one column for each metric.
+
+    Raises:
+        ValueError: If it is no summary.
     """
+    if missing := sorted({"episodes", "solved", *_OVER_ALL, *_OVER_SOLVED} - set(summary.columns)):
+        raise ValueError(f"to_display: summary must have the columns {missing}, got none of them.")
     columns: dict[str, Sequence[str]] = {"episodes": [str(int(n)) for n in summary["episodes"]]}
     for name in _OVER_ALL:
         parts = zip(*(summary[key] for key in (name, f"{name}_low", f"{name}_high")), strict=True)
@@ -170,6 +188,7 @@ def _std(value: float, digits: int) -> str:
     return "–" if np.isnan(value) else f"{value:.{digits}f}"
 
 
+@checked_arguments
 def format_table(table: pd.DataFrame, how: TableFormat = "markdown") -> str:
     """Write a table, its index as first columns.
 
@@ -181,7 +200,6 @@ def format_table(table: pd.DataFrame, how: TableFormat = "markdown") -> str:
         TypeError: If the table is no data frame.
         ValueError: If there is no such format, with the list of those there are.
     """
-    check_instance("format_table", "table", table, pd.DataFrame)
     if how not in get_args(TableFormat):
         raise ValueError(
             f"format_table: how must be one of {list(get_args(TableFormat))}, got {how!r}."

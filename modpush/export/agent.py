@@ -13,8 +13,10 @@ from torch import Tensor, nn
 from torchrl.envs import Transform
 
 import modpush
-from modpush._atomic import replacing
+from modpush._arguments import checked_arguments
+from modpush._atomic import make_folder, replacing
 from modpush._extras import require_extra
+from modpush._types import AtLeastOne
 from modpush.encoders.encode import Encode
 from modpush.encoders.window_transform import EgocentricWindow
 from modpush.export.graphs import ObservationPolicy, WindowPolicy
@@ -38,8 +40,9 @@ _ACTION = {
 """What an action means: it is multiplied by `scale` and moves the tool's commanded pose."""
 
 
+@checked_arguments
 def export_agent(
-    agent: Agent, folder: str | Path, formats: Sequence[Format] = ("onnx",)
+    agent: Agent, folder: str | Path, formats: AtLeastOne[Format] = ("onnx",)
 ) -> dict[str, Path]:
     """Write an agent's greedy policy as graphs.
 
@@ -58,10 +61,9 @@ def export_agent(
         ValueError: If a format is unknown, or the agent's network cannot be exported.
         MissingExtraError: If what a format needs is not installed.
     """
-    if unknown := sorted(set(formats) - set(FORMATS)):
-        raise ValueError(f"export_agent: formats must be some of {FORMATS}, got {unknown}.")
     if "onnx" in formats:
         require_extra("export_agent: the format 'onnx'", "onnx", "onnxscript")
+    folder = make_folder(folder)
     policy = ObservationPolicy(agent.policy)
     env = agent.make_env(2, keep_images=True, seed=0)
     try:
@@ -77,8 +79,6 @@ def export_agent(
             ["action", "command"],
         ),
     }
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     written: dict[str, Path] = {}
     for name, (module, inputs, outputs) in examples.items():
         for kind in formats:

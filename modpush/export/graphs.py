@@ -4,6 +4,7 @@ import torch
 from torch import Tensor, nn
 from torchrl.modules import ProbabilisticActor, TanhNormal
 
+from modpush._arguments import checked_arguments
 from modpush.agents.tqc.relu_mlp import ReluMLP
 from modpush.geometry.angles import rotate
 from modpush.geometry.frames import Frame, frame_yaw
@@ -24,6 +25,7 @@ class ObservationPolicy(nn.Module):
         ValueError: If it reads more than the observation, or is no tanh-squashed Gaussian.
     """
 
+    @checked_arguments
     def __init__(self, policy: ProbabilisticActor) -> None:
         super().__init__()
         if list(policy.in_keys) != ["observation"]:

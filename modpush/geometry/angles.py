@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from modpush._checks import check_width
+from modpush._checks import check_real
 
 __all__ = ["rotate", "wrap_angle"]
 
@@ -32,10 +32,22 @@ def rotate(vectors: Tensor, angle: Tensor) -> Tensor:
 
     Raises:
         TypeError: If one of them is no tensor.
-        ValueError: If a last dimension is another one.
+        ValueError: If a last dimension is another one, or the others do not broadcast.
     """
-    check_width("rotate", "vectors", vectors, 2)
-    check_width("rotate", "angle", angle, 1)
+    check_real("rotate", "vectors", vectors, 2)
+    check_real("rotate", "angle", angle, 1)
+    if angle.shape[:-1] != vectors.shape[:-1]:
+        _check_broadcast(vectors, angle)
     cos, sin = angle.cos(), angle.sin()
     x, y = vectors[..., :1], vectors[..., 1:]
     return torch.cat([cos * x - sin * y, sin * x + cos * y], -1)
+
+
+def _check_broadcast(vectors: Tensor, angle: Tensor) -> None:
+    try:
+        torch.broadcast_shapes(vectors.shape[:-1], angle.shape[:-1])
+    except RuntimeError:
+        raise ValueError(
+            f"rotate: angle must be [..., 1] where vectors are [..., 2] = {list(vectors.shape)}, got "
+            f"{list(angle.shape)}."
+        ) from None

@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush._checks import check_width
+from modpush._checks import check_real
 from modpush._types import Coordinate, HalfTurn, Length, PixelCount
 from modpush._validation import checked
 
@@ -76,7 +76,7 @@ class Camera:
         Returns:
             `[..., 2]` (u, v) [px], a tensor or an array as `position` is.
         """
-        check_width("Camera.project", "position", position, 2)
+        _check_points("Camera.project", "position", position, z)
         u0, v0 = self.principal_point
         scale = self.focal_length / (self.z - z)
         u = u0 - (position[..., 1] - self.y) * scale
@@ -93,12 +93,33 @@ class Camera:
         Returns:
             `[..., 2]` (x, y) [m], robot's base frame, a tensor or an array as `pixel` is.
         """
-        check_width("Camera.unproject", "pixel", pixel, 2)
+        _check_points("Camera.unproject", "pixel", pixel, z)
         u0, v0 = self.principal_point
         scale = (self.z - z) / self.focal_length
         x = self.x - (pixel[..., 1] - v0) * scale
         y = self.y - (pixel[..., 0] - u0) * scale
         return _stack(x, y)
+
+
+def _check_points(who: str, name: str, points: Points, z: float | Points) -> None:
+    """Raise unless points are `[..., 2]` and z is a number or broadcasts to `[...]`."""
+    if isinstance(points, np.ndarray) and points.dtype.kind in "iuf":
+        if points.shape[-1:] != (2,):
+            raise ValueError(f"{who}: {name} must be [..., 2], got {list(points.shape)}.")
+    else:
+        check_real(who, name, points, 2)
+    if isinstance(z, float | int) and math.isfinite(z):
+        return
+    if not isinstance(z, type(points)):
+        kind = type(points).__name__
+        raise TypeError(f"{who}: z must be a finite number or of type {kind}, got {z!r}.")
+    try:
+        np.broadcast_shapes(z.shape, points.shape[:-1])
+    except ValueError:
+        raise ValueError(
+            f"{who}: z must be one number or {list(points.shape[:-1])} for {name} "
+            f"{list(points.shape)}, got {list(z.shape)}."
+        ) from None
 
 
 def _stack(first: Points, second: Points) -> Points:

@@ -5,7 +5,7 @@ from typing import Literal, get_args
 import torch
 from torch import Tensor
 
-from modpush._checks import check_width
+from modpush._checks import check_real
 
 __all__ = ["Frame", "check_frame", "frame_yaw"]
 
@@ -31,14 +31,14 @@ def frame_yaw(frame: Frame, object_pose: Tensor, subgoal: Tensor | None = None) 
             is another one.
     """
     check_frame("frame_yaw", frame)
-    check_width("frame_yaw", "object_pose", object_pose, 3)
+    check_real("frame_yaw", "object_pose", object_pose, 3)
     if frame == "base":
         return torch.zeros_like(object_pose[..., :1])
     if frame == "object":
         return object_pose[..., 2:]
     if subgoal is None:
         raise ValueError("frame_yaw: frame 'path' needs a sub-goal, got subgoal=None.")
-    check_width("frame_yaw", "subgoal", subgoal, 2)
+    check_real("frame_yaw", "subgoal", subgoal, 2)
     ahead = subgoal - object_pose[..., :2]
     return torch.atan2(ahead[..., 1:], ahead[..., :1])
 

@@ -2,13 +2,13 @@
 
 import functools
 import math
-from numbers import Real
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush._types import Angles, Color, Extents, Point, Position, Several
+from modpush._arguments import checked_arguments
+from modpush._types import Angles, Color, Extents, Length, Point, Position, Several
 from modpush._validation import checked
 
 __all__ = ["KINDS", "Kind", "Primitive", "box", "capsule", "cylinder", "prism", "rpy_matrix"]
@@ -86,75 +86,72 @@ def rpy_matrix(rpy: tuple[float, float, float]) -> NDArray[np.float64]:
     return matrix
 
 
-def _half(length: float, name: str) -> float:
-    """Half a length; errors name it as the caller does."""
-    if not isinstance(length, Real) or not 0 < length < math.inf:
-        raise ValueError(f"Primitive: {name} must be > 0 and finite, got {length!r}.")
-    return length / 2
+_ZERO: Position = (0.0, 0.0, 0.0)
+_GREY: Color = (0.6, 0.6, 0.6)
 
 
-_Vector = tuple[float, float, float]
-_ZERO: _Vector = (0.0, 0.0, 0.0)
-_GREY: _Vector = (0.6, 0.6, 0.6)
-
-
+@checked_arguments
 def box(
-    length: float, width: float, height: float, position: _Vector = _ZERO, color: _Vector = _GREY
+    length: Length, width: Length, height: Length, position: Position = _ZERO, color: Color = _GREY
 ) -> Primitive:
     """A box of full extents [m] along x, y and z."""
     return Primitive(
         kind="box",
-        size=(_half(length, "length"), _half(width, "width"), _half(height, "height")),
+        size=(length / 2, width / 2, height / 2),
         position=position,
         color=color,
     )
 
 
+@checked_arguments
 def cylinder(
-    radius: float,
-    length: float,
-    position: _Vector = _ZERO,
-    rpy: _Vector = _ZERO,
-    color: _Vector = _GREY,
+    radius: Length,
+    length: Length,
+    position: Position = _ZERO,
+    rpy: Angles = _ZERO,
+    color: Color = _GREY,
 ) -> Primitive:
     """A cylinder of full length [m] along its z."""
     return Primitive(
         kind="cylinder",
-        size=(2 * _half(radius, "radius"), _half(length, "length"), 0.0),
+        size=(radius, length / 2, 0.0),
         position=position,
         rpy=rpy,
         color=color,
     )
 
 
+@checked_arguments
 def capsule(
-    radius: float,
-    length: float,
-    position: _Vector = _ZERO,
-    rpy: _Vector = _ZERO,
-    color: _Vector = _GREY,
+    radius: Length,
+    length: Length,
+    position: Position = _ZERO,
+    rpy: Angles = _ZERO,
+    color: Color = _GREY,
 ) -> Primitive:
     """A capsule; `length` [m] is that of its cylindrical part."""
     return Primitive(
         kind="capsule",
-        size=(2 * _half(radius, "radius"), _half(length, "length"), 0.0),
+        size=(radius, length / 2, 0.0),
         position=position,
         rpy=rpy,
         color=color,
     )
 
 
+@checked_arguments
 def prism(
-    outline: tuple[tuple[float, float], ...],
-    height: float,
-    position: _Vector = _ZERO,
-    color: _Vector = _GREY,
+    outline: Several[Point],
+    height: Length,
+    position: Position = _ZERO,
+    color: Color = _GREY,
 ) -> Primitive:
     """An upright prism of full height [m] over a convex, counter-clockwise outline [m]."""
+    _check_outline(outline)
     half_x, half_y = (max((abs(vertex[axis]) for vertex in outline), default=0) for axis in (0, 1))
     return Primitive(
         kind="prism",
-        size=(half_x, half_y, _half(height, "height")),
+        size=(half_x, half_y, height / 2),
         position=position,
         outline=outline,
         color=color,

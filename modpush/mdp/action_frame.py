@@ -54,12 +54,12 @@ class ActionFrame(Transform):
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
         if self.frame == "base":
             return tensordict
-        pose = read_key("ActionFrame", tensordict, self.object_pose_key)
+        pose = read_key("ActionFrame", tensordict, self.object_pose_key, 3)
         subgoal = None
         if self.frame == "path":
-            subgoal = read_key("ActionFrame", tensordict, self.subgoal_key)
+            subgoal = read_key("ActionFrame", tensordict, self.subgoal_key, 2)
         yaw = frame_yaw(self.frame, pose, subgoal)
-        action = read_key("ActionFrame", tensordict, self.action_key)
+        action = read_key("ActionFrame", tensordict, self.action_key, 3)
         planar = rotate(action[..., :2], yaw)
         planar = planar / planar.abs().amax(-1, keepdim=True).clamp_min(1.0)
         tensordict.set(_AGENT_ACTION, action)

@@ -3,6 +3,7 @@
 import torch
 from torch import Tensor, nn
 
+from modpush._checks import check_instance
 from modpush.mdp.observation_entries import ENTRIES, Entry
 
 __all__ = ["BlankLatent", "latent_entry"]
@@ -14,6 +15,7 @@ def latent_entry(encoder: nn.Module) -> Entry:
     Args:
         encoder: Module `[B, 1, S, S] -> [B, d]`; its `window_size` S is 64 unless it says otherwise.
     """
+    check_instance("latent_entry", "encoder", encoder, nn.Module)
     latent = ENTRIES["latent"]
     return Entry(latent.read, latent.scale, BlankLatent(encoder))
 

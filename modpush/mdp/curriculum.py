@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any, Literal
 
 from modpush._arguments import checked_arguments
-from modpush._checks import check_instance
+from modpush._checks import check_instance, check_keys
 from modpush._types import (
     AtLeastOne,
     Count,
@@ -143,6 +143,7 @@ class Curriculum:
             distance=distance,
         )
 
+    @checked_arguments
     def record(self, success: bool, scene: str, *, evaluated: bool = True) -> None:
         """Take note of an episode of the present stage; begins the next stage if that was enough.
 
@@ -210,6 +211,7 @@ class Curriculum:
                 phases or stages.
         """
         who = "Curriculum.load_state_dict"
+        check_keys(who, state, self.state_dict())
         for name in ("phase", "stage", "steps"):
             check_value(who, name, state.get(name), NonNegativeInteger)
         check_value(who, "successes", state.get("successes"), list[bool])
@@ -217,8 +219,8 @@ class Curriculum:
         phases, stages = len(self.config.phases), len(self.config.distances)
         if state["phase"] >= phases or state["stage"] >= stages:
             raise ValueError(
-                f"Curriculum: the state is at phase {state['phase']}, stage {state['stage']}; this "
-                f"curriculum has {phases} phases of {stages} stages."
+                f"{who}: phase and stage must be below the {phases} phases and {stages} stages of "
+                f"this curriculum, got {state['phase']} and {state['stage']}."
             )
         self.phase, self.stage, self.steps = state["phase"], state["stage"], state["steps"]
         self._successes = deque(state["successes"], maxlen=self.config.window)

@@ -11,6 +11,7 @@ from torchrl.envs import Transform
 from modpush._arguments import checked_arguments
 from modpush._checks import check_instance
 from modpush._keys import read_key
+from modpush._types import NonNegativeInteger
 from modpush.envs.scenes.scenario import ScenarioConfig
 from modpush.mdp.curriculum import Curriculum
 
@@ -42,7 +43,7 @@ class CurriculumScenes(Transform):
         self,
         curriculum: Curriculum,
         *,
-        evaluated_envs: Sequence[int] | None = None,
+        evaluated_envs: Sequence[NonNegativeInteger] | None = None,
         success_key: NestedKey = "success",
         done_key: NestedKey = "done",
         level_key: NestedKey = "curriculum_level",

@@ -5,9 +5,10 @@ from tensordict import NestedKey, TensorDictBase
 from torchrl.data import TensorSpec, Unbounded
 from torchrl.envs import Transform
 
+from modpush._arguments import checked_arguments
+from modpush._checks import check_dtype
 from modpush._keys import check_spec_has, read_key
 from modpush._types import Fraction, NonNegativeLength
-from modpush._validation import check_value
 
 __all__ = ["DepthNoise"]
 
@@ -29,16 +30,21 @@ class DepthNoise(Transform):
         KeyError: If the image is missing.
     """
 
+    @checked_arguments
     def __init__(
-        self, sigma: float = 0.0, dropout: float = 0.0, *, depth_key: NestedKey = "depth"
+        self,
+        sigma: NonNegativeLength = 0.0,
+        dropout: Fraction = 0.0,
+        *,
+        depth_key: NestedKey = "depth",
     ) -> None:
         super().__init__(in_keys=[depth_key], out_keys=[depth_key])
-        self.sigma = check_value("DepthNoise", "sigma", sigma, NonNegativeLength)
-        self.dropout = check_value("DepthNoise", "dropout", dropout, Fraction)
+        self.sigma, self.dropout = sigma, dropout
         self.depth_key = depth_key
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         depth = read_key("DepthNoise", next_tensordict, self.depth_key)
+        check_dtype("DepthNoise", repr(self.depth_key), depth, torch.float32)
         if self.sigma > 0:
             depth = (depth + self.sigma * torch.randn_like(depth)).clamp_min(0.0)
         if self.dropout > 0:

@@ -50,7 +50,9 @@ def resolve_entries(
     for item in [*items, *add]:
         name, entry = _find_entry(item)
         if name in found:
-            raise ValueError(f"PushObservation: entries has {name!r} twice.")
+            raise ValueError(
+                f"PushObservation: entries must have different names, got {name!r} twice."
+            )
         found[name] = entry
     if unknown := sorted(set(leave_out) - set(found)):
         raise ValueError(
@@ -77,6 +79,7 @@ def _find_entry(item: EntryLike | tuple[str, EntryLike]) -> tuple[str, Entry]:
         name = getattr(entry.read, "__name__", "<")
         if "<" in name:  # a lambda
             raise ValueError(
-                "PushObservation: an entry of your own needs a name: give ('name', entry)."
+                "PushObservation: an entry of your own needs a name: give ('name', entry), got "
+                f"{entry.read!r} alone."
             )
     return name, entry

@@ -14,6 +14,20 @@ from modpush.geometry.frames import Frame, frame_yaw
 __all__ = ["ObservationInputs"]
 
 
+_LAST = {
+    "object_pose": (3,),
+    "goal_position": (2,),
+    "ee_pose": (3,),
+    "joint_position": (6,),
+    "object_radius": (1,),
+    "object_symmetry": (1,),
+    "path_length": (1,),
+    "subgoal": (2,),
+    "last_action": (3,),
+}
+"""Last dimensions of the quantities that have always the same."""
+
+
 class ObservationInputs:
     """What an entry of the observation can read.
 
@@ -52,7 +66,7 @@ class ObservationInputs:
         return read_key("PushObservation", self._tensordict, key)
 
     def _read(self, name: str) -> Tensor:
-        return self[self._keys[name]]
+        return read_key("PushObservation", self._tensordict, self._keys[name], *_LAST.get(name, ()))
 
     @cached_property
     def object_pose(self) -> Tensor:

@@ -1,5 +1,6 @@
 """`PushObservation`: chosen entries as one flat observation."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,6 +11,7 @@ from torchrl.data import TensorSpec, Unbounded
 from torchrl.envs import Transform
 
 from modpush._arguments import checked_arguments
+from modpush._checks import check_finite
 from modpush._keys import read_key
 from modpush.geometry.frames import Frame
 from modpush.geometry.workspace import WORKSPACE, Rectangle
@@ -61,7 +63,8 @@ class PushObservation(Transform):
     Raises:
         ValueError: If the frame or an entry is unknown, with those that there are; if a lower bound
             is no lower than its upper one; if an entry has another shape than its scale or shift.
-        KeyError: If a key that an entry reads is missing.
+        KeyError: If a key that an entry reads is missing. In a call on a CPU, a ValueError if what an
+            entry reads is not finite; on a GPU this check would stall the device.
     Source: table of observations in the paper's Sec. IV-B.
     """
 
@@ -152,9 +155,18 @@ class PushObservation(Transform):
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         layout = self._layout if self._layout is not None else self._lay_out(next_tensordict)
         observation = self.read(next_tensordict)
+        if observation.device.type == "cpu" and not math.isfinite(observation.detach().sum()):
+            self._refuse_not_finite(next_tensordict)
         if not self.raw:
             observation = layout.normalise(observation)
         return next_tensordict.set(self.observation_key, observation)
+
+    def _refuse_not_finite(self, tensordict: TensorDictBase) -> None:
+        """Raise if something that is read is not finite; an entry's own result may be."""
+        for key in self.in_keys:
+            value = tensordict.get(key, None)
+            if value is not None and value.is_floating_point():
+                check_finite("PushObservation", repr(key), value)
 
     def read(self, source: Any) -> Tensor:
         """The entries before shift and scale, `[..., n]`, in SI units.

@@ -139,7 +139,7 @@ class PushReward(Transform):
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         config = self.config
-        start = unit = read_key("PushReward", tensordict, self.start_key)
+        start = unit = read_key("PushReward", tensordict, self.start_key, 2)
         if config.normalisation == "constant":
             unit = start.new_tensor([config.path_length, config.approach_distance])
         outcome = StepOutcome(tensordict, next_tensordict, self._keys, unit, config.window_radius)
@@ -189,8 +189,8 @@ def _find_terms(
         raise TypeError(f"PushReward: terms must be a mapping, got {own!r}.")
     if idle := sorted(set(own) - set(config.weights)):
         raise ValueError(
-            f"PushReward: terms {idle} have no weight in the config, which has weights for "
-            f"{sorted(config.weights)}."
+            f"PushReward: terms must have a weight in the config, which has weights for "
+            f"{sorted(config.weights)}, got {idle}."
         )
     known = {**REWARD_TERMS, **own}
     terms: dict[str, RewardTerm] = {}

@@ -158,7 +158,7 @@ def measure_lengths(tensordict: TensorDictBase, keys: Mapping[str, NestedKey]) -
     Raises:
         KeyError: If one of them is missing.
     """
-    tip = read_key("PushReward", tensordict, keys["ee_pose"])
-    centre = read_key("PushReward", tensordict, keys["object_pose"])
+    tip = read_key("PushReward", tensordict, keys["ee_pose"], 3)
+    centre = read_key("PushReward", tensordict, keys["object_pose"], 3)
     apart = (tip[..., :2] - centre[..., :2]).norm(dim=-1, keepdim=True)
-    return torch.cat([read_key("PushReward", tensordict, keys["path_length"]), apart], -1)
+    return torch.cat([read_key("PushReward", tensordict, keys["path_length"], 1), apart], -1)

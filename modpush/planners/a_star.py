@@ -1,5 +1,6 @@
 """A* from cell to cell, with costs if wanted."""
 
+import math
 from typing import Any, Literal
 
 import numpy as np
@@ -7,6 +8,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from modpush._batching import run_batch
+from modpush._checks import check_real
 from modpush.planners.grid_planner import GridPlanner
 from modpush.planners.kernels.a_star import plan_few, plan_many
 from modpush.planners.kernels.maps import Maps
@@ -55,7 +57,7 @@ class AStar(GridPlanner):
 
         Raises:
             TypeError: As `plan`.
-            ValueError: If the weight is not positive, or not of the occupancy's shape; and as
+            ValueError: If the weight is not positive and finite, or not of the occupancy's shape; and as
                 `plan`.
         """
         for name, value in (("occupancy", occupancy), ("weight", weight)):
@@ -66,8 +68,13 @@ class AStar(GridPlanner):
                 f"AStar: weight must have the occupancy's shape {list(occupancy.shape)}, got "
                 f"{list(weight.shape)}."
             )
-        if not (weight > 0).all():
-            raise ValueError(f"AStar: weight must be > 0, its least is {weight.min().item()}.")
+        check_real("AStar", "weight", weight)
+        if weight.numel():
+            least, most = (float(value) for value in weight.detach().aminmax())  # NaN if one is
+            if not 0 < least <= most < math.inf:
+                raise ValueError(
+                    f"AStar: weight must be > 0 and finite, got values from {least} to {most}."
+                )
         weights = weight.detach().float().cpu().contiguous().numpy()
         return self._plan(occupancy, start, goal, weights)
 

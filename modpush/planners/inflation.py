@@ -106,10 +106,14 @@ def inscribed_radius(outline: Tensor) -> float:
 
     Raises:
         TypeError: If the outline is no tensor.
-        ValueError: If it is not `[N, 2]`, N >= 3, or not finite.
+        ValueError: If it is not `[N, 2]`, N >= 3, not finite, or repeats a corner.
     """
     _check_outline("inscribed_radius", outline, 3)
     side = outline.roll(-1, 0) - outline  # [N, 2]
+    if not (side.norm(dim=-1) > 0).all():
+        raise ValueError(
+            f"inscribed_radius: outline must not hold a corner twice in a row, got {outline.tolist()}."
+        )
     area = outline[:, 0] * side[:, 1] - outline[:, 1] * side[:, 0]
     return float((area.abs() / side.norm(dim=-1)).min())
 

@@ -120,14 +120,15 @@ class OccupancyGrid(Transform):
         return read_key("OccupancyGrid", tensordict, key).reshape(-1)
 
     def _write(self, tensordict: TensorDictBase, previous: Tensor | None) -> TensorDictBase:
-        depth = read_key("OccupancyGrid", tensordict, self.depth_key)
-        lead, image = depth.shape[:-3], depth.shape[-2:]
+        image = (self.camera.height, self.camera.width)
+        depth = read_key("OccupancyGrid", tensordict, self.depth_key, 1, *image)
+        lead = depth.shape[:-3]
         segmentation = position = own = None
         if self.segmentation_key is not None:
-            labels = read_key("OccupancyGrid", tensordict, self.segmentation_key)
+            labels = read_key("OccupancyGrid", tensordict, self.segmentation_key, 1, *image)
             segmentation = labels.reshape(-1, *image)
         else:
-            pose = read_key("OccupancyGrid", tensordict, self.object_pose_key)
+            pose = read_key("OccupancyGrid", tensordict, self.object_pose_key, 3)
             position = pose[..., :2].reshape(-1, 2)
             own = self._radius(tensordict, "object_radius")
         if self.inflation == "circumscribed":
@@ -207,18 +208,22 @@ def cells_outside(camera: Camera, bounds: Corners, margin: float = 0.0) -> Tenso
     inside = ((centre >= low + margin) & (centre <= high - margin)).all(-1)
     if not inside.any():
         raise ValueError(
-            f"OccupancyGrid: no cell lies within bounds={bounds!r} and margin={margin}."
+            f"OccupancyGrid: bounds and margin must leave a cell, got {bounds!r} and {margin}."
         )
     return ~inside
 
 
 def _checked_inflation(inflation: Inflation) -> Inflation:
-    if inflation == "circumscribed" or inflation == "inscribed":
-        return inflation
-    number = isinstance(inflation, Real) and not isinstance(inflation, bool)
-    if not number or not 0 <= inflation < math.inf:
-        raise ValueError(
-            "OccupancyGrid: inflation must be 'circumscribed', 'inscribed' or a number of metres "
-            f">= 0, got {inflation!r}."
-        )
-    return float(inflation)
+    if isinstance(inflation, str):
+        if inflation in ("circumscribed", "inscribed"):
+            return inflation
+    elif (
+        isinstance(inflation, Real)
+        and not isinstance(inflation, bool)
+        and 0 <= inflation < math.inf
+    ):
+        return float(inflation)
+    raise ValueError(
+        "OccupancyGrid: inflation must be 'circumscribed', 'inscribed' or a number of metres >= 0, got "
+        f"{inflation!r}."
+    )

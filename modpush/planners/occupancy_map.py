@@ -7,7 +7,7 @@ from torch import Tensor
 
 from modpush._arguments import checked_arguments
 from modpush._batching import run_batch
-from modpush._checks import check_depth_unit, check_dtype, check_shape, check_width
+from modpush._checks import check_depth_unit, check_dtype, check_real, check_shape
 from modpush.geometry.camera import Camera
 from modpush.planners.inflation import clamp_radius, radius_per_scene
 from modpush.planners.kernels.bit_grid import words_per_row
@@ -165,7 +165,7 @@ class OccupancyMap:
             check_dtype(who, "segmentation", segmentation, torch.uint8)
             check_shape(who, "segmentation", segmentation, "B, H, W", (batch, height, width))
         if object_position is not None:
-            check_width(who, "object_position", object_position, 2)
+            check_real(who, "object_position", object_position, 2)
             check_shape(who, "object_position", object_position, "B, 2", (batch, 2))
             if not object_position.isfinite().all():
                 raise ValueError(

@@ -1,11 +1,13 @@
 """Points on paths."""
 
+import math
+from numbers import Real
+from typing import Any
+
 import torch
 from torch import Tensor
 
-from modpush._checks import check_instance, check_width
-from modpush._types import Fraction, NonNegative
-from modpush._validation import check_value
+from modpush._checks import check_finite, check_instance, check_real
 from modpush.planners.paths import Paths
 
 __all__ = ["fraction_subgoal", "lookahead_subgoal", "point_along"]
@@ -24,15 +26,23 @@ def point_along(waypoints: Tensor, distance: Tensor) -> Tensor:
 
     Raises:
         TypeError: If one of them is no tensor of real numbers.
-        ValueError: If a shape is another one.
+        ValueError: If a shape is another one, a waypoint is not finite, or a distance is NaN.
     """
-    check_width("point_along", "waypoints", waypoints, 2)
-    check_width("point_along", "distance", distance, len(waypoints))
-    if waypoints.ndim != 3 or waypoints.shape[1] < 2 or distance.ndim != 1:
+    check_real("point_along", "waypoints", waypoints, 2)
+    check_real("point_along", "distance", distance)
+    if waypoints.ndim != 3 or waypoints.shape[1] < 2 or distance.shape != waypoints.shape[:1]:
         raise ValueError(
             f"point_along: waypoints must be [B, P >= 2, 2] and distance [B], got "
             f"{list(waypoints.shape)} and {list(distance.shape)}."
         )
+    check_finite("point_along", "waypoints", waypoints)
+    if distance.isnan().any():
+        raise ValueError(f"point_along: distance must be a number, got {distance.tolist()}.")
+    return _point_along(waypoints, distance)
+
+
+def _point_along(waypoints: Tensor, distance: Tensor) -> Tensor:
+    """`point_along` of what is known to be right."""
     steps = waypoints[:, 1:] - waypoints[:, :-1]  # [B, P-1, 2]
     lengths = steps.norm(dim=-1)
     ends = lengths.cumsum(-1)
@@ -62,9 +72,9 @@ def fraction_subgoal(paths: Paths, fraction: float) -> Tensor:
     Source: Sec. IV-B of the paper, 20 % of the global path.
     """
     check_instance("fraction_subgoal", "paths", paths, Paths)
-    check_value("fraction_subgoal", "fraction", fraction, Fraction)
+    _check_number("fraction_subgoal", "fraction", fraction, 1.0)
     lengths = (paths.waypoints[:, 1:] - paths.waypoints[:, :-1]).norm(dim=-1).sum(-1)
-    return point_along(paths.waypoints, fraction * lengths)
+    return _point_along(paths.waypoints, fraction * lengths)
 
 
 def lookahead_subgoal(paths: Paths, distance: float) -> Tensor:
@@ -84,9 +94,17 @@ def lookahead_subgoal(paths: Paths, distance: float) -> Tensor:
     Source: what the authors' code does in place of the fraction.
     """
     check_instance("lookahead_subgoal", "paths", paths, Paths)
-    check_value("lookahead_subgoal", "distance", distance, NonNegative)
+    _check_number("lookahead_subgoal", "distance", distance, math.inf)
     legs = (paths.waypoints[:, 1:] - paths.waypoints[:, :-1]).norm(dim=-1)  # [B, P-1]
     first = legs[:, 0]
     if legs.shape[1] > 1:
         first = torch.where(paths.start_moved, first + legs[:, 1], first)
-    return point_along(paths.waypoints, first.clamp_max(distance))
+    return _point_along(paths.waypoints, first.clamp_max(distance))
+
+
+def _check_number(who: str, name: str, value: Any, most: float) -> None:
+    """Raise unless a number lies in [0, most] and is finite; by hand, since it is asked at every step."""
+    number = isinstance(value, Real) and not isinstance(value, bool)
+    if not (number and 0 <= value <= most and math.isfinite(value)):
+        limit = f"a number in [0, {most:g}]" if math.isfinite(most) else "a finite number >= 0"
+        raise ValueError(f"{who}: {name} must be {limit}, got {value!r}.")

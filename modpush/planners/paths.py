@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from modpush._checks import check_dtype, check_shape, check_width
+from modpush._checks import check_dtype, check_finite, check_real, check_shape
 from modpush._types import Positive
 from modpush._validation import check_value
 
@@ -66,12 +66,17 @@ class Paths:
         """
         who = "Paths.from_waypoints"
         check_value(who, "cell_size", cell_size, Positive)
-        check_width(who, "start", start, 2)
+        check_real(who, "start", start, 2)
+        check_finite(who, "start", start)
+        if start.ndim != 2:
+            raise ValueError(f"{who}: start must be [B, 2], got {list(start.shape)}.")
         if not isinstance(paths, Sequence) or len(paths) != len(start):
-            raise ValueError(f"{who}: paths must be a sequence of {len(start)}, got {paths!r}.")
+            raise ValueError(
+                f"{who}: paths must be a sequence of {len(start)}, one for each start, got {paths!r}."
+            )
         for path in paths:
             if path is not None:
-                check_width(who, "paths", path, 2)
+                check_real(who, "paths", path, 2)
                 if path.ndim != 2 or len(path) < 2:
                     raise ValueError(
                         f"{who}: each of the paths must be [P >= 2, 2], got {list(path.shape)}."

@@ -1,5 +1,6 @@
 """Sub-goals on the planned path, with the ones of earlier steps."""
 
+import math
 from collections.abc import Sequence
 from typing import Literal, get_args
 
@@ -10,6 +11,7 @@ from torchrl.data import Binary, TensorSpec, Unbounded
 from torchrl.envs import Transform
 
 from modpush._arguments import checked_arguments
+from modpush._checks import check_finite
 from modpush._keys import check_spec_has, read_key, stored_next
 from modpush.geometry.camera import Camera
 from modpush.planners.base import Planner
@@ -120,12 +122,15 @@ class PlannerSubgoals(Transform):
                 f"{who}: {self.occupancy_key!r} must be [..., 1, H, W] = "
                 f"[..., {', '.join(map(str, expected))}], got {list(occupancy.shape)}."
             )
-        position = read_key(who, tensordict, self.object_pose_key)[..., :2]
-        goal = read_key(who, tensordict, self.goal_position_key)
-        start = self.camera.project(position).reshape(-1, 2)
-        paths = self.planner.plan(
-            occupancy.reshape(-1, *expected[1:]), start, self.camera.project(goal).reshape(-1, 2)
-        )
+        position = read_key(who, tensordict, self.object_pose_key, 3)[..., :2]
+        goal = read_key(who, tensordict, self.goal_position_key, 2)
+        start, end = (self.camera.project(point).reshape(-1, 2) for point in (position, goal))
+        try:
+            paths = self.planner.plan(occupancy.reshape(-1, *expected[1:]), start, end)
+        except ValueError:  # planners look at their ends, and call them by other names
+            check_finite(who, repr(self.object_pose_key), position)
+            check_finite(who, repr(self.goal_position_key), goal)
+            raise
         if not isinstance(self.planner, GridPlanner):
             check_paths(type(self.planner).__name__, paths, len(start))
         return paths, position, goal
@@ -251,8 +256,8 @@ def _check_numbers(
         )
     if not 0 < fraction <= 1:
         raise ValueError(f"PlannerSubgoals: fraction must lie in (0, 1], got {fraction}.")
-    if not lookahead > 0:
-        raise ValueError(f"PlannerSubgoals: lookahead must be > 0 m, got {lookahead}.")
+    if not 0 < lookahead < math.inf:
+        raise ValueError(f"PlannerSubgoals: lookahead must be > 0 m and finite, got {lookahead}.")
     if not lags or min(lags) < 0:
         raise ValueError(f"PlannerSubgoals: lags must be >= 0 and at least one, got {lags}.")
     if max_waypoints != 0 and max_waypoints < 2:

@@ -1,5 +1,6 @@
 """Trained agents on disk: a policy, the configuration of its environment, and its fingerprint."""
 
+import json
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -145,6 +146,13 @@ def save_agent(
     check_instance("save_agent", "policy", policy, TensorDictModuleBase)
     check_instance("save_agent", "fingerprint", fingerprint, Mapping)
     check_instance("save_agent", "metadata", metadata or {}, Mapping)
+    for name, data in (("fingerprint", fingerprint), ("metadata", metadata)):
+        try:
+            json.dumps(data)
+        except TypeError as error:
+            raise TypeError(
+                f"save_agent: {name} must be ready for JSON, got {data!r}: {error}."
+            ) from None
     about = {
         "env": asdict(config),
         "network": {
@@ -182,6 +190,7 @@ def shipped_agents() -> dict[str, Path]:
     }
 
 
+@checked_arguments
 def load_agent(
     name: str | Path,
     *,

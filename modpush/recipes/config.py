@@ -167,7 +167,7 @@ class PushEnvConfig:
         Raises:
             ValueError: If there is no such preset.
         """
-        if name not in _PRESETS:
+        if not isinstance(name, str) or name not in _PRESETS:
             raise ValueError(
                 f"PushEnvConfig: preset must be one of {sorted(_PRESETS)}, got {name!r}."
             )

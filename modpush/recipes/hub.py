@@ -7,7 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import modpush
+from modpush._checks import check_instance
 from modpush._extras import require_extra
+from modpush._types import Name
+from modpush._validation import check_value
 
 if TYPE_CHECKING:
     from modpush.recipes.agent_file import Agent
@@ -78,8 +81,13 @@ def push_to_hub(
         MissingExtraError: If huggingface_hub is not installed.
         OSError: If the Hub cannot be reached or refuses.
     """
+    _check_agent("push_to_hub", agent)
+    _check_texts("push_to_hub", repository=repository, licence=licence, message=message)
     if _ADDRESS.fullmatch(f"{HUB_PREFIX}{repository}") is None or "@" in repository:
         raise ValueError(f"push_to_hub: repository must be 'owner/name', got {repository!r}.")
+    check_value("push_to_hub", "card", card, str | None)
+    check_value("push_to_hub", "private", private, bool)
+    check_value("push_to_hub", "token", token, str | None)
     if agent.source is None:
         raise ValueError(
             "push_to_hub: the agent was not read from a file; write it with save_agent and read it "
@@ -114,6 +122,8 @@ def model_card(agent: "Agent", repository: str, licence: str = "mit") -> str:
         repository: Its `"owner/name"`.
         licence: Licence of the weights.
     """
+    _check_agent("model_card", agent)
+    _check_texts("model_card", repository=repository, licence=licence)
     config = asdict(agent.config)
     objects = config["pushed_object"]
     objects = objects if isinstance(objects, str) else ", ".join(objects)
@@ -147,6 +157,17 @@ def model_card(agent: "Agent", repository: str, licence: str = "mit") -> str:
             "",
         ]
     )
+
+
+def _check_agent(who: str, agent: Any) -> None:
+    from modpush.recipes.agent_file import Agent  # which imports this module
+
+    check_instance(who, "agent", agent, Agent)
+
+
+def _check_texts(who: str, **texts: Any) -> None:
+    for name, text in texts.items():
+        check_value(who, name, text, Name)
 
 
 def _metadata_lines(metadata: Mapping[str, Any]) -> list[str]:

@@ -12,8 +12,10 @@ from torchrl.data.replay_buffers.samplers import Sampler
 from torchrl.data.replay_buffers.storages import Storage
 
 from modpush._arguments import checked_arguments
-from modpush._checks import check_instance
+from modpush._checks import check_instance, check_keys
 from modpush._state import read_state, write_state
+from modpush._types import Finite, NonNegativeInteger
+from modpush._validation import check_value
 from modpush.parts import find_part
 from modpush.replay.similarity import SIMILARITIES, Similarity
 from modpush.replay.storage_access import draw_distinct, read_entries, valid_shape
@@ -131,7 +133,7 @@ class AttentiveSampler(Sampler):
                 raise ValueError(
                     f"AttentiveSampler: query must be [Q, D] or [D], got {tuple(query.shape)}."
                 )
-            _check_no_nan(query, "the query")
+            _check_no_nan(query, "query")
             query = query.detach().clone().reshape(-1, query.shape[-1])
         self._query = query
 
@@ -141,6 +143,7 @@ class AttentiveSampler(Sampler):
 
     def can_sample(self, storage: Storage, batch_size: int) -> bool:
         """Whether the storage holds enough candidates."""
+        _check_batch_size(batch_size)
         return len(storage) >= self.num_candidates(batch_size)
 
     def sample(self, storage: Storage, batch_size: int) -> tuple[Index, dict[str, Any]]:
@@ -155,6 +158,7 @@ class AttentiveSampler(Sampler):
         """
         if len(storage) == 0:
             raise RuntimeError("Cannot sample from an empty storage.")
+        _check_batch_size(batch_size)
         if not self.can_sample(storage, batch_size):
             raise ValueError(
                 f"AttentiveSampler: k * batch_size must be <= the entries stored, got "
@@ -214,7 +218,7 @@ class AttentiveSampler(Sampler):
                 "was filled or restored. Call set_query first."
             )
         queries = read_entries(storage, index, self.query_key)
-        _check_no_nan(queries, f"{self.query_key!r} of the newest entries, the query")
+        _check_no_nan(queries, f"the query, {self.query_key!r} of the newest entries,")
         return queries
 
     def add(self, index: int | Tensor) -> None:
@@ -245,21 +249,21 @@ class AttentiveSampler(Sampler):
         """Continue where the other sampler was.
 
         Raises:
-            ValueError: If the state is that of another kind of sampler.
+            ValueError: If the state is that of another kind of sampler, or a value is malformed.
         """
-        if "num_samples" not in state_dict:
-            raise ValueError(
-                f"AttentiveSampler: the state is another sampler's, it holds {sorted(state_dict)}."
-            )
-        self.k = state_dict["k"]
-        self._num_samples = int(state_dict["num_samples"])
-        self._cursor.last = state_dict["newest"]
+        who = "AttentiveSampler.load_state_dict"
+        check_keys(who, state_dict, self.state_dict())
+        k = check_value(who, "k", state_dict["k"], Finite)
+        count = check_value(who, "num_samples", state_dict["num_samples"], NonNegativeInteger)
+        newest = check_value(who, "newest", state_dict["newest"], NonNegativeInteger | None)
         self.set_query(state_dict["query"])
+        self.k, self._num_samples, self._cursor.last = k, count, newest
 
     def dumps(self, path: str | Path) -> None:
         """Write the state into a directory."""
         write_state(Path(path) / _STATE_FILE, dict(self.state_dict()), _KIND, _VERSION)
 
+    @checked_arguments
     def loads(self, path: str | Path) -> None:
         """Read the state from a directory.
 
@@ -282,6 +286,13 @@ class AttentiveSampler(Sampler):
         )
 
 
+def _check_batch_size(batch_size: int) -> None:
+    if not isinstance(batch_size, int) or batch_size < 1:
+        raise ValueError(
+            f"AttentiveSampler: batch_size must be a whole number >= 1, got {batch_size!r}."
+        )
+
+
 def _checked_k(name: str, k: float) -> float:
     if not 1 <= k < math.inf:
         raise ValueError(f"AttentiveSampler: {name} must be >= 1, got {k}.")
@@ -293,4 +304,6 @@ def _check_no_nan(x: Tensor, what: str) -> None:
     if x.is_floating_point() and x.sum().isnan():
         rows = x.isnan().reshape(x.shape[0], -1).any(-1).nonzero().flatten().tolist()
         if rows:
-            raise ValueError(f"AttentiveSampler: NaN in {what}, rows {rows[:8]}.")
+            raise ValueError(
+                f"AttentiveSampler: {what} must be finite, got NaN in rows {rows[:8]}."
+            )

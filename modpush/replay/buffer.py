@@ -113,7 +113,13 @@ def _make_sampler(
     given = config.sampler if sampler is None else sampler
     made: Any = find_part("make_replay_buffer: sampler", given, SAMPLERS)
     if not isinstance(made, Sampler):
-        made = made(config)
+        try:
+            made = made(config)
+        except TypeError as error:
+            raise TypeError(
+                f"make_replay_buffer: sampler must make a Sampler of a ReplayConfig, got {given!r}, "
+                f"which raised: {error}"
+            ) from error
     if not isinstance(made, Sampler):
         raise TypeError(
             "make_replay_buffer: sampler must be a TorchRL Sampler or make one from a ReplayConfig,"

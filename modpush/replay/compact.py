@@ -23,7 +23,7 @@ from torchrl.data.replay_buffers.checkpointers import StorageCheckpointerBase
 from modpush._arguments import checked_arguments
 from modpush._checks import check_instance
 from modpush._state import read_state, write_state
-from modpush._types import Count
+from modpush._types import Count, Device
 
 __all__ = ["CompactStorage"]
 
@@ -76,7 +76,7 @@ class CompactStorage(LazyTensorStorage):
         max_size: Count,
         *,
         keys: Sequence[NestedKey] = ("observation",),
-        device: torch.device | str = "cpu",
+        device: torch.device | Device = "cpu",
     ) -> None:
         super().__init__(max_size, device=device)
         self.keys = [unravel_key(key) for key in keys]

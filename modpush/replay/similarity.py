@@ -5,7 +5,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
-from modpush._checks import check_instance, check_shape
+from modpush._checks import check_instance
 
 __all__ = ["SIMILARITIES", "LatentSimilarity", "Similarity", "cosine", "negative_l2"]
 
@@ -59,8 +59,11 @@ def _check_pairs(who: str, candidates: Tensor, queries: Tensor) -> None:
     check_instance(who, "queries", queries, Tensor)
     if candidates.ndim != 3:
         raise ValueError(f"{who}: candidates must be [Q, C, D], got {list(candidates.shape)}.")
-    number, _, width = candidates.shape
-    check_shape(who, "queries", queries, "Q, D", [number, width])
+    if queries.shape != (candidates.shape[0], candidates.shape[2]):
+        raise ValueError(
+            f"{who}: queries must be [Q, D] for candidates [Q, C, D] = {list(candidates.shape)}, got "
+            f"{list(queries.shape)}."
+        )
 
 
 SIMILARITIES: dict[str, Similarity] = {"cosine": cosine, "negative_l2": negative_l2}

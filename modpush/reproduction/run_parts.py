@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import torch
 
+from modpush._arguments import checked_arguments
 from modpush._folder_lock import FolderLock
 from modpush.reproduction.ablations import write_ablations
 from modpush.reproduction.companion import write_companion
@@ -23,6 +24,7 @@ _WRITERS: dict[str, Callable[[ReproduceConfig], None]] = {
 }
 
 
+@checked_arguments
 def reproduce(config: ReproduceConfig) -> None:
     """Make the chosen parts, and `README.md` after each.
 

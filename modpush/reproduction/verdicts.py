@@ -5,6 +5,8 @@ from typing import Literal
 import pandas as pd
 from scipy import stats
 
+from modpush._arguments import checked_arguments
+from modpush._types import Count, Finite
 from modpush.evaluation.stats import PairedTest
 
 __all__ = ["LOWER_IS_BETTER", "RULES", "Verdict", "against_method", "against_printed"]
@@ -27,6 +29,7 @@ RULES = """
 """The rules in Markdown, as the companion page prints them."""
 
 
+@checked_arguments
 def against_method(metric: str, test: PairedTest) -> Verdict:
     """Rule 1, for the first method of a paired test.
 
@@ -37,8 +40,9 @@ def against_method(metric: str, test: PairedTest) -> Verdict:
     return _signed(metric, test.difference) if test.significant(LEVEL) else "level"
 
 
+@checked_arguments
 def against_printed(
-    metric: str, cell: pd.Series, printed: float, printed_runs: int
+    metric: str, cell: pd.Series, printed: Finite, printed_runs: Count
 ) -> Verdict | None:
     """Rules 2 to 4, for one of our figures beside a printed one.
 
@@ -52,12 +56,16 @@ def against_printed(
         The verdict; None where there is none by rule 4.
 
     Raises:
-        ValueError: If our figure is of no episodes.
+        ValueError: If our figure is of no episodes, or lacks something.
     """
+    if missing := sorted({"mean", "low", "high", "count"} - set(cell.index)):
+        raise ValueError(f"against_printed: cell must have {missing}, got {sorted(cell.index)}.")
     if metric == "path_length":
         return None
     if not cell["count"]:
-        raise ValueError(f"against_printed: our {metric} is of no episodes.")
+        raise ValueError(
+            f"against_printed: cell must be of one episode or more, got {metric} of none."
+        )
     difference = float(cell["mean"]) - printed
     if metric == "success":
         count = int(cell["count"])

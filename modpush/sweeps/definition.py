@@ -1,14 +1,15 @@
 """What a sweep runs: variants of a training configuration, with several seeds each."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from modpush._types import AtLeastOne, Count, Name, Seed
+from modpush._arguments import checked_arguments
+from modpush._types import AtLeastOne, Count, Name, Seed, Several
 from modpush._validation import checked, from_plain
 from modpush.parts import find_part, part_module
 from modpush.training.config import TrainConfig
@@ -91,7 +92,8 @@ class Sweep:
             if repeated := sorted({value for value in values if values.count(value) > 1}):
                 raise ValueError(f"Sweep: {name} must differ, got {repeated} several times.")
 
-    def of_groups(self, groups: Iterable[str]) -> "Sweep":
+    @checked_arguments
+    def of_groups(self, groups: Several[str]) -> "Sweep":
         """The first variant, and those of some groups; all variants where none is named.
 
         Raises:
@@ -100,12 +102,13 @@ class Sweep:
         chosen = set(groups)
         if unknown := sorted(chosen - {variant.group for variant in self.variants}):
             known = list(dict.fromkeys(variant.group for variant in self.variants))
-            raise ValueError(f"Sweep: there is no group {unknown}, expected some of {known}.")
+            raise ValueError(f"Sweep: groups must be some of {known}, got {unknown}.")
         if not chosen:
             return self
         first, *others = self.variants
         return replace(self, variants=(first, *(v for v in others if v.group in chosen)))
 
+    @checked_arguments
     def trials(self, total_steps: Count | None = None) -> tuple[Trial, ...]:
         """Every variant with every seed: all variants with the first seed, then with the next.
 
@@ -128,6 +131,7 @@ class Sweep:
         return tuple(trials)
 
 
+@checked_arguments
 def override(config: TrainConfig, overrides: Mapping[str, Any], who: str) -> TrainConfig:
     """A training configuration with some fields set differently.
 
@@ -157,6 +161,7 @@ def override(config: TrainConfig, overrides: Mapping[str, Any], who: str) -> Tra
         raise ValueError(f"{who}: {error}") from None
 
 
+@checked_arguments
 def load_sweep(source: str | Path) -> Sweep:
     """A sweep from a YAML file, or from Python code as `"module:name"`.
 
@@ -174,7 +179,7 @@ def load_sweep(source: str | Path) -> Sweep:
         except (ValueError, yaml.YAMLError) as error:
             raise ValueError(f"load_sweep: {path} holds no sweep: {error}") from None
     if part_module(text) is None:
-        raise ValueError(f"load_sweep: no file {text!r}, expected one, or 'module:name'.")
+        raise ValueError(f"load_sweep: source must be a file or 'module:name', got {text!r}.")
     found = find_part("load_sweep", text, {})
     if isinstance(found, list | tuple):
         variants = [v if isinstance(v, Variant) else from_plain(Variant, v) for v in found]

@@ -6,6 +6,7 @@ from typing import Any
 
 import pandas as pd
 
+from modpush._arguments import checked_arguments
 from modpush.files import write_text
 from modpush.sweeps.definition import Trial
 from modpush.sweeps.figure import draw_sweep
@@ -46,16 +47,18 @@ def trial_row(trial: Trial, folder: Path) -> dict[str, Any]:
     return row
 
 
-def sweep_results(trials: Sequence[Trial], folder: Path) -> pd.DataFrame:
+@checked_arguments
+def sweep_results(trials: Sequence[Trial], folder: Path | str) -> pd.DataFrame:
     """A row for each trial: variant, group, seed, state, last and best evaluation."""
-    return pd.DataFrame([trial_row(trial, folder) for trial in trials])
+    return pd.DataFrame([trial_row(trial, Path(folder)) for trial in trials])
 
 
-def sweep_curves(trials: Sequence[Trial], folder: Path) -> pd.DataFrame:
+@checked_arguments
+def sweep_curves(trials: Sequence[Trial], folder: Path | str) -> pd.DataFrame:
     """A row for each evaluation of each trial: variant, group, seed, step, minutes, metrics."""
     tables = []
     for trial in trials:
-        run = trial.folder(folder)
+        run = trial.folder(Path(folder))
         if run.evaluations.exists():
             table = pd.read_csv(run.evaluations)
             about = {"variant": trial.variant.name, "group": trial.variant.group}

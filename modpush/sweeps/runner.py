@@ -7,9 +7,11 @@ from pathlib import Path
 import pandas as pd
 from tqdm import tqdm
 
+from modpush._arguments import checked_arguments
 from modpush._extras import require_extra
 from modpush._folder_lock import FolderLock
 from modpush._provenance import add_session
+from modpush._types import Count
 from modpush.sweeps.definition import Sweep, Trial
 from modpush.sweeps.results import write_results
 from modpush.sweeps.trial import TrialFailedError, is_finished, run_trial
@@ -17,12 +19,13 @@ from modpush.sweeps.trial import TrialFailedError, is_finished, run_trial
 __all__ = ["run_sweep"]
 
 
+@checked_arguments
 def run_sweep(
     sweep: Sweep,
     folder: Path | str,
     *,
     ray: bool = False,
-    total_steps: int | None = None,
+    total_steps: Count | None = None,
     progress: bool = True,
 ) -> pd.DataFrame:
     """Train what is missing of a sweep, and write its results.

@@ -12,8 +12,10 @@ from typing import Any
 import pandas as pd
 from tqdm import tqdm
 
+from modpush._arguments import checked_arguments
 from modpush._atomic import clean_leftovers
 from modpush._folder_lock import FolderLock
+from modpush._validation import check_value
 from modpush.recipes.make_env import make_push_env
 from modpush.training.config import TrainConfig
 from modpush.training.disk import DiskGuard
@@ -56,6 +58,7 @@ class Trainer:
             cannot be given to another process.
     """
 
+    @checked_arguments
     def __init__(
         self,
         config: TrainConfig,
@@ -66,6 +69,7 @@ class Trainer:
         make_env: EnvFactory = make_push_env,
         start_method: StartMethod = "spawn",
     ) -> None:
+        check_value("Trainer", "start_method", start_method, StartMethod)
         spawned = config.async_collection and start_method == "spawn"
         check_parts("Trainer", config, parts, pickled=spawned)
         if spawned:

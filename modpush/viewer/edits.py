@@ -93,7 +93,9 @@ def remove_obstacle(scenario: Scenario, index: int) -> Scenario:
 
 def _get(scenario: Scenario, index: int) -> Obstacle:
     if not 0 <= index < len(scenario.obstacles):
-        raise ValueError(f"There is no obstacle {index}, this scene has {len(scenario.obstacles)}.")
+        raise ValueError(
+            f"There is no obstacle with index {index}, this scene has {len(scenario.obstacles)}."
+        )
     return scenario.obstacles[index]
 
 

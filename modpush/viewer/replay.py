@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from modpush._arguments import checked_arguments
 from modpush.envs.outcome import is_at_goal, is_out_of_bounds
 from modpush.envs.robot.kinematics import planar_inverse_kinematics
 from modpush.envs.robot.ur5_2f85 import TOOLS
@@ -31,11 +32,14 @@ class ReplayLane:
             changed since.
     """
 
+    @checked_arguments
     def __init__(self, folder: Path | str) -> None:
         self.folder = Path(folder)
         about = self.folder / "run.json"
         if not about.is_file():
-            raise ValueError(f"ReplayLane: {self.folder} is no evaluation's folder, no run.json.")
+            raise ValueError(
+                f"ReplayLane: folder must be an evaluation's, with run.json, got {self.folder}."
+            )
         facts = json.loads(about.read_text())
         self.set: EvaluationSet = load_set(facts["set"])
         """The episodes that were evaluated."""

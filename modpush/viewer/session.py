@@ -5,6 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from modpush._arguments import checked_arguments
+from modpush._types import Angle, Coordinate, Finite, Seed
+from modpush._validation import check_value
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.viewer import edits
@@ -134,15 +137,18 @@ class Session:
         if not self.ended:
             self.step()
 
+    @checked_arguments
     def set_paused(self, paused: bool) -> None:
         """Stop the time, or let it run on."""
         self.paused = paused
 
+    @checked_arguments
     def set_go_on(self, go_on: bool) -> None:
         """Have the next episode begin by itself, or not."""
         self.go_on = go_on
 
-    def reset(self, seed: int | None = None) -> None:
+    @checked_arguments
+    def reset(self, seed: Seed | None = None) -> None:
         """Begin the episode of a seed (default: the present one), or the stored one of that number.
 
         Raises:
@@ -184,6 +190,7 @@ class Session:
         ]
         self.seed, self._ticks_since_end = seed, 0
 
+    @checked_arguments
     def choose_scene(
         self,
         scene: str | None = None,
@@ -206,6 +213,7 @@ class Session:
             self.scene, self.difficulty, self.pushed_object = before
             raise
 
+    @checked_arguments
     def choose_policies(self, *policies: str) -> None:
         """Run other policies, one or two, and begin the present scene again.
 
@@ -213,7 +221,8 @@ class Session:
             ValueError: If there is no such policy.
         """
         if not 1 <= len(policies) <= 2:
-            raise ValueError(f"Session: one or two policies can be shown, got {len(policies)}.")
+            raise ValueError(f"Session: policies must be one or two, got {len(policies)}.")
+        check_value("Session.choose_policies", "policies", policies, tuple[str, ...])
         scenario = self.snapshots[0].scenario
         self._make_lanes(policies)
         self._start([scenario] * len(self.lanes), self.seed)
@@ -231,11 +240,15 @@ class Session:
             lane.close()
         self.lanes, self.policies = lanes, tuple(policies)
 
-    def move_goal(self, x: float, y: float) -> None:
+    @checked_arguments
+    def move_goal(self, x: Coordinate, y: Coordinate) -> None:
         """Put the goal elsewhere [m]; object and tool stay where they are."""
         self._change(lambda scenario: edits.move_goal(scenario, x, y))
 
-    def move_obstacle(self, index: int, x: float, y: float, yaw: float | None = None) -> None:
+    @checked_arguments
+    def move_obstacle(
+        self, index: int, x: Coordinate, y: Coordinate, yaw: Angle | None = None
+    ) -> None:
         """Put an obstacle elsewhere [m, m, rad]."""
         self._change(lambda scenario: edits.move_obstacle(scenario, index, x, y, yaw))
 
@@ -247,6 +260,7 @@ class Session:
         added = edits.add_obstacle(here, kind, [(pose, 0.05) for pose in poses]).obstacles
         self._change(lambda scenario: replace(scenario, obstacles=added))
 
+    @checked_arguments
     def remove_obstacle(self, index: int) -> None:
         """Take an obstacle away."""
         self._change(lambda scenario: edits.remove_obstacle(scenario, index))
@@ -265,7 +279,8 @@ class Session:
         if self.replaying:
             raise ValueError("A stored episode cannot be changed.")
 
-    def push_by_hand(self, dx: float, dy: float, dyaw: float = 0.0) -> None:
+    @checked_arguments
+    def push_by_hand(self, dx: Finite, dy: Finite, dyaw: Finite = 0.0) -> None:
         """Move the tool of the lanes that a person drives, in [-1, 1], base frame."""
         for lane in self.lanes:
             if isinstance(lane, PolicyLane) and isinstance(lane.policy, HandPolicy):

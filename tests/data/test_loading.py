@@ -53,7 +53,7 @@ def test_episodes_are_chosen_by_policy_and_success(collected) -> None:
     solved = load_demonstrations(collected, only_success=True)
     assert all(episode["success"] for episode in solved.episodes)
     with pytest.raises(
-        ValueError, match=r"no policies \['duck'\], there are \['corridor', 'script"
+        ValueError, match=r"policies must be some of \['corridor', 'scripted'\], got \['duck'\]"
     ):
         load_demonstrations(collected, policies=["duck"])
 

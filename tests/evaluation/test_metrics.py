@@ -85,7 +85,9 @@ def test_an_episode_by_hand() -> None:
 
 
 def test_lengths_that_do_not_fit_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"with 2 rewards expected 2 contacts and 3 positions"):
+    with pytest.raises(
+        ValueError, match=r"reward must be \[1\], by the length of object_position .*, got \[2\]"
+    ):
         episode_metrics(
             object_position=np.zeros((2, 2)),
             goal_position=np.zeros(2),

@@ -65,11 +65,11 @@ def test_compare_pairs_the_episodes() -> None:
 def test_other_episodes_are_not_compared() -> None:
     with pytest.raises(ValueError, match="'first' has 4 and 'second' 3"):
         compare(A, B.head(3))
-    with pytest.raises(ValueError, match="must have run the same episodes"):
+    with pytest.raises(ValueError, match="that ran the same episodes"):
         summarize({"a": A, "b": B.assign(episode=[0, 1, 2, 4])})
     with pytest.raises(ValueError, match="at least one method, got none"):
         summarize({})
-    with pytest.raises(ValueError, match="method 'a' has no episodes"):
+    with pytest.raises(ValueError, match="rows of 'a' must be of one episode or more"):
         summarize({"a": A.head(0)})
 
 

@@ -38,7 +38,7 @@ def _sample(observation: Tensor) -> Any:
     return buffer.sample()
 
 
-def buffer_targets() -> list[Target]:
+def targets() -> list[Target]:
     """All of them."""
     return [*_makers(), *_use()]
 
@@ -65,6 +65,7 @@ def _makers() -> list[Target]:
                 "k_end": [0.5, *NOT_FINITE],
                 "annealing_num_samples": [-1, 0],
             },
+            may_be_none=["k_end", "num_queries"],
         ),
         Target(
             name="make_replay_buffer",
@@ -107,7 +108,7 @@ def _makers() -> list[Target]:
 
 
 def _use() -> list[Target]:
-    sampler = replay.AttentiveSampler(2)
+    sampler = replay.AttentiveSampler(2.0)
     good = transitions()
     result = TensorDict({"td_error": torch.rand(4)}, [4])
     return [
@@ -142,6 +143,7 @@ def _use() -> list[Target]:
             call=lambda batch_size: filled().sample(batch_size),
             given=lambda: {"batch_size": 4},
             bad={"batch_size": [0, -1, 50, 1000]},
+            may_be_none=["batch_size"],
         ),
         Target(
             name="extend_rollout",

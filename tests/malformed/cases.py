@@ -16,7 +16,8 @@ from tests.malformed.values import wrong_file, wrong_value
 OUTCOMES = ("clear", "accepted", "obscure", "crash", "hang")
 _SAYS_WHAT = re.compile(
     r"\b(got|must|expected|missing|unexpected|holds|carries|not found|no file|there is no|"
-    r"is not|does not|cannot|could not|invalid|damaged|no obstacle|names nothing)\b"
+    r"is not|does not|cannot|could not|invalid|damaged|no obstacle|names nothing|unrecognized)\b",
+    re.IGNORECASE,
 )
 _INSIDE = ("/numba/", "/sapien/", "/pydantic/", "/mani_skill/")
 _RAISED = (ValueError, TypeError, KeyError, OSError, RuntimeError, SystemExit)
@@ -38,18 +39,32 @@ class Case:
 @functools.cache
 def targets() -> tuple[Target, ...]:
     """The whole public surface."""
-    from tests.malformed import environments, files, learning, runs
+    from tests.malformed import (
+        agents,
+        buffers,
+        demonstrations,
+        environments,
+        evaluations,
+        files,
+        saved_agents,
+        states,
+        sweeping,
+        transforms,
+        viewing,
+    )
 
-    parts = (environments, learning, files, runs)
-    return (*light_targets(), *(target for part in parts for target in part.targets()))
+    parts = (environments, states, transforms, agents, buffers, files, evaluations, saved_agents)
+    late = (viewing, demonstrations, sweeping)
+    return (*light_targets(), *(target for part in parts + late for target in part.targets()))
 
 
 @functools.cache
 def light_targets() -> tuple[Target, ...]:
     """Functions and configurations, which need neither a scene nor a file."""
-    from tests.malformed import configs, functions
+    from tests.malformed import configs, images, networks, numbers, planning, shapes
 
-    return (*functions.targets(), *configs.targets())
+    parts = (shapes, planning, images, networks, numbers, configs)
+    return tuple(target for part in parts for target in part.targets())
 
 
 def make_case(seed: int, number: int, every: tuple[Target, ...] = ()) -> Case:
@@ -75,7 +90,10 @@ def _draw(target: Target, name: str, value: Any, rng: np.random.Generator) -> tu
     if bad and (name in target.only or rng.random() < 0.5):
         chosen = bad[rng.integers(len(bad))]
         return f"{chosen!r}"[:60], chosen
-    return wrong_value(value, rng, target.optional(name))
+    drawn = wrong_value(value, rng, target.optional(name))
+    while target.defaults and "without" in drawn[0]:
+        drawn = wrong_value(value, rng, target.optional(name))
+    return drawn
 
 
 def judge(case: Case) -> tuple[str, str]:

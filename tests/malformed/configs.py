@@ -68,6 +68,9 @@ def targets() -> list[Target]:
             name="Scenario.from_dict",
             call=lambda data: Scenario.from_dict(data),
             given=lambda: {"data": json.loads(json.dumps(SCENARIO.to_dict()))},
+            bad={"data": [[1], "text", None, {}, {"scene": 3}]},
+            only=["data"],
+            also={"data": ["Scenario"]},
         ),
         Target(
             name="PushEnvConfig.preset",
@@ -140,6 +143,7 @@ def _plain(kind: type) -> Target:
         call=read,
         given=lambda: dict(data),
         also=dict.fromkeys(data, ("plain data",)),
+        defaults=True,
     )
 
 

@@ -155,7 +155,7 @@ def _folders() -> list[Target]:
             },
             bad={
                 "folder": [good("agent"), 3],
-                "evaluation_set": [smoke.first(3), "smoke", None, load_set("free/small_cube")],
+                "evaluation_set": ["smoke", None, load_set("free/small_cube")],
                 "policy": [{"class": "other"}, 3, None],
             },
             only=["folder", "evaluation_set", "policy"],

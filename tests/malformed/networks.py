@@ -10,7 +10,7 @@ from modpush import encoders
 from tests.malformed.target import BELOW_1, KEYS, NOT_FINITE, NOT_POSITIVE, UNKNOWN, Target
 
 
-def encoder_targets() -> list[Target]:
+def targets() -> list[Target]:
     """All of them."""
     window = torch.rand(2, 1, 64, 64)
     windows = [

@@ -37,8 +37,15 @@ class Target:
     also: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """Other names by which errors may call an argument."""
 
+    may_be_none: Sequence[str] = ()
+    """Arguments for which None is right, where the signature of what is called does not say so."""
+    defaults: bool = False
+    """Whether the fields of a mapping that is given have defaults, so that one may be missing."""
+
     def optional(self, argument: str) -> bool:
         """Whether None may be given for an argument."""
+        if argument in self.may_be_none:
+            return True
         try:
             parameter = inspect.signature(self.call).parameters.get(argument)
         except (TypeError, ValueError):

@@ -38,7 +38,7 @@ def test_what_cannot_be_resolved_is_refused():
         ValueError, match=r"cannot leave out \['edges'\], the entries are \['goal'\]"
     ):
         resolve_entries("path", ["goal"], leave_out=["edges"])
-    with pytest.raises(ValueError, match="entries has 'goal' twice"):
+    with pytest.raises(ValueError, match="must have different names, got 'goal' twice"):
         resolve_entries("path", ["goal"], add=["goal"])
     with pytest.raises(ValueError, match="entries is empty"):
         resolve_entries("path", ["goal"], leave_out=["goal"])

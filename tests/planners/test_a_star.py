@@ -129,5 +129,5 @@ def test_bad_weights_are_refused():
     ends = torch.zeros(1, 2), torch.ones(1, 2)
     with pytest.raises(ValueError, match=r"weight must have the occupancy's shape \[1, 4, 4\]"):
         AStar().plan_weighted(blocked, torch.ones(1, 4, 5), *ends)
-    with pytest.raises(ValueError, match=r"weight must be > 0, its least is 0\.0"):
+    with pytest.raises(ValueError, match=r"weight must be > 0 and finite, got values from 0\.0"):
         AStar().plan_weighted(blocked, torch.zeros(1, 4, 4), *ends)

@@ -340,7 +340,7 @@ def test_occupancy_without_a_segmentation_key():
     [
         ({"mode": "half"}, r"mode must be one of \('fraction', 'lookahead'\), got 'half'"),
         ({"fraction": 0.0}, r"fraction must lie in \(0, 1\], got 0.0"),
-        ({"lookahead": 0.0}, "lookahead must be > 0 m, got 0.0"),
+        ({"lookahead": 0.0}, "lookahead must be > 0 m and finite, got 0.0"),
         ({"lags": ()}, r"lags must be >= 0 and at least one, got \(\)"),
         ({"lags": (-1,)}, r"lags must be >= 0 and at least one, got \(-1,\)"),
         ({"max_waypoints": 1}, "max_waypoints must be 0 or >= 2, got 1"),
@@ -489,7 +489,7 @@ def test_cells_outside_the_workspace_can_block():
     assert wide(data.clone())["path_found"].item()
     assert not narrow(data.clone())["path_found"].item()
     for wrong in (((0.8, 0.2), (0.3, -0.2)), ((5.0, 5.0), (6.0, 6.0))):
-        with pytest.raises(ValueError, match="no cell lies within bounds"):
+        with pytest.raises(ValueError, match="bounds and margin must leave a cell"):
             OccupancyGrid(bounds=wrong)
     with pytest.raises(ValueError, match=r"bounds must be two corners \(x, y\)"):
         OccupancyGrid(bounds=((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)))

@@ -435,7 +435,7 @@ def test_bad_arguments(kwargs, message):
     [
         (torch.zeros(2, 2, 2), r"query must be \[Q, D\] or \[D\], got \(2, 2, 2\)."),
         (torch.zeros(0, 3), r"query must be \[Q, D\] or \[D\], got \(0, 3\)."),
-        (torch.tensor([[0.0], [float("nan")]]), r"NaN in the query, rows \[1\]."),
+        (torch.tensor([[0.0], [float("nan")]]), r"query must be finite, got NaN in rows \[1\]."),
     ],
 )
 def test_bad_queries(query, message):
@@ -462,11 +462,15 @@ def test_nan_in_what_is_stored():
     data = transitions(30)
     data["observation"][3, 1] = float("nan")
     buffer.extend(data)
-    with pytest.raises(ValueError, match="NaN in the similarity to 'observation' of a stored"):
+    with pytest.raises(
+        ValueError, match="the similarity to 'observation' of a stored entry must be finite"
+    ):
         draw_often(buffer)
     data["observation"][-1] = float("nan")
     buffer.extend(data)
-    with pytest.raises(ValueError, match="NaN in 'observation' of the newest entries"):
+    with pytest.raises(
+        ValueError, match="the query, 'observation' of the newest entries, must be finite"
+    ):
         buffer.sample()
 
 
@@ -572,5 +576,5 @@ def test_a_buffer_that_was_saved_with_another_sampler_is_refused(tmp_path):
     buffer = make_buffer(AttentiveSampler(2))
     with pytest.raises(FileNotFoundError, match="the buffer was saved with another sampler"):
         buffer.loads(tmp_path)
-    with pytest.raises(ValueError, match=r"the state is another sampler's, it holds \[\]"):
+    with pytest.raises(ValueError, match=r"the state must hold \['k', .*\], got \[\]"):
         buffer.sampler.load_state_dict(other.sampler.state_dict())

@@ -11,7 +11,9 @@ from torchrl.data import Composite
 from torchrl.envs.transforms import TensorDictPrimer
 
 from modpush._arguments import checked_arguments
+from modpush._checks import check_finite
 from modpush._keys import read_key
+from modpush._types import Length
 from modpush.agents.corridor.action import choose_action
 from modpush.agents.corridor.config import CorridorConfig
 from modpush.agents.corridor.corridor_path import plan_object_path
@@ -20,6 +22,9 @@ from modpush.agents.corridor.scene import CorridorScene
 from modpush.agents.corridor.state import state_spec
 from modpush.geometry import Camera
 from modpush.planners import LazyThetaStar
+
+_WHO = "PushingCorridorController"
+_SMALL_CUBE_RADIUS = 0.025 * math.sqrt(2.0)  # [m]
 
 
 class PushingCorridorController(TensorDictModuleBase):
@@ -62,7 +67,7 @@ class PushingCorridorController(TensorDictModuleBase):
         config: CorridorConfig | None = None,
         *,
         camera: Camera | None = None,
-        object_radius: float = 0.025 * math.sqrt(2.0),
+        object_radius: Length = _SMALL_CUBE_RADIUS,
         depth_key: NestedKey = "depth",
         segmentation_key: NestedKey = "segmentation",
         object_pose_key: NestedKey = "object_pose",
@@ -115,8 +120,10 @@ class PushingCorridorController(TensorDictModuleBase):
 
         Raises:
             KeyError: If a key is missing.
+            TypeError: If one is no tensor of real numbers.
+            ValueError: If one has another shape, or a pose is not finite.
         """
-        pose = self._read(tensordict, self.object_pose_key)
+        pose = self._read(tensordict, self.object_pose_key, 3)
         lead, device = pose.shape[:-1], pose.device
         scene = self._observe(tensordict, math.prod(lead))
         state = self._begin(tensordict, scene.goal)
@@ -136,17 +143,30 @@ class PushingCorridorController(TensorDictModuleBase):
         tensordict.set(self._next_state_key, state.clone())
         return tensordict
 
-    def _read(self, tensordict: TensorDictBase, key: NestedKey) -> Tensor:
-        return read_key("PushingCorridorController", tensordict, key)
+    def _read(self, tensordict: TensorDictBase, key: NestedKey, *last: int) -> Tensor:
+        return read_key(_WHO, tensordict, key, *last)
 
     def _observe(self, tensordict: TensorDictBase, scenes: int) -> CorridorScene:
         """What is read, on the CPU and with one batch dimension."""
-        images = [self._read(tensordict, key) for key in (self.depth_key, self.segmentation_key)]
+        size = (self.camera.height, self.camera.width)
+        images = [
+            self._read(tensordict, key, *size) for key in (self.depth_key, self.segmentation_key)
+        ]
         depth, segmentation = (image.reshape(scenes, *image.shape[-2:]) for image in images)
         object_pose, ee_pose, goal = (
-            self._read(tensordict, key).detach().cpu().reshape(scenes, -1).float()
-            for key in (self.object_pose_key, self.ee_pose_key, self.goal_position_key)
+            self._read(tensordict, key, width).detach().cpu().reshape(scenes, width).float()
+            for key, width in (
+                (self.object_pose_key, 3),
+                (self.ee_pose_key, 3),
+                (self.goal_position_key, 2),
+            )
         )
+        for key, value in (
+            (self.object_pose_key, object_pose),
+            (self.ee_pose_key, ee_pose),
+            (self.goal_position_key, goal),
+        ):
+            check_finite(_WHO, repr(key), value)
         radius, touch = (
             torch.full((scenes,), default)
             if value is None

@@ -13,6 +13,7 @@ from modpush._types import (
     Name,
     NonNegative,
     NonNegativeInteger,
+    PartName,
     Positive,
     PositiveFraction,
 )
@@ -40,7 +41,7 @@ class TQCConfig:
     "deterministic_mlp", or "module:name" of an actor factory."""
     critic: Name = "mlp"
     """Network of each critic: "mlp", or "module:name" of a critic factory."""
-    encoder: Name | None = None
+    encoder: PartName | None = None
     """Image encoder that the critics' loss trains: "module:name" of a class or function that makes
     one, such as "modpush.encoders:ConvEncoder". None trains no encoder."""
     image_key: Name = "window"

@@ -72,6 +72,7 @@ class BatchedEnsemble:
         self.in_keys = list(module.in_keys)
         self.out_key = module.out_keys[0]
         self.num_atoms = 0  # the output's last dimension
+        self.num_inputs = 0  # the inputs' last dimensions together; 0 if no linear layer says so
         self._layers: list[tuple[_Layer, list[_Path]]] = []
         self._add(network, ("module",))
         if not self.num_atoms:
@@ -87,6 +88,7 @@ class BatchedEnsemble:
                 self._add(child, (*path, name))
         elif type(part) is nn.Linear:
             self._layers.append((_linear if len(parameters) == 2 else _linear_no_bias, parameters))
+            self.num_inputs = part.in_features if not self._layers[:-1] else self.num_inputs
             self.num_atoms = part.out_features
         elif type(part) is nn.LayerNorm and len(part.normalized_shape) == 1:
             self._layers.append((_BatchedLayerNorm(part), parameters))

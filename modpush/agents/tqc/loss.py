@@ -1,6 +1,7 @@
 """`TQCLoss`: TorchRL's results at little more than the cost of their matrix products."""
 
 import warnings
+from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any, NoReturn
 
@@ -18,6 +19,8 @@ from torchrl.objectives.utils import ValueEstimators
 from torchrl.objectives.value import TD0Estimator, ValueEstimatorBase
 
 from modpush._keys import read_key
+from modpush._types import Fraction
+from modpush._validation import check_value
 from modpush.agents.tqc.ensemble import BatchedEnsemble, NotBatchableError
 from modpush.agents.tqc.quantiles import quantile_huber, truncate_atoms
 from modpush.agents.tqc.tanh_normal import tanh_normal_rsample
@@ -98,14 +101,37 @@ class TQCLoss(_TorchRLTQCLoss):
                 f"TQCLoss: the value estimator must be TD(0), got {value_type!r}. For n-step "
                 "returns, let the replay buffer sum the rewards (ReplayConfig(n_steps=...))."
             )
+        gamma = hyperparams.get("gamma", 0.0)
+        if isinstance(gamma, Tensor) and gamma.numel() == 1:
+            gamma = gamma.item()
+        check_value("TQCLoss.make_value_estimator", "gamma", gamma, Fraction)
         return super().make_value_estimator(value_type, **hyperparams)
 
     @dispatch
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Losses of a batch `[*B]`; the priorities are written into it."""
-        for key in self._required_keys():
-            read_key("TQCLoss", tensordict, key)
+        widths = {
+            key: read_key("TQCLoss", tensordict, key).shape[-1] for key in self._required_keys()
+        }
+        self._check_widths(widths)
         return super().forward(tensordict)
+
+    def _check_widths(self, widths: Mapping[NestedKey, int]) -> None:
+        """Raise if critics or actor would get inputs of another width than they take."""
+        keys = self.qvalue_network.in_keys
+        if self._ensemble is not None:
+            expected, inputs = self._ensemble.num_inputs, {key: widths[key] for key in keys}
+            if expected and sum(inputs.values()) != expected:
+                raise ValueError(
+                    f"TQCLoss: the critics take {expected} numbers, got the last dimensions {inputs}."
+                )
+        for key in keys:
+            following = unravel_key(("next", key))
+            if widths.get(following, widths[key]) != widths[key]:
+                raise ValueError(
+                    f"TQCLoss: {following!r} must be [..., {widths[key]}] as {key!r}, got "
+                    f"[..., {widths[following]}]."
+                )
 
     def _required_keys(self) -> list[NestedKey]:
         keys = self.tensor_keys

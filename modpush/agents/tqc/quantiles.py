@@ -29,12 +29,13 @@ def truncate_atoms(atoms: Tensor, num_dropped: int) -> Tensor:
         The lowest atoms in ascending order, `[*B, N * n - num_dropped]`.
 
     Raises:
-        TypeError: If the atoms are no tensor.
+        TypeError: If the atoms are no tensor, or `num_dropped` is no whole number.
         ValueError: If no atom would be left, or `num_dropped` is negative.
 
     Source: Kuznetsov et al. (2020), eq. 9-10.
     """
     check_instance("truncate_atoms", "atoms", atoms, Tensor)
+    check_instance("truncate_atoms", "num_dropped", num_dropped, int)
     if atoms.ndim < 2 or num_dropped < 0:
         raise ValueError(
             "truncate_atoms: atoms must be [N, *B, n] and num_dropped >= 0, got "

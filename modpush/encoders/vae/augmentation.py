@@ -3,12 +3,14 @@
 import torch
 from torch import Tensor
 
-from modpush._checks import check_instance
+from modpush._arguments import checked_arguments
+from modpush._types import Fraction
 
 __all__ = ["augment_windows"]
 
 
-def augment_windows(windows: Tensor, others: Tensor, overlay: float = 0.5) -> Tensor:
+@checked_arguments
+def augment_windows(windows: Tensor, others: Tensor, overlay: Fraction = 0.5) -> Tensor:
     """Turn and mirror windows at random, and lay others over some of them.
 
     All results are windows of possible scenes: a quarter turn or a mirror image of a layout is a
@@ -27,10 +29,6 @@ def augment_windows(windows: Tensor, others: Tensor, overlay: float = 0.5) -> Te
     Raises:
         ValueError: If `overlay` is not in [0, 1] or the shapes differ.
     """
-    for name, value in (("windows", windows), ("others", others)):
-        check_instance("augment_windows", name, value, Tensor)
-    if not 0 <= overlay <= 1:
-        raise ValueError(f"augment_windows: overlay must lie in [0, 1], got {overlay}.")
     if windows.shape != others.shape:
         raise ValueError(
             f"augment_windows: others must be shaped like windows {list(windows.shape)}, "

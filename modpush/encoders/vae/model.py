@@ -130,6 +130,7 @@ class DepthVAE(Encoder):
         }
 
     @classmethod
+    @checked_arguments
     def from_pretrained(cls, name_or_path: Path | str = "depth_vae") -> "DepthVAE":
         """A trained one, in eval mode.
 

@@ -116,7 +116,7 @@ def sample_scenario(
     """
     check_instance("sample_scenario", "rng", rng, np.random.Generator)
     check_instance("sample_scenario", "config", config, ScenarioConfig)
-    if tool not in TOOLS:
+    if not isinstance(tool, str) or tool not in TOOLS:
         raise ValueError(f"sample_scenario: tool must be one of {sorted(TOOLS)}, got {tool!r}.")
     scenes, objects = config.scenes, config.objects
     failed: Counter[str] = Counter()

@@ -9,7 +9,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush._checks import check_width
 from modpush.envs.arguments import check_scene
 from modpush.envs.depth.analytic import AnalyticDepthCamera
 from modpush.envs.depth.base import DepthCamera, DepthCameraFactory
@@ -120,7 +119,6 @@ class SceneBatch(ABC):
     def cast(self, index: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Depth [m] and label at single pixels `[..., 2]` (u, v) of one scene's image."""
         check_scene("PushEnv.cast", index, self.num_envs)
-        check_width("PushEnv.cast", "pixels", pixels, 2)
         number, i = self._locate(index)
         return self._analytic[number].cast(i, pixels)
 
