@@ -64,7 +64,7 @@ class RecordingEnv(EnvBase):
         missing = set(base.observation_spec.keys()) - set(env.observation_spec.keys())
         if missing:
             raise ValueError(
-                f"RecordingEnv: env drops {sorted(missing)}, which policies may need; make it with "
+                f"RecordingEnv: env must emit {sorted(missing)}, which policies may need; make it with "
                 "keep_images=True."
             )
         super().__init__(device=base.device, batch_size=base.batch_size)

@@ -81,7 +81,7 @@ def write_ablations(config: ReproduceConfig) -> None:
     paths = [config.sweep / name for name in ("trials.csv", "curves.csv")]
     if not all(path.exists() for path in paths):
         raise FileNotFoundError(
-            f"write_ablations: no sweep in {config.sweep}; run modpush sweep {_SWEEP} --out "
+            f"write_ablations: there is no sweep in {config.sweep}; run modpush sweep {_SWEEP} --out "
             f"{config.sweep}."
         )
     trials, curves = (pd.read_csv(path) for path in paths)

@@ -46,7 +46,7 @@ def test_it_emits_what_push_env_does(recorder) -> None:
 def test_an_environment_without_images_is_refused() -> None:
     env = make_push_env(ENV)
     with pytest.raises(
-        ValueError, match=r"env drops \['depth', 'segmentation'\].*keep_images=True"
+        ValueError, match=r"env must emit \['depth', 'segmentation'\].*keep_images=True"
     ):
         RecordingEnv(env)
     env.close()

@@ -26,7 +26,19 @@ def _maps() -> list[Target]:
             name="inflate",
             call=planners.inflate,
             given=lambda: {"blocked": blocked.clone(), "radius": 2.0},
-            bad={"radius": radii, "blocked": [blocked.float(), blocked.numpy()]},
+            bad={
+                "radius": radii,
+                "blocked": [
+                    blocked.float(),
+                    blocked.numpy(),
+                    blocked[0],
+                    blocked[..., None],
+                    blocked.to(torch.complex64),
+                    torch.zeros(1, 5000, 2, dtype=torch.bool),
+                    None,
+                ],
+            },
+            only=["blocked"],
         ),
         Target(
             name="OccupancyMap",

@@ -200,6 +200,6 @@ def get_object_of(items: Sequence[PushedObject], name: str) -> PushedObject:
             return item
     get_object(name)  # says so if there is no such object at all
     raise ValueError(
-        f"pushed_object: {name!r} was not loaded, this environment has "
+        f"pushed_object: {name!r} was not loaded, expected one of this environment's "
         f"{[item.name for item in items]}."
     )

@@ -166,7 +166,7 @@ class UR5(BaseAgent):
         )
         if not reachable.all():
             bad = tip_pose[int(torch.argmin(reachable.int()))]
-            raise ValueError(f"Scenario: tool_pose {bad} is out of the arm's reach.")
+            raise ValueError(f"Scenario: tool_pose must not be out of the arm's reach, got {bad}.")
         self.reset(joints.float().to(self.device))
 
     @property

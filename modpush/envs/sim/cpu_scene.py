@@ -109,7 +109,9 @@ class CpuScene:
         height = self._objects.item(scenario.pushed_object).tool_height + self._tool_length
         joints, reachable = planar_joints_cpu(np.array(scenario.tool_pose), height)
         if not reachable:
-            raise ValueError(f"Scenario: tool_pose {scenario.tool_pose} is out of the arm's reach.")
+            raise ValueError(
+                f"Scenario: tool_pose must not be out of the arm's reach, got {scenario.tool_pose}."
+            )
         return joints.astype(np.float32)
 
     def place(self, scenario: Scenario) -> None:

@@ -255,7 +255,9 @@ def test_a_scenario_must_fit_the_task(task) -> None:
     with pytest.raises(ValueError, match="out of the arm's reach"):
         task.reset(options={"scenarios": [scenario((2.0, 0, 0))]})
     small = ClutterPushEnv(obs_mode="none")
-    with pytest.raises(ValueError, match="'fragment' was not loaded, this environment has"):
+    with pytest.raises(
+        ValueError, match="'fragment' was not loaded, expected one of this environment's"
+    ):
         small.reset(options={"scenarios": [scenario((0.4, 0, 0), name="fragment")]})
     small.close()
 
