@@ -110,7 +110,6 @@ def _makers() -> list[Target]:
 def _use() -> list[Target]:
     sampler = replay.AttentiveSampler(2.0)
     good = transitions()
-    result = TensorDict({"td_error": torch.rand(4)}, [4])
     return [
         Target(
             name="AttentiveSampler.set_query",
