@@ -169,14 +169,14 @@ def _reproduction() -> list[Target]:
             name="reproduce",
             call=reproduction.reproduce,
             given=lambda: {"config": config(parts=("ablations",))},
-            bad={"config": [None, 3, {}, "all", ("table1",)]},
+            bad={"config": [None, 3, {}, "all", ("free",)]},
             only=["config"],
         ),
         Target(
             name="reproduce(agent)",
             call=lambda agent: reproduction.reproduce(
                 config(
-                    parts=("table1",),
+                    parts=("free",),
                     agent=agent,
                     rows=folder() / "rows",
                     out=folder() / "pages",
