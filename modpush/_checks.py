@@ -15,6 +15,7 @@ __all__ = [
     "check_keys",
     "check_real",
     "check_shape",
+    "check_texts",
 ]
 
 _NO_NUMBERS = {torch.bool, torch.complex32, torch.complex64, torch.complex128}
@@ -137,6 +138,22 @@ def check_keys(who: str, state: Mapping[str, Any], expected: Collection[str]) ->
         raise ValueError(
             f"{who}: the state must hold {sorted(expected)}, got {sorted(map(str, state))}."
         )
+
+
+def check_texts(who: str, name: str, value: Any) -> None:
+    """Check that a value is a collection of texts, in any order, and not one text.
+
+    Args:
+        who: What asks, for the error message.
+        name: The argument's name.
+        value: What was given.
+
+    Raises:
+        TypeError: If it is not.
+    """
+    several = isinstance(value, Collection) and not isinstance(value, str)
+    if not several or not all(isinstance(item, str) for item in value):
+        raise TypeError(f"{who}: {name} must be texts, got {value!r}.")
 
 
 def check_callable(who: str, name: str, value: Any) -> None:

@@ -5,9 +5,11 @@ Every place that takes a part (a scene, a planner, an encoder, a reward term, ..
 command line can hold; `part_name` is the inverse.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from importlib import import_module
 from typing import Any
+
+from modpush._checks import check_texts
 
 __all__ = ["check_allowed", "find_part", "part_module", "part_name"]
 
@@ -80,7 +82,7 @@ def part_module(part: Any) -> str | None:
     return part.partition(":")[0]
 
 
-def check_allowed(who: str, modules: Iterable[str], allow: Iterable[str]) -> None:
+def check_allowed(who: str, modules: Iterable[str], allow: Collection[str]) -> None:
     """Refuse modules that are not modpush's and that the caller has not named.
 
     A file must never decide what code is run: what it names is imported only if the caller agrees.
@@ -89,9 +91,7 @@ def check_allowed(who: str, modules: Iterable[str], allow: Iterable[str]) -> Non
         TypeError: If `allow` is not of texts.
         ValueError: If a module is neither in `allow` nor inside a package that is.
     """
-    named = isinstance(allow, Iterable) and not isinstance(allow, str)
-    if not named or not all(isinstance(module, str) for module in allow):
-        raise TypeError(f"{who}: allow must be names of modules, got {allow!r}.")
+    check_texts(who, "allow", allow)
     allowed = ("modpush", *allow)
     refused = sorted(
         {m for m in modules if not any(m == a or m.startswith(f"{a}.") for a in allowed)}

@@ -1,6 +1,6 @@
 """`load_demonstrations`: collected episodes as transitions, and the environment they are of."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,8 @@ from torch import Tensor
 from torchrl.envs import EnvBase
 
 from modpush._arguments import checked_arguments
+from modpush._checks import check_texts
 from modpush._extras import require_extra
-from modpush._types import Several
 from modpush._validation import from_plain
 from modpush.recipes.config import PushEnvConfig
 from modpush.recipes.fingerprint import environment_fingerprint, fingerprint_differences
@@ -66,7 +66,7 @@ class Demonstrations:
 def load_demonstrations(
     path: Path | str,
     *,
-    policies: Several[str] | None = None,
+    policies: Collection[str] | None = None,
     only_success: bool = False,
 ) -> Demonstrations:
     """Read what `modpush collect` wrote, from its Minari data set.
@@ -81,6 +81,8 @@ def load_demonstrations(
         FileNotFoundError: If there is no such data set.
         ValueError: If it is not modpush's, there are several, or no episode is left.
     """
+    if policies is not None:
+        check_texts("load_demonstrations", "policies", policies)
     require_extra("load_demonstrations", *_PACKAGES)
     from minari import MinariDataset
 

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
@@ -196,7 +196,7 @@ def load_agent(
     *,
     parts: Mapping[str, Any] | None = None,
     make_env: Callable[..., EnvBase] | None = None,
-    allow: Iterable[str] = (),
+    allow: Collection[str] = (),
 ) -> Agent:
     """A trained agent: one that is shipped, by its name, a file of `save_agent`, or one on the Hub.
 

@@ -6,7 +6,7 @@ import pandas as pd
 from scipy import stats
 
 from modpush._arguments import checked_arguments
-from modpush._types import Count, Finite
+from modpush._types import Finite, NonNegativeInteger
 from modpush.evaluation.stats import PairedTest
 
 __all__ = ["LOWER_IS_BETTER", "RULES", "Verdict", "against_method", "against_printed"]
@@ -42,7 +42,7 @@ def against_method(metric: str, test: PairedTest) -> Verdict:
 
 @checked_arguments
 def against_printed(
-    metric: str, cell: pd.Series, printed: Finite, printed_runs: Count
+    metric: str, cell: pd.Series, printed: Finite, printed_runs: NonNegativeInteger
 ) -> Verdict | None:
     """Rules 2 to 4, for one of our figures beside a printed one.
 

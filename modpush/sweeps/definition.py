@@ -1,7 +1,7 @@
 """What a sweep runs: variants of a training configuration, with several seeds each."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -9,7 +9,8 @@ from typing import Any
 import yaml
 
 from modpush._arguments import checked_arguments
-from modpush._types import AtLeastOne, Count, Name, Seed, Several
+from modpush._checks import check_texts
+from modpush._types import AtLeastOne, Count, Name, Seed
 from modpush._validation import checked, from_plain
 from modpush.parts import find_part, part_module
 from modpush.training.config import TrainConfig
@@ -92,13 +93,13 @@ class Sweep:
             if repeated := sorted({value for value in values if values.count(value) > 1}):
                 raise ValueError(f"Sweep: {name} must differ, got {repeated} several times.")
 
-    @checked_arguments
-    def of_groups(self, groups: Several[str]) -> "Sweep":
+    def of_groups(self, groups: Collection[str]) -> "Sweep":
         """The first variant, and those of some groups; all variants where none is named.
 
         Raises:
             ValueError: If there is no such group, with the list of those there are.
         """
+        check_texts("Sweep.of_groups", "groups", groups)
         chosen = set(groups)
         if unknown := sorted(chosen - {variant.group for variant in self.variants}):
             known = list(dict.fromkeys(variant.group for variant in self.variants))

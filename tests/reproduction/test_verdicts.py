@@ -70,6 +70,6 @@ def test_the_lists_hold_every_verdict_on_an_agent_once() -> None:
 
 def test_no_interval_leaves_a_verdict_level() -> None:
     nothing = cell(math.nan, math.nan, math.nan, 0)
-    with pytest.raises(ValueError, match="no episodes"):
+    with pytest.raises(ValueError, match="of one episode or more, got contact_rate of none"):
         against_printed("contact_rate", nothing, 0.9, 1000)
     assert against_printed("contact_rate", cell(*np.full(3, 0.9)), 0.9, 1000) == "level"
