@@ -42,7 +42,7 @@ def test_an_obstacle_keeps_its_yaw_when_moved_and_its_place_when_turned() -> Non
 @pytest.mark.parametrize("change", [edits.remove_obstacle, edits.move_obstacle])
 def test_an_obstacle_that_is_not_there_is_an_error(change) -> None:
     place = (0.5, 0.0) if change is edits.move_obstacle else ()
-    with pytest.raises(ValueError, match="no obstacle 1, this scene has 1"):
+    with pytest.raises(ValueError, match="no obstacle with index 1, this scene has 1"):
         change(SCENE, 1, *place)
 
 
