@@ -239,7 +239,7 @@ def test_a_stored_episode_is_shown_as_it_was(evaluated) -> None:
 
 
 def test_a_folder_that_is_no_evaluation_is_an_error(tmp_path) -> None:
-    with pytest.raises(ValueError, match="folder must be an evaluation's, with run.json"):
+    with pytest.raises(ValueError, match="folder must be an evaluation's, with"):
         Session(PlayConfig(replay=(tmp_path,)))
 
 
