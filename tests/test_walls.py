@@ -18,6 +18,7 @@ SHARED = {
     "_batching",
     "_checks",
     "_end_with_parent",
+    "_experimental",
     "_extras",
     "_hash",
     "_keys",
