@@ -10,6 +10,8 @@ from types import TracebackType
 from typing import IO
 from weakref import WeakSet
 
+from modpush._atomic import make_folder
+
 try:
     import fcntl
 except ImportError:  # not on Windows, where folders are not locked
@@ -33,12 +35,13 @@ class FolderLock:
 
     Raises:
         FolderLockedError: If another process holds it; the message says which, where and since when.
+        NotADirectoryError: If it, or a folder that it lies in, is a file.
         OSError: If the folder cannot be written to.
     """
 
     def __init__(self, folder: Path | str) -> None:
         self.path = Path(folder) / _NAME
-        self.path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         self._file: IO[str] | None = self.path.open("a+")
         try:
             if fcntl is not None:

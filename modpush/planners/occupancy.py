@@ -198,10 +198,13 @@ def cells_outside(camera: Camera, bounds: Corners, margin: float = 0.0) -> Tenso
         `[H, W]` bool.
 
     Raises:
-        ValueError: If the corners are not two numbers each, or no cell is left inside.
+        ValueError: If the corners are not two numbers each, the margin is not finite, or no cell is left
+            inside.
     """
     if len(bounds) != 2 or any(len(corner) != 2 for corner in bounds):
         raise ValueError(f"OccupancyGrid: bounds must be two corners (x, y) [m], got {bounds!r}.")
+    if not math.isfinite(margin):
+        raise ValueError(f"OccupancyGrid: margin must be finite [m], got {margin}.")
     low, high = (torch.tensor([float(x) for x in corner]).double() for corner in bounds)
     v, u = torch.meshgrid(torch.arange(camera.height), torch.arange(camera.width), indexing="ij")
     centre = camera.unproject(torch.stack([u, v], -1).double())

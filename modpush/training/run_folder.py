@@ -73,8 +73,11 @@ def check_run_folder(path: str | Path, config: TrainConfig, *, resume: bool) -> 
         FileExistsError: If the folder is not empty and `resume` is False. A run that was killed
             before its first result does not count.
         FileNotFoundError: If there is nothing to resume.
+        NotADirectoryError: If it is a file.
         ValueError: If the folder holds a run of another config; the message says what differs.
     """
+    if Path(path).is_file():
+        raise NotADirectoryError(f"check_run_folder: {path} is a file, expected a folder.")
     folder = RunFolder(path, config.keep_checkpoints)
     if not resume:
         if folder.has_results():

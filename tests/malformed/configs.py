@@ -144,6 +144,11 @@ def _plain(kind: type) -> Target:
         given=lambda: dict(data),
         also=dict.fromkeys(data, ("plain data",)),
         defaults=True,
+        **(
+            {"bad": {"inflation": ["3", -1.0]}, "only": ["inflation"]}
+            if "inflation" in data
+            else {}
+        ),
     )
 
 

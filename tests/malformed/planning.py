@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import torch
 
 from modpush import planners
@@ -36,9 +37,17 @@ def _plans() -> list[Target]:
                     torch.zeros(3, 0, 16, dtype=torch.bool),
                     torch.zeros(3, 16, 16),
                     torch.zeros(3, 16, 16, dtype=torch.uint8),
+                    torch.zeros(3, 16, 16, dtype=torch.complex64),
+                    torch.zeros(16, 16, dtype=torch.bool),
+                    torch.zeros(3, 1, 16, 16, dtype=torch.bool),
+                    np.zeros((3, 16, 16), bool),
+                    [[[False]]],
+                    "text",
+                    None,
                 ],
                 "start": [torch.zeros(3, 2, dtype=torch.int64), torch.zeros(0, 2)],
             },
+            only=["occupancy"],  # maps of other heights and widths are right ones
         )
         for name in planners.PLANNERS
     ]
