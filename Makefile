@@ -26,8 +26,9 @@ train: setup
 demo: setup
 	$(BIN)/modpush demo
 
+# A process for each core, up to four; one that is done takes over half of another's tests.
 test: setup
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n logical --maxprocesses 4 --dist worksteal
 
 test-slow: setup
 	$(BIN)/python -m pytest -m slow -s

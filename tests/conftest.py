@@ -1,5 +1,7 @@
 """What all tests share."""
 
+import os
+
 import pytest
 import torch
 
@@ -7,6 +9,7 @@ import torch
 def pytest_configure() -> None:
     # Small tensors only: a second thread costs more than it brings, and CI has two cores for all.
     torch.set_num_threads(1)
+    os.environ["OMP_NUM_THREADS"] = "1"  # likewise in the processes that tests start
 
 
 @pytest.fixture(scope="session")

@@ -1,5 +1,6 @@
 """What README and the pages in docs/ show runs, and what they name exists."""
 
+import ast
 import re
 import shlex
 from collections.abc import Callable, Iterator
@@ -22,6 +23,8 @@ ANY_PYTHON = re.compile(
 )
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.S | re.M)
 COMMAND = re.compile(r"^ *(?:\.venv/bin/|python -m )?modpush (?P<rest>[a-z].*)$", re.M)
+QUICK = ("README.md", "docs/get_started.md")
+"""Pages whose blocks run among the quick tests."""
 PRINTED = {
     "planners.md": ["tensor([True]) tensor([0.65", "[True]"],
     "evaluation.md": ["| mine | 4 |", "| success | 3 |"],
@@ -62,7 +65,14 @@ def python_blocks(page: Path) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if python_blocks(page)], ids=title)
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, id=title(page), marks=[] if title(page) in QUICK else pytest.mark.slow)
+        for page in PAGES
+        if python_blocks(page)
+    ],
+)
 def test_the_python_blocks_of_a_page_run_one_after_the_other(
     page: Path,
     tmp_path: Path,
@@ -78,6 +88,16 @@ def test_the_python_blocks_of_a_page_run_one_after_the_other(
         assert part in printed
         printed = printed.partition(part)[2]
     CHECKED.get(page.name, lambda names: None)(names)
+
+
+def test_what_the_blocks_import_is_there() -> None:
+    """For those that run among the slow tests."""
+    for page in PAGES:
+        for block in python_blocks(page):
+            tree = ast.parse(block, page)
+            imports = [n for n in ast.walk(tree) if isinstance(n, ast.Import | ast.ImportFrom)]
+            names: dict[str, Any] = {"__name__": "page"}
+            exec(compile(ast.Module(imports, type_ignores=[]), page, "exec"), names)
 
 
 def test_only_blocks_that_say_why_are_not_run(tmp_path: Path) -> None:

@@ -189,6 +189,7 @@ def test_the_readme_runs_in_a_bare_environment(bare: Path, tmp_path: Path) -> No
         run(bare, "-I", script, cwd=tmp_path)
 
 
+@pytest.mark.slow  # reads the types of torch: half a minute
 def test_type_checkers_see_the_public_names(bare: Path, tmp_path: Path) -> None:
     (tmp_path / "user.py").write_text(
         "import modpush\n"

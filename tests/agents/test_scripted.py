@@ -78,10 +78,11 @@ def test_impossible_gains_are_refused(fields) -> None:
         ScriptedPusherConfig(**fields)
 
 
-def test_nine_of_ten_in_free_space_over_200_episodes() -> None:
+@pytest.mark.parametrize("episodes", [50, pytest.param(200, marks=pytest.mark.slow)])
+def test_nine_of_ten_in_free_space(episodes) -> None:
     env, policy, results = PushEnv(8, depth=None, seed=1), ScriptedPusher(), []
     td = env.reset()
-    while len(results) < 200:
+    while len(results) < episodes:
         td = env.step(policy(td))["next"]
         if td["done"].any():
             results += td["success"][td["done"]].tolist()

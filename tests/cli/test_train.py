@@ -8,7 +8,7 @@ import yaml
 
 def test_a_run_from_the_command_line(tmp_path) -> None:
     command = [sys.executable, "-m", "modpush", "train", "smoke", "--out", "run"]
-    command += ["--train.total-steps", "160", "--train.seed", "3"]
+    command += ["--train.total-steps", "96", "--train.seed", "3"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "Best on the held-out episodes: success" in done.stdout

@@ -62,7 +62,8 @@ def test_specs_hold_on_a_push_env(push_env, encoder):
     assert env.reset()["latent"].shape == (3, 32)
 
 
-@pytest.mark.parametrize("batched", [SerialEnv, ParallelEnv])
+# tests/recipes/test_make_env.py runs the whole stack in a parallel worker.
+@pytest.mark.parametrize("batched", [SerialEnv, pytest.param(ParallelEnv, marks=pytest.mark.slow)])
 def test_the_same_in_workers(batched):
     alone = make_env().rollout(6, steer, break_when_any_done=False)
     env = batched(2, make_env)

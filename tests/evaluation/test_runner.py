@@ -35,8 +35,8 @@ from modpush.agents import ScriptedPusher
 from modpush.evaluation import EvaluationConfig, evaluate, load_set
 from tests.evaluation.conftest import make_env
 if __name__ == "__main__":
-    evaluate(ScriptedPusher(), load_set("free/small_cube").first(10), Path(sys.argv[1]),
-         make_env=make_env, config=EvaluationConfig(num_envs=3, progress=False))
+    evaluate(ScriptedPusher(), load_set("free/small_cube").first(20), Path(sys.argv[1]),
+         make_env=make_env, config=EvaluationConfig(num_envs=3, workers=2, progress=False))
 """
 
 
@@ -67,27 +67,33 @@ def test_rows_are_complete_and_in_order(unbroken: pd.DataFrame) -> None:
     assert unbroken["success"].mean() >= 0.8
 
 
-def test_a_killed_run_goes_on_where_it_stopped(tmp_path: Path, unbroken: pd.DataFrame) -> None:
+def test_a_killed_run_leaves_no_worker_and_goes_on_where_it_stopped(
+    tmp_path: Path, unbroken: pd.DataFrame
+) -> None:
     process = subprocess.Popen(
         [sys.executable, "-c", RUN, str(tmp_path)], cwd=Path(__file__).parents[2]
     )
-    csv, deadline = tmp_path / "episodes.csv", time.monotonic() + 120
-    while not csv.exists() or csv.read_text().count("\n") < 4:
+    csv, deadline = tmp_path / "episodes.csv", time.monotonic() + 240
+    while not csv.exists() or csv.read_text().count("\n") < 3:
         assert process.poll() is None, "the run ended before it could be killed"
         assert time.monotonic() < deadline
         time.sleep(0.005)
+    workers = psutil.Process(process.pid).children(recursive=True)
+    assert len(workers) >= 2
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
+    _, alive = psutil.wait_procs(workers, timeout=30)
+    assert not alive
     kept = csv.read_text()
-    assert 3 <= kept.count("\n") - 1 < 10
+    assert 2 <= kept.count("\n") - 1 < 20
     csv.write_text(kept + "9,free,small_cu")  # and a row that was cut off
     before = csv.stat().st_size
 
-    episodes = load_set("free/small_cube").first(10)
+    episodes = load_set("free/small_cube").first(20)
     rows = evaluate(ScriptedPusher(), episodes, tmp_path, make_env=make_env, config=QUIET)
     assert csv.read_text().startswith(kept)  # nothing was run again
     assert csv.stat().st_size > before
-    assert_same_results(rows, unbroken)
+    assert_same_results(rows.head(10), unbroken)
 
 
 def test_a_finished_run_is_not_run_again(tmp_path: Path, free: EvaluationSet) -> None:
@@ -169,6 +175,7 @@ def test_a_full_disk_leaves_the_rows_as_they_were(tmp_path: Path, free: Evaluati
     assert store.csv.read_bytes() == before
 
 
+@pytest.mark.slow  # the first rows of the killed run are its workers'
 def test_two_workers_give_the_same_rows(tmp_path: Path, unbroken: pd.DataFrame) -> None:
     rows = evaluate(
         ScriptedPusher(),
@@ -286,22 +293,3 @@ def test_a_finished_folder_is_read_without_being_written_to(
 def test_two_evaluations_of_one_folder_are_refused(tmp_path: Path, free: EvaluationSet) -> None:
     with FolderLock(tmp_path), pytest.raises(FolderLockedError, match=f"process {os.getpid()} on"):
         evaluate(ScriptedPusher(), free.first(2), tmp_path, make_env=fail, config=QUIET)
-
-
-def test_workers_end_with_a_killed_parent(tmp_path: Path) -> None:
-    process = subprocess.Popen(
-        [sys.executable, "-c", RUN.replace("num_envs=3", "num_envs=3, workers=2"), str(tmp_path)],
-        cwd=Path(__file__).parents[2],
-    )
-    deadline = time.monotonic() + 120
-    csv = tmp_path / "episodes.csv"
-    while not csv.exists() or csv.read_text().count("\n") < 2:
-        assert process.poll() is None
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    children = psutil.Process(process.pid).children(recursive=True)
-    assert len(children) >= 2
-    process.kill()
-    process.wait()
-    _, alive = psutil.wait_procs(children, timeout=30)
-    assert not alive

@@ -4,7 +4,14 @@ from pathlib import Path
 
 import pytest
 
+from modpush.training import TRAIN_PRESETS
 from tests.examples import EXAMPLES, load_example
+from tests.training.conftest import SMOKE
+
+
+@pytest.fixture(autouse=True)
+def short_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(TRAIN_PRESETS, "smoke", ("", SMOKE))
 
 
 def run(name: str, folder: Path):
@@ -12,7 +19,7 @@ def run(name: str, folder: Path):
 
 
 def test_encoder(tmp_path: Path) -> None:
-    assert run("encoder", tmp_path) == {"latent": 16, "updates": 34}
+    assert run("encoder", tmp_path) == {"latent": 16, "updates": 10}
 
 
 def test_planner(tmp_path: Path) -> None:
@@ -50,7 +57,7 @@ def test_similarity(tmp_path: Path) -> None:
 
 
 def test_loss(tmp_path: Path) -> None:
-    assert run("loss", tmp_path) == 34
+    assert run("loss", tmp_path) == 10
 
 
 def test_every_example_of_a_part_is_tested_and_short() -> None:

@@ -4,7 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from modpush.training import TRAIN_PRESETS
 from tests.examples import load_example
+from tests.training.conftest import SMOKE
 
 
 def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -22,6 +24,9 @@ def test_evaluate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert (tmp_path / "agent" / "smoke" / "table.md").is_file()
 
 
-def test_train(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_train(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(TRAIN_PRESETS, "smoke", ("", SMOKE))
     load_example("train").main("smoke", 1, tmp_path / "run")
     assert "of 4 episodes drawn anew" in capsys.readouterr().out

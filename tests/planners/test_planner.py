@@ -2,6 +2,7 @@
 
 import copy
 import multiprocessing
+import os
 import pickle
 import subprocess
 import sys
@@ -31,6 +32,16 @@ MAKERS = {
     "line": StraightLine,
 }
 every_planner = pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS.keys())
+# A planner's kernel for several threads takes up to a minute to compile. All of them call the serial
+# search in a parallel loop over the scenes.
+QUICK_ON_THREADS = ("lazy", "lazy_grid", "line")
+every_planner_on_threads = pytest.mark.parametrize(
+    "make",
+    [
+        pytest.param(make, id=name, marks=[] if name in QUICK_ON_THREADS else pytest.mark.slow)
+        for name, make in MAKERS.items()
+    ],
+)
 
 
 def wall_map(side=20):
@@ -207,7 +218,7 @@ def test_points_on_the_lines_between_cells_and_on_the_rim(make):
             assert paths.found.item()
 
 
-@every_planner
+@every_planner_on_threads
 def test_a_batch_on_two_threads_gives_what_its_scenes_give_alone(make, two_threads):
     rng = np.random.default_rng(5)
     maps = [random_map(rng, side=96, boxes=5, radius=4) for _ in range(6)]
@@ -411,10 +422,12 @@ print(warm, compiled())
 """
 
 
-def test_after_warmup_nothing_is_left_to_compile():
+@pytest.mark.parametrize("threads", ["1", pytest.param("2", marks=pytest.mark.slow)])
+def test_after_warmup_nothing_is_left_to_compile(threads):
     # In a process of its own: in this one other tests have compiled what there is.
     script = [sys.executable, "-c", NOTHING_LEFT_TO_COMPILE]
-    done = subprocess.run(script, capture_output=True, text=True, check=True)
+    environment = {**os.environ, "OMP_NUM_THREADS": threads}
+    done = subprocess.run(script, capture_output=True, text=True, check=True, env=environment)
     warm, after = map(int, done.stdout.split())
     assert warm == after
     assert warm >= 7  # a kernel for each search, inflation, occupancy from depth

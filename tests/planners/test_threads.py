@@ -9,13 +9,28 @@ import torch
 
 from modpush.geometry import Camera
 from modpush.planners import AStar, OccupancyMap
-from tests.planners.test_planner import every_planner
+from tests.planners.test_planner import MAKERS, QUICK_ON_THREADS
 
 BATCHES = (1, 7, 30, 64)
 SMALL = Camera(height=48, width=48)
 
 
-@pytest.fixture(params=[1, 2])
+CASES = [
+    pytest.param(
+        threads,
+        make,
+        id=f"{threads}-{name}",
+        marks=[] if threads == 1 or name in QUICK_ON_THREADS else pytest.mark.slow,
+    )
+    for threads in (1, 2)
+    for name, make in MAKERS.items()
+]
+every_planner = pytest.mark.parametrize(
+    ("torch_threads", "make"), CASES, indirect=["torch_threads"]
+)
+
+
+@pytest.fixture(params=[1, pytest.param(2, marks=pytest.mark.slow)])
 def torch_threads(request):
     torch.set_num_threads(request.param)
     yield
@@ -48,7 +63,7 @@ def hammer(call, inputs, rounds=25):
 
 
 @every_planner
-def test_a_planner_shared_by_threads_plans_as_on_one(make, torch_threads):
+def test_a_planner_shared_by_threads_plans_as_on_one(torch_threads, make):
     planner = make()
 
     def call(*query):
@@ -58,7 +73,7 @@ def test_a_planner_shared_by_threads_plans_as_on_one(make, torch_threads):
 
 
 @every_planner
-def test_threads_with_batches_of_one_size_do_not_meet(make, torch_threads):
+def test_threads_with_batches_of_one_size_do_not_meet(torch_threads, make):
     planner = make()
 
     def call(*query):

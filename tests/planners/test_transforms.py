@@ -67,6 +67,7 @@ def test_specs_hold_in_serial_workers():
     check_env_specs(SerialEnv(2, lambda: make_env(2)))
 
 
+@pytest.mark.slow  # as the whole stack's in tests/recipes/test_make_env.py
 def test_specs_hold_in_parallel_workers():
     env = ParallelEnv(2, partial(make_env, 2))
     try:
@@ -75,20 +76,21 @@ def test_specs_hold_in_parallel_workers():
         env.close()
 
 
-def test_the_same_in_one_process_in_serial_and_in_parallel_workers():
+# tests/recipes/test_make_env.py runs the whole stack in a parallel worker.
+@pytest.mark.parametrize("batched", [SerialEnv, pytest.param(ParallelEnv, marks=pytest.mark.slow)])
+def test_the_same_in_one_process_and_in_workers(batched):
     def actions(tensordict):
         return steer(tensordict, [0.3, 1.0])
 
     alone = make_env().rollout(14, actions, break_when_any_done=False)
-    for batched in (SerialEnv, ParallelEnv):
-        env = batched(2, make_env)
-        try:
-            rollout = env.rollout(14, actions, break_when_any_done=False)
-        finally:
-            env.close()
-        for key in WRITTEN:
-            for worker in range(2):
-                assert torch.equal(rollout[worker]["next", key], alone["next", key]), key
+    env = batched(2, make_env)
+    try:
+        rollout = env.rollout(14, actions, break_when_any_done=False)
+    finally:
+        env.close()
+    for key in WRITTEN:
+        for worker in range(2):
+            assert torch.equal(rollout[worker]["next", key], alone["next", key]), key
 
 
 def test_lags_by_hand():

@@ -116,6 +116,7 @@ def test_the_same_in_parallel_workers_as_in_one_process():
             many = step_mdp(parallel.step(many.set("action", action[None])))
             for key in ("observation", "subgoal_history", "reward_start"):
                 torch.testing.assert_close(many[key][0], one[key], msg=key)
+        check_env_specs(parallel)
     finally:
         alone.close()
         parallel.close()
@@ -186,7 +187,7 @@ def test_an_untrained_conv_encoder_is_warned_of():
 )
 def test_obstacles_are_inflated_by_the_size_of_each_scene_s_object(inflation, attribute):
     bar = PushedObject(name="bar", parts=(box(0.12, 0.03, 0.05),))
-    objects = (*OBJECTS.values(), bar)
+    objects = (OBJECTS["small_cylinder"], bar)
     config = replace(RAYS, num_envs=len(objects), inflation=inflation, path_margin=None)
     env = make_push_env(config, pushed_object=objects, keep_images=True, seed=0)
     scenario = sample_scenario(np.random.default_rng(0), ScenarioConfig(scene="posts"))

@@ -155,7 +155,7 @@ def test_candidates_are_uniform_over_the_valid_part(replacement, written):
         buffer.extend(part)
     valid = min(written, 100)
     counts = torch.zeros(100)
-    for _ in range(1500):
+    for _ in range(500):
         buffer.sample()
         drawn = sampler.drawn.flatten()
         assert replacement or len(drawn.unique()) == 20

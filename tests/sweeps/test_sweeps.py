@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -85,6 +86,7 @@ def test_groups_are_chosen_beside_the_first_variant() -> None:
         sweep.of_groups(["z"])
 
 
+@pytest.mark.slow  # five runs; resuming one is tested in tests/training
 def test_a_sweep_that_was_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     """Killed in its first trial; both trials end as runs of their own do."""
     command = [sys.executable, "-m", "modpush", "sweep", str(SMOKE), "--out", str(tmp_path / "s")]
@@ -133,6 +135,13 @@ def test_a_trial_that_fails_leaves_the_others_alone(tmp_path: Path) -> None:
     table = pd.read_csv(tmp_path / "trials.csv")
     assert table["state"].tolist() == ["failed", "finished"]
     assert "NoSuchPlanner" in table["error"][0]
+
+    # What is finished is not run again, and its results are written anew.
+    before = (tmp_path / "trials.csv").stat().st_mtime_ns
+    again = run_sweep(replace(sweep, variants=sweep.variants[1:]), tmp_path, progress=False)
+    assert again["minutes"].tolist() == table["minutes"].tolist()[1:]
+    assert (tmp_path / "trials.csv").stat().st_mtime_ns > before
+    assert (tmp_path / "curves.png").exists()
 
 
 @pytest.mark.slow

@@ -14,21 +14,15 @@ import pytest
 import torch
 
 from modpush._folder_lock import FolderLock, FolderLockedError
-from modpush.training import TRAIN_PRESETS, Trainer, check_run_folder
+from modpush.training import Trainer, check_run_folder
 from modpush.training.run_folder import RunFolder
 from tests.damage import damages
 from tests.full_disk import full_disk
 from tests.test_files import Poison
+from tests.training.conftest import SMOKE
 from tests.training.test_training import assert_same, numbers, start, train, wait_for_checkpoint
 
-SMOKE = TRAIN_PRESETS["smoke"][1]
-
-
-@pytest.fixture(scope="module")
-def unbroken(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("unbroken") / "run"
-    train(folder)
-    return folder
+SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 
 
 def interrupt_after(trainer, steps):
@@ -44,7 +38,10 @@ def interrupt_after(trainer, steps):
         trainer.run()
 
 
-@pytest.mark.parametrize(("asynchronous", "places"), [(False, (32, 208, 224, 400)), (True, (208,))])
+@pytest.mark.parametrize(
+    ("asynchronous", "places"),
+    [(False, (32, 144, 160)), pytest.param(True, (144,), marks=pytest.mark.slow)],
+)
 def test_an_interrupted_run_goes_on_as_if_nothing_had_been(
     unbroken, tmp_path, asynchronous, places
 ):
@@ -59,16 +56,18 @@ def test_an_interrupted_run_goes_on_as_if_nothing_had_been(
     assert_same(numbers(unbroken), numbers(folder))
 
 
-@pytest.mark.parametrize("n_steps", [1, 3])
+@pytest.mark.parametrize("n_steps", [3, pytest.param(1, marks=pytest.mark.slow)])
 def test_steps_that_wait_for_their_returns_are_kept(tmp_path, n_steps):
     config = replace(SMOKE, replay=replace(SMOKE.replay, n_steps=n_steps, storage="tensor"))
     train(tmp_path / "unbroken", config)
-    interrupt_after(Trainer(config, tmp_path / "run"), 208)
+    interrupt_after(Trainer(config, tmp_path / "run"), 112)
     train(tmp_path / "run", config, resume=True)
     assert_same(numbers(tmp_path / "unbroken"), numbers(tmp_path / "run"))
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize(
+    "name", [SIGNALS[0], *(pytest.param(name, marks=pytest.mark.slow) for name in SIGNALS[1:])]
+)
 def test_a_signal_to_all_processes_ends_a_run_with_a_checkpoint(unbroken, tmp_path, name):
     folder = tmp_path / "run"
     process = start(folder, "--train.async-collection", start_new_session=True)
@@ -81,10 +80,19 @@ def test_a_signal_to_all_processes_ends_a_run_with_a_checkpoint(unbroken, tmp_pa
     assert_same(numbers(unbroken), numbers(folder))
 
 
-def test_signals_are_left_alone_outside_a_run(tmp_path):
-    before = [signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
-    interrupt_after(Trainer(SMOKE, tmp_path / "run"), 16)
-    assert [signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
+def test_every_signal_writes_a_checkpoint_and_is_left_alone_outside_a_run(tmp_path):
+    numbers_of_signals = [getattr(signal, name) for name in SIGNALS]
+    before = [signal.getsignal(number) for number in numbers_of_signals]
+    for number in numbers_of_signals:
+        folder = tmp_path / str(number)
+        trainer = Trainer(SMOKE, folder)
+        store = trainer.store
+        trainer.store = lambda rollout: (store(rollout), os.kill(os.getpid(), number))  # noqa: B023
+        with pytest.raises(KeyboardInterrupt):
+            trainer.run()
+        checkpoints = RunFolder(folder).checkpoints
+        assert checkpoints.step(checkpoints.latest()) == 16
+    assert [signal.getsignal(number) for number in numbers_of_signals] == before
 
 
 @pytest.fixture
@@ -129,7 +137,7 @@ def test_every_damage_of_a_checkpoint_is_noticed(copied, flips):
 
 
 def test_checkpoints_of_another_run_are_refused(copied, tmp_path):
-    other = replace(SMOKE, seed=5, total_steps=160)
+    other = replace(SMOKE, seed=5, total_steps=64)
     train(tmp_path / "other", other)
     newest = RunFolder(tmp_path / "other").checkpoints.latest()
     shutil.copy(newest, copied / "checkpoints" / "step-000000500.safetensors")
@@ -150,20 +158,13 @@ def test_poison_in_a_run_folder_is_not_executed(copied, tmp_path):
 
 
 def test_a_run_that_ended_before_its_first_checkpoint_can_begin_again(unbroken, tmp_path):
-    for name, resume in (("anew", False), ("resumed", True)):
-        folder = tmp_path / name
-        trainer = Trainer(SMOKE, folder)
-        trainer.close()  # as a kill leaves it: config and log, no checkpoint
-        leftover = folder / ".log.csv.host.1.tmp"
-        leftover.touch()
-        if resume:
-            with pytest.warns(
-                UserWarning, match="ended before its first checkpoint; it begins anew"
-            ):
-                train(folder, resume=True)
-        else:
-            train(folder)
-        assert_same(numbers(unbroken), numbers(folder))
+    folder = tmp_path / "run"
+    Trainer(SMOKE, folder).close()  # as a kill leaves it: config and log, no checkpoint
+    (folder / ".log.csv.host.1.tmp").touch()
+    Trainer(SMOKE, folder).close()
+    with pytest.warns(UserWarning, match="ended before its first checkpoint; it begins anew"):
+        train(folder, resume=True)
+    assert_same(numbers(unbroken), numbers(folder))
 
 
 def test_what_killed_writes_left_is_removed(copied):
@@ -211,7 +212,7 @@ def test_a_full_disk_at_every_write_leaves_the_run_alive(unbroken, tmp_path):
     assert sorted(set(first)) == sorted(first), "one warning each"
     assert {"log.csv", "the checkpoint", "last_agent.safetensors"} <= set(first)
     assert not RunFolder(tmp_path / "run").checkpoints.paths()
-    assert trainer.steps == 480
+    assert trainer.steps == SMOKE.total_steps
 
 
 def test_a_worker_ends_with_a_killed_parent_at_once(tmp_path):

@@ -42,8 +42,8 @@ from tests.own_parts import (
     one_post,
     small_actions,
 )
+from tests.training.conftest import SMOKE
 
-SMOKE = TRAIN_PRESETS["smoke"][1]
 SMOKE_ASYNC = replace(SMOKE, async_collection=True)
 ROOT = Path(modpush.__file__).parents[1]
 
@@ -65,9 +65,16 @@ def assert_same(one, other):
         assert torch.equal(value, other[1][name]), name
 
 
-def start(folder, *arguments, **options):
+def start(folder, *arguments, total_steps=SMOKE.total_steps, **options):
+    """`modpush train` with `SMOKE`'s settings."""
+    settings = {
+        "--train.total-steps": total_steps,
+        "--train.evaluate-every": SMOKE.evaluate_every,
+        "--train.checkpoint-every": SMOKE.checkpoint_every,
+    }
+    given = [str(part) for setting in settings.items() for part in setting]
     return subprocess.Popen(
-        [sys.executable, "-m", "modpush", "train", "smoke", "--out", folder, *arguments],
+        [sys.executable, "-m", "modpush", "train", "smoke", "--out", folder, *given, *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -89,23 +96,16 @@ def newest_step(folder):
     return checkpoints.step(checkpoints.latest())
 
 
-@pytest.fixture(scope="module")
-def unbroken(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("unbroken") / "run"
-    train(folder)
-    return folder
-
-
 def test_a_run_leaves_config_logs_agents_and_checkpoints(unbroken):
     stored = yaml.safe_load((unbroken / "config.yaml").read_text())
     assert stored["tqc"]["hidden_sizes"] == [16]
     log = pd.read_csv(unbroken / "log.csv")
-    assert log["step"].iloc[-1] == 480
-    assert log["updates"].iloc[-1] == 34  # (480 - 64) / 12
+    assert log["step"].iloc[-1] == 192
+    assert log["updates"].iloc[-1] == 10  # (192 - 64) / 12
     assert {"learner/loss_qvalue", "noisy/success", "curriculum/level", "speed/steps"} <= set(log)
     assert log["learner/similarity"].dropna().between(-1, 1).all()
     evaluations = pd.read_csv(unbroken / "evaluations.csv")
-    assert evaluations["step"].tolist() == [240, 480]
+    assert evaluations["step"].tolist() == [96, 192]
     assert {"success", "contact_rate", "success/free", "success/posts"} <= set(evaluations)
     assert len(list((unbroken / "checkpoints").glob("step-*"))) == 2
     assert list((unbroken / "logs" / "csv").rglob("*.csv"))
@@ -123,9 +123,10 @@ def test_a_run_killed_and_resumed_reaches_the_same_numbers(unbroken, tmp_path):
     assert_same(numbers(unbroken), numbers(folder))
 
 
+@pytest.mark.slow  # test_interrupts.py sends SIGINT to all processes of a run
 def test_ctrl_c_writes_a_checkpoint_that_can_be_resumed(tmp_path):
     folder = tmp_path / "run"
-    process = start(folder, "--train.total-steps", "100000")
+    process = start(folder, total_steps=100_000)
     wait_for_checkpoint(folder, process)
     while pd.read_csv(folder / "log.csv")["step"].iloc[-1] <= SMOKE.checkpoint_every:
         assert process.poll() is None, process.stdout.read()
@@ -147,7 +148,7 @@ def test_async_collection_learns_the_same_as_taking_turns(unbroken, tmp_path):
 def test_the_script_shares_its_libraries_with_the_worker_which_ends_with_it(tmp_path):
     """On Linux the worker is a fork, and hears of its caller's end all the same."""
     folder = tmp_path / "run"
-    process = start(folder, "--train.async-collection", "--train.total-steps", "100000")
+    process = start(folder, "--train.async-collection", total_steps=100_000)
     wait_for_checkpoint(folder, process)
     workers = psutil.Process(process.pid).children(recursive=True)
     assert workers
@@ -313,7 +314,7 @@ def test_one_trains_resumes_and_evaluates_with_parts_of_ones_own(tmp_path):
         curriculum=replace(SMOKE.curriculum, phases=(Phase(),)),  # the environment's own scenes
         async_collection=True,
     )
-    short = replace(config, total_steps=240)
+    short = replace(config, total_steps=96)
     Trainer(short, tmp_path / "run", parts=parts).run()
     trainer = Trainer(config, tmp_path / "run", parts=parts, resume=True)
     trainer.run()
@@ -371,16 +372,26 @@ def test_a_learned_encoder_and_images_go_together(tmp_path):
         Trainer(encoder, tmp_path / "run")
 
 
-@pytest.mark.parametrize("n_steps", [1, 3])
-@pytest.mark.parametrize("sampler", ["uniform", "tests.own_parts:newest_half"])
-def test_returns_over_several_steps_and_other_samplers(tmp_path, n_steps, sampler):
+OWN_SAMPLER = "tests.own_parts:newest_half"
+
+
+@pytest.mark.parametrize(
+    ("sampler", "n_steps"),
+    [
+        (OWN_SAMPLER, 3),
+        pytest.param(OWN_SAMPLER, 1, marks=pytest.mark.slow),
+        pytest.param("uniform", 3, marks=pytest.mark.slow),
+        pytest.param("uniform", 1, marks=pytest.mark.slow),
+    ],
+)
+def test_returns_over_several_steps_and_other_samplers(tmp_path, sampler, n_steps):
     replay = replace(SMOKE.replay, n_steps=n_steps, sampler=sampler)
     trainer = Trainer(replace(SMOKE, replay=replay), tmp_path / "run")
     trainer.run()
     batch = trainer.learner.buffer.sample()
     if n_steps == 3:
         assert batch["steps_to_next_obs"].max() == 3
-    assert trainer.learner.updates == 34
+    assert trainer.learner.updates == 10
 
 
 def test_a_loss_of_ones_own_is_trained(tmp_path):

@@ -1,6 +1,5 @@
 """Runs that begin with trained weights, and runs that resume without their replay buffer."""
 
-import shutil
 from dataclasses import replace
 
 import pandas as pd
@@ -9,17 +8,9 @@ import torch
 
 from modpush import load_agent
 from modpush.cli.train import RunConfig, train_agent
-from modpush.training import TRAIN_PRESETS, Trainer
+from modpush.training import Trainer
 from modpush.training.run_folder import RunFolder
-
-SMOKE = TRAIN_PRESETS["smoke"][1]
-
-
-@pytest.fixture(scope="module")
-def trained(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("trained") / "run"
-    Trainer(SMOKE, folder).run()
-    return folder
+from tests.training.conftest import SMOKE
 
 
 def begin(folder, **changes):
@@ -36,8 +27,8 @@ def assert_equal(one, other):
             assert torch.equal(value, other[name]), name
 
 
-def test_an_agents_file_gives_the_actors_weights(trained, tmp_path):
-    file = trained / "last_agent.safetensors"
+def test_an_agents_file_gives_the_actors_weights(unbroken, tmp_path):
+    file = unbroken / "last_agent.safetensors"
     agent = begin(tmp_path / "run", init_from=str(file))
     assert_equal(load_agent(file).policy.state_dict(), agent.actor.state_dict())
     fresh = begin(tmp_path / "fresh").loss.state_dict()
@@ -46,32 +37,32 @@ def test_an_agents_file_gives_the_actors_weights(trained, tmp_path):
     assert not all(torch.equal(loss[name], fresh[name]) for name in loss if "actor" in name)
 
 
-def test_a_run_gives_critics_targets_and_temperature_too(trained, tmp_path):
-    state = RunFolder(trained).checkpoints.load()["loss"]
-    assert_equal(state, begin(tmp_path / "run", init_from=str(trained)).loss.state_dict())
-    newest = RunFolder(trained).checkpoints.latest()
+def test_a_run_gives_critics_targets_and_temperature_too(unbroken, tmp_path):
+    state = RunFolder(unbroken).checkpoints.load()["loss"]
+    assert_equal(state, begin(tmp_path / "run", init_from=str(unbroken)).loss.state_dict())
+    newest = RunFolder(unbroken).checkpoints.latest()
     assert_equal(state, begin(tmp_path / "run2", init_from=str(newest)).loss.state_dict())
 
 
-def test_it_acts_with_these_weights_from_the_first_step(trained, tmp_path):
-    Trainer(replace(SMOKE, init_from=str(trained)), tmp_path / "run").run()
-    # The smoke run's log has a row each 48 steps, and its scenes act at random for 64.
+def test_it_acts_with_these_weights_from_the_first_step(unbroken, tmp_path):
+    Trainer(replace(SMOKE, init_from=str(unbroken), total_steps=64), tmp_path / "run").run()
+    # The run's log has a row each 48 steps, and its scenes act at random for 64.
     assert "greedy/success" in pd.read_csv(tmp_path / "run" / "log.csv")
-    first = Trainer(replace(SMOKE, init_from=str(trained)), tmp_path / "other")
+    first = Trainer(replace(SMOKE, init_from=str(unbroken)), tmp_path / "other")
     rollout = first._first_rollout().result()
     first.close()
     assert rollout.transitions["action"].shape == (16, 3)
-    again = Trainer(replace(SMOKE, init_from=str(trained)), tmp_path / "again")
+    again = Trainer(replace(SMOKE, init_from=str(unbroken)), tmp_path / "again")
     again.learner.agent.actor.module[0].module[0][0].weight.data.add_(1.0)
     other = again._first_rollout().result()
     again.close()
     assert not (rollout.transitions["action"] == other.transitions["action"]).all()
 
 
-def test_what_cannot_be_taken_over_is_refused_before_any_work(trained, tmp_path):
+def test_what_cannot_be_taken_over_is_refused_before_any_work(unbroken, tmp_path):
     def refused(message, **changes):
         with pytest.raises(ValueError, match=message):
-            begin(tmp_path / "run", **{"init_from": str(trained), **changes})
+            begin(tmp_path / "run", **{"init_from": str(unbroken), **changes})
 
     refused("no agent 'nobody'", init_from="nobody")
     refused("must be a run with a checkpoint", init_from=str(tmp_path))
@@ -79,33 +70,31 @@ def test_what_cannot_be_taken_over_is_refused_before_any_work(trained, tmp_path)
     refused("trained in another environment.*edges", env=replace(SMOKE.env, leave_out=("edges",)))
     fragment = replace(SMOKE.env, pushed_object="fragment")
     refused("looking the same at 4 yaw angles.*set env.symmetry to 4", env=fragment)
-    begin(tmp_path / "run", init_from=str(trained), env=replace(fragment, symmetry=4))
+    begin(tmp_path / "run", init_from=str(unbroken), env=replace(fragment, symmetry=4))
 
 
-def test_from_the_command_line(trained, tmp_path):
+def test_from_the_command_line(unbroken, tmp_path):
     short = replace(SMOKE, total_steps=16)
-    train_agent(RunConfig(train=short, out=tmp_path / "run", init_from=str(trained)))
-    assert RunFolder(tmp_path / "run").read_config().init_from == str(trained)
+    train_agent(RunConfig(train=short, out=tmp_path / "run", init_from=str(unbroken)))
+    assert RunFolder(tmp_path / "run").read_config().init_from == str(unbroken)
 
 
-def test_a_run_without_its_buffer_fills_one_before_it_learns_on(tmp_path):
+def test_a_run_without_its_buffer_fills_one_before_it_learns_on(unbroken, tmp_path):
     config = replace(SMOKE, save_buffer=False)
-    Trainer(replace(config, total_steps=240), tmp_path / "run").run()
+    Trainer(replace(config, total_steps=96), tmp_path / "run").run()
     sizes = [path.stat().st_size for path in (tmp_path / "run" / "checkpoints").iterdir()]
-    shutil.copytree(tmp_path / "run", tmp_path / "copy")
-    Trainer(SMOKE, tmp_path / "whole").run()
-    whole = [path.stat().st_size for path in (tmp_path / "whole" / "checkpoints").iterdir()]
+    whole = [path.stat().st_size for path in (unbroken / "checkpoints").iterdir()]
     assert max(sizes) < min(whole)
 
     resumed = Trainer(config, tmp_path / "run", resume=True)
     before = resumed.learner.updates
-    assert (resumed.steps, len(resumed.learner.buffer)) == (240, 0)
+    assert (resumed.steps, len(resumed.learner.buffer)) == (96, 0)
     state = resumed.learner.agent.optimizer.state_dict()["state"]
     assert state[0]["step"] == before > 0
     resumed.run()
-    # 64 steps of filling, then the updates that are due for the other 176.
-    due = (480 - 240 - SMOKE.tqc.learning_starts) * SMOKE.tqc.updates_per_step
+    # 64 steps of filling, then the updates that are due for the other 32.
+    due = (192 - 96 - SMOKE.tqc.learning_starts) * SMOKE.tqc.updates_per_step
     assert before + int(due) <= resumed.learner.updates <= before + int(due) + 1
-    assert len(resumed.learner.buffer) == 240
+    assert len(resumed.learner.buffer) == 96
     table = pd.read_csv(tmp_path / "run" / "evaluations.csv")
-    assert table["step"].tolist() == [240, 480]
+    assert table["step"].tolist() == [96, 192]

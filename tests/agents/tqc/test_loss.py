@@ -338,6 +338,7 @@ def test_a_missing_key_is_named(critic, key):
     assert error.value.args[0].startswith(f"TQCLoss: key {key!r} is missing; there are [")
 
 
+@pytest.mark.slow  # test_update.py compiles it within an update
 def test_compiled_loss_equals_the_eager_one():
     loss, batch = make_loss(TQCLoss), make_batch(4)
     compiled = torch.compile(loss, backend="eager")
