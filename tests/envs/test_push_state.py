@@ -41,14 +41,14 @@ def test_a_state_comes_back_from_json_to_the_last_bit(pushed) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"tool": "rod"}, r"of an environment with tool='2f85' \(this one has 'rod'\)"),
-        ({"dynamic_obstacles": True}, r"dynamic_obstacles=False \(this one has True\)"),
-        ({"sim_freq": 240}, r"sim_freq=120 \(this one has 240\)"),
-        ({"control_freq": 20}, r"control_freq=15 \(this one has 20\)"),
+        ({"tool": "rod"}, r"of an environment with tool='2f85' \(expected 'rod'\)"),
+        ({"dynamic_obstacles": True}, r"dynamic_obstacles=False \(expected True\)"),
+        ({"sim_freq": 240}, r"sim_freq=120 \(expected 240\)"),
+        ({"control_freq": 20}, r"control_freq=15 \(expected 20\)"),
         ({"pushed_object": "fragment"}, r"object 'small_cube' is not in this environment"),
         (
             {"pushed_object": replace(OBJECTS["small_cube"], mass=2.0)},
-            "'small_cube' is another than this environment's of that name",
+            "'small_cube' must be this environment's of that name",
         ),
     ],
 )
@@ -97,7 +97,7 @@ def damaged(data: dict, path: tuple, value: object) -> dict:
         (("rngs", 1), {"bit_generator": "PCG64"}, "random number generator is damaged"),
         (("rngs",), [], "holds 0 random states, expected 2"),
         (("config",), {}, "tool=None"),
-        (("objects",), {}, "'small_cube' is another than"),
+        (("objects",), {}, "'small_cube' must be this environment's"),
     ],
 )
 def test_a_damaged_state_is_refused_before_anything_moves(pushed, path, value, message) -> None:

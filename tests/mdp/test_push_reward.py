@@ -183,7 +183,7 @@ def test_bad_configs_are_refused():
             RewardConfig(weights={"effort": 1.0, "tests.mdp.own_parts:effort": 1.0}),
             terms={"effort": effort},
         )
-    with pytest.raises(TypeError, match="term 'effort' must be a function, got 3"):
+    with pytest.raises(ValueError, match=r"terms\.effort must be a function or text, got 3"):
         PushReward(RewardConfig(weights={"effort": 1.0}), terms={"effort": 3})
     with pytest.raises(ValueError, match="scale must be > 0, got 0"):
         RewardConfig(scale=0.0)

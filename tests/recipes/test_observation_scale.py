@@ -31,7 +31,7 @@ def entries(request):
     torch.manual_seed(0)
     config = PushEnvConfig.preset(request.param, num_envs=4, scene=tuple(SCENES))
     env = make_push_env(config, seed=5)
-    rollouts = [env.rollout(12, break_when_any_done=False)["observation"] for _ in range(5)]
+    rollouts = [env.rollout(6, break_when_any_done=False)["observation"] for _ in range(10)]
     observed = torch.cat([rollout.flatten(0, 1) for rollout in rollouts])
     (transform,) = [t for t in env.transform if isinstance(t, PushObservation)]
     env.close()
