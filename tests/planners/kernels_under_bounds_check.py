@@ -63,7 +63,7 @@ def look_everywhere() -> None:
         strange = torch.tensor([0.0, -1.0, math.nan, math.inf, 1e-30])[: odd.shape[1]]
         odd[:, : len(strange)] = strange
         labels = torch.randint(0, 4, (2, height, width), dtype=torch.uint8)
-        position = torch.tensor([[0.6, 0.0], [1e30, math.nan]])
+        position = torch.tensor([[0.6, 0.0], [1e30, -1e30]])
         for upright in (True, False):
             seen = OccupancyMap(camera, upright=upright)
             _, bits = seen(depth, 0.03, labels)
