@@ -127,8 +127,8 @@ class CpuBatch(SceneBatch):
 
     def close(self) -> None:
         """See `SceneBatch`."""
-        super().close()
         self._scenes = []
+        super().close()
 
 
 def _planar_poses(transforms: Sequence[Sequence[float]]) -> NDArray[np.float64]:
