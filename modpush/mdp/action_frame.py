@@ -2,6 +2,7 @@
 
 import torch
 from tensordict import NestedKey, TensorDictBase
+from torch import Tensor
 from torchrl.envs import Transform
 
 from modpush._arguments import checked_arguments
@@ -51,16 +52,32 @@ class ActionFrame(Transform):
         self.object_pose_key = object_pose_key
         self.subgoal_key = subgoal_key
 
-    def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
-        if self.frame == "base":
-            return tensordict
+    def _yaw(self, tensordict: TensorDictBase) -> Tensor:
         pose = read_key("ActionFrame", tensordict, self.object_pose_key, 3)
         subgoal = None
         if self.frame == "path":
             subgoal = read_key("ActionFrame", tensordict, self.subgoal_key, 2)
-        yaw = frame_yaw(self.frame, pose, subgoal)
+        return frame_yaw(self.frame, pose, subgoal)
+
+    def to_agent(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Turn an action in the base frame into the agent's axes, in place.
+
+        For a policy that acts in the base frame, such as a controller, in an agent's environment. Where
+        (dx, dy) is longer than 1 it is cut to the agent's box, so that its direction may change.
+
+        Raises:
+            KeyError: If a key is missing.
+        """
         action = read_key("ActionFrame", tensordict, self.action_key, 3)
-        planar = rotate(action[..., :2], yaw)
+        planar = rotate(action[..., :2], -self._yaw(tensordict))
+        turned = torch.cat([planar, action[..., 2:]], -1).clamp(-1.0, 1.0)
+        return tensordict.set(self.action_key, turned)
+
+    def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
+        if self.frame == "base":
+            return tensordict
+        action = read_key("ActionFrame", tensordict, self.action_key, 3)
+        planar = rotate(action[..., :2], self._yaw(tensordict))
         planar = planar / planar.abs().amax(-1, keepdim=True).clamp_min(1.0)
         tensordict.set(_AGENT_ACTION, action)
         return tensordict.set(self.action_key, torch.cat([planar, action[..., 2:]], -1))

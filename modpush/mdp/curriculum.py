@@ -96,11 +96,17 @@ class Curriculum:
 
     Args:
         config: Stages, phases and when the next stage begins.
+        warm_up: Environment steps at the beginning that somebody else than the agent acts in. Their
+            episodes have the distances of the final stage and the first phase's scenes, and do not
+            count for the next stage.
     """
 
     @checked_arguments
-    def __init__(self, config: CurriculumConfig | None = None) -> None:
+    def __init__(
+        self, config: CurriculumConfig | None = None, *, warm_up: NonNegativeInteger = 0
+    ) -> None:
         self.config = config or CurriculumConfig()
+        self.warm_up = warm_up
         self.phase = 0
         """Index of the present phase."""
         self.stage = self.config.phases[0].first_stage
@@ -120,6 +126,11 @@ class Curriculum:
         return passed + self.stage - self.config.phases[self.phase].first_stage
 
     @property
+    def warming_up(self) -> bool:
+        """Whether somebody else than the agent acts, so that episodes that begin now do not count."""
+        return self.steps < self.warm_up
+
+    @property
     def finished(self) -> bool:
         """Whether this is the last stage of the last phase."""
         last = len(self.config.distances) - 1
@@ -132,6 +143,8 @@ class Curriculum:
             base: The environment's own; its scenes stay in a phase that has none.
         """
         distances, stage = self.config.distances, self.stage
+        if self.warming_up:
+            stage = len(distances) - 1
         distance = (distances[max(stage - 2, 0)], distances[stage])
         if stage == len(distances) - 1:
             distance = self.config.final_distance

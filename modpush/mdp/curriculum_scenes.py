@@ -55,7 +55,7 @@ class CurriculumScenes(Transform):
         self.success_key, self.done_key, self.level_key = success_key, done_key, level_key
         self._base = ScenarioConfig()
         self._drawn_from: ScenarioConfig | None = None
-        self._began_at: dict[int, int] = {}
+        self._began_at: dict[int, int | None] = {}
 
     @property
     def _env(self) -> Any:
@@ -76,7 +76,8 @@ class CurriculumScenes(Transform):
         if tensordict is not None and "_reset" in tensordict.keys():
             mask = tensordict["_reset"].reshape(env.batch_size[0], -1).any(-1)
             scenes = mask.nonzero().flatten().tolist()
-        self._began_at.update(dict.fromkeys(scenes, self.curriculum.level))
+        level = None if self.curriculum.warming_up else self.curriculum.level
+        self._began_at.update(dict.fromkeys(scenes, level))
         return tensordict
 
     def _reset(

@@ -3,7 +3,7 @@
 from dataclasses import asdict, field, replace
 from typing import Any, Literal
 
-from modpush._types import Count, Name, NonNegativeInteger, Seed, Several
+from modpush._types import Count, Fraction, Name, NonNegativeInteger, Seed, Several
 from modpush._validation import checked
 from modpush.agents.tqc.config import TQCConfig
 from modpush.mdp.curriculum import CurriculumConfig
@@ -32,6 +32,10 @@ class TrainConfig:
     """Replay buffer; its batch size must be the learner's."""
     curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
     """Which episodes are drawn as the agent gets better."""
+    actor_average: Fraction = 0.0
+    """Decay per update of a moving average of the actor's weights, which is evaluated and saved; with
+    0.999 it is over some thousand updates. The scenes act with the newest weights. With 0 (the paper)
+    these are evaluated, too."""
     zero_init_latent: bool = False
     """Start with zero weights for the latent in the first layer of actor and critics, so that what
     is learned in free space holds among obstacles until the latent is used."""
@@ -39,6 +43,10 @@ class TrainConfig:
     """Begin with weights that are trained already, and act with them from the first step: of a shipped
     agent by its name or of an agent's file those of the actor; of a run's folder or one of its
     checkpoints those of critics, targets and temperature as well. None for random weights."""
+    first_actions: Literal["random", "scripted"] = "random"
+    """Who acts for the first `tqc.learning_starts` steps. On this the paper is silent; its authors' code
+    acts at random. `"scripted"` is `ScriptedPusher`, with some noise, pushing along the planner's
+    sub-goals over all distances, so that the first updates see what reaching the goal is worth."""
     total_steps: Count = 7_000_000
     """Environment steps after which the run ends."""
     rollout_length: Count = 8

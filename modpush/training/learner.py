@@ -9,6 +9,9 @@ from typing import Any
 import torch
 from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModule
+from torch import Tensor
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from torchrl.objectives import LossModule
 
 from modpush.agents.tqc.build import make_tqc_from_specs
@@ -19,7 +22,7 @@ from modpush.training.config import TrainConfig
 from modpush.training.parts import learner_parts, replay_parts
 from modpush.training.rollout import Rollout, WorkerSpecs
 
-__all__ = ["Learner", "NonFiniteLossError"]
+__all__ = ["Learner", "NonFiniteLossError", "weights_of"]
 
 
 class NonFiniteLossError(RuntimeError):
@@ -51,6 +54,9 @@ class Learner:
         )
         if config.zero_init_latent and specs.latent.stop:
             zero_input_weights(self.agent.loss, specs.latent)
+        self._average = AveragedModel(
+            self.agent.actor, multi_avg_fn=get_ema_multi_avg_fn(config.actor_average)
+        )
         self.buffer = make_replay_buffer(config.filled_replay(), **replay_parts(parts))
         self.learn_from = config.tqc.learning_starts
         """Environment steps after which updates are made."""
@@ -61,9 +67,23 @@ class Learner:
         """What the updates reported since the log was last written, by name."""
 
     def actor_weights(self) -> dict[str, NDArray]:
-        """The actor's `state_dict` as arrays."""
-        state = self.agent.actor.state_dict()
-        return {name: value.detach().cpu().numpy().copy() for name, value in state.items()}
+        """`state_dict` of the actor that acts as arrays."""
+        return weights_of(self.agent.actor)
+
+    @property
+    def averaged_actor(self) -> TensorDictModule:
+        """The actor that is evaluated: with averaged weights if the config says so."""
+        averaged = self.config.actor_average > 0 and self._average.n_averaged > 0
+        return self._average.module if averaged else self.agent.actor
+
+    def average_state(self) -> dict[str, Tensor] | None:
+        """State of the averaged weights; None if there are none."""
+        return dict(self._average.state_dict()) if self.config.actor_average > 0 else None
+
+    def load_average_state(self, state: Mapping[str, Tensor] | None) -> None:
+        """Inverse of `average_state`."""
+        if state is not None:
+            self._average.load_state_dict(state)
 
     def store(self, rollout: Rollout) -> int:
         """Put a rollout's transitions into the buffer; returns how many there were."""
@@ -102,6 +122,8 @@ class Learner:
             batch = self.buffer.sample()
             result = self.agent.update(batch.to(self.config.tqc.device))
             self.updates += 1
+            if self.config.actor_average > 0:
+                self._average.update_parameters(self.agent.actor)
             update_priorities(self.buffer, batch, result)
             self._note(result, batch, now)
 
@@ -124,6 +146,12 @@ class Learner:
             self.metrics[f"learner/{name}"].append(value)
         if "similarity" in batch.keys():
             self.metrics["learner/similarity"].append(float(batch["similarity"].mean()))
+
+
+def weights_of(actor: TensorDictModule) -> dict[str, NDArray]:
+    """An actor's `state_dict` as arrays."""
+    state = actor.state_dict()
+    return {name: value.detach().cpu().numpy().copy() for name, value in state.items()}
 
 
 @torch.no_grad()

@@ -64,6 +64,8 @@ def _smoke() -> TrainConfig:
             phases=(Phase(scenes=("free",)), Phase(first_stage=10)),
             window=4,
         ),
+        actor_average=0.9,
+        first_actions="scripted",
         total_steps=480,
         greedy_envs=1,
         evaluate_every=240,

@@ -20,6 +20,7 @@ from modpush.recipes.config import END_TO_END
 from modpush.recipes.fingerprint import environment_fingerprint
 from modpush.recipes.make_env import make_push_env
 from modpush.training.config import TrainConfig
+from modpush.training.first_actions import FirstActions
 from modpush.training.held_out import held_out_scenarios
 from modpush.training.parts import env_parts, learner_parts
 from modpush.training.rollout import Rollout, WorkerSpecs
@@ -52,7 +53,11 @@ class SceneWorker:
     ) -> None:
         self.config = config
         self._make_env, self._env_parts = make_env, env_parts(config, parts)
-        self.curriculum = Curriculum(config.curriculum)
+        scripted = config.first_actions == "scripted" and not config.init_from
+        self._first_policy = FirstActions(config.env) if scripted else None
+        self.curriculum = Curriculum(
+            config.curriculum, warm_up=config.tqc.learning_starts if scripted else 0
+        )
         num_envs = config.env.num_envs
         self.greedy_envs = list(range(num_envs - config.greedy_envs, num_envs))
         self.env = make_env(
@@ -119,7 +124,7 @@ class SceneWorker:
 
         Args:
             steps: Number of steps of each scene.
-            weights: The actor's weights; None acts at random.
+            weights: The actor's weights; with None `TrainConfig.first_actions` says who acts.
 
         Raises:
             RuntimeError: If `restart` has not been called.
@@ -131,7 +136,7 @@ class SceneWorker:
             self.load_policy(weights)
         td, rows, episodes = self._td, [], []
         for _ in range(steps):
-            td = self.env.rand_action(td) if random else self._act(td)
+            td = self._first_action(td) if random else self._act(td)
             self._actions.append(td["action"].clone())
             td, following = self.env.step_and_maybe_reset(td)
             rows.append(td.select(*self._stored))
@@ -169,6 +174,9 @@ class SceneWorker:
             td = following
         self._td = td
         torch.set_rng_state(history["random_state"].clone())
+
+    def _first_action(self, td: TensorDictBase) -> TensorDictBase:
+        return self.env.rand_action(td) if self._first_policy is None else self._first_policy(td)
 
     def _act(self, td: TensorDictBase) -> TensorDictBase:
         with set_exploration_type(ExplorationType.RANDOM):

@@ -19,7 +19,7 @@ from modpush._validation import check_value
 from modpush.recipes.make_env import make_push_env
 from modpush.training.config import TrainConfig
 from modpush.training.disk import DiskGuard
-from modpush.training.learner import Learner
+from modpush.training.learner import Learner, weights_of
 from modpush.training.log import RunLog
 from modpush.training.parts import check_parts
 from modpush.training.rollout import Rollout
@@ -292,7 +292,7 @@ class Trainer:
         return (time.perf_counter() - self._began) / 60
 
     def _evaluate(self) -> None:
-        weights = self.learner.actor_weights()
+        weights = weights_of(self.learner.averaged_actor)
         rows = pd.DataFrame(self.worker.call(SceneWorker.evaluate, weights))
         summary = self.log.write_evaluation(self.steps, self.learner.updates, self.minutes(), rows)
         with self.guard(self.folder.last_agent.name):

@@ -34,6 +34,7 @@ def trainer_state(
         "config": trainer.config.fixed_fields(),
         "fingerprint": trainer.specs.fingerprint,
         "loss": dict(learner.agent.loss.state_dict()),
+        "average": learner.average_state(),
         "optimizer": learner.agent.optimizer.state_dict(),
         "rng": GlobalRNGState().state_dict(),
         "buffer": buffer_state(learner.buffer) if trainer.config.save_buffer else None,
@@ -68,6 +69,7 @@ def load_trainer_state(trainer: "Trainer", state: dict[str, Any]) -> None:
         )
     learner = trainer.learner
     learner.agent.loss.load_state_dict(state["loss"])
+    learner.load_average_state(state["average"])
     learner.agent.optimizer.load_state_dict(copy.deepcopy(state["optimizer"]))
     if state["buffer"] is not None:
         load_buffer_state(learner.buffer, state["buffer"])
@@ -97,7 +99,7 @@ def save_trained_agent(trainer: "Trainer", path: Path, summary: dict[str, float]
     config, learner = trainer.config, trainer.learner
     save_agent(
         path,
-        learner.agent.actor,
+        learner.averaged_actor,
         config.env,
         hidden_sizes=config.tqc.hidden_sizes,
         observation_dim=learner.observation_dim,

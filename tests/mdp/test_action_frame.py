@@ -49,6 +49,25 @@ def test_a_corner_of_the_box_keeps_its_direction_and_stays_inside():
     torch.testing.assert_close(turned, torch.tensor([0.0, 1.0, 0.0]), atol=1e-6, rtol=0)
 
 
+@pytest.mark.parametrize("frame", ["base", "object", "path"])
+def test_an_action_in_the_base_frame_is_the_agents_action_that_is_turned_into_it(frame):
+    torch.manual_seed(0)
+    action = torch.cat(
+        [
+            rotate(torch.rand(50, 1) * torch.tensor([1.0, 0.0]), torch.rand(50, 1) * 7),
+            torch.rand(50, 1),
+        ],
+        -1,
+    )
+    td = TensorDict(
+        {"action": action, "object_pose": torch.randn(50, 3), "subgoal": torch.randn(50, 2)}, [50]
+    )
+    transform = ActionFrame(frame)
+    turned = transform.to_agent(td.clone())
+    assert turned["action"].abs().max() <= 1.0
+    torch.testing.assert_close(transform.inv(turned)["action"], action, atol=1e-5, rtol=1e-5)
+
+
 def test_a_missing_key_lists_those_there_are():
     td = TensorDict({"action": torch.zeros(1, 3)}, [1])
     with pytest.raises(KeyError, match=r"ActionFrame: key 'object_pose' is missing.*action"):

@@ -129,3 +129,20 @@ def test_nested_keys():
     with pytest.raises(KeyError, match=r"CurriculumScenes: key .*task.*done.* is missing"):
         transform._step(td, TensorDict({}, [2]))
     env.close()
+
+
+def test_episodes_of_the_warm_up_are_of_all_distances_and_do_not_count():
+    curriculum = Curriculum(SHORT, warm_up=16)
+    env = TransformedEnv(
+        PushEnv(4, depth=None, max_episode_steps=3, seed=0), CurriculumScenes(curriculum)
+    )
+    td = env.reset()
+    assert distance_of(td).min() >= 0.2
+    for step in range(9):
+        td["action"] = torch.zeros(4, 3)
+        td, following = env.step_and_maybe_reset(td)
+        # The second episodes begin after 12 of the 16 steps, and end after it.
+        assert curriculum.warming_up == (4 * (step + 1) < 16)
+        assert len(curriculum.scene_success_rates) == (step == 8)
+        td = following
+    torch.testing.assert_close(distance_of(td), torch.full((4,), 0.06), atol=1e-4, rtol=0)

@@ -121,10 +121,29 @@ def test_the_picture_is_the_drawn_top_view(env) -> None:
 
 @pytest.mark.slow
 def test_stable_baselines_sac_learns_on_it() -> None:
-    """In free space, 3000 steps: the mean reward of a step rises over that of random actions."""
-    env = gym.make("modpush/Push-v0", scene="free", encoder="none", distance=(0.2, 0.3))
-    rewards: list[float] = []
-    model = SAC("MlpPolicy", env, learning_starts=600, gamma=0.98, seed=0)
-    model.learn(3000, callback=lambda found, _: rewards.extend(found["rewards"]) or True)
-    assert np.mean(rewards[-600:]) > np.mean(rewards[:600])
+    """Free space, 3000 steps: the tool touches the object in far more steps than with random actions.
+
+    With seeds 0, 1 and 2 it touched it in 3, 0 and 3 % of the first 500 steps and in 55, 45 and 53 % of
+    the last. The temperature that SAC begins with has to fit a reward of order 0.1.
+    """
+    weights = {"goal": 50.0, "distance": 1.0, "approach": 1.0, "touch": 1.0}
+    env = gym.make(
+        "modpush/Push-v0",
+        scene="free",
+        encoder="none",
+        distance=(0.06, 0.1),
+        max_episode_steps=60,
+        reward={"weights": weights, "scale": 0.1, "normalisation": "constant"},
+    )
+    contacts: list[bool] = []
+
+    def note(found: dict, _: dict) -> bool:
+        contacts.extend(info["object_contact"] for info in found["infos"])
+        return True
+
+    settings = {"gamma": 0.98, "learning_rate": 1e-3, "ent_coef": "auto_0.02"}
+    model = SAC("MlpPolicy", env, learning_starts=600, seed=0, **settings)
+    model.learn(3000, callback=note)
+    assert np.mean(contacts[:600]) < 0.1
+    assert np.mean(contacts[-500:]) > 0.25
     env.close()

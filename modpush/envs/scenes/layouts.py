@@ -209,6 +209,29 @@ def random_clutter(
     return [_cube(float(x), float(y), float(a)) for (x, y), a in zip(centers, yaws, strict=True)]
 
 
+def narrow_gap(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
+    """Two bars of 35 cm in line, anywhere and at any angle, with a gap of 12 to 6.2 cm between them."""
+    gap = 0.12 - 0.058 * difficulty * rng.uniform(0.5, 1.0)
+    yaw = rng.uniform(-math.pi, math.pi)
+    x, y = _CENTER[0] + rng.uniform(-0.08, 0.08), _CENTER[1] + rng.uniform(-0.2, 0.2)
+    offset = gap / 2 + 0.175
+    return [
+        _bar(0.35, x + side * offset * math.cos(yaw), y + side * offset * math.sin(yaw), yaw)
+        for side in (-1, 1)
+    ]
+
+
+def random_bars(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
+    """Three to nine bars of 6 to 30 cm anywhere in the workspace, near multiples of 45 degrees."""
+    count = 3 + int(rng.integers(0, 2 + round(5 * difficulty)))
+    bars = []
+    for _ in range(count):
+        x, y = rng.uniform(WORKSPACE.low, WORKSPACE.high)
+        yaw = rng.integers(4) * math.pi / 4 + rng.normal(0.0, 0.1)
+        bars.append(_bar(rng.uniform(0.06, 0.30), float(x), float(y), float(yaw)))
+    return bars
+
+
 SCENES: dict[str, SceneFn] = {
     "free": free,
     "bar_across": bar_across,
@@ -220,6 +243,8 @@ SCENES: dict[str, SceneFn] = {
     "random_clutter": random_clutter,
     "diagonal_walls_wide": diagonal_walls_wide,
     "maze_wide": maze_wide,
+    "narrow_gap": narrow_gap,
+    "random_bars": random_bars,
 }
 """The families by name in which every object can be pushed any distance."""
 

@@ -1,6 +1,5 @@
 """`sample_scenario`: draws an episode's start, and sees to it that it can be solved."""
 
-import functools
 import math
 from collections import Counter
 from typing import NamedTuple
@@ -17,7 +16,6 @@ from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
 from modpush.envs.scenes.rectangles import (
     nearest_rectangle,
-    obstacle_distance,
     rectangles,
     turned_rectangles,
 )
@@ -256,20 +254,46 @@ def _free_space(
     On a grid over what the camera sees, and hardly out of the workspace.
     """
     labels, cell = np.zeros((0, 0), np.int32), _CELLS[config.path_inflation]
+    turned = turned_rectangles(rectangles(obstacles))
     if obstacles:
-        centers, margin = _cell_centers(cell), config.path_margin
-        passable = obstacle_distance(centers, obstacles) > item.radius_of(config.path_inflation)
-        passable &= (centers >= np.subtract(config.low, margin)).all(-1)
-        passable &= (centers <= np.add(config.high, margin)).all(-1)
-        _, labels = cv2.connectedComponents(passable.astype(np.uint8), connectivity=4)
-    return _FreeSpace(turned_rectangles(rectangles(obstacles)), labels, cell)
+        low = np.subtract(config.low, config.path_margin)
+        high = np.add(config.high, config.path_margin)
+        passable = _passable_cells(turned, item.radius_of(config.path_inflation), low, high, cell)
+        _, labels = cv2.connectedComponents(passable, connectivity=4)
+    return _FreeSpace(turned, labels, cell)
 
 
-@functools.cache
-def _cell_centers(cell: float) -> np.ndarray:
+@numba.njit(cache=True)
+def _passable_cells(
+    turned: np.ndarray, radius: float, low: np.ndarray, high: np.ndarray, cell: float
+) -> np.ndarray:
+    """The cells within a rectangle whose centre is further than a radius from the obstacles, `[n, n]`.
+
+    Only the cells in an obstacle's bounding box, made larger by the radius, are compared with it.
+    """
     side = round(_SIDE / cell)
-    x, y = np.indices((side, side))
-    return np.array(_LOW) + (np.stack([x, y], -1) + 0.5) * cell
+    passable = np.zeros((side, side), np.uint8)
+    for i in range(side):
+        x = _LOW[0] + (i + 0.5) * cell
+        if low[0] <= x <= high[0]:
+            for j in range(side):
+                y = _LOW[1] + (j + 0.5) * cell
+                passable[i, j] = low[1] <= y <= high[1]
+    for k in range(len(turned)):
+        c, s, half_length, half_width = np.abs(turned[k, 2:])
+        reach_x = c * half_length + s * half_width + radius
+        reach_y = s * half_length + c * half_width + radius
+        first_i = max(0, int((turned[k, 0] - reach_x - _LOW[0]) / cell - 1.0))
+        first_j = max(0, int((turned[k, 1] - reach_y - _LOW[1]) / cell - 1.0))
+        last_i = min(side - 1, int((turned[k, 0] + reach_x - _LOW[0]) / cell + 1.0))
+        last_j = min(side - 1, int((turned[k, 1] + reach_y - _LOW[1]) / cell + 1.0))
+        for i in range(first_i, last_i + 1):
+            x = _LOW[0] + (i + 0.5) * cell
+            for j in range(first_j, last_j + 1):
+                y = _LOW[1] + (j + 0.5) * cell
+                if passable[i, j] and nearest_rectangle(x, y, turned[k : k + 1]) <= radius:
+                    passable[i, j] = 0
+    return passable
 
 
 def _sample_dynamics(
