@@ -1,7 +1,7 @@
 """`OccupancyGrid`: from a depth image to the cells that the object's centre cannot be in."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from numbers import Real
 from typing import Literal
 
@@ -14,13 +14,14 @@ from torchrl.envs import Transform
 from modpush._arguments import checked_arguments
 from modpush._keys import check_spec_has, read_key, stored_next
 from modpush.geometry.camera import Camera
+from modpush.planners.connected import are_connected
 from modpush.planners.inflation import radius_per_scene
 from modpush.planners.kernels.bit_grid import words_per_row
 from modpush.planners.occupancy_map import OccupancyMap
 
 __all__ = ["Corners", "Inflation", "OccupancyGrid"]
 
-Inflation = Literal["circumscribed", "inscribed"] | float
+Inflation = Literal["circumscribed", "inscribed", "widest"] | float
 Corners = tuple[Sequence[float], Sequence[float]]
 """Lower and upper corner (x, y) of a rectangle in the robot's base frame [m]."""
 
@@ -43,7 +44,9 @@ class OccupancyGrid(Transform):
             small cube's.
         inflation: By how much obstacles are inflated. `"circumscribed"`: by `object_radius`, so that
             the object has room at any yaw. `"inscribed"`: by `inscribed_radius`, half the side of a
-            square object. A number: by so much [m].
+            square object. `"widest"`: by `object_radius` as long as that leaves a way from the object
+            to its goal, and from then on until the episode's end by `inscribed_radius`. A number: by
+            so much [m].
         bounds: Lower and upper corner (x, y) of the workspace in the robot's base frame [m]; cells
             whose centre lies outside are blocked. By default none are.
         margin: By how much the workspace is made smaller (or larger, if negative) for that [m].
@@ -55,10 +58,14 @@ class OccupancyGrid(Transform):
         depth_key: Read, `[..., 1, H, W]` float32 [m].
         segmentation_key: Read, `[..., 1, H, W]` uint8. None: the object is what stands within
             `object_radius` of its pose, and a robot in the image blocks.
-        object_pose_key: Read without a segmentation, `[..., 3]` (x, y, yaw) [m, rad].
+        object_pose_key: Read without a segmentation and for `"widest"`, `[..., 3]` (x, y, yaw)
+            [m, rad].
+        goal_position_key: Read for `"widest"`, `[..., 2]` [m].
         occupancy_key: Written, `[..., 1, H, W]` bool, True where blocked.
         blocked_key: Written and read back, `[..., H, 8 * ceil(W / 64)]` uint8: cells before
             inflation, as bits.
+        narrow_key: Written and read back for `"widest"`, `[..., 1]` bool: whether `inscribed_radius`
+            inflates this episode's map.
 
     Raises:
         ValueError: If a radius is negative or not finite, `inflation` is unknown, or nothing is left
@@ -82,8 +89,10 @@ class OccupancyGrid(Transform):
         depth_key: NestedKey = "depth",
         segmentation_key: NestedKey | None = "segmentation",
         object_pose_key: NestedKey = "object_pose",
+        goal_position_key: NestedKey = "goal_position",
         occupancy_key: NestedKey = "occupancy",
         blocked_key: NestedKey = "blocked_bits",
+        narrow_key: NestedKey = "narrow_map",
     ) -> None:
         radius_per_scene(object_radius, 1, "OccupancyGrid", "object_radius")
         radius_per_scene(inscribed_radius, 1, "OccupancyGrid", "inscribed_radius")
@@ -94,15 +103,26 @@ class OccupancyGrid(Transform):
         self.depth_key = depth_key
         self.segmentation_key = segmentation_key
         self.object_pose_key = object_pose_key
+        self.goal_position_key = goal_position_key
         self.occupancy_key = occupancy_key
         self.blocked_key = blocked_key
-        in_keys = [depth_key, object_pose_key if segmentation_key is None else segmentation_key]
-        if inflation == "circumscribed" or segmentation_key is None:
-            in_keys += [object_radius_key]
-        if inflation == "inscribed":
-            in_keys += [inscribed_radius_key]
-        in_keys = [key for key in in_keys if key is not None]
-        super().__init__(in_keys=in_keys, out_keys=[occupancy_key, blocked_key])
+        self.narrow_key = narrow_key
+        widest = self.inflation == "widest"
+        wide, narrow = (
+            inflation in ("circumscribed", "widest"),
+            inflation in ("inscribed", "widest"),
+        )
+        read = {
+            depth_key: True,
+            segmentation_key: True,
+            object_pose_key: widest or segmentation_key is None,
+            goal_position_key: widest,
+            object_radius_key: wide or segmentation_key is None,
+            inscribed_radius_key: narrow,
+        }
+        in_keys = [key for key, needed in read.items() if needed and key is not None]
+        out_keys = [occupancy_key, blocked_key, *([narrow_key] if widest else [])]
+        super().__init__(in_keys=in_keys, out_keys=out_keys)
         self.map = OccupancyMap(camera, min_height, upright)
         outside = None if bounds is None else cells_outside(self.map.camera, bounds, margin)
         self.register_buffer("_outside", outside, persistent=False)
@@ -119,7 +139,9 @@ class OccupancyGrid(Transform):
             return getattr(self, name)
         return read_key("OccupancyGrid", tensordict, key).reshape(-1)
 
-    def _write(self, tensordict: TensorDictBase, previous: Tensor | None) -> TensorDictBase:
+    def _write(self, tensordict: TensorDictBase, before: TensorDictBase | None) -> TensorDictBase:
+        """Write the grid; `before` is the step before, None at an episode's beginning."""
+        previous = None if before is None else before.get(self.blocked_key, None)
         image = (self.camera.height, self.camera.width)
         depth = read_key("OccupancyGrid", tensordict, self.depth_key, 1, *image)
         lead = depth.shape[:-3]
@@ -131,22 +153,62 @@ class OccupancyGrid(Transform):
             pose = read_key("OccupancyGrid", tensordict, self.object_pose_key, 3)
             position = pose[..., :2].reshape(-1, 2)
             own = self._radius(tensordict, "object_radius")
-        if self.inflation == "circumscribed":
-            radius = self._radius(tensordict, "object_radius")
-        elif self.inflation == "inscribed":
-            radius = self._radius(tensordict, "inscribed_radius")
-        else:
-            radius = self.inflation
         if previous is not None:
             previous = previous.reshape(-1, *previous.shape[-2:])
-        occupancy, blocked = self.map(
-            depth.reshape(-1, *image), radius, segmentation, position, previous, own
-        )
-        if self._outside is not None:
-            occupancy |= self._outside
+
+        def look(radius: float | Tensor) -> tuple[Tensor, Tensor]:
+            images = depth.reshape(-1, *image), radius, segmentation, position
+            occupancy, blocked = self.map(*images, previous, own)
+            if self._outside is not None:
+                occupancy |= self._outside
+            return occupancy, blocked
+
+        if self.inflation == "widest":
+            occupancy, blocked = self._widest(tensordict, before, look, previous)
+        elif isinstance(self.inflation, float):
+            occupancy, blocked = look(self.inflation)
+        else:
+            wide = self.inflation == "circumscribed"
+            name = "object_radius" if wide else "inscribed_radius"
+            occupancy, blocked = look(self._radius(tensordict, name))
         tensordict.set(self.occupancy_key, occupancy.reshape(*lead, 1, *occupancy.shape[1:]))
         tensordict.set(self.blocked_key, blocked.reshape(*lead, *blocked.shape[1:]))
         return tensordict
+
+    def _widest(
+        self,
+        tensordict: TensorDictBase,
+        before: TensorDictBase | None,
+        look: Callable[[Tensor], tuple[Tensor, Tensor]],
+        previous: Tensor | None,
+    ) -> tuple[Tensor, Tensor]:
+        """Occupancy and blocked cells with the radius of each scene, which is written.
+
+        Whether a way is left is looked at in an episode's beginning and whenever the cells have changed.
+        """
+        pose = read_key("OccupancyGrid", tensordict, self.object_pose_key, 3)
+        goal = read_key("OccupancyGrid", tensordict, self.goal_position_key, 2)
+        lead, batch = pose.shape[:-1], pose.shape[:-1].numel()
+        start, end = (self.camera.project(p.reshape(-1, p.shape[-1])[:, :2]) for p in (pose, goal))
+        stored = None if before is None else before.get(self.narrow_key, None)
+        narrow = (
+            torch.zeros(batch, dtype=torch.bool) if stored is None else stored.reshape(-1).clone()
+        )
+        wide, tight = (
+            torch.as_tensor(self._radius(tensordict, name)).float().expand(batch)
+            for name in ("object_radius", "inscribed_radius")
+        )
+        occupancy, blocked = look(torch.where(narrow, tight, wide))
+        doubtful = ~narrow
+        if previous is not None and stored is not None:
+            doubtful &= (blocked != previous).flatten(1).any(-1)
+        if doubtful.any():
+            joined = are_connected(occupancy[doubtful], start[doubtful], end[doubtful])
+            narrow[doubtful] = ~joined
+            if not joined.all():
+                occupancy, blocked = look(torch.where(narrow, tight, wide))
+        tensordict.set(self.narrow_key, narrow.reshape(*lead, 1))
+        return occupancy, blocked
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
@@ -155,14 +217,14 @@ class OccupancyGrid(Transform):
         return self._write(tensordict_reset, None)
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        return self._write(next_tensordict, tensordict.get(self.blocked_key, None))
+        return self._write(next_tensordict, tensordict)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write the grid for stored data and, in transitions, for their `"next"`.
 
         Cells that were remembered stay so.
         """
-        self._write(tensordict, tensordict.get(self.blocked_key, None))
+        self._write(tensordict, tensordict)
         after = stored_next("OccupancyGrid", tensordict, self.in_keys, self.out_keys)
         if after is not None:
             self._step(tensordict, after)
@@ -183,6 +245,10 @@ class OccupancyGrid(Transform):
             dtype=torch.uint8,
             device=device,
         )
+        if self.inflation == "widest":
+            observation_spec[self.narrow_key] = Binary(
+                shape=(*lead, 1), dtype=torch.bool, device=device
+            )
         return observation_spec
 
 
@@ -218,7 +284,7 @@ def cells_outside(camera: Camera, bounds: Corners, margin: float = 0.0) -> Tenso
 
 def _checked_inflation(inflation: Inflation) -> Inflation:
     if isinstance(inflation, str):
-        if inflation in ("circumscribed", "inscribed"):
+        if inflation in ("circumscribed", "inscribed", "widest"):
             return inflation
     elif (
         isinstance(inflation, Real)
@@ -227,6 +293,6 @@ def _checked_inflation(inflation: Inflation) -> Inflation:
     ):
         return float(inflation)
     raise ValueError(
-        "OccupancyGrid: inflation must be 'circumscribed', 'inscribed' or a number of metres >= 0, got "
+        "OccupancyGrid: inflation must be 'circumscribed', 'inscribed', 'widest' or metres >= 0, got "
         f"{inflation!r}."
     )

@@ -72,10 +72,11 @@ class PushEnvConfig:
     planner: Name = "lazy_theta_star_grid"
     """Path planner by name, or `module:name`: Lazy Theta* as published by default. `distance_field`
     finds the shortest paths and is faster."""
-    inflation: Literal["circumscribed", "inscribed"] | NonNegative = "inscribed"
+    inflation: Literal["circumscribed", "inscribed", "widest"] | NonNegative = "inscribed"
     """How far obstacles are inflated for planning: the radius of the object's circumscribed or inscribed
-    circle, or a distance [m]. The paper: half of the object's diameter, which its authors' code takes as
-    half the cube's side, its inscribed circle's radius. At other yaw angles a corner may then touch."""
+    circle, the wider of the two that leaves a way ("widest"), or a distance [m]. The paper: half of the
+    object's diameter, which its authors' code takes as half the cube's side, its inscribed circle's
+    radius. At other yaw angles a corner may then touch."""
     path_margin: NonNegative | None = None
     """How far planned paths may leave the workspace [m]; None lets them lead wherever the camera sees
     (the paper), also where an episode ends."""
@@ -152,7 +153,7 @@ class PushEnvConfig:
 
         The inscribed one where that is planned with: episodes are solvable on the planner's map.
         """
-        return "inscribed" if self.inflation == "inscribed" else "circumscribed"
+        return "inscribed" if self.inflation in ("inscribed", "widest") else "circumscribed"
 
     @classmethod
     def preset(cls, name: Literal["paper", "authors", "cpu"], **overrides: Any) -> "PushEnvConfig":

@@ -217,7 +217,12 @@ class SceneWorker:
             self._evaluation_env = self._make_env(
                 replace(self.config.env, num_envs=few), **self._env_parts
             )
-        episodes = run_episodes(self._evaluation_env, self.actor, enumerate(self._scenarios))
+        episodes = run_episodes(
+            self._evaluation_env,
+            self.actor,
+            enumerate(self._scenarios),
+            inflation=self.config.env.path_inflation,
+        )
         rows = [
             {"episode": e.number, "scene": e.scenario.scene, **e.metrics.to_dict()}
             for e in episodes

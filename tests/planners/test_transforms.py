@@ -10,6 +10,9 @@ from torchrl.data import LazyTensorStorage, ReplayBuffer
 from torchrl.envs import Compose, ParallelEnv, SerialEnv, TransformedEnv, check_env_specs
 from torchrl.envs.transforms import ExcludeTransform, RenameTransform
 
+from modpush.envs import PushEnv
+from modpush.envs.scenes.obstacle import Obstacle
+from modpush.envs.scenes.scenario import Dynamics, Scenario
 from modpush.geometry import Camera
 from modpush.planners import (
     DistanceField,
@@ -445,8 +448,66 @@ def test_inflation_by_name_or_by_metres():
     )
     assert cells(inflation="inscribed").sum() < cells().sum()
     for wrong in ("half", -0.1, math.nan):
-        with pytest.raises(ValueError, match="inflation must be 'circumscribed', 'inscribed' or"):
+        with pytest.raises(ValueError, match="inflation must be 'circumscribed', 'inscribed',"):
             OccupancyGrid(inflation=wrong)
+
+
+def two_bars(gap: float) -> Scenario:
+    """Object and goal on both sides of a wall with a gap, which leaves no other way."""
+    bars = [Obstacle((0.5, 0.06, 0.06), (0.5, y * (gap / 2 + 0.25), math.pi / 2)) for y in (-1, 1)]
+    return Scenario(
+        scene="free",
+        difficulty=0.0,
+        obstacles=tuple(bars),
+        pushed_object="small_cube",
+        object_pose=(0.35, 0.0, 0.0),
+        goal_position=(0.65, 0.0),
+        tool_pose=(0.35, 0.2, 0.0),
+        dynamics=Dynamics(),
+    )
+
+
+@pytest.fixture(scope="module")
+def widest_env():
+    keys = {"object_radius_key": "object_radius", "inscribed_radius_key": "object_inscribed_radius"}
+    env = TransformedEnv(
+        PushEnv(3, max_episode_steps=4, seed=0),
+        Compose(OccupancyGrid(inflation="widest", **keys), PlannerSubgoals(DistanceField())),
+    )
+    yield env
+    env.close()
+
+
+def test_the_widest_map_that_leaves_a_way_is_taken(widest_env):
+    td = widest_env.reset(scenarios=[two_bars(gap) for gap in (0.09, 0.064, 0.03)])
+    assert td["narrow_map"].flatten().tolist() == [False, True, True]
+    assert td["path_found"].flatten().tolist() == [True, True, False]
+    for row, name in enumerate(("circumscribed", "inscribed", "inscribed")):
+        expected = OccupancyGrid(inflation=name)(td.clone())["occupancy"]
+        assert torch.equal(td["occupancy"][row], expected[row])
+
+
+def test_a_map_stays_narrow_until_its_episode_ends(widest_env):
+    td = widest_env.reset(scenarios=[two_bars(gap) for gap in (0.09, 0.064, 0.064)])
+    td["action"] = torch.zeros(3, 3)
+    td = widest_env.step(td)["next"]
+    assert td["narrow_map"].flatten().tolist() == [False, True, True]
+    td["_reset"] = torch.tensor([[False], [True], [False]])
+    td = widest_env.reset(td, scenarios=[two_bars(0.09)])
+    assert td["narrow_map"].flatten().tolist() == [False, False, True]
+    assert td["path_found"].all()
+
+
+def test_the_widest_map_is_found_again_on_stored_data(widest_env):
+    td = widest_env.reset(scenarios=[two_bars(gap) for gap in (0.09, 0.064, 0.064)])
+    names = ["occupancy", "narrow_map", "blocked_bits"]
+    for stored in (td.clone(), td.exclude("narrow_map", "blocked_bits")):
+        widest_env.transform[0](stored)
+        assert all(torch.equal(stored[name], td[name]) for name in names)
+
+
+def test_specs_hold_with_the_widest_map(widest_env):
+    check_env_specs(widest_env)
 
 
 def test_every_radius_can_have_a_nested_key():

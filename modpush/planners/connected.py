@@ -1,0 +1,62 @@
+"""Whether free cells join two points of a grid, without planning a path."""
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from modpush._checks import check_dtype, check_real, check_shape
+
+__all__ = ["are_connected"]
+
+
+def are_connected(blocked: Tensor, start: Tensor, end: Tensor) -> Tensor:
+    """Whether a path through free cells joins two points, corner cutting not allowed.
+
+    As for the planners, a point that lies in a blocked cell is taken to the nearest free one.
+
+    Args:
+        blocked: `[B, H, W]` bool.
+        start: `[B, 2]` (u, v) [px].
+        end: `[B, 2]` (u, v) [px].
+
+    Returns:
+        `[B]` bool; False where all cells are blocked.
+
+    Raises:
+        TypeError: If `blocked` is not a bool tensor, or a point no tensor of real numbers.
+        ValueError: If a shape does not fit.
+    """
+    check_dtype("are_connected", "blocked", blocked, torch.bool)
+    batch = len(blocked) if blocked.ndim else 1
+    check_shape("are_connected", "blocked", blocked, "B, H, W", (batch, *blocked.shape[-2:]))
+    for name, point in (("start", start), ("end", end)):
+        check_real("are_connected", name, point, 2)
+        check_shape("are_connected", name, point, "B, 2", (batch, 2))
+    rows = zip(
+        (~blocked).cpu().numpy().astype(np.uint8),
+        start.detach().cpu().numpy(),
+        end.detach().cpu().numpy(),
+        strict=True,
+    )
+    return torch.tensor([_joined(*row) for row in rows], dtype=torch.bool, device=blocked.device)
+
+
+def _joined(free: NDArray[np.uint8], start: NDArray, end: NDArray) -> bool:
+    _, labels = cv2.connectedComponents(free, connectivity=4)
+    first, last = (_label(labels, point) for point in (start, end))
+    return first > 0 and first == last
+
+
+def _label(labels: NDArray[np.int32], point: NDArray) -> int:
+    """Label of the free cell nearest to a point; 0 if there is none."""
+    height, width = labels.shape
+    u, v = (int(x) for x in np.clip(np.rint(point), 0, (width - 1, height - 1)))
+    if labels[v, u]:
+        return int(labels[v, u])
+    rows, columns = np.nonzero(labels)
+    if not len(rows):
+        return 0
+    nearest = np.argmin((columns - point[0]) ** 2 + (rows - point[1]) ** 2)
+    return int(labels[rows[nearest], columns[nearest]])

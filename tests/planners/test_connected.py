@@ -1,0 +1,78 @@
+"""Whether two points are joined, against scipy's graph search and the planners."""
+
+import numpy as np
+import pytest
+import torch
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from modpush.planners import DistanceField
+from modpush.planners.connected import are_connected
+
+
+def maps(count: int, side: int = 24) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    generator = torch.Generator().manual_seed(0)
+    density = torch.linspace(0.2, 0.6, count)[:, None, None]
+    blocked = torch.rand(count, side, side, generator=generator) < density
+    start, end = (torch.randint(0, side, (count, 2), generator=generator).float() for _ in range(2))
+    return blocked, start, end
+
+
+def components(blocked: np.ndarray) -> np.ndarray:
+    """Number of each cell's component among the free cells, by scipy's graph search, `[H, W]`."""
+    height, width = blocked.shape
+    cells = np.arange(height * width).reshape(height, width)
+    free = ~blocked
+    across, down = free[:, 1:] & free[:, :-1], free[1:] & free[:-1]
+    one = np.concatenate([cells[:, :-1][across], cells[:-1][down]])
+    other = np.concatenate([cells[:, 1:][across], cells[1:][down]])
+    graph = coo_array((np.ones(len(one)), (one, other)), shape=(cells.size, cells.size))
+    return connected_components(graph, directed=False)[1].reshape(height, width)
+
+
+def test_it_agrees_with_a_graph_search_from_free_cells() -> None:
+    blocked, start, end = maps(300)
+    rows = torch.arange(len(blocked))
+    for point in (start, end):
+        blocked[rows, point[:, 1].long(), point[:, 0].long()] = False
+    found = are_connected(blocked, start, end)
+    for i in range(len(blocked)):
+        labels = components(blocked[i].numpy())
+        (a, b), (c, d) = start[i].int().tolist(), end[i].int().tolist()
+        assert found[i] == (labels[b, a] == labels[d, c])
+    assert 50 < found.sum() < 250
+
+
+def test_it_agrees_with_a_planner_from_any_cells() -> None:
+    blocked, start, end = maps(300)
+    found = are_connected(blocked, start, end)
+    expected = DistanceField().plan(blocked, start, end).found
+    # From a blocked cell several free ones may be equally near, of which each takes its own.
+    rows = torch.arange(len(blocked))
+    inside = ~(
+        blocked[rows, start[:, 1].long(), start[:, 0].long()]
+        | blocked[rows, end[:, 1].long(), end[:, 0].long()]
+    )
+    assert torch.equal(found[inside], expected[inside])
+    assert (found == expected).float().mean() > 0.9
+
+
+def test_points_outside_the_grid_go_to_its_nearest_cell() -> None:
+    blocked = torch.zeros(1, 8, 8, dtype=torch.bool)
+    blocked[:, :, 4] = True
+    left, right = torch.tensor([[-3.0, 4.0]]), torch.tensor([[30.0, 4.0]])
+    assert not are_connected(blocked, left, right).item()
+    assert are_connected(blocked, left, torch.tensor([[2.0, 1.0]])).item()
+
+
+def test_nothing_is_joined_where_all_is_blocked() -> None:
+    point = torch.zeros(1, 2)
+    assert not are_connected(torch.ones(1, 4, 4, dtype=torch.bool), point, point).item()
+
+
+def test_wrong_arguments_are_named() -> None:
+    blocked, point = torch.zeros(2, 4, 4, dtype=torch.bool), torch.zeros(2, 2)
+    with pytest.raises(TypeError, match="are_connected: blocked"):
+        are_connected(blocked.float(), point, point)
+    with pytest.raises(ValueError, match=r"are_connected: end must be \[B, 2\]"):
+        are_connected(blocked, point, torch.zeros(3, 2))
