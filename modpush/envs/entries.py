@@ -44,6 +44,7 @@ def state_entries(
         "object_radius": batch.object_radius,
         "object_inscribed_radius": batch.object_inscribed_radius,
         "object_symmetry": batch.object_symmetry,
+        "object_support": batch.object_support,
     }
     entries = {key: torch.from_numpy(value[:, None].copy()) for key, value in flags.items()}
     for key, value in numbers.items():

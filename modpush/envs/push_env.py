@@ -64,6 +64,8 @@ class PushEnv(EnvBase):
         object_inscribed_radius `[B, 1]` float32   radius of the circle inside the object's footprint
         object_symmetry         `[B, 1]` float32   number of yaw angles at which the object looks the
                                                    same: 4 for a square footprint, 0 for a disc
+        object_support          `[B, 48]` float32  how far the footprint reaches from the object's centre
+                                                   in 48 directions, the first along its own x
         object_contact          `[B, 1]` bool      tool or arm touched the object during the step
         obstacle_contact        `[B, 1]` bool      the object touched an obstacle during the step
         tool_obstacle_contact   `[B, 1]` bool      tool or arm touched an obstacle during the step

@@ -5,6 +5,7 @@ from typing import Any
 import torch
 from torchrl.data import Binary, Bounded, Composite, Unbounded, UnboundedDiscrete
 
+from modpush.envs.scenes.objects import SUPPORT_DIRECTIONS
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES
 from modpush.envs.sim.contacts import CONTACT_KEYS
 from modpush.geometry.camera import CAMERA
@@ -45,6 +46,7 @@ def make_specs(
         "object_radius": real(1),
         "object_inscribed_radius": real(1),
         "object_symmetry": real(1),
+        "object_support": real(SUPPORT_DIRECTIONS),
         **{key: flag() for key in CONTACT_KEYS},
         "target_reachable": flag(),
         "success": flag(),

@@ -16,6 +16,7 @@ __all__ = [
     "centroid",
     "circumscribed_radius",
     "outline_of",
+    "support",
     "vertical_range",
     "yaw_symmetry",
 ]
@@ -45,6 +46,24 @@ def outline_of(part: Primitive, num_arc: int = 32) -> NDArray[np.float64]:
     if part.rpy[2] != 0.0:
         corners = corners @ part.rotation()[:2, :2].T
     return corners + np.array(part.position[:2])
+
+
+def support(parts: Sequence[Primitive], count: int) -> NDArray[np.float64]:
+    """How far upright parts reach in some directions, seen from above.
+
+    Args:
+        parts: The parts of a body.
+        count: Number of directions, the first along the body's x, the others counter-clockwise at equal
+            angles.
+
+    Returns:
+        `[count]` [m]: the largest component of any point of the footprint in each direction, from the
+        body's origin.
+    """
+    angle = np.linspace(0.0, 2 * np.pi, count, endpoint=False)
+    directions = np.stack([np.cos(angle), np.sin(angle)], -1)
+    corners = np.concatenate([outline_of(part, 256) for part in parts])
+    return (corners @ directions.T).max(0)
 
 
 def vertical_range(part: Primitive) -> tuple[float, float]:

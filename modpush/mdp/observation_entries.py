@@ -112,6 +112,10 @@ def _object_symmetry(inputs: ObservationInputs) -> Tensor:
     return inputs.object_symmetry
 
 
+def _object_support(inputs: ObservationInputs) -> Tensor:
+    return inputs.support(8)
+
+
 def _last_action(inputs: ObservationInputs) -> Tensor:
     return inputs.last_action
 
@@ -140,12 +144,14 @@ ENTRIES: dict[str, Entry] = {
     "edges": Entry(_edges, 1.0 / _EDGE_RANGE),
     "object_radius": Entry(_object_radius, 100.0, 0.04),
     "object_symmetry": Entry(_object_symmetry, 0.5, 2.0),
+    "object_support": Entry(_object_support, 50.0, 0.035),
     "last_action": Entry(_last_action),
 }
 """The entries that the library brings, by name. `ee_pose` is (x, y, yaw, pitch, roll). `ee_axis` and
 `object_axis` are the cosine and sine of the yaw times the symmetry of gripper and object. `edges`
 says by how much the edge of the workspace, past which an episode ends, is nearer than 15 cm, straight
-ahead, left, behind and right of the object: 0 to 0.15 m."""
+ahead, left, behind and right of the object: 0 to 0.15 m. `object_support` is how far the object reaches
+in eight directions, the first along the frame's x: its shape, size and yaw, whatever its symmetry."""
 
 PAPER_ENTRIES = (
     "latent",

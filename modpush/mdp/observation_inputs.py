@@ -1,5 +1,6 @@
 """What an entry of the observation can read."""
 
+import math
 from collections.abc import Mapping
 from functools import cached_property
 
@@ -150,6 +151,21 @@ class ObservationInputs:
         if self._symmetry is not None:
             return torch.full_like(self.object_pose[..., :1], self._symmetry)
         return self._read("object_symmetry")
+
+    def support(self, count: int) -> Tensor:
+        """How far the object's footprint reaches from its centre, `[..., count]` [m].
+
+        The first direction is the frame's x, the others follow counter-clockwise at equal angles. Between
+        the directions that are known it is interpolated.
+        """
+        known = self._read("object_support")
+        step = 2 * math.pi / known.shape[-1]
+        directions = torch.arange(count, device=known.device) * (2 * math.pi / count)
+        place = torch.remainder((directions - self.object_yaw) / step, known.shape[-1])
+        below = place.floor().clamp(max=known.shape[-1] - 1)
+        above = torch.remainder(below + 1, known.shape[-1])
+        near, far = (known.gather(-1, index.long()) for index in (below, above))
+        return near + (place - below) * (far - near)
 
     @property
     def latent(self) -> Tensor:

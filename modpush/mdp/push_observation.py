@@ -51,6 +51,7 @@ class PushObservation(Transform):
         object_radius_key: Read, `[..., 1]`.
         object_symmetry_key: Read, `[..., 1]`: number of yaw angles in which the object looks the
             same, 0 for all.
+        object_support_key: Read, `[..., n]`: how far the object reaches in n directions of its own.
         object_contact_key: Read, `[..., 1]` bool.
         path_length_key: Read, `[..., 1]`.
         subgoal_key: Read, `[..., 2]`.
@@ -85,6 +86,7 @@ class PushObservation(Transform):
         joint_position_key: NestedKey = "joint_position",
         object_radius_key: NestedKey = "object_radius",
         object_symmetry_key: NestedKey = "object_symmetry",
+        object_support_key: NestedKey = "object_support",
         object_contact_key: NestedKey = "object_contact",
         path_length_key: NestedKey = "path_length",
         subgoal_key: NestedKey = "subgoal",
@@ -112,6 +114,7 @@ class PushObservation(Transform):
             "joint_position": joint_position_key,
             "object_radius": object_radius_key,
             "object_symmetry": object_symmetry_key,
+            "object_support": object_support_key,
             "object_contact": object_contact_key,
             "path_length": path_length_key,
             "subgoal": subgoal_key,

@@ -21,7 +21,7 @@ from modpush._types import (
 from modpush._validation import checked
 from modpush.encoders import ENCODERS
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES, SCENES, TIGHT_SCENES
-from modpush.envs.scenes.objects import OBJECTS
+from modpush.envs.scenes.objects import OBJECTS, random_object_seed
 from modpush.envs.scenes.scenario import GoalDistances
 from modpush.geometry.frames import Frame
 from modpush.mdp.push_reward import RewardConfig
@@ -47,7 +47,8 @@ class PushEnvConfig:
     """Number of scenes stepped together. The paper gives none and the authors' code steps one; several
     share the cost of a call."""
     pushed_object: Name | AtLeastOne[Name] = "small_cube"
-    """Name of the pushed object, or several, one of which is drawn for each episode."""
+    """Name of the pushed object, or several, one of which is drawn for each episode. `random_7` has a
+    random shape and size, see `random_object`."""
     scene: AtLeastOne[Name] = OBSTACLE_SCENES
     """Scene families, one of which is drawn for each episode. A curriculum's phases may name others. By
     default the five of the paper's training, which has no empty scene (Sec. IV-B)."""
@@ -133,7 +134,8 @@ class PushEnvConfig:
             self.pushed_object if isinstance(self.pushed_object, tuple) else (self.pushed_object,)
         )
         for name in objects:
-            _check_name("pushed_object", name, OBJECTS)
+            if random_object_seed(name) is None:
+                _check_name("pushed_object", name, OBJECTS)
         for name in self.scene:
             _check_name("scene", name, {*SCENES, *TIGHT_SCENES})
         _check_name("planner", self.planner, PLANNERS)

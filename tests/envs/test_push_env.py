@@ -77,6 +77,8 @@ def test_each_scene_emits_the_radii_and_the_symmetry_of_its_own_object() -> None
         torch.testing.assert_close(
             state["object_radius"][:3], torch.tensor([[0.0353553], [0.0471699], [0.03]])
         )
+        for row, item in zip(state["object_support"], OBJECTS.values(), strict=True):
+            torch.testing.assert_close(row, torch.from_numpy(item.support).float())
         torch.testing.assert_close(
             state["object_inscribed_radius"][:3], torch.tensor([[0.025], [0.025], [0.03]])
         )

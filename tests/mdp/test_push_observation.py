@@ -10,6 +10,7 @@ from torchrl.data import LazyTensorStorage, ReplayBuffer
 from torchrl.envs import Compose, TransformedEnv, check_env_specs
 
 from modpush.envs import PushEnv
+from modpush.envs.scenes.objects import OBJECTS
 from modpush.geometry.angles import rotate
 from modpush.mdp import ENTRIES, PAPER_ENTRIES, ActionFrame, Entry, PushObservation
 from tests.mdp.straight_path import StraightPath
@@ -29,6 +30,7 @@ def make_state(batch=2, seed=0):
             "joint_position": draw(6),
             "object_radius": draw(1).abs(),
             "object_symmetry": torch.full((batch, 1), 4.0),
+            "object_support": draw(48).abs(),
             "object_contact": draw(1) > 0,
             "path_length": draw(1).abs(),
             "subgoal": draw(2),
@@ -104,6 +106,25 @@ def test_a_cube_turned_by_a_quarter_looks_the_same():
     before = observe(state.clone())["observation"]
     state["object_pose"][:, 2] += math.pi / 2
     torch.testing.assert_close(observe(state)["observation"], before, atol=1e-5, rtol=0)
+
+
+def test_how_far_an_object_reaches_turns_with_it():
+    """An oblong of 8 x 5 cm: 4 cm along its own x, 2.5 cm across, seen in the base frame."""
+    state = make_state(3)
+    state["object_support"] = torch.from_numpy(OBJECTS["large_cube"].support).float().expand(3, -1)
+    state["object_pose"][:, 2] = torch.tensor([0.0, math.pi / 2, math.pi / 4 + 0.01])
+    seen = PushObservation("base", entries=["object_support"], raw=True)(state)["observation"]
+    assert seen.shape == (3, 8)
+    torch.testing.assert_close(seen[0, ::2], torch.tensor([0.04, 0.025, 0.04, 0.025]))
+    torch.testing.assert_close(
+        seen[1, ::2], torch.tensor([0.025, 0.04, 0.025, 0.04]), atol=1e-6, rtol=0
+    )
+    corners = OBJECTS["large_cube"].footprints()[0]
+    yaw = math.pi / 4 + 0.01
+    for k in range(8):
+        direction = math.cos(k * math.pi / 4 - yaw), math.sin(k * math.pi / 4 - yaw)
+        # Between two of the 48 directions it is interpolated.
+        assert seen[2, k].item() == pytest.approx((corners @ direction).max(), abs=2e-4)
 
 
 def test_a_disc_has_no_axis_to_see():

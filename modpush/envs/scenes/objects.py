@@ -1,5 +1,7 @@
 """The pushed objects, as plain data."""
 
+import functools
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from typing import Annotated, Any, Literal
@@ -14,6 +16,7 @@ from modpush.geometry.footprint import (
     centroid,
     circumscribed_radius,
     outline_of,
+    support,
     vertical_range,
     yaw_symmetry,
 )
@@ -21,10 +24,22 @@ from modpush.geometry.inscribed import inscribed_radius
 from modpush.geometry.shapes import Primitive, box, cylinder, prism
 from modpush.parts import find_part
 
-__all__ = ["OBJECTS", "Circle", "PushedObject", "get_object", "get_object_of"]
+__all__ = [
+    "OBJECTS",
+    "SUPPORT_DIRECTIONS",
+    "Circle",
+    "PushedObject",
+    "get_object",
+    "get_object_of",
+    "random_object",
+    "random_object_seed",
+]
 
 Circle = Literal["circumscribed", "inscribed"]
 """A circle about an object's origin: around its footprint, or inside it."""
+
+SUPPORT_DIRECTIONS = 48
+"""Number of directions in which an object's extent is given."""
 
 _TOLERANCE = 1e-4  # of where an object's frame must be [m]
 
@@ -94,6 +109,14 @@ class PushedObject:
                 f"{who}: symmetry {self.symmetry} contradicts the parts, which look alike at {found} "
                 "yaw angles (0: at all of them); give a divisor of it, or -1 to compute it."
             )
+
+    @functools.cached_property
+    def support(self) -> np.ndarray:
+        """How far the footprint reaches from the origin in `SUPPORT_DIRECTIONS` directions, `[n]` [m].
+
+        The first direction is the object's x, the others follow counter-clockwise at equal angles.
+        """
+        return support(self.parts, SUPPORT_DIRECTIONS)
 
     @property
     def tool_height(self) -> float:
@@ -168,10 +191,47 @@ OBJECTS: dict[str, PushedObject] = {
 """The shipped objects by name. Source: paper Sec. V; sizes and mass as in the authors' code."""
 
 
+_RANDOM = re.compile(r"random_(\d{1,9})")
+
+
+def random_object(seed: int) -> PushedObject:
+    """A box, an upright cylinder or a prism over a convex outline, of 4 to 10 cm, drawn from a seed.
+
+    Its name is `random_<seed>`, by which `get_object` makes it again.
+
+    Args:
+        seed: Determines shape and size.
+    """
+    rng, name = np.random.default_rng([seed, 20_221_023]), f"random_{seed}"
+    height = float(rng.uniform(0.03, 0.07))
+    kind = rng.integers(3)
+    if kind == 0:
+        length, width = rng.uniform(0.04, 0.09), rng.uniform(0.04, 0.065)
+        return PushedObject(name=name, parts=(box(float(length), float(width), height),))
+    if kind == 1:
+        return PushedObject(name=name, parts=(cylinder(float(rng.uniform(0.02, 0.045)), height),))
+    # Corners on an ellipse, at least 15 degrees apart, make a convex outline.
+    count = int(rng.integers(3, 8))
+    gaps = rng.dirichlet(np.full(count, 4.0)) * (2 * np.pi - count * np.pi / 12) + np.pi / 12
+    angles = np.cumsum(gaps) + rng.uniform(0, 2 * np.pi)
+    corners = np.stack([np.cos(angles), np.sin(angles)], -1) * rng.uniform(0.028, 0.05, 2)
+    center = area_and_centroid(corners)[1]
+    outline = tuple((float(x), float(y)) for x, y in corners - center)
+    return PushedObject(name=name, parts=(prism(outline, height),))
+
+
+def random_object_seed(name: str) -> int | None:
+    """The seed in the name of a `random_object`; None for any other name."""
+    match = _RANDOM.fullmatch(name)
+    return int(match[1]) if match else None
+
+
 def get_object(
     name: str | PushedObject, objects: Mapping[str, PushedObject] | None = None
 ) -> PushedObject:
     """Look a pushed object up by name or by `"module:name"`, or pass one of your own through.
+
+    `"random_7"` is `random_object(7)`.
 
     An object that is found by `"module:name"` is called so: that text is its `name`, by which
     evaluation and drawing find it again.
@@ -185,6 +245,9 @@ def get_object(
         ValueError: If there is no such object, with those there are; or if it is no `PushedObject`.
     """
     known = OBJECTS if objects is None else {**OBJECTS, **objects}
+    seed = random_object_seed(name) if isinstance(name, str) and name not in known else None
+    if seed is not None:
+        return random_object(seed)
     found = find_part("pushed_object", name, known)
     if not isinstance(found, PushedObject):
         raise ValueError(f"pushed_object: {name!r} must be a PushedObject, got {found!r}.")

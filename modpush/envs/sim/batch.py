@@ -15,6 +15,7 @@ from modpush.envs.depth.analytic import AnalyticDepthCamera
 from modpush.envs.depth.base import DepthCamera, DepthCameraFactory
 from modpush.envs.depth.image_memory import ImageMemory
 from modpush.envs.scenes.drawing import draw_top_view
+from modpush.envs.scenes.objects import SUPPORT_DIRECTIONS
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES
 from modpush.envs.scenes.scenario import Scenario
 from modpush.envs.sim.scene_state import SceneState
@@ -42,7 +43,8 @@ class SceneBatch(ABC):
     """Scenes that are reset, stepped and measured together.
 
     What stays the same throughout an episode is kept in `goal_position` `[B, 2]` [m],
-    `object_radius` and `object_inscribed_radius` `[B, 1]` [m], and `object_symmetry` `[B, 1]`.
+    `object_radius` and `object_inscribed_radius` `[B, 1]` [m], `object_symmetry` `[B, 1]`, and
+    `object_support` `[B, SUPPORT_DIRECTIONS]` [m].
 
     Args:
         tasks: One task for each scene, or one task that holds all scenes.
@@ -62,6 +64,7 @@ class SceneBatch(ABC):
         self.object_radius = np.zeros((self.num_envs, 1))
         self.object_inscribed_radius = np.zeros((self.num_envs, 1))
         self.object_symmetry = np.zeros((self.num_envs, 1))
+        self.object_support = np.zeros((self.num_envs, SUPPORT_DIRECTIONS))
         self._images = ImageMemory(self.num_envs)
         self._analytic = [AnalyticDepthCamera(task, arm_in_depth) for task in tasks]
         self._cameras: Sequence[DepthCamera] = self._analytic
@@ -105,6 +108,7 @@ class SceneBatch(ABC):
         self.object_radius[index] = item.radius
         self.object_inscribed_radius[index] = item.inscribed_radius
         self.object_symmetry[index] = item.symmetry
+        self.object_support[index] = item.support
         self._analytic[number].reset(i)
         if self._cameras is not self._analytic:
             self._cameras[number].reset(i)

@@ -5,8 +5,9 @@ import cv2
 import numpy as np
 import pytest
 
-from modpush.envs import PushedObject, ScenarioConfig
-from modpush.envs.scenes.objects import OBJECTS, get_object
+from modpush.agents import ScriptedPusher
+from modpush.envs import PushedObject, PushEnv, ScenarioConfig
+from modpush.envs.scenes.objects import OBJECTS, SUPPORT_DIRECTIONS, get_object, random_object
 from modpush.geometry import box, centered, cylinder, prism
 
 CUBE = box(0.05, 0.05, 0.05)
@@ -146,3 +147,44 @@ def test_an_unknown_object_is_answered_with_the_list() -> None:
         ValueError, match=r"there is no 'ball', expected one of \['fragment', 'large"
     ):
         get_object("ball")
+
+
+def test_random_objects_are_of_all_kinds_and_of_sizes_that_can_be_pushed():
+    items = [random_object(seed) for seed in range(300)]
+    kinds = [item.parts[0].kind for item in items]
+    assert all(kinds.count(kind) > 60 for kind in ("box", "cylinder", "prism"))
+    for seed, item in enumerate(items):
+        assert item.name == f"random_{seed}"
+        assert 0.019 < item.radius < 0.06
+        assert item.inscribed_radius > 0.007
+        assert 0.03 <= item.height <= 0.07
+
+
+def test_a_random_object_is_found_by_its_name_and_is_always_the_same():
+    assert get_object("random_7") == random_object(7) != random_object(8)
+    own = dataclasses.replace(OBJECTS["small_cube"], name="random_7")
+    assert get_object("random_7", {"random_7": own}) is own
+    with pytest.raises(ValueError, match="pushed_object"):
+        get_object("random_x")
+
+
+@pytest.mark.parametrize("item", [*OBJECTS.values(), L_SHAPE, *map(random_object, range(6))])
+def test_the_support_is_the_farthest_point_in_each_direction(item):
+    angles = 2 * np.pi * np.arange(SUPPORT_DIRECTIONS) / SUPPORT_DIRECTIONS
+    points = np.concatenate(item.footprints(720))
+    for angle, reach in zip(angles, item.support, strict=True):
+        expected = max(x * math.cos(angle) + y * math.sin(angle) for x, y in points)
+        assert reach == pytest.approx(expected, abs=2e-5)
+    assert item.support.max() <= item.radius + 1e-9
+
+
+def test_random_objects_rest_on_the_table_and_can_be_pushed():
+    names = [f"random_{seed}" for seed in range(8)]
+    env = PushEnv(8, pushed_object=names, depth=None, seed=0, max_episode_steps=120)
+    td = env.reset()
+    rollout = env.rollout(
+        120, policy=ScriptedPusher(), auto_reset=False, tensordict=td, break_when_any_done=False
+    )
+    assert len({scenario.pushed_object for scenario in env.scenarios}) >= 3
+    assert rollout["next", "success"].any(1).float().mean() >= 0.75
+    env.close()
