@@ -210,8 +210,11 @@ def random_clutter(
 
 
 def narrow_gap(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
-    """Two bars of 35 cm in line, anywhere and at any angle, with a gap of 12 to 6.6 cm between them."""
-    gap = 0.12 - 0.054 * difficulty * rng.uniform(0.5, 1.0)
+    """Two bars of 35 cm in line, anywhere and at any angle, with a gap of 12 to 8 cm between them.
+
+    The closed gripper is 6.4 cm wide and has to follow the object through.
+    """
+    gap = 0.12 - 0.04 * difficulty * rng.uniform(0.5, 1.0)
     yaw = rng.uniform(-math.pi, math.pi)
     x, y = _CENTER[0] + rng.uniform(-0.08, 0.08), _CENTER[1] + rng.uniform(-0.2, 0.2)
     offset = gap / 2 + 0.175

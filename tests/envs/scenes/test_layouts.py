@@ -4,6 +4,7 @@ from functools import partial
 import numpy as np
 import pytest
 
+from modpush.envs.robot.ur5_2f85 import TOOLS
 from modpush.envs.scenes.layouts import (
     HARD_SCENES,
     HARD_TUNING_SCENES,
@@ -16,6 +17,7 @@ from modpush.envs.scenes.layouts import (
 from modpush.envs.scenes.objects import get_object
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
 from modpush.envs.scenes.rectangles import obstacle_distance
+from modpush.geometry.workspace import WORKSPACE
 
 
 def build(name: str, difficulty: float, seed: int = 0) -> list[Obstacle]:
@@ -105,6 +107,23 @@ def test_tuning_layouts_are_the_hard_ones_turned_or_mirrored_and_others() -> Non
     assert not {*HARD_TUNING_SCENES} & {*HARD_SCENES, *HARD_WIDE_SCENES}
 
 
+def test_narrow_gaps_let_object_and_gripper_through() -> None:
+    gaps = [free_gap(*build("narrow_gap", seed % 3 / 2, seed=seed)) for seed in range(300)]
+    assert 0.08 - 1e-6 <= min(gaps) < 0.085
+    assert 0.115 < max(gaps) <= 0.12 + 1e-6
+    assert 2 * max(TOOLS["2f85"].tip_half_extents) < min(gaps)
+
+
+def test_random_bars_are_three_to_nine() -> None:
+    drawn = [build("random_bars", 1.0, seed=seed) for seed in range(300)]
+    assert {len(bars) for bars in drawn} == set(range(3, 10))
+    assert {len(build("random_bars", 0.0, seed=seed)) for seed in range(50)} == {3, 4}
+    for bar in (bar for bars in drawn for bar in bars):
+        assert 0.06 <= bar.size[0] <= 0.30
+        assert WORKSPACE.low[0] <= bar.pose[0] <= WORKSPACE.high[0]
+        assert WORKSPACE.low[1] <= bar.pose[1] <= WORKSPACE.high[1]
+
+
 def test_clutter_does_not_overlap_and_is_different_every_time() -> None:
     cubes = build("random_clutter", 0.0)
     assert len(cubes) == 10
@@ -122,7 +141,8 @@ def test_clutter_that_does_not_fit_fails_after_bounded_tries() -> None:
 
 
 def test_families_are_functions_of_generator_and_difficulty_alone() -> None:
-    for name in (*OBSTACLE_SCENES, *HARD_SCENES, *HARD_TUNING_SCENES, "free"):
+    training = ("narrow_gap", "random_bars")
+    for name in (*OBSTACLE_SCENES, *HARD_SCENES, *HARD_TUNING_SCENES, *training, "free"):
         assert build(name, 0.3, seed=5) == build(name, 0.3, seed=5)
 
 
