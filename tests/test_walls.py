@@ -24,6 +24,7 @@ SHARED = {
     "_keys",
     "_folder_lock",
     "_provenance",
+    "_ray",
     "_state",
     "_types",
     "_validation",

@@ -13,7 +13,7 @@ and paired t-tests. An interrupted run goes on where it stopped; `--fresh` start
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import pandas as pd
 import torch
@@ -43,8 +43,8 @@ class EvaluateConfig:
     """Number of episodes to run of each set, from its first on; all by default."""
     num_envs: Scenes = 8
     """Number of scenes that a process steps together."""
-    workers: Count = 1
-    """Number of processes."""
+    workers: Count | Literal["ray"] = 1
+    """Number of processes, or `ray` for all CPUs of a Ray cluster."""
     pictures: NonNegativeInteger = 24
     """Largest number of failed episodes that are drawn; half as many solved ones are."""
     videos: bool = True

@@ -7,7 +7,7 @@ import queue
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any, Literal, Protocol
 
 import pandas as pd
 import torch
@@ -26,6 +26,7 @@ from modpush._validation import checked
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.episodes import Episode, Policy, run_episodes
+from modpush.evaluation.ray_workers import run_with_ray
 from modpush.evaluation.results import ResultStore, describe_policy
 from modpush.evaluation.sets import EvaluationSet, load_set
 
@@ -46,8 +47,9 @@ class EvaluationConfig:
 
     num_envs: Scenes = 8
     """Number of scenes stepped together in each process."""
-    workers: Annotated[Count, Le(256)] = 1
-    """Number of processes; 1 runs in this one."""
+    workers: Annotated[Count, Le(256)] | Literal["ray"] = 1
+    """Number of processes; 1 runs in this one. With `"ray"` there is one for each CPU of the Ray cluster
+    that is found, or else of this machine."""
     seed: Seed = 0
     """Seed of torch, for policies that draw random numbers."""
     deterministic: bool = True
@@ -134,7 +136,7 @@ def evaluate(
         clean_leftovers(Path(folder) / "trajectories")
         store = ResultStore(folder, evaluation_set, about, resume=resume)
         missing = [(n, evaluation_set.scenarios[n]) for n in store.missing()]
-        run = _run_here if config.workers == 1 else _run_in_workers
+        run = {1: _run_here, "ray": _run_on_cluster}.get(config.workers, _run_in_workers)
         done = store.rows()["success"].tolist()
         with tqdm(
             total=len(evaluation_set),
@@ -190,6 +192,35 @@ def _make_env(
     )
 
 
+def _objects(episodes: Sequence[tuple[int, Scenario]]) -> tuple[str, ...]:
+    """Names of the objects that are pushed."""
+    return tuple(dict.fromkeys(scenario.pushed_object for _, scenario in episodes))
+
+
+def _options(config: EvaluationConfig, conditions: EpisodeConditions) -> dict[str, Any]:
+    """Arguments of `run_episodes`."""
+    return {
+        "inflation": conditions.inflation,
+        "path_key": config.path_key,
+        "target_key": config.target_key,
+        "exploration": config.exploration,
+    }
+
+
+def _run_on_cluster(
+    make_env: EnvFactory,
+    policy: Policy,
+    episodes: Sequence[tuple[int, Scenario]],
+    config: EvaluationConfig,
+    conditions: EpisodeConditions,
+) -> Iterator[Episode]:
+    if not episodes:
+        return
+    objects = _objects(episodes)
+    make = functools.partial(_make_env, make_env, objects=objects, conditions=conditions)
+    yield from run_with_ray(make, policy, episodes, config, _options(config, conditions))
+
+
 def _run_here(
     make_env: EnvFactory,
     policy: Policy,
@@ -200,18 +231,10 @@ def _run_here(
     if not episodes:
         return
     torch.manual_seed(config.seed)
-    objects = tuple(dict.fromkeys(scenario.pushed_object for _, scenario in episodes))
-    env = _make_env(make_env, min(config.num_envs, len(episodes)), objects, conditions)
+    scenes = min(config.num_envs, len(episodes))
+    env = _make_env(make_env, scenes, _objects(episodes), conditions)
     try:
-        yield from run_episodes(
-            env,
-            policy,
-            episodes,
-            inflation=conditions.inflation,
-            path_key=config.path_key,
-            target_key=config.target_key,
-            exploration=config.exploration,
-        )
+        yield from run_episodes(env, policy, episodes, **_options(config, conditions))
     finally:
         env.close()
 
@@ -233,6 +256,7 @@ def _run_in_workers(
     """Each worker takes every n-th episode. Spawned: a fork would copy numba's and torch's threads."""
     context = multiprocessing.get_context("spawn")
     results = context.Queue()
+    assert config.workers != "ray"
     shares = [episodes[k :: config.workers] for k in range(config.workers)]
     workers = [
         context.Process(

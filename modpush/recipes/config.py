@@ -219,7 +219,7 @@ _PRESETS: dict[str, dict[str, Any]] = {
                 "out_of_bounds": 10.0,
                 "window": 0.0,
                 "detour": 100.0,
-                "no_contact": 0.5,
+                "no_contact": 1.0,
             },
         ),
     },

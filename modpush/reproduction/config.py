@@ -47,8 +47,8 @@ class ReproduceConfig:
     """Number of episodes to run of each set, from its first on; all by default."""
     num_envs: Scenes = 8
     """Number of scenes that a process steps together."""
-    workers: Count = 1
-    """Number of processes."""
+    workers: Count | Literal["ray"] = 1
+    """Number of processes, or `ray` for all CPUs of a Ray cluster."""
     seed: Seed = 20_261_122
     """Seed from which the scenarios of `dynamics` and `runtime` are drawn, which are in no set."""
     dynamics_episodes: Count = 100

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from modpush._ray import ray_session
 from modpush.sweeps.definition import Trial
 from modpush.sweeps.results import trial_row
 from modpush.sweeps.trial import run_trial
@@ -25,21 +26,13 @@ def run_with_ray(trials: Sequence[Trial], folder: Path) -> None:
         folder: The sweep's folder, which every machine of a cluster must see under this path.
 
     Raises:
-        RuntimeError: If Ray finds fewer CPUs than a trial needs.
+        MissingExtraError: If Ray is not installed.
+        RuntimeError: If there is no connection to Ray, or it has fewer CPUs than a trial needs.
     """
-    import ray
-    from ray import tune
-
     os.environ.setdefault("RAY_CHDIR_TO_TRIAL_DIR", "0")  # files are named from the present folder
-    own = not ray.is_initialized()
-    if own:
-        ray.init(include_dashboard=False, log_to_driver=False)
-    try:
-        if ray.cluster_resources().get("CPU", 0) < _CPUS:
-            raise RuntimeError(
-                f"run_with_ray: a trial needs {_CPUS} CPUs, Ray has "
-                f"{ray.cluster_resources().get('CPU', 0):g}."
-            )
+    with ray_session("run_sweep: ray=True", _CPUS):
+        from ray import tune
+
         by_name = {trial.name: trial for trial in trials}
         sweep_folder = folder.resolve()
 
@@ -54,6 +47,3 @@ def run_with_ray(trials: Sequence[Trial], folder: Path) -> None:
             param_space={"trial": tune.grid_search(list(by_name))},
             run_config=tune.RunConfig(name="ray", storage_path=str(sweep_folder), verbose=1),
         ).fit()
-    finally:
-        if own:
-            ray.shutdown()

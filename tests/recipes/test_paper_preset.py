@@ -141,7 +141,7 @@ def test_all_in_which_the_cpu_preset_departs_from_the_paper():
         "out_of_bounds": 10.0,
         "window": 0.0,
         "detour": 100.0,
-        "no_contact": 0.5,
+        "no_contact": 1.0,
     }
     phases = departures.pop("curriculum.phases")
     assert [(phase.scenes, phase.first_stage) for phase in phases] == [(("free",), 0), ((), 6)]
@@ -162,10 +162,12 @@ def test_all_in_which_the_cpu_preset_departs_from_the_paper():
         "tqc.alpha_lr": 3e-4,
         "tqc.alpha_init": 0.02,
         "tqc.batch_size": 256,
-        "tqc.learning_starts": 3000,
         "tqc.updates_per_step": 1 / 12,
         "replay.batch_size": 256,
         "replay.storage": "compact",
+        "curriculum.window": 12,
+        "first_actions": "scripted",
+        "actor_average": 0.999,
         "zero_init_latent": True,
         "total_steps": 800_000,
         "greedy_envs": 4,

@@ -145,6 +145,7 @@ def test_a_trial_that_fails_leaves_the_others_alone(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.slow
 @pytest.mark.ray
 def test_trials_of_ray_end_as_those_in_turn_do(tmp_path: Path) -> None:
     pytest.importorskip("ray")

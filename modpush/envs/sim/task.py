@@ -135,7 +135,7 @@ class ClutterPushEnv(BaseEnv):
         # that has no scene yet has nothing to free.
         if self.scene is not None:
             super()._clear()
-        self._hidden_objects = []
+        self._hidden_objects: list[Any] = []
 
     def _load_agent(self, options: dict[str, Any], *args: Any, **kwargs: Any) -> None:
         super()._load_agent(options, Pose.create_from_pq(), *args, **kwargs)

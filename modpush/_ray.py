@@ -1,0 +1,51 @@
+"""Being connected to Ray for a while."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import ModuleType
+
+from modpush._extras import require_extra
+
+__all__ = ["ray_session"]
+
+
+@contextmanager
+def ray_session(who: str, cpus_each: int) -> Iterator[ModuleType]:
+    """Ray, connected to the cluster that it finds or else begun on this machine, and ended if so.
+
+    Ray looks for a cluster in the variable `RAY_ADDRESS` and on this machine. A connection that is there
+    already is used, and left.
+
+    Args:
+        who: What needs it, for error messages.
+        cpus_each: CPUs that each task or actor will ask for.
+
+    Yields:
+        The package `ray`.
+
+    Raises:
+        MissingExtraError: If Ray is not installed.
+        RuntimeError: If there is no connection, or the cluster has fewer CPUs than one task needs; the
+            message has what Ray says.
+    """
+    require_extra(who, "ray")
+    import ray
+
+    own = not ray.is_initialized()
+    if own:
+        try:
+            ray.init(include_dashboard=False, log_to_driver=False)
+        except Exception as error:  # Ray's own kinds differ with what went wrong
+            ray.shutdown()
+            reason = str(error).strip().splitlines()
+            raise RuntimeError(
+                f"{who}: no connection to Ray: {reason[0] if reason else type(error).__name__}"
+            ) from error
+    try:
+        cpus = ray.cluster_resources().get("CPU", 0)
+        if cpus < cpus_each:
+            raise RuntimeError(f"{who}: {cpus_each} CPUs are needed, Ray has {cpus:g}.")
+        yield ray
+    finally:
+        if own:
+            ray.shutdown()
