@@ -22,7 +22,7 @@ def _cpu() -> TrainConfig:
     return TrainConfig(
         env=PushEnvConfig.preset("cpu"),
         tqc=TQCConfig.preset("cpu", updates_per_step=1 / 12, learning_starts=10_000),
-        replay=ReplayConfig(batch_size=256, storage="compact"),
+        replay=ReplayConfig(batch_size=256, storage="compact", n_steps=3),
         curriculum=_FREE_SPACE_FIRST,
         first_actions="scripted",
         actor_average=0.999,

@@ -165,6 +165,7 @@ def test_all_in_which_the_cpu_preset_departs_from_the_paper():
         "tqc.updates_per_step": 1 / 12,
         "replay.batch_size": 256,
         "replay.storage": "compact",
+        "replay.n_steps": 3,
         "curriculum.window": 12,
         "first_actions": "scripted",
         "actor_average": 0.999,
