@@ -27,10 +27,14 @@ def make_env(num_envs: int = 1) -> PushEnv:
 
 
 def draw(count: int) -> list[Scenario]:
-    """`count` scenarios for every object in every family."""
-    rng = np.random.default_rng(0)
+    """`count` scenarios for every object in every family, as far as all of them can be pushed in all."""
+    rng, distance = np.random.default_rng(0), (0.2, 0.35)
     return [
-        sample_scenario(rng, ScenarioConfig(scene=scene, pushed_object=item), tool="2f85")
+        sample_scenario(
+            rng,
+            ScenarioConfig(scene=scene, pushed_object=item, distance=distance),
+            tool="2f85",
+        )
         for item in OBJECTS
         for scene in SCENES
         for _ in range(count)

@@ -114,6 +114,15 @@ def test_narrow_gaps_let_object_and_gripper_through() -> None:
     assert 2 * max(TOOLS["2f85"].tip_half_extents) < min(gaps)
 
 
+def test_no_bar_stands_where_the_arm_does() -> None:
+    for name in ("narrow_gap", "random_bars"):
+        for seed in range(200):
+            for bar in build(name, 1.0, seed=seed):
+                (length, width, _), (x, _, yaw) = bar.size, bar.pose
+                reach = (abs(math.cos(yaw)) * length + abs(math.sin(yaw)) * width) / 2
+                assert x - reach >= 0.17
+
+
 def test_random_bars_are_three_to_nine() -> None:
     drawn = [build("random_bars", 1.0, seed=seed) for seed in range(300)]
     assert {len(bars) for bars in drawn} == set(range(3, 10))
