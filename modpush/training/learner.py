@@ -54,9 +54,10 @@ class Learner:
         )
         if config.zero_init_latent and specs.latent.stop:
             zero_input_weights(self.agent.loss, specs.latent)
-        self._average = AveragedModel(
-            self.agent.actor, multi_avg_fn=get_ema_multi_avg_fn(config.actor_average)
-        )
+        self._average: AveragedModel | None = None  # it copies the actor
+        if config.actor_average > 0:
+            average = get_ema_multi_avg_fn(config.actor_average)
+            self._average = AveragedModel(self.agent.actor, multi_avg_fn=average)
         self.buffer = make_replay_buffer(config.filled_replay(), **replay_parts(parts))
         self.learn_from = config.tqc.learning_starts
         """Environment steps after which updates are made."""
@@ -73,16 +74,17 @@ class Learner:
     @property
     def averaged_actor(self) -> TensorDictModule:
         """The actor that is evaluated: with averaged weights if the config says so."""
-        averaged = self.config.actor_average > 0 and self._average.n_averaged > 0
-        return self._average.module if averaged else self.agent.actor
+        if self._average is None or self._average.n_averaged == 0:
+            return self.agent.actor
+        return self._average.module
 
     def average_state(self) -> dict[str, Tensor] | None:
         """State of the averaged weights; None if there are none."""
-        return dict(self._average.state_dict()) if self.config.actor_average > 0 else None
+        return None if self._average is None else dict(self._average.state_dict())
 
     def load_average_state(self, state: Mapping[str, Tensor] | None) -> None:
         """Inverse of `average_state`."""
-        if state is not None:
+        if self._average is not None and state is not None:
             self._average.load_state_dict(state)
 
     def store(self, rollout: Rollout) -> int:
@@ -122,7 +124,7 @@ class Learner:
             batch = self.buffer.sample()
             result = self.agent.update(batch.to(self.config.tqc.device))
             self.updates += 1
-            if self.config.actor_average > 0:
+            if self._average is not None:
                 self._average.update_parameters(self.agent.actor)
             update_priorities(self.buffer, batch, result)
             self._note(result, batch, now)

@@ -84,7 +84,7 @@ class TQCConfig:
     batch_size: Count = 512
     """Number of transitions in each update."""
     learning_starts: NonNegativeInteger = 10_000
-    """Number of environment steps with random actions before the first update."""
+    """Number of environment steps before the first update."""
     updates_per_step: Positive = 1.0
     """Number of updates per environment step."""
     device: Device = "cpu"
