@@ -1,5 +1,6 @@
 """Being connected to Ray for a while."""
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import ModuleType
@@ -37,10 +38,8 @@ def ray_session(who: str, cpus_each: int) -> Iterator[ModuleType]:
             ray.init(include_dashboard=False, log_to_driver=False)
         except Exception as error:  # Ray's own kinds differ with what went wrong
             ray.shutdown()
-            reason = str(error).strip().splitlines()
-            raise RuntimeError(
-                f"{who}: no connection to Ray: {reason[0] if reason else type(error).__name__}"
-            ) from error
+            reason = str(error).strip().splitlines() or [type(error).__name__]
+            raise RuntimeError(f"{who}: no connection to Ray: {_refusal() or reason[0]}") from error
     try:
         cpus = ray.cluster_resources().get("CPU", 0)
         if cpus < cpus_each:
@@ -49,3 +48,20 @@ def ray_session(who: str, cpus_each: int) -> Iterator[ModuleType]:
     finally:
         if own:
             ray.shutdown()
+
+
+def _refusal() -> str | None:
+    """What the cluster says if it is there and refuses this process's token, which `ray.init` hides."""
+    from ray._raylet import GcsClient  # type: ignore[attr-defined]
+    from ray.exceptions import AuthenticationError
+
+    address = os.environ.get("RAY_ADDRESS", "")
+    if not address or "://" in address:
+        return None
+    try:
+        GcsClient(address=address).check_alive([], 2)
+    except AuthenticationError as error:
+        return f"{address} refuses the token: {error}"
+    except Exception:
+        return None
+    return None

@@ -5,6 +5,7 @@
     modpush train smoke --out /tmp/smoke          # everything once, in some seconds
     modpush train cpu --out runs/rays --train.env.encoder rays --train.seed 1
     modpush train cpu --out runs/more --init-from runs/train   # begin with another run's weights
+    modpush train cpu --out runs/wide --collector ray --num-collectors 8   # on a Ray cluster
 
 The folder gets `config.yaml`, `log.csv`, `evaluations.csv` (greedy, on held-out episodes), `curve.png`,
 `best_agent.safetensors` (give it to `modpush.load_agent` or `modpush evaluate --policy`),
@@ -21,7 +22,7 @@ from typing import Literal
 import torch
 import tyro
 
-from modpush._types import FilePath, Name
+from modpush._types import Count, FilePath, Name
 from modpush._validation import checked
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
 from modpush.training.curve import draw_curve
@@ -39,6 +40,10 @@ class RunConfig:
     """Folder of the run."""
     init_from: Name | None = None
     """The same as `train.init_from`: begin with the weights of an agent or a run."""
+    collector: Literal["local", "ray"] | None = None
+    """The same as `train.collector`: "ray" has the scenes act on a Ray cluster."""
+    num_collectors: Count | None = None
+    """The same as `train.num_collectors`."""
     resume: bool = False
     """Resume the run in the folder from its newest checkpoint."""
 
@@ -59,7 +64,13 @@ def train_agent(run: RunConfig) -> dict[str, float]:
     print("The first run on a machine compiles for about a minute before the arm moves.")
     # Nothing has run in this process yet, so that the worker may share its libraries' memory.
     start_method: Literal["fork", "spawn"] = "fork" if sys.platform == "linux" else "spawn"
-    config = run.train if run.init_from is None else replace(run.train, init_from=run.init_from)
+    config = run.train
+    if run.init_from is not None:
+        config = replace(config, init_from=run.init_from)
+    if run.collector is not None:
+        config = replace(config, collector=run.collector)
+    if run.num_collectors is not None:
+        config = replace(config, num_collectors=run.num_collectors)
     trainer = Trainer(config, run.out, resume=run.resume, start_method=start_method)
     folder = trainer.folder
 

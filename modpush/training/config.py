@@ -12,7 +12,15 @@ from modpush.replay.config import ReplayConfig
 
 __all__ = ["TrainConfig", "field_differences"]
 
-_MAY_CHANGE = {"total_steps", "evaluate_every", "log_every", "checkpoint_every", "progress"}
+_MAY_CHANGE = {
+    "total_steps",
+    "evaluate_every",
+    "log_every",
+    "checkpoint_every",
+    "progress",
+    "collector",
+    "num_collectors",
+}
 """Fields that a resumed run may set differently."""
 
 
@@ -54,6 +62,12 @@ class TrainConfig:
     async_collection: bool = True
     """Step the environment in a process of its own while the learner learns. Without it the two take
     turns in one process, with the same results."""
+    collector: Literal["local", "ray"] = "local"
+    """Where the scenes act: "local" on this machine, see `async_collection`, or "ray" in the collectors
+    of a Ray cluster, which TorchRL's `Collector(backend="ray")` drives. With "local" a run has the same
+    numbers whenever it is repeated; with "ray" they depend on which collector is done first."""
+    num_collectors: Count = 1
+    """Number of collectors with "ray", each with `env.num_envs` scenes, a CPU and some 700 MB."""
     greedy_envs: NonNegativeInteger = 0
     """Number of scenes that act without exploration noise; promotion in the curriculum depends on their
     successes. With 0 (the paper) all scenes act with noise, and promotion depends on the successes of
@@ -100,6 +114,12 @@ class TrainConfig:
                 f"TrainConfig: tqc.learning_starts must be >= {needed:g}, what one sample draws "
                 f"from, got {self.tqc.learning_starts}."
             )
+
+    @property
+    def warm_up(self) -> int:
+        """Environment steps at the beginning that `ScriptedPusher` acts in."""
+        scripted = self.first_actions == "scripted" and not self.init_from
+        return self.tqc.learning_starts if scripted else 0
 
     def filled_replay(self) -> ReplayConfig:
         """The replay buffer's config with what follows from the rest of the run.

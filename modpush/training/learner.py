@@ -17,7 +17,7 @@ from torchrl.objectives import LossModule
 from modpush.agents.tqc.build import make_tqc_from_specs
 from modpush.replay.attentive import AttentiveSampler
 from modpush.replay.buffer import make_replay_buffer, update_priorities
-from modpush.replay.n_step import extend_rollout, forget_open_steps
+from modpush.replay.n_step import extend_rollout, forget_open_steps, n_step_transforms
 from modpush.training.config import TrainConfig
 from modpush.training.parts import learner_parts, replay_parts
 from modpush.training.rollout import Rollout, WorkerSpecs
@@ -64,6 +64,11 @@ class Learner:
         self.updates = 0
         self.pending_updates = 0.0
         """Updates that are due but not made, less than one."""
+        self._source = 0
+        self._open_steps: dict[int, list[TensorDictBase | None]] = {}
+        """Transitions that wait for their n-step returns, by collector; but for the last one's."""
+        self._present: dict[int, Tensor] = {}
+        """Observations that the scenes are in, by collector."""
         self.metrics: dict[str, list[float]] = defaultdict(list)
         """What the updates reported since the log was last written, by name."""
 
@@ -94,15 +99,30 @@ class Learner:
         for key, value in rollout.transitions.items():
             transitions.set(key, torch.from_numpy(value))
         transitions = transitions.to(self.config.replay.device)
+        self._turn_to(rollout)
         extend_rollout(self.buffer, transitions, self.config.env.num_envs)
         if self.config.replay.num_queries is None and isinstance(
             self.buffer.sampler, AttentiveSampler
         ):
-            self.buffer.sampler.set_query(torch.from_numpy(rollout.last_observation))
+            self._present[rollout.source] = torch.from_numpy(rollout.last_observation)
+            self.buffer.sampler.set_query(torch.cat([*self._present.values()]))
         return count
+
+    def _turn_to(self, rollout: Rollout) -> None:
+        """Have the transitions that wait for their n-step returns be those of a rollout's collector."""
+        transforms = n_step_transforms(self.buffer)
+        if rollout.source != self._source:
+            self._open_steps[self._source] = [transform.waiting for transform in transforms]
+            waiting = self._open_steps.pop(rollout.source, [None] * len(transforms))
+            for transform, steps in zip(transforms, waiting, strict=True):
+                transform.waiting = steps
+            self._source = rollout.source
+        if rollout.begins:
+            forget_open_steps(self.buffer)
 
     def forget_open_steps(self) -> None:
         """Drop transitions that wait for their n-step returns, since the scenes begin anew."""
+        self._open_steps.clear()
         forget_open_steps(self.buffer)
 
     def learn(self, before: int, now: int) -> None:

@@ -1,6 +1,6 @@
 """What a worker tells the learner: the environment's specs, and what its scenes did."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tensordict import NestedKey
 from torchrl.data import Bounded, Composite
 
-__all__ = ["Rollout", "WorkerSpecs"]
+__all__ = ["Outcome", "Rollout", "WorkerSpecs"]
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,20 @@ class WorkerSpecs:
 
 
 @dataclass(frozen=True)
+class Outcome:
+    """An episode that the curriculum is told of."""
+
+    level: int
+    """The curriculum's level that the episode is of."""
+    success: bool
+    """Whether the object reached the goal."""
+    scene: str
+    """Name of the scene."""
+    evaluated: bool
+    """Whether the episode counts towards the next stage."""
+
+
+@dataclass(frozen=True)
 class Rollout:
     """What `B` scenes did in `T` steps between two exchanges with the learner."""
 
@@ -40,3 +54,13 @@ class Rollout:
     """The curriculum's level."""
     success_by_family: dict[str, float]
     """Success of recent episodes, by scene family."""
+    source: int = 0
+    """Which of several collectors it is of."""
+    begins: bool = False
+    """Whether the scenes began anew before it, without the end of an episode in the data."""
+    version: int = 0
+    """Which of the weights that were sent it was collected with, counted from 1."""
+    behind: int = 0
+    """How many later weights were sent to other collectors meanwhile."""
+    outcomes: list[Outcome] = field(default_factory=list)
+    """Episodes that the collector's curriculum was told of; empty where it is the only one."""

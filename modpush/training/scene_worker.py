@@ -43,6 +43,7 @@ class SceneWorker:
         config: The run's configuration.
         parts: Parts given as objects, see `Trainer`.
         make_env: Makes the environment.
+        make_curriculum: Makes the curriculum, with the arguments of `Curriculum`.
     """
 
     def __init__(
@@ -50,14 +51,13 @@ class SceneWorker:
         config: TrainConfig,
         parts: Mapping[str, Any] | None = None,
         make_env: EnvFactory = make_push_env,
+        *,
+        make_curriculum: Callable[..., Curriculum] = Curriculum,
     ) -> None:
         self.config = config
         self._make_env, self._env_parts = make_env, env_parts(config, parts)
-        scripted = config.first_actions == "scripted" and not config.init_from
-        self._first_policy = FirstActions(config.env) if scripted else None
-        self.curriculum = Curriculum(
-            config.curriculum, warm_up=config.tqc.learning_starts if scripted else 0
-        )
+        self._first_policy = FirstActions(config.env) if config.warm_up else None
+        self.curriculum = make_curriculum(config.curriculum, warm_up=config.warm_up)
         num_envs = config.env.num_envs
         self.greedy_envs = list(range(num_envs - config.greedy_envs, num_envs))
         self.env = make_env(

@@ -28,7 +28,15 @@ from modpush.training.scene_worker import EnvFactory, SceneWorker
 from modpush.training.signals import interrupts_noted
 from modpush.training.trainer_state import load_trainer_state, save_trained_agent, trainer_state
 from modpush.training.warm_start import load_initial_weights
-from modpush.training.worker import Done, InlineWorker, Pending, ProcessWorker, StartMethod, Worker
+from modpush.training.worker import (
+    CollectionEndedError,
+    Done,
+    InlineWorker,
+    Pending,
+    ProcessWorker,
+    StartMethod,
+    Worker,
+)
 
 __all__ = ["Trainer"]
 
@@ -70,7 +78,13 @@ class Trainer:
         start_method: StartMethod = "spawn",
     ) -> None:
         check_value("Trainer", "start_method", start_method, StartMethod)
-        spawned = config.async_collection and start_method == "spawn"
+        if config.num_collectors > 1 and config.collector != "ray":
+            raise ValueError(
+                f"Trainer: num_collectors={config.num_collectors} needs collector='ray', got "
+                f"{config.collector!r}."
+            )
+        own_process = config.async_collection and start_method == "spawn"
+        spawned = own_process or config.collector == "ray"
         check_parts("Trainer", config, parts, pickled=spawned)
         if spawned:
             pickle.dumps(make_env)
@@ -85,15 +99,10 @@ class Trainer:
             raise
 
     def _begin(self, resume: bool, start_method: StartMethod) -> None:
-        config, self.guard = self.config, DiskGuard()
+        self.guard = DiskGuard()
         clean_leftovers(self.folder.path)
         clean_leftovers(self.folder.checkpoints.folder)
-        make_worker = functools.partial(SceneWorker, config, self.parts, self.make_env)
-        self.worker: Worker = (
-            ProcessWorker(make_worker, start_method)
-            if config.async_collection
-            else InlineWorker(make_worker)
-        )
+        self.worker = self._make_worker(start_method)
         try:
             self.specs = self.worker.call(SceneWorker.specs)
             self._begin_learner(resume)
@@ -101,12 +110,25 @@ class Trainer:
             self.worker.close()
             raise
 
+    def _make_worker(self, start_method: StartMethod) -> Worker:
+        config = self.config
+        if config.collector == "ray":
+            from modpush.training.ray_worker import RayWorker
+
+            return RayWorker(config, self.parts, self.make_env)
+        make_worker = functools.partial(SceneWorker, config, self.parts, self.make_env)
+        if config.async_collection:
+            return ProcessWorker(make_worker, start_method)
+        return InlineWorker(make_worker)
+
     def _begin_learner(self, resume: bool) -> None:
         config = self.config
         self.learner = Learner(config, self.specs, self.parts, self.folder.path)
         self.steps, self.checkpoints_made = 0, 0
         self.seconds = 0.0
         """Time trained in sessions before this one [s]."""
+        self.seconds_waited = 0.0
+        """Time that the learner waited for rollouts since the log was last written [s]."""
         self.best = (-1.0, -1.0)
         """Success and contact of the best evaluation; -1 before the first."""
         self.interrupted = False
@@ -147,6 +169,7 @@ class Trainer:
         Raises:
             KeyboardInterrupt: After a signal.
             NonFiniteLossError: After the batch was saved for inspection.
+            CollectionEndedError: If the Ray cluster that the scenes act on is gone; after a checkpoint.
         """
         bar = tqdm(
             total=self.config.total_steps,
@@ -163,15 +186,21 @@ class Trainer:
                         self._save_as_it_is(pending)
                         raise KeyboardInterrupt
                     pending = self._iterate(pending, bar)
+        except CollectionEndedError:
+            self.save()
+            raise
         finally:
             bar.close()
             self.close()
         return {"success": self.best[0], "contact": self.best[1]}
 
     def _first_rollout(self) -> Pending[Rollout] | Done[Rollout]:
-        if self.history is not None and self.ahead is not None:
+        if self.ahead is not None and self.config.collector == "ray":
+            self._take(self.ahead)  # of a run on one machine; the scenes cannot go on elsewhere
+        elif self.ahead is not None and self.history is not None:
             self.worker.call(SceneWorker.replay, self.history)
             return Done(self.ahead)
+        self.learner.forget_open_steps()
         if self.curriculum_state:
             self.worker.call(SceneWorker.set_state, self.curriculum_state)
         self.worker.call(SceneWorker.restart, self.worker_seed())
@@ -181,9 +210,14 @@ class Trainer:
         """Write a checkpoint from which the run goes on as if nothing had been.
 
         The scenes do not begin anew. A simulator's state cannot be written to the last bit, so the
-        actions since they last did are saved, and repeated when the run is resumed.
+        actions since they last did are saved, and repeated when the run is resumed. Those on a Ray
+        cluster begin anew.
         """
         ahead = pending.result()
+        if self.config.collector == "ray":
+            self._take(ahead)
+            self.save()
+            return
         history = self.worker.call(SceneWorker.history)
         self.seconds = time.perf_counter() - self._began
         self._write_checkpoint(trainer_state(self, ahead, history))
@@ -193,7 +227,9 @@ class Trainer:
     ) -> Pending[Rollout] | Done[Rollout]:
         """Take one rollout, have the next one collected, and learn meanwhile."""
         config = self.config
+        asked = time.perf_counter()
         rollout = pending.result()
+        self.seconds_waited += time.perf_counter() - asked
         before = self.steps
         self.store(rollout)
         bar.update(self.steps - before)
@@ -219,6 +255,12 @@ class Trainer:
             pending = self.collect()
         return pending
 
+    def _take(self, rollout: Rollout) -> None:
+        """Store a rollout and learn from it."""
+        before = self.steps
+        self.store(rollout)
+        self.learner.learn(before, self.steps)
+
     def close(self) -> None:
         """End the worker and the logs, and let others write to the folder."""
         self.worker.close()
@@ -233,7 +275,8 @@ class Trainer:
         # The worker's draws come from a seed of this checkpoint; restarting first makes the saved
         # random state the one that the run goes on with.
         self.worker.call(SceneWorker.restart, self.worker_seed())
-        self.learner.forget_open_steps()
+        if self.config.collector == "local":  # on a cluster the scenes are not restarted
+            self.learner.forget_open_steps()
         self._write_checkpoint(trainer_state(self))
 
     def _write_checkpoint(self, state: dict[str, Any]) -> None:
@@ -258,6 +301,8 @@ class Trainer:
     def store(self, rollout: Rollout) -> None:
         """Put a rollout into the buffer, and its episodes into the log."""
         self.steps += self.learner.store(rollout)
+        if self.config.collector == "ray":
+            self.episodes["collector/behind"].append(float(rollout.behind))
         for episode in rollout.episodes:
             kind = "greedy" if episode["greedy"] else "noisy"
             for name in ("success", "contact", "collision", "steps", "return", "out_of_bounds"):
@@ -276,6 +321,8 @@ class Trainer:
         row["curriculum/level"] = float(rollout.level)
         row["speed/steps"] = (self.steps - steps) / (now - then)
         row["speed/updates"] = (learner.updates - updates) / (now - then)
+        row["speed/waiting"] = self.seconds_waited / (now - then)
+        self.seconds_waited = 0.0
         row["minutes"] = self.minutes()
         row["updates"] = float(learner.updates)
         self.log.write(self.steps, row)

@@ -17,12 +17,24 @@ from modpush._end_with_parent import begin_worker_process
 from modpush.agents.tqc.quantiles import quantile_huber
 from modpush.training.scene_worker import SceneWorker
 
-__all__ = ["Done", "InlineWorker", "Pending", "ProcessWorker", "StartMethod", "Worker"]
+__all__ = [
+    "CollectionEndedError",
+    "Done",
+    "InlineWorker",
+    "Pending",
+    "ProcessWorker",
+    "StartMethod",
+    "Worker",
+]
 
 StartMethod = Literal["spawn", "fork"]
 P = ParamSpec("P")
 R = TypeVar("R")
 MakeWorker = Callable[[], SceneWorker]
+
+
+class CollectionEndedError(RuntimeError):
+    """The scenes are gone, through no fault of the run; it can go on from a checkpoint."""
 
 
 class Worker(ABC):

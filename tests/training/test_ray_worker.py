@@ -1,0 +1,345 @@
+"""Training on a real local Ray cluster of two nodes."""
+
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import psutil
+import pytest
+import torch
+from tensordict import TensorDict
+
+from modpush._extras import MissingExtraError
+from modpush.recipes.agent_file import load_agent
+from modpush.training import TrainConfig, Trainer
+from modpush.training.learner import Learner
+from modpush.training.rollout import Rollout
+from modpush.training.run_folder import RunFolder
+from modpush.training.scene_worker import SceneWorker
+from modpush.training.worker import InlineWorker
+from tests.training.conftest import SMOKE
+
+pytestmark = [
+    pytest.mark.ray,
+    # A loaded machine may take more than a minute to begin an actor.
+    pytest.mark.filterwarnings("default:Trainer. collector='ray'. no collector has begun"),
+]
+
+TWO = replace(SMOKE, collector="ray", num_collectors=2)
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Any]:
+    """A cluster of two nodes with a CPU each, to which this process is connected."""
+    ray = pytest.importorskip("ray")
+    from ray.cluster_utils import Cluster
+
+    cluster = Cluster(
+        initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False}
+    )
+    cluster.add_node(num_cpus=1)
+    ray.init(address=cluster.address, log_to_driver=False)
+    yield cluster
+    ray.shutdown()
+    cluster.shutdown()
+
+
+def collector_processes() -> list[psutil.Process]:
+    found = psutil.process_iter(["cmdline"])
+    return [p for p in found if "ray::SceneCollector" in " ".join(p.info["cmdline"] or [])]
+
+
+class Noting(Trainer):
+    """A trainer that keeps every rollout, and does something after one of them."""
+
+    rollouts: list[Rollout]
+    after: dict[int, Callable[[], Any]]
+
+    def store(self, rollout: Rollout) -> None:
+        self.rollouts.append(rollout)
+        super().store(rollout)
+        self.after.pop(len(self.rollouts), lambda: None)()
+
+
+def run_noting(
+    config: TrainConfig, folder: Path, after: dict[int, Callable[[], Any]] | None = None
+) -> Noting:
+    trainer = Noting(config, folder)
+    trainer.rollouts, trainer.after = [], after or {}
+    trainer.run()
+    return trainer
+
+
+def check_continuous(rollouts: list[Rollout], num_envs: int) -> list[int]:
+    """Each collector's rollouts go on where its last one ended; returns the sources that began."""
+    ends: dict[int, Any] = {}
+    begun = []
+    for rollout in rollouts:
+        if rollout.begins:
+            begun.append(rollout.source)
+        else:
+            first = rollout.transitions["observation"][:num_envs]
+            np.testing.assert_array_equal(first, ends[rollout.source])
+        ends[rollout.source] = rollout.last_observation
+    return begun
+
+
+def test_two_collectors_train(cluster: Any, tmp_path: Path) -> None:
+    trainer = run_noting(TWO, tmp_path / "run")
+    rollouts = trainer.rollouts
+    assert sorted(check_continuous(rollouts, TWO.env.num_envs)) == [0, 1]
+    assert trainer.steps == TWO.total_steps == len(trainer.learner.buffer)
+    assert [r.version for r in rollouts[:2]] == [1, 1], "both begin with what was sent first"
+    versions = [r.version for r in rollouts]
+    assert max(versions) > 2
+    assert len(set(versions[2:])) == len(versions[2:]), (
+        "each goes on with what was sent to it alone"
+    )
+    for source in (0, 1):  # the learner's curriculum reaches both
+        levels = [r.level for r in rollouts if r.source == source]
+        assert levels == sorted(levels)
+    table = pd.read_csv(RunFolder(tmp_path / "run").log)
+    assert table["collector/behind"].max() >= 1
+    assert table["speed/waiting"].between(0, 1).all()
+    assert len(pd.read_csv(RunFolder(tmp_path / "run").evaluations)) == 2
+    assert not collector_processes(), "the collectors must have ended with the run"
+    assert load_agent(tmp_path / "run" / "last_agent.safetensors").policy is not None
+
+
+def test_what_the_actors_act_with_is_what_was_learned(cluster: Any, tmp_path: Path) -> None:
+    config = replace(TWO, num_collectors=1, total_steps=96, greedy_envs=TWO.env.num_envs - 1)
+    trainer = Noting(config, tmp_path / "run")
+    sent: list[dict[str, Any]] = []
+    collect = trainer.collect
+
+    def noting_collect() -> Any:
+        sent.append(trainer.learner.actor_weights())
+        return collect()
+
+    trainer.collect = noting_collect  # type: ignore[method-assign]
+    trainer.rollouts, trainer.after = [], {}
+    trainer.run()
+    greedy = slice(1, config.env.num_envs)
+    last = trainer.rollouts[-1]
+    actor = trainer.learner.agent.actor
+    weights = sent[last.version - 1]
+    actor.load_state_dict({name: torch.from_numpy(value) for name, value in weights.items()})
+    shape = (config.rollout_length, config.env.num_envs, -1)
+    observation = torch.from_numpy(last.transitions["observation"]).reshape(shape)[:, greedy]
+    action = torch.from_numpy(last.transitions["action"]).reshape(shape)[:, greedy]
+    expected = actor.get_dist(TensorDict({"observation": observation})).deterministic_sample
+    torch.testing.assert_close(action, expected)
+
+
+@pytest.mark.slow
+def test_a_collector_that_is_killed_is_begun_again(cluster: Any, tmp_path: Path) -> None:
+    config = replace(TWO, total_steps=100_000, evaluate_every=100_000, checkpoint_every=100_000)
+    trainer = Noting(config, tmp_path / "run")
+    trainer.rollouts, trainer.after = [], {4: lambda: collector_processes()[0].kill()}
+    store = trainer.store
+
+    def store_until_begun_again(rollout: Rollout) -> None:
+        store(rollout)
+        if [r.begins for r in trainer.rollouts[:-4]].count(True) == 3:
+            trainer.interrupted = True
+
+    trainer.store = store_until_begun_again  # type: ignore[method-assign]
+    with pytest.raises(KeyboardInterrupt):
+        trainer.run()
+    check_continuous(trainer.rollouts, config.env.num_envs)
+    stored = [r.transitions for r in trainer.rollouts]
+    rows = np.concatenate([np.hstack([t["observation"], t["action"]]) for t in stored])
+    assert len(np.unique(rows, axis=0)) == len(rows), "no transition may come twice"
+    assert trainer.steps == len(rows) == len(trainer.learner.buffer)
+
+
+@pytest.mark.slow
+def test_goes_on_after_an_interrupt_and_on_one_machine(cluster: Any, tmp_path: Path) -> None:
+    trainer = Noting(TWO, tmp_path / "run")
+    trainer.rollouts = []
+    trainer.after = {5: lambda: setattr(trainer, "interrupted", True)}
+    with pytest.raises(KeyboardInterrupt):
+        trainer.run()
+    seen = trainer.steps
+    assert 0 < seen < TWO.total_steps
+    resumed = Trainer(TWO, tmp_path / "run", resume=True)
+    assert resumed.steps == seen, "what had been stored must be in the checkpoint"
+    assert resumed.curriculum_state == trainer.worker.call(SceneWorker.get_state)
+    resumed.run()
+    assert resumed.steps == TWO.total_steps == len(resumed.learner.buffer)
+    longer = replace(SMOKE, total_steps=240)
+    local = Trainer(longer, tmp_path / "run", resume=True)
+    local.run()
+    assert local.steps == 240
+    back = Trainer(replace(TWO, total_steps=288), tmp_path / "run", resume=True)
+    back.run()
+    assert back.steps == 288
+
+
+def rows_of(learner: Learner) -> list[tuple[float, ...]]:
+    """What a learner has stored: observation, action, sum of rewards and the observation after."""
+    every = learner.buffer[:]
+    columns = [every["observation"], every["action"], every["next", "reward"]]
+    return [tuple(row) for row in torch.cat([*columns, every["next", "observation"]], -1).tolist()]
+
+
+def test_steps_of_two_collectors_are_not_summed_together(tmp_path: Path) -> None:
+    config = replace(SMOKE, replay=replace(SMOKE.replay, n_steps=3))
+    worker = InlineWorker(partial(SceneWorker, config))
+    worker.call(SceneWorker.restart, 0)
+    learners = [Learner(config, worker.call(SceneWorker.specs), None, tmp_path) for _ in range(2)]
+    rollouts = [worker.call(SceneWorker.collect, 4, None) for _ in range(2)]
+    others = [worker.call(SceneWorker.collect, 4, None) for _ in range(2)]
+    worker.close()
+    for rollout in (*rollouts, replace(others[0], begins=True), others[1]):
+        learners[0].store(rollout)
+    mixed = (
+        replace(rollouts[0], source=0),
+        replace(others[0], source=1, begins=True),
+        replace(rollouts[1], source=0),
+        replace(others[1], source=1),
+    )
+    for rollout in mixed:
+        learners[1].store(rollout)
+    rows = [set(rows_of(learner)) for learner in learners]
+    assert len(rows[0]) > 0
+    assert rows[1] == rows[0]
+
+
+def test_more_collectors_than_cpus_are_refused(cluster: Any, tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError, match="3 CPUs are needed, Ray has 2"):
+        Trainer(replace(TWO, num_collectors=3), tmp_path / "run")
+
+
+def test_collectors_without_ray_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="num_collectors=2 needs collector='ray', got 'local'"):
+        Trainer(replace(SMOKE, num_collectors=2), tmp_path / "run")
+
+
+def test_without_ray_it_is_said_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("modpush._extras.importlib.util.find_spec", lambda name: None)
+    with pytest.raises(MissingExtraError, match=r"ray not installed; .*modpush\[ray\]"):
+        Trainer(TWO, tmp_path / "run")
+
+
+def failing_env(*args: Any, **kwargs: Any) -> Any:
+    raise ValueError("this environment cannot be made")
+
+
+@pytest.mark.slow
+def test_an_error_in_a_collector_is_shown(cluster: Any, tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError, match="this environment cannot be made"):
+        Trainer(TWO, tmp_path / "run", make_env=failing_env)
+
+
+DRIVER = """
+import sys
+from dataclasses import replace
+from modpush.training import Trainer
+from tests.training.conftest import SMOKE
+
+config = replace(
+    SMOKE, collector="ray", total_steps=10_000_000, evaluate_every=10_000_000, log_every=32,
+    checkpoint_every=10_000_000,
+)
+Trainer(config, sys.argv[1]).run()
+"""
+
+
+@pytest.mark.slow
+def test_the_head_gone_ends_the_run_with_a_checkpoint(tmp_path: Path) -> None:
+    pytest.importorskip("ray")
+    from ray.cluster_utils import Cluster
+
+    cluster = Cluster(
+        initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False}
+    )
+    folder = tmp_path / "run"
+    run = subprocess.Popen(
+        [sys.executable, "-c", DRIVER, str(folder)],
+        env={**os.environ, "RAY_ADDRESS": cluster.address},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        log = RunFolder(folder).log
+        wait_for(lambda: log.exists() and len(pd.read_csv(log)) > 2, run)
+        cluster.head_node.kill_gcs_server()
+        _, errors = run.communicate(timeout=90)
+    finally:
+        run.kill()
+        cluster.shutdown()
+    assert run.returncode == 1
+    assert "the cluster's head does not answer" in errors
+    seen = int(pd.read_csv(log)["step"].iloc[-1])
+    local = Trainer(replace(SMOKE, total_steps=seen + 200), folder, resume=True)
+    assert local.steps >= seen, "the checkpoint must hold all that was learned from"
+    local.run()
+
+
+TOKEN = """
+from modpush._ray import ray_session
+
+with ray_session("test", 1):
+    pass
+"""
+
+
+@pytest.mark.slow
+def test_a_wrong_token_is_named(tmp_path: Path) -> None:
+    ray = pytest.importorskip("ray")
+    command = Path(sys.executable).parent / "ray"
+    for name in ("right", "wrong"):
+        (tmp_path / name).write_text(name * 10)
+    port = free_port()
+    env = {**os.environ, "RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN_PATH": str(tmp_path / "right")}
+    start = [command, "start", "--head", "--num-cpus", "1", "--port", str(port)]
+    head = subprocess.Popen(
+        [*start, "--include-dashboard", "false", "--block"], env=env, stdout=subprocess.DEVNULL
+    )
+    try:
+        client = {**env, "RAY_ADDRESS": f"127.0.0.1:{port}"}
+        said = {}
+        for name in ("right", "wrong"):
+            client["RAY_AUTH_TOKEN_PATH"] = str(tmp_path / name)
+            result = subprocess.run(
+                [sys.executable, "-c", TOKEN],
+                env=client,
+                capture_output=True,
+                text=True,
+                timeout=120,
+            )
+            said[name] = (result.returncode, result.stderr)
+    finally:
+        head.terminate()
+        head.wait(30)
+    assert said["right"][0] == 0, said["right"][1]
+    assert said["wrong"][0] == 1
+    expected = f"test: no connection to Ray: 127.0.0.1:{port} refuses the token"
+    assert expected in said["wrong"][1], ray.__version__
+
+
+def free_port() -> int:
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        return int(listening.getsockname()[1])
+
+
+def wait_for(condition: Callable[[], bool], process: subprocess.Popen[str]) -> None:
+    for _ in range(1200):
+        if condition():
+            return
+        assert process.poll() is None, process.stderr.read() if process.stderr else ""
+        time.sleep(0.1)
+    raise AssertionError("it did not happen in two minutes")
