@@ -1,4 +1,4 @@
-"""Watch the trained agent beside the corridor controller, in every scene family.
+"""Watch a trained agent push different objects, beside the corridor controller, in every scene family.
 
     modpush demo                                 # what `make demo` runs
     modpush demo --episodes 8 --scenes slot posts
@@ -12,7 +12,7 @@ device there is `arm.mp4`, too: the first policy's episodes rendered by SAPIEN.
 import itertools
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +47,9 @@ from modpush.recipes.methods import Method, get_method
 
 __all__ = ["DemoConfig", "main", "show_demo"]
 
+_DISTANCE = (0.2, 0.35)
+"""Distances from start to goal [m], which all objects find room for in all families."""
+
 Frames = dict[int, list[NDArray[np.uint8]]]
 """Pictures by number of the episode."""
 
@@ -56,14 +59,14 @@ class DemoConfig:
     """Settings of the demo."""
 
     policy: AtLeastOne[Name] = ("agent", "corridor")
-    """Policies to show side by side: `agent`, `corridor`, `corridor_faithful`, `scripted`, a training
-    run's folder, or an agent's file."""
+    """Policies to show side by side: `agent`, a shipped agent by its name, `corridor`,
+    `corridor_faithful`, `scripted`, a training run's folder, or an agent's file."""
     scenes: AtLeastOne[Name] = field(default_factory=lambda: tuple(SCENES))
     """Scene families to show."""
     episodes: Count = 4
     """Number of episodes of each family; the first one is in the video."""
-    pushed_object: Name = "small_cube"
-    """Name of the object that is pushed."""
+    pushed_object: AtLeastOne[Name] = ("small_cube", "large_cube", "small_cylinder", "fragment")
+    """Names of the objects that are pushed, one after the other."""
     difficulty: Fraction = 0.3
     """Difficulty of the scenes, 0 to 1."""
     seed: Seed = 0
@@ -80,7 +83,7 @@ def show_demo(config: DemoConfig) -> str:
     Returns:
         The table in Markdown.
     """
-    methods = [get_method(policy, (config.pushed_object,)) for policy in config.policy]
+    methods = [get_method(policy, config.pushed_object) for policy in config.policy]
     rendered = config.rendered and find_render_device() is not None
     print("The first run on a machine compiles for about a minute before the arm moves.")
     scenarios = _draw_scenarios(config)
@@ -103,17 +106,27 @@ def show_demo(config: DemoConfig) -> str:
 
 
 def _draw_scenarios(config: DemoConfig) -> list[Scenario]:
-    """The episodes, family by family."""
+    """The episodes, family by family; the first ones, which the video shows, are of all objects, too."""
     return [
-        sample_scenario(
-            np.random.default_rng([config.seed, k]),
-            ScenarioConfig(
-                scene=scene, pushed_object=config.pushed_object, difficulty=config.difficulty
-            ),
-        )
-        for scene in config.scenes
+        _draw_scenario(config, scene, family, k)
+        for family, scene in enumerate(config.scenes)
         for k in range(config.episodes)
     ]
+
+
+def _draw_scenario(config: DemoConfig, scene: str, family: int, k: int) -> Scenario:
+    """An episode of a family with the next object in turn that finds room in it."""
+    turn = (family + k) % len(config.pushed_object)
+    objects = config.pushed_object[turn:] + config.pushed_object[:turn]
+    base = ScenarioConfig(scene=scene, difficulty=config.difficulty, distance=_DISTANCE)
+    for name in objects:
+        rng = np.random.default_rng([config.seed, k])
+        try:
+            return sample_scenario(rng, replace(base, pushed_object=name))
+        except ValueError:  # mazes hardly have room for the large objects
+            if name == objects[-1]:
+                raise
+    raise AssertionError("unreachable: there is at least one object")
 
 
 def _run(
@@ -123,7 +136,7 @@ def _run(
     frames: Frames = {}
     steps: Counter[int] = Counter()
     num_envs = min(8, len(scenarios))
-    env: EnvBase = method.make_env(num_envs, (config.pushed_object,), pictures=rendered)
+    env: EnvBase = method.make_env(num_envs, config.pushed_object, pictures=rendered)
     simulator = env.base_env
     assert isinstance(simulator, PushEnv)
 

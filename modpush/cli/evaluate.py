@@ -35,8 +35,9 @@ class EvaluateConfig:
 
     policy: AtLeastOne[Name] = ("agent",)
     """Policies to evaluate: `agent` (the one that is shipped for the set's object, or the small
-    cube's where there is none, which the output says), `corridor`, `corridor_faithful`, `scripted`, a
-    training run's folder, or an agent's file. Several are compared with each other."""
+    cube's where there is none, which the output says), a shipped agent by its name, `corridor`,
+    `corridor_faithful`, `scripted`, a training run's folder, or an agent's file. Several are compared
+    with each other."""
     sets: Annotated[AtLeastOne[Name], tyro.conf.arg(name="set")] = ("smoke",)
     """Evaluation sets or files, or `all` for the sets but `smoke` and those to tune on."""
     episodes: Count | None = None

@@ -57,7 +57,8 @@ def get_method(
     """Look a policy up.
 
     Args:
-        policy: A name in `METHODS`, a training run's folder, an agent's file, or `"hf://owner/name"`.
+        policy: A name in `METHODS`, a shipped agent's name, a training run's folder, an agent's file, or
+            `"hf://owner/name"`.
         objects: Names of the objects that will be pushed.
         allow: Modules that an agent's file may import parts of its author's own from.
 
@@ -102,6 +103,8 @@ def _find_agent(policy: str, objects: Sequence[str]) -> tuple[str, str]:
         if not shipped:
             print(f"agent: none is shipped for {', '.join(objects)}; {source}'s agent is used.")
         return "agent", source
+    if policy in shipped_agents():
+        return policy, policy
     if (path / "best_agent.safetensors").is_file():
         return path.name, str(path / "best_agent.safetensors")
     if path.is_file():
@@ -109,8 +112,9 @@ def _find_agent(policy: str, objects: Sequence[str]) -> tuple[str, str]:
     if policy.startswith(HUB_PREFIX):
         return policy.removeprefix(HUB_PREFIX).replace("/", "_").replace("@", "_"), policy
     raise ValueError(
-        f"policy: no {policy!r}, expected {', '.join(METHODS)}, a training run's folder, an "
-        "agent's file or hf://owner/name."
+        f"policy: no {policy!r}, expected {', '.join(METHODS)}, a shipped agent "
+        f"({', '.join(shipped_agents())}), a training run's folder, an agent's file or "
+        "hf://owner/name."
     )
 
 

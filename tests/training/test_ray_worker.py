@@ -16,10 +16,15 @@ import pandas as pd
 import psutil
 import pytest
 import torch
-from tensordict import TensorDict
+import yaml
+from tensordict import TensorDict, TensorDictBase
+from torchrl.collectors import Evaluator
+from torchrl.envs import EnvBase
 
+import modpush
 from modpush._extras import MissingExtraError
 from modpush.recipes.agent_file import load_agent
+from modpush.recipes.make_env import make_push_env
 from modpush.training import TrainConfig, Trainer
 from modpush.training.learner import Learner
 from modpush.training.rollout import Rollout
@@ -343,3 +348,40 @@ def wait_for(condition: Callable[[], bool], process: subprocess.Popen[str]) -> N
         assert process.poll() is None, process.stderr.read() if process.stderr else ""
         time.sleep(0.1)
     raise AssertionError("it did not happen in two minutes")
+
+
+def make_free_env() -> EnvBase:
+    return make_push_env(
+        replace(load_agent("small_cube").config, num_envs=2, scene=("free",)), seed=0
+    )
+
+
+def success(trajectories: TensorDictBase) -> dict[str, float]:
+    ended = trajectories["next", "done"]
+    return {"success": trajectories["next", "success"][ended].float().mean().item()}
+
+
+@pytest.mark.slow
+def test_torchrl_s_evaluator_runs_the_environment_in_an_actor(cluster: Any) -> None:
+    evaluator = Evaluator(
+        make_free_env,
+        policy_factory=lambda env: load_agent("small_cube").policy,
+        backend="ray",
+        num_gpus=0,
+        num_trajectories=4,
+        max_steps=200,
+        metrics_fn=success,
+    )
+    try:
+        assert evaluator.evaluate()["eval/success"] == 1.0
+    finally:
+        evaluator.shutdown()
+
+
+def test_the_cluster_file_is_one_that_ray_takes() -> None:
+    pytest.importorskip("ray")
+    from ray.autoscaler._private.util import prepare_config, validate_config
+
+    text = (Path(modpush.__file__).parents[1] / "examples" / "cluster.yaml").read_text()
+    validate_config(prepare_config(yaml.safe_load(text)))
+    assert f"torch=={torch.__version__.split('+')[0]}" in text
