@@ -99,5 +99,6 @@ def check_allowed(who: str, modules: Iterable[str], allow: Collection[str]) -> N
     if refused:
         raise ValueError(
             f"{who}: the file names parts in {refused}, which are imported only if you say so: "
-            f"pass allow={tuple(refused)!r}, or the parts themselves."
+            f"pass allow={tuple(refused)!r}, or the parts themselves; on the command line, "
+            f"--allow {' '.join(refused)}."
         )

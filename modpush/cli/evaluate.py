@@ -82,7 +82,8 @@ def evaluate_policies(config: EvaluateConfig) -> dict[str, dict[str, pd.DataFram
         path.write_text(report)
         print(f"\n{report}")
         results[name] = rows
-    print(f"Wrote tables, per-episode data, pictures and videos to {config.out}/.")
+    drawn = "pictures and videos" if config.videos else "and pictures"
+    print(f"Wrote tables, per-episode data{',' if config.videos else ''} {drawn} to {config.out}/.")
     return results
 
 

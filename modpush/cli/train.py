@@ -1,10 +1,11 @@
 """Train an agent: environment and learner in a process each, on two cores.
 
-    modpush train cpu --out runs/train            # what `make train` runs, 21 minutes
+    modpush train cpu --out runs/train            # what `make train` runs, some tens of minutes
     modpush train cpu --out runs/train --resume   # go on after an interrupt
     modpush train smoke --out /tmp/smoke          # everything once, in some seconds
     modpush train cpu --out runs/rays --train.env.encoder rays --train.seed 1
     modpush train cpu --out runs/more --init-from runs/train   # begin with another run's weights
+    modpush train cpu --out runs/calm --reward-term my_lab:large_actions 0.2   # a term of your own
     modpush train cpu --out runs/wide --collector ray --num-collectors 8   # on a Ray cluster
 
 The folder gets `config.yaml`, `log.csv`, `evaluations.csv` (greedy, on held-out episodes), `curve.png`,
@@ -14,7 +15,7 @@ checkpoint and stop.
 """
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from pathlib import Path
 from typing import Literal
@@ -26,6 +27,7 @@ from modpush._types import Count, FilePath, Name
 from modpush._validation import checked
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
 from modpush.training.curve import draw_curve
+from modpush.training.run_folder import RunFolder
 
 __all__ = ["RunConfig", "main", "train_agent"]
 
@@ -44,6 +46,9 @@ class RunConfig:
     """The same as `train.collector`: "ray" has the scenes act on a Ray cluster."""
     num_collectors: Count | None = None
     """The same as `train.num_collectors`."""
+    reward_term: Mapping[str, float] = field(default_factory=dict)
+    """Weights of reward terms of your own, each as "module:function" and a number; they become part of
+    `train.env.reward.weights`."""
     resume: bool = False
     """Resume the run in the folder from its newest checkpoint."""
 
@@ -71,6 +76,10 @@ def train_agent(run: RunConfig) -> dict[str, float]:
         config = replace(config, collector=run.collector)
     if run.num_collectors is not None:
         config = replace(config, num_collectors=run.num_collectors)
+    if run.reward_term:
+        reward = config.env.reward
+        reward = replace(reward, weights={**reward.weights, **run.reward_term})
+        config = replace(config, env=replace(config.env, reward=reward))
     trainer = Trainer(config, run.out, resume=run.resume, start_method=start_method)
     folder = trainer.folder
 
@@ -98,5 +107,8 @@ def main(arguments: Sequence[str]) -> None:
     try:
         train_agent(run)
     except KeyboardInterrupt:
-        print(f"\nStopped; a checkpoint is in {run.out}. Go on with --resume.")
+        if RunFolder(run.out).checkpoints.latest() is None:
+            print("\nStopped before the first checkpoint; begin again with the same command.")
+        else:
+            print(f"\nStopped; a checkpoint is in {run.out}. Go on with --resume.")
         raise

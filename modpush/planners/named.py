@@ -25,14 +25,14 @@ PLANNERS: dict[str, Callable[[], Planner]] = {
 """What makes each planner, by name."""
 
 
-def make_planner(who: str, planner: Any) -> Planner:
+def make_planner(planner: Any, who: str = "make_planner") -> Planner:
     """The planner that a name, a `"module:name"` or an object stands for.
 
     Args:
-        who: What asks for it, for error messages.
         planner: A name in `PLANNERS`; `"module:name"` of a planner, or of a class or function that
             makes one without arguments; or such an object itself. A planner is whatever has a method
             `plan(occupancy, start, goal) -> Paths`, see `Planner`.
+        who: What asks for it, for error messages.
 
     Raises:
         ValueError: If there is no such planner.

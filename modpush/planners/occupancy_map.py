@@ -159,7 +159,11 @@ class OccupancyMap:
         check_dtype(who, "depth", depth, torch.float32)
         batch = len(depth) if depth.ndim else 1
         height, width = self.camera.height, self.camera.width
-        check_shape(who, "depth", depth, "B, H, W", (batch, height, width))
+        if depth.ndim != 3 or depth.shape[1:] != (height, width):
+            raise ValueError(
+                f"{who}: depth must be [B, {height}, {width}], the camera's size, got "
+                f"{list(depth.shape)}."
+            )
         check_depth_unit(who, depth, self.camera.z)
         if segmentation is not None:
             check_dtype(who, "segmentation", segmentation, torch.uint8)

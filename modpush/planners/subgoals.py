@@ -92,7 +92,7 @@ class PlannerSubgoals(Transform):
         super().__init__(
             in_keys=[occupancy_key, object_pose_key, goal_position_key], out_keys=out_keys
         )
-        self.planner = make_planner("PlannerSubgoals", planner)
+        self.planner = make_planner(planner, "PlannerSubgoals")
         self.camera = camera or Camera()
         # A planner of one's own that says nothing gives lengths in pixels.
         cell_size = float(getattr(self.planner, "cell_size", 1.0))

@@ -29,7 +29,7 @@ def _plans() -> list[Target]:
     found = [
         Target(
             name=f"{name}.plan",
-            call=lambda name=name, **query: planners.make_planner("it", name).plan(**query),
+            call=lambda name=name, **query: planners.make_planner(name).plan(**query),
             given=_query,
             bad={
                 "occupancy": [
@@ -84,7 +84,7 @@ def _plans() -> list[Target]:
         ),
         Target(
             name="make_planner",
-            call=lambda planner: planners.make_planner("it", planner),
+            call=lambda planner: planners.make_planner(planner),
             given=lambda: {"planner": "a_star"},
             bad={"planner": [*UNKNOWN, 3, None, object(), "os:getcwd", list]},
             only=["planner"],

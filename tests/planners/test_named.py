@@ -43,7 +43,7 @@ def test_every_named_planner_plans_in_an_environment(name):
 
 
 def test_the_published_lazy_theta_star_has_a_name():
-    planner = make_planner("test", "lazy_theta_star_grid")
+    planner = make_planner("lazy_theta_star_grid")
     assert isinstance(planner, LazyThetaStar)
     assert planner.nodes == "grid"
 
