@@ -58,7 +58,7 @@ Frames = dict[int, list[NDArray[np.uint8]]]
 class DemoConfig:
     """Settings of the demo."""
 
-    policy: AtLeastOne[Name] = ("agent", "corridor")
+    policy: AtLeastOne[Name] = ("any_object", "corridor")
     """Policies to show side by side: `agent`, a shipped agent by its name, `corridor`,
     `corridor_faithful`, `scripted`, a training run's folder, or an agent's file."""
     scenes: AtLeastOne[Name] = field(default_factory=lambda: tuple(SCENES))

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 __all__ = ["POLICIES", "make_lane"]
 
 POLICIES = ("agent", "corridor", "corridor_faithful", "scripted", "hand")
-"""Names of the policies; an agent's file or a training run's folder can be given as well."""
+"""Names of the policies; `"agent"` is the shipped one for all objects. A shipped agent's name, an agent's
+file or a training run's folder can be given as well."""
 _MAX_WAYPOINTS = 32  # of the path that is shown
 
 
@@ -66,13 +67,15 @@ def make_lane(policy: str) -> PolicyLane:
 def _load(policy: str) -> "Agent":
     from modpush.recipes.agent_file import load_agent, shipped_agents
 
-    if policy == "agent":
-        return load_agent(sorted(shipped_agents())[0])
+    if policy == "agent":  # any object may be chosen on the page
+        return load_agent("any_object")
+    if policy in shipped_agents():
+        return load_agent(policy)
     path = Path(policy)
     best = path / "best_agent.safetensors"
     if not path.is_file() and not best.is_file():
         raise ValueError(
-            f"policy: no {policy!r}, expected one of {list(POLICIES)}, an agent's file, or a "
-            "training run's folder."
+            f"policy: no {policy!r}, expected one of {[*POLICIES, *shipped_agents()]}, an agent's "
+            "file, or a training run's folder."
         )
     return load_agent(best if best.is_file() else path)

@@ -1,0 +1,43 @@
+"""The agents that come with the library."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from modpush import load_agent, make_push_env
+from modpush.envs.scenes.sampling import sample_scenario
+from modpush.envs.scenes.scenario import ScenarioConfig
+from modpush.evaluation.episodes import run_episodes
+from modpush.recipes.agent_file import shipped_agents
+from modpush.recipes.methods import get_method
+
+
+def test_there_are_two() -> None:
+    assert sorted(shipped_agents()) == ["any_object", "small_cube"]
+
+
+@pytest.mark.parametrize("name", ["any_object", "small_cube"])
+def test_an_agent_is_a_policy_by_its_name(name: str) -> None:
+    method = get_method(name, ("fragment",))
+    assert method.name == name
+    weights = method.make_policy().state_dict()
+    expected = load_agent(name).policy.state_dict()
+    assert all(torch.equal(weights[key], expected[key]) for key in expected)
+
+
+def test_any_object_pushes_shapes_it_never_saw() -> None:
+    """Random shapes of other seeds than those of its training, in free space."""
+    agent = load_agent("any_object")
+    names = [f"random_{seed}" for seed in range(101, 109)]
+    assert not set(names) & set(agent.config.pushed_object)
+    env = make_push_env(replace(agent.config, num_envs=8, pushed_object=tuple(names)))
+    base = ScenarioConfig(scene="free", distance=(0.2, 0.5))
+    scenarios = [
+        sample_scenario(np.random.default_rng([5, k]), replace(base, pushed_object=name))
+        for k, name in enumerate(names)
+    ]
+    episodes = list(run_episodes(env, agent.policy, enumerate(scenarios)))
+    env.close()
+    assert sum(episode.metrics.success for episode in episodes) >= 7
