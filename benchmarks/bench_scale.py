@@ -78,7 +78,8 @@ def train(config: TrainConfig) -> dict[str, Any]:
         late = log[log["step"] > config.tqc.learning_starts * 1.5]
         rollout_steps = config.rollout_length * config.env.num_envs
         updates = rollout_steps * config.tqc.updates_per_step
-        behind = late.get("collector/behind", pd.Series([1.0]))  # one process is one rollout ahead
+        # While a rollout is made the learner learns from one more than from those of other collectors.
+        behind = late.get("collector/behind", pd.Series([0.0])) + 1
         return {
             "steps/s": late["speed/steps"].median(),
             "updates/s": late["speed/updates"].median(),
@@ -161,7 +162,7 @@ def simulate(collectors: int, act: float, learn: float, hop: float, steps: int) 
         done, i, sent = heapq.heappop(ready)
         waited += max(done - now, 0.0)
         now = max(now, done)
-        behind.append(version - 1 - sent)
+        behind.append(version - sent)
         # It goes on at once with what is newest now, while the learner learns.
         heapq.heappush(ready, (now + hop + act * rng.normal(1.0, 0.1), i, version))
         now += learn
