@@ -15,7 +15,7 @@ import modpush
 __all__ = ["SUBCOMMANDS", "run_command"]
 
 SUBCOMMANDS = {
-    "demo": "Watch the trained agent beside the corridor controller, in every scene family.",
+    "demo": "Watch a trained agent push different objects, beside the corridor controller.",
     "train": "Train an agent: environment and learner in a process each, on two cores.",
     "evaluate": "Evaluate policies on the evaluation sets: tables beside the paper's, pictures, videos.",
     "reproduce": "Reproduce the paper's tables and figures: ours beside the printed ones, with tests.",

@@ -1,4 +1,6 @@
-"""Watch a trained agent push different objects, beside the corridor controller, in every scene family.
+"""Watch a trained agent push different objects, beside the corridor controller.
+
+All scene families are shown, and four objects in turn.
 
     modpush demo                                 # what `make demo` runs
     modpush demo --episodes 8 --scenes slot posts

@@ -217,7 +217,7 @@ def test_copies_and_pickles_see_alike():
             TypeError,
             "depth must be a torch.float32 tensor",
         ),
-        ((torch.ones(1, 64, 64), 0.03), ValueError, r"depth must be \[B, H, W\] = \[1, 256, 256\]"),
+        ((torch.ones(1, 64, 64), 0.03), ValueError, r"depth must be \[B, 256, 256\]"),
         (
             (torch.ones(1, 256, 256), 0.03, torch.ones(1, 256, 256)),
             TypeError,

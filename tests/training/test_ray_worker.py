@@ -103,12 +103,10 @@ def test_two_collectors_train(cluster: Any, tmp_path: Path) -> None:
     rollouts = trainer.rollouts
     assert sorted(check_continuous(rollouts, TWO.env.num_envs)) == [0, 1]
     assert trainer.steps == TWO.total_steps == len(trainer.learner.buffer)
-    assert [r.version for r in rollouts[:2]] == [1, 1], "both begin with what was sent first"
-    versions = [r.version for r in rollouts]
-    assert max(versions) > 2
-    assert len(set(versions[2:])) == len(versions[2:]), (
-        "each goes on with what was sent to it alone"
-    )
+    assert {r.version for r in rollouts if r.begins} == {1}, "both begin with what was sent first"
+    later = [r.version for r in rollouts if not r.begins]
+    assert len(later) > 2
+    assert len(set(later)) == len(later), "each goes on with what was sent to it alone"
     for source in (0, 1):  # the learner's curriculum reaches both
         levels = [r.level for r in rollouts if r.source == source]
         assert levels == sorted(levels)
