@@ -183,11 +183,12 @@ def _describe(part: Any) -> dict[str, str]:
 
 def shipped_agents() -> dict[str, Path]:
     """Files of the agents that come with the library, by name."""
-    return {
+    found = {
         entry.name.removeprefix("agent_").removesuffix(".safetensors"): Path(str(entry))
         for entry in files("modpush").joinpath("weights").iterdir()
         if entry.name.startswith("agent_") and entry.name.endswith(".safetensors")
     }
+    return dict(sorted(found.items()))
 
 
 @checked_arguments

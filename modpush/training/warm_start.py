@@ -8,7 +8,7 @@ from torchrl.objectives import LossModule
 from modpush._state import read_state
 from modpush._validation import from_plain
 from modpush._weights import check_weights
-from modpush.recipes.agent_file import load_agent, observed_symmetry
+from modpush.recipes.agent_file import load_agent, observed_symmetry, shipped_agents
 from modpush.recipes.config import PushEnvConfig
 from modpush.recipes.fingerprint import fingerprint_differences
 from modpush.training.checkpoints import CHECKPOINT_KIND, CHECKPOINT_VERSION, Checkpoints
@@ -43,6 +43,12 @@ def load_initial_weights(learner: Learner, config: TrainConfig, specs: WorkerSpe
     checkpoint = _find_checkpoint(Path(source))
     who = f"TrainConfig: init_from {source!r}"
     if checkpoint is None:
+        known = source in shipped_agents() or "://" in source  # on the Hub
+        if not known and not Path(source).is_file():
+            raise ValueError(
+                f"{who}: expected a run's folder, a checkpoint, an agent's file, or a shipped agent "
+                f"({', '.join(shipped_agents())}); there is nothing of that name."
+            )
         agent = load_agent(source)
         symmetry = observed_symmetry(agent.config, agent.parts.get("pushed_object"))
         _check_environment(who, agent.fingerprint, symmetry, config, specs)
