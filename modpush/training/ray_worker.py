@@ -1,6 +1,5 @@
 """Training scenes on a Ray cluster, through TorchRL's collectors."""
 
-import atexit
 import os
 import sys
 import threading
@@ -335,10 +334,9 @@ class RayWorker(Worker):
             return
         self._closed.set()
         if self.head_is_silent:
-            # Ray would first tell the head of the error and of the end, and be waiting for it still
-            # when it ends the process.
+            # Ray would tell the head of an error before it is printed, and wait for an answer until
+            # it ends the process.
             sys.excepthook = sys.__excepthook__
-            atexit.unregister(self._ray.shutdown)
             return
         self._scenes.collector.shutdown(timeout=1.0)
         self._stack.close()
