@@ -25,7 +25,7 @@ import modpush
 from modpush._extras import MissingExtraError
 from modpush.recipes.agent_file import load_agent
 from modpush.recipes.make_env import make_push_env
-from modpush.training import TrainConfig, Trainer
+from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
 from modpush.training.learner import Learner
 from modpush.training.rollout import Rollout
 from modpush.training.run_folder import RunFolder
@@ -141,6 +141,21 @@ def test_what_the_actors_act_with_is_what_was_learned(cluster: Any, tmp_path: Pa
     action = torch.from_numpy(last.transitions["action"]).reshape(shape)[:, greedy]
     expected = actor.get_dist(TensorDict({"observation": observation})).deterministic_sample
     torch.testing.assert_close(action, expected)
+
+
+@pytest.mark.slow
+def test_an_agent_learns(cluster: Any, tmp_path: Path) -> None:
+    """0.68 of 120 held-out episodes after these steps in `benchmarks/bench_scale.py`."""
+    config = replace(
+        TRAIN_PRESETS["cpu"][1],
+        collector="ray",
+        total_steps=45_000,
+        evaluate_every=45_000,
+        evaluation_episodes=48,
+        checkpoint_every=100_000,
+        progress=False,
+    )
+    assert Trainer(config, tmp_path / "run").run()["success"] > 0.3
 
 
 @pytest.mark.slow
