@@ -19,7 +19,6 @@ import statistics
 import tempfile
 import time
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -28,6 +27,7 @@ import numpy as np
 import pandas as pd
 import torch
 import tyro
+from bench_training import median_ms
 
 from modpush._ray import ray_session
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
@@ -91,15 +91,6 @@ def train(config: TrainConfig) -> dict[str, Any]:
             "weights": trainer.learner.actor_weights(),
             "rollout_steps": rollout_steps,
         }
-
-
-def median_ms(function: Callable[[], Any], rounds: int = 60) -> float:
-    times = []
-    for _ in range(rounds):
-        began = time.perf_counter()
-        function()
-        times.append(time.perf_counter() - began)
-    return 1e3 * statistics.median(times)
 
 
 class _Echo:

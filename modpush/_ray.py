@@ -11,7 +11,7 @@ __all__ = ["ray_session"]
 
 
 @contextmanager
-def ray_session(who: str, cpus_each: int) -> Iterator[ModuleType]:
+def ray_session(who: str, least: int) -> Iterator[ModuleType]:
     """Ray, connected to the cluster that it finds or else begun on this machine, and ended if so.
 
     Ray looks for a cluster in the variable `RAY_ADDRESS` and on this machine. A connection that is there
@@ -19,14 +19,14 @@ def ray_session(who: str, cpus_each: int) -> Iterator[ModuleType]:
 
     Args:
         who: What needs it, for error messages.
-        cpus_each: CPUs that each task or actor will ask for.
+        least: Number of CPUs that the cluster must have.
 
     Yields:
         The package `ray`.
 
     Raises:
         MissingExtraError: If Ray is not installed.
-        RuntimeError: If there is no connection, or the cluster has fewer CPUs than one task needs; the
+        RuntimeError: If there is no connection, or the cluster has fewer CPUs than that; the
             message has what Ray says.
     """
     require_extra(who, "ray")
@@ -42,8 +42,8 @@ def ray_session(who: str, cpus_each: int) -> Iterator[ModuleType]:
             raise RuntimeError(f"{who}: no connection to Ray: {_refusal() or reason[0]}") from error
     try:
         cpus = ray.cluster_resources().get("CPU", 0)
-        if cpus < cpus_each:
-            raise RuntimeError(f"{who}: {cpus_each} CPUs are needed, Ray has {cpus:g}.")
+        if cpus < least:
+            raise RuntimeError(f"{who}: {least} CPUs are needed, Ray has {cpus:g}.")
         yield ray
     finally:
         if own:

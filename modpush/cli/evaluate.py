@@ -82,8 +82,8 @@ def evaluate_policies(config: EvaluateConfig) -> dict[str, dict[str, pd.DataFram
         path.write_text(report)
         print(f"\n{report}")
         results[name] = rows
-    drawn = "pictures and videos" if config.videos else "and pictures"
-    print(f"Wrote tables, per-episode data{',' if config.videos else ''} {drawn} to {config.out}/.")
+    videos = ", videos" if config.videos else ""
+    print(f"Wrote to {config.out}/: tables, a row for each episode, pictures{videos}.")
     return results
 
 

@@ -274,7 +274,8 @@ class RayWorker(Worker):
         self._ray = self._stack.enter_context(
             ray_session("Trainer: collector='ray'", config.num_collectors)
         )
-        self._heard, self._closed = time.monotonic(), threading.Event()
+        self._closed = threading.Event()
+        self._asked: float | None = None  # when the head was first asked what it has not answered
         try:
             self._scenes = _Scenes(self._ray, config, parts, make_env)
         except BaseException:
@@ -285,18 +286,20 @@ class RayWorker(Worker):
         threading.Thread(target=self._listen, daemon=True).start()
 
     def _listen(self) -> None:
-        """Ask the head for an answer every now and then, and note when it came."""
+        """Ask the head for an answer every now and then, and note since when there is none."""
         while not self._closed.wait(_CHECK_EVERY):
+            self._asked = self._asked or time.monotonic()
             try:
                 self._ray.nodes()
             except Exception:  # what Ray raises here differs with what went wrong
                 continue
-            self._heard = time.monotonic()
+            self._asked = None
 
     @property
     def head_is_silent(self) -> bool:
-        """Whether the cluster's head has not answered for half a minute."""
-        return time.monotonic() - self._heard > _HEAD_SILENT
+        """Whether the cluster's head has left a question unanswered for half a minute."""
+        asked = self._asked
+        return asked is not None and time.monotonic() - asked > _HEAD_SILENT
 
     def _check_head(self) -> None:
         if self.head_is_silent:
