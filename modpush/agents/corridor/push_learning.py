@@ -61,8 +61,9 @@ def judge_stance(state: TensorDict, alpha: Tensor, config: CorridorConfig, rules
         config: Settings.
         rules: Rules.
     """
-    alphas = state["alphas"].double()
-    valid = torch.arange(config.max_angles) < state["alpha_count"]
+    noted = max(1, int(state["alpha_count"].max()))  # later places are empty in all scenes
+    alphas = state["alphas"][:, :noted].double()
+    valid = torch.arange(noted) < state["alpha_count"]
     mu, kappa = rules.fit_angles(alphas, valid, config)
     alpha_p = rules.preferred_angle(alphas, valid, mu, kappa)
     push, relocate = activations(alpha.double(), alpha_p, mu, kappa, rules)
