@@ -22,6 +22,10 @@ from modpush.planners.occupancy_map import OccupancyMap
 __all__ = ["Corners", "Inflation", "OccupancyGrid"]
 
 Inflation = Literal["circumscribed", "inscribed", "widest"] | float
+_RADII = ("object_radius", "inscribed_radius")
+_RADII_OF = {"circumscribed": _RADII[:1], "inscribed": _RADII[1:], "widest": _RADII}
+"""Names of the radii that are tried, the wider one first."""
+
 Corners = tuple[Sequence[float], Sequence[float]]
 """Lower and upper corner (x, y) of a rectangle in the robot's base frame [m]."""
 
@@ -49,7 +53,10 @@ class OccupancyGrid(Transform):
             so much [m].
         bounds: Lower and upper corner (x, y) of the workspace in the robot's base frame [m]; cells
             whose centre lies outside are blocked. By default none are.
-        margin: By how much the workspace is made smaller (or larger, if negative) for that [m].
+        margin: By how much the workspace is made smaller (or larger, if negative) for that [m]. Of
+            several the first counts as long as it leaves a way from the object to its goal, and from
+            then on until the episode's end the next. With `"widest"` each radius is tried with all of
+            them.
         camera: The camera and its grid.
         min_height: What is lower does not block [m].
         upright: See `OccupancyMap`.
@@ -58,18 +65,18 @@ class OccupancyGrid(Transform):
         depth_key: Read, `[..., 1, H, W]` float32 [m].
         segmentation_key: Read, `[..., 1, H, W]` uint8. None: the object is what stands within
             `object_radius` of its pose, and a robot in the image blocks.
-        object_pose_key: Read without a segmentation and for `"widest"`, `[..., 3]` (x, y, yaw)
-            [m, rad].
-        goal_position_key: Read for `"widest"`, `[..., 2]` [m].
+        object_pose_key: Read without a segmentation, for `"widest"` and for several margins,
+            `[..., 3]` (x, y, yaw) [m, rad].
+        goal_position_key: Read for `"widest"` and for several margins, `[..., 2]` [m].
         occupancy_key: Written, `[..., 1, H, W]` bool, True where blocked.
         blocked_key: Written and read back, `[..., H, 8 * ceil(W / 64)]` uint8: cells before
             inflation, as bits.
-        narrow_key: Written and read back for `"widest"`, `[..., 1]` bool: whether `inscribed_radius`
-            inflates this episode's map.
+        choice_key: Written and read back for `"widest"` and for several margins, `[..., 1]` uint8: how
+            many maps have left no way in this episode, 0 for the first radius and margin.
 
     Raises:
-        ValueError: If a radius is negative or not finite, `inflation` is unknown, or nothing is left
-            within `bounds`.
+        ValueError: If a radius is negative or not finite, `inflation` is unknown, there is no margin, or
+            nothing is left within `bounds`.
     """
 
     @checked_arguments
@@ -80,7 +87,7 @@ class OccupancyGrid(Transform):
         inscribed_radius: float = 0.025,
         inflation: Inflation = "circumscribed",
         bounds: Corners | None = None,
-        margin: float = 0.0,
+        margin: float | Sequence[float] = 0.0,
         camera: Camera | None = None,
         min_height: float = 0.013,
         upright: bool = True,
@@ -92,7 +99,7 @@ class OccupancyGrid(Transform):
         goal_position_key: NestedKey = "goal_position",
         occupancy_key: NestedKey = "occupancy",
         blocked_key: NestedKey = "blocked_bits",
-        narrow_key: NestedKey = "narrow_map",
+        choice_key: NestedKey = "map_choice",
     ) -> None:
         radius_per_scene(object_radius, 1, "OccupancyGrid", "object_radius")
         radius_per_scene(inscribed_radius, 1, "OccupancyGrid", "inscribed_radius")
@@ -106,25 +113,29 @@ class OccupancyGrid(Transform):
         self.goal_position_key = goal_position_key
         self.occupancy_key = occupancy_key
         self.blocked_key = blocked_key
-        self.narrow_key = narrow_key
-        widest = self.inflation == "widest"
-        wide, narrow = (
-            inflation in ("circumscribed", "widest"),
-            inflation in ("inscribed", "widest"),
-        )
+        self.choice_key = choice_key
+        margins = tuple(margin) if isinstance(margin, Sequence) else (margin,)
+        if not margins:
+            raise ValueError("OccupancyGrid: margin must be a number or several [m], got none.")
+        self._radii = () if isinstance(self.inflation, float) else _RADII_OF[self.inflation]
+        self._margins = len(margins) if bounds is not None else 1
+        choices = max(1, len(self._radii)) * self._margins
+        self._choices = choices
         read = {
             depth_key: True,
             segmentation_key: True,
-            object_pose_key: widest or segmentation_key is None,
-            goal_position_key: widest,
-            object_radius_key: wide or segmentation_key is None,
-            inscribed_radius_key: narrow,
+            object_pose_key: choices > 1 or segmentation_key is None,
+            goal_position_key: choices > 1,
+            object_radius_key: _RADII[0] in self._radii or segmentation_key is None,
+            inscribed_radius_key: _RADII[1] in self._radii,
         }
         in_keys = [key for key, needed in read.items() if needed and key is not None]
-        out_keys = [occupancy_key, blocked_key, *([narrow_key] if widest else [])]
+        out_keys = [occupancy_key, blocked_key, *([choice_key] if choices > 1 else [])]
         super().__init__(in_keys=in_keys, out_keys=out_keys)
         self.map = OccupancyMap(camera, min_height, upright)
-        outside = None if bounds is None else cells_outside(self.map.camera, bounds, margin)
+        outside = None
+        if bounds is not None:
+            outside = torch.stack([cells_outside(self.map.camera, bounds, m) for m in margins])
         self.register_buffer("_outside", outside, persistent=False)
 
     @property
@@ -156,33 +167,39 @@ class OccupancyGrid(Transform):
         if previous is not None:
             previous = previous.reshape(-1, *previous.shape[-2:])
 
-        def look(radius: float | Tensor) -> tuple[Tensor, Tensor]:
+        def look(choice: Tensor) -> tuple[Tensor, Tensor]:
+            radius = self._chosen_radius(tensordict, choice)
             images = depth.reshape(-1, *image), radius, segmentation, position
             occupancy, blocked = self.map(*images, previous, own)
             if self._outside is not None:
-                occupancy |= self._outside
+                occupancy |= self._outside[choice % self._margins]
             return occupancy, blocked
 
-        if self.inflation == "widest":
-            occupancy, blocked = self._widest(tensordict, before, look, previous)
-        elif isinstance(self.inflation, float):
-            occupancy, blocked = look(self.inflation)
+        if self._choices > 1:
+            occupancy, blocked = self._first_with_a_way(tensordict, before, look, previous)
         else:
-            wide = self.inflation == "circumscribed"
-            name = "object_radius" if wide else "inscribed_radius"
-            occupancy, blocked = look(self._radius(tensordict, name))
+            occupancy, blocked = look(torch.zeros(lead.numel(), dtype=torch.long))
         tensordict.set(self.occupancy_key, occupancy.reshape(*lead, 1, *occupancy.shape[1:]))
         tensordict.set(self.blocked_key, blocked.reshape(*lead, *blocked.shape[1:]))
         return tensordict
 
-    def _widest(
+    def _chosen_radius(self, tensordict: TensorDictBase, choice: Tensor) -> float | Tensor:
+        """By how much the obstacles of each scene are inflated, one number or `[B]` [m]."""
+        if isinstance(self.inflation, float):
+            return self.inflation
+        wide, *tight = (self._radius(tensordict, name) for name in self._radii)
+        if not tight:
+            return wide
+        return torch.where(choice < self._margins, wide, tight[0]).float()
+
+    def _first_with_a_way(
         self,
         tensordict: TensorDictBase,
         before: TensorDictBase | None,
         look: Callable[[Tensor], tuple[Tensor, Tensor]],
         previous: Tensor | None,
     ) -> tuple[Tensor, Tensor]:
-        """Occupancy and blocked cells with the radius of each scene, which is written.
+        """Occupancy and blocked cells with the radius and margin of each scene, which are written.
 
         Whether a way is left is looked at in an episode's beginning and whenever the cells have changed.
         """
@@ -190,24 +207,23 @@ class OccupancyGrid(Transform):
         goal = read_key("OccupancyGrid", tensordict, self.goal_position_key, 2)
         lead, batch = pose.shape[:-1], pose.shape[:-1].numel()
         start, end = (self.camera.project(p.reshape(-1, p.shape[-1])[:, :2]) for p in (pose, goal))
-        stored = None if before is None else before.get(self.narrow_key, None)
-        narrow = (
-            torch.zeros(batch, dtype=torch.bool) if stored is None else stored.reshape(-1).clone()
+        stored = None if before is None else before.get(self.choice_key, None)
+        choice = (
+            torch.zeros(batch, dtype=torch.long) if stored is None else stored.reshape(-1).long()
         )
-        wide, tight = (
-            torch.as_tensor(self._radius(tensordict, name)).float().expand(batch)
-            for name in ("object_radius", "inscribed_radius")
-        )
-        occupancy, blocked = look(torch.where(narrow, tight, wide))
-        doubtful = ~narrow
+        occupancy, blocked = look(choice)
+        doubtful = choice < self._choices - 1
         if previous is not None and stored is not None:
             doubtful &= (blocked != previous).flatten(1).any(-1)
-        if doubtful.any():
+        while doubtful.any():
             joined = are_connected(occupancy[doubtful], start[doubtful], end[doubtful])
-            narrow[doubtful] = ~joined
-            if not joined.all():
-                occupancy, blocked = look(torch.where(narrow, tight, wide))
-        tensordict.set(self.narrow_key, narrow.reshape(*lead, 1))
+            if joined.all():
+                break
+            doubtful[doubtful.clone()] = ~joined
+            choice[doubtful] += 1
+            occupancy, blocked = look(choice)
+            doubtful &= choice < self._choices - 1
+        tensordict.set(self.choice_key, choice.to(torch.uint8).reshape(*lead, 1))
         return occupancy, blocked
 
     def _reset(
@@ -245,9 +261,13 @@ class OccupancyGrid(Transform):
             dtype=torch.uint8,
             device=device,
         )
-        if self.inflation == "widest":
-            observation_spec[self.narrow_key] = Binary(
-                shape=(*lead, 1), dtype=torch.bool, device=device
+        if self._choices > 1:
+            observation_spec[self.choice_key] = Bounded(
+                low=0,
+                high=self._choices - 1,
+                shape=(*lead, 1),
+                dtype=torch.uint8,
+                device=device,
             )
         return observation_spec
 

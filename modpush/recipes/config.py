@@ -79,8 +79,9 @@ class PushEnvConfig:
     object's diameter, which its authors' code takes as half the cube's side, its inscribed circle's
     radius. At other yaw angles a corner may then touch."""
     path_margin: NonNegative | None = None
-    """How far planned paths may leave the workspace [m]; None lets them lead wherever the camera sees
-    (the paper), also where an episode ends."""
+    """How far planned paths may leave the workspace [m], and where that leaves no way, as far as
+    `ScenarioConfig.path_margin`, with which every episode that is drawn has one. None lets them lead
+    wherever the camera sees (the paper), also where an episode ends."""
     subgoal_lags: AtLeastOne[NonNegativeInteger] = (1, 5)
     """Ages of the past sub-goals that are observed [steps]. The paper's table of observations has 1 and
     5, its text 0 and 1; its authors' code does what the table says."""
@@ -203,7 +204,7 @@ _PRESETS: dict[str, dict[str, Any]] = {
         "action_frame": None,
         "planner": "distance_field",  # the shortest paths, in a fraction of the time
         "inflation": "circumscribed",  # room for the object at any yaw
-        "path_margin": 0.02,  # no path leads where an episode ends
+        "path_margin": 0.02,  # paths stay away from where an episode ends, if they can
         "subgoal_mode": "lookahead",  # no sub-goal beyond a corner, nor at the object's centre
         "reward": RewardConfig(
             scale=0.1,  # rewards of order 1, but for the goal's

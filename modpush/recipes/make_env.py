@@ -126,7 +126,7 @@ def make_push_env(
             inscribed_radius_key="object_inscribed_radius",
             inflation=config.inflation if inflation is None else inflation,
             bounds=None if config.path_margin is None else _workspace(base),
-            margin=-(config.path_margin or 0.0),
+            margin=_path_margins(config, base),
         ),
         PlannerSubgoals(
             config.planner if planner is None else planner,
@@ -180,6 +180,15 @@ def _make_base(config: PushEnvConfig, options: dict[str, Any]) -> PushEnv:
 def _workspace(base: PushEnv) -> Corners:
     """Lower and upper corner of the area in which objects start and goals lie [m]."""
     return base.scenario.low, base.scenario.high
+
+
+def _path_margins(config: PushEnvConfig, base: PushEnv) -> tuple[float, ...]:
+    """Of planned paths' distance inside the workspace, those that are tried [m].
+
+    Where the config's leaves no way, the scenarios' own does: they are drawn so that there is one.
+    """
+    outside = config.path_margin or 0.0
+    return tuple(-margin for margin in sorted({outside, max(outside, base.scenario.path_margin)}))
 
 
 def _make_encoder(config: PushEnvConfig, given: Any) -> nn.Module | None:

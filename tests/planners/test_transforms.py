@@ -1,6 +1,7 @@
 """OccupancyGrid and PlannerSubgoals as TorchRL transforms: on envs, in workers, on stored data."""
 
 import math
+from dataclasses import replace
 from functools import partial
 
 import pytest
@@ -480,7 +481,7 @@ def widest_env():
 
 def test_the_widest_map_that_leaves_a_way_is_taken(widest_env):
     td = widest_env.reset(scenarios=[two_bars(gap) for gap in (0.09, 0.064, 0.03)])
-    assert td["narrow_map"].flatten().tolist() == [False, True, True]
+    assert td["map_choice"].flatten().tolist() == [0, 1, 1]
     assert td["path_found"].flatten().tolist() == [True, True, False]
     for row, name in enumerate(("circumscribed", "inscribed", "inscribed")):
         expected = OccupancyGrid(inflation=name)(td.clone())["occupancy"]
@@ -491,23 +492,74 @@ def test_a_map_stays_narrow_until_its_episode_ends(widest_env):
     td = widest_env.reset(scenarios=[two_bars(gap) for gap in (0.09, 0.064, 0.064)])
     td["action"] = torch.zeros(3, 3)
     td = widest_env.step(td)["next"]
-    assert td["narrow_map"].flatten().tolist() == [False, True, True]
+    assert td["map_choice"].flatten().tolist() == [0, 1, 1]
     td["_reset"] = torch.tensor([[False], [True], [False]])
     td = widest_env.reset(td, scenarios=[two_bars(0.09)])
-    assert td["narrow_map"].flatten().tolist() == [False, False, True]
+    assert td["map_choice"].flatten().tolist() == [0, 0, 1]
     assert td["path_found"].all()
 
 
 def test_the_widest_map_is_found_again_on_stored_data(widest_env):
     td = widest_env.reset(scenarios=[two_bars(gap) for gap in (0.09, 0.064, 0.064)])
-    names = ["occupancy", "narrow_map", "blocked_bits"]
-    for stored in (td.clone(), td.exclude("narrow_map", "blocked_bits")):
+    names = ["occupancy", "map_choice", "blocked_bits"]
+    for stored in (td.clone(), td.exclude("map_choice", "blocked_bits")):
         widest_env.transform[0](stored)
         assert all(torch.equal(stored[name], td[name]) for name in names)
 
 
 def test_specs_hold_with_the_widest_map(widest_env):
     check_env_specs(widest_env)
+
+
+def wall(half_length: float) -> Scenario:
+    """Object and goal on both sides of a bar along y, in the middle of the workspace."""
+    bar = Obstacle((2 * half_length, 0.06, 0.06), (0.5, 0.0, math.pi / 2))
+    return replace(two_bars(0.09), obstacles=(bar,))
+
+
+@pytest.fixture(scope="module")
+def margins_env():
+    env = TransformedEnv(
+        PushEnv(3, max_episode_steps=4, seed=0),
+        Compose(
+            OccupancyGrid(bounds=WORKSPACE, margin=MARGINS),
+            PlannerSubgoals(DistanceField()),
+        ),
+    )
+    yield env
+    env.close()
+
+
+WORKSPACE, MARGINS = ((0.2, -0.35), (0.75, 0.35)), (0.0, -0.05)
+LENGTHS = (0.20, 0.33, 0.38)  # ways inside, up to 5 cm outside, and none
+
+
+def test_the_first_margin_that_leaves_a_way_counts(margins_env):
+    td = margins_env.reset(scenarios=[wall(length) for length in LENGTHS])
+    assert td["map_choice"].flatten().tolist() == [0, 1, 1]
+    assert td["path_found"].flatten().tolist() == [True, True, False]
+    for row, margin in enumerate((0.0, -0.05, -0.05)):
+        expected = OccupancyGrid(bounds=WORKSPACE, margin=margin)(td.clone())["occupancy"]
+        assert torch.equal(td["occupancy"][row], expected[row])
+    td["action"] = torch.zeros(3, 3)
+    assert margins_env.step(td)["next", "map_choice"].flatten().tolist() == [0, 1, 1]
+
+
+def test_each_radius_is_tried_with_all_margins():
+    grid = OccupancyGrid(bounds=WORKSPACE, margin=MARGINS, inflation="widest")
+    env = TransformedEnv(PushEnv(3, seed=0), grid)
+    td = env.reset(scenarios=[wall(0.20), wall(0.33), two_bars(0.064)])
+    assert td["map_choice"].flatten().tolist() == [0, 1, 2]
+    env.close()
+
+
+def test_specs_hold_with_several_margins(margins_env):
+    check_env_specs(margins_env)
+
+
+def test_several_margins_are_refused_if_there_are_none():
+    with pytest.raises(ValueError, match="margin must be a number or several"):
+        OccupancyGrid(bounds=WORKSPACE, margin=())
 
 
 def test_every_radius_can_have_a_nested_key():

@@ -214,6 +214,20 @@ def test_paths_leave_the_workspace_by_no_more_than_the_margin(path_margin):
     env.close()
 
 
+def test_every_episode_that_is_drawn_has_a_path():
+    # About one in twenty has none within 2 cm of the workspace.
+    config = replace(RAYS, scene=("bar_along",), num_envs=20, path_margin=0.02)
+    env = make_push_env(config, keep_images=True, seed=0)
+    assert config.path_margin < env.base_env.scenario.path_margin
+    choices = []
+    for _ in range(6):
+        td = env.reset()
+        assert td["path_found"].all()
+        choices.append(td["map_choice"])
+    assert 0 < torch.stack(choices).float().mean() < 0.2
+    env.close()
+
+
 def test_an_unknown_argument_is_refused_with_all_there_are():
     with pytest.raises(TypeError, match=r"make_push_env: .*'keep_image'; .*'keep_images'.*'oob'"):
         make_push_env(RAYS, keep_image=True)
