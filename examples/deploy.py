@@ -1,11 +1,11 @@
-"""Push with an exported agent: onnxruntime alone in the policy, as on a robot without torch.
+"""Push with an exported agent: its policy in onnxruntime, as on a robot without torch.
 
     modpush export small_cube --out runs/exported
     python examples/deploy.py runs/exported
 
-The environment plans the sub-goals and cuts the window around the object. The policy is one graph,
-from window and state to the command of the arm; it takes and returns numpy arrays, and its `card.json`
-says which.
+The environment, which is TorchRL's, plans the sub-goals and cuts the window around the object. The
+policy is one graph, from window and state to the command of the arm; it takes and returns numpy
+arrays, and its `card.json` says which.
 """
 
 import argparse
@@ -42,19 +42,20 @@ class OnnxPolicy:
 
 def make_env(card: dict, num_envs: int, scene: str) -> EnvBase:
     """`PushEnv` with what a robot has beside the policy: planner, sub-goals, window."""
-    trained, window = card["environment"], card["window"]
+    planning, window = card["planning"], card["window"]
+    grid = OccupancyGrid(
+        **planning["occupancy"],
+        object_radius_key="object_radius",
+        inscribed_radius_key="object_inscribed_radius",
+    )
     transforms = Compose(
         InitTracker(),
-        OccupancyGrid(object_radius_key="object_radius"),
-        PlannerSubgoals(
-            trained["planner"],
-            mode=trained["subgoal_mode"],
-            fraction=trained["subgoal_fraction"],
-            lookahead=trained["subgoal_lookahead"],
-        ),
+        grid,
+        PlannerSubgoals(**planning["subgoals"]),
         EgocentricWindow(window["frame"], size=window["size"], outside=window["outside"]),
     )
-    env = PushEnv(num_envs, scene=scene, pushed_object=trained["pushed_object"], seed=0)
+    pushed = card["environment"]["pushed_object"]
+    env = PushEnv(num_envs, scene=scene, pushed_object=pushed, seed=0)
     return TransformedEnv(env, transforms)
 
 

@@ -62,7 +62,8 @@ def run_command(arguments: Sequence[str] | None = None) -> int:
     except (ValueError, TypeError, OSError, ImportError, RuntimeError) as error:
         if not _is_ours(error):
             raise
-        print(f"modpush {name}: {error}", file=sys.stderr)
+        who = f"modpush {name}: "
+        print(f"{who}{str(error).removeprefix(who)}", file=sys.stderr)
         return 2
     return 0
 

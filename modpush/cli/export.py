@@ -1,7 +1,7 @@
 """Write an agent's policy as ONNX or torch.export graphs, with a card.
 
     modpush export small_cube
-    modpush export runs/train/best_agent.safetensors --format onnx torch_export --out runs/exported
+    modpush export runs/train --format onnx torch_export --out runs/exported
 
 Writes `policy` (observation to action), `window_policy` (local window and state to action, encoder
 included) and `card.json`, which says what goes in and comes out. ONNX needs `pip install
@@ -28,7 +28,7 @@ class ExportConfig:
     """What is exported, and to where."""
 
     agent: tyro.conf.Positional[Name] = "small_cube"
-    """Name of a shipped agent, or an agent's file."""
+    """Name of a shipped agent, an agent's file, a training run's folder, or hf://owner/name."""
     formats: Annotated[AtLeastOne[Format], tyro.conf.arg(name="format")] = ("onnx",)
     """Formats of the graphs."""
     out: FilePath = Path("runs/exported")

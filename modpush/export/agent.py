@@ -22,6 +22,8 @@ from modpush.encoders.window_transform import EgocentricWindow
 from modpush.export.graphs import ObservationPolicy, WindowPolicy
 from modpush.mdp.action_frame import ActionFrame
 from modpush.mdp.push_observation import PushObservation
+from modpush.planners.occupancy import OccupancyGrid
+from modpush.planners.subgoals import PlannerSubgoals
 from modpush.recipes.agent_file import Agent
 
 __all__ = ["FORMATS", "Format", "export_agent"]
@@ -38,6 +40,26 @@ _ACTION = {
     "rate": "15 Hz",
 }
 """What an action means: it is multiplied by `scale` and moves the tool's commanded pose."""
+
+_MEANINGS = {
+    "observation": "entries, shifts and scales as under `observation`",
+    "window": "heights around the object, cut as under `window`; 1 is `height_shown_as_1`",
+    "ee_pose": "tip of the tool, (x, y, yaw) [m, rad], base frame",
+    "object_pose": "centre of the object, (x, y, yaw) [m, rad], base frame",
+    "goal_position": "goal, (x, y) [m], base frame",
+    "subgoal": "point of the path to push towards, (x, y) [m], base frame",
+    "subgoal_past": "earlier sub-goals, by the ages `planning.subgoals.lags` [steps], (x, y) [m], base "
+    "frame; in an episode's first steps the first one",
+    "path_length": "length of the planned path from object to goal [m]",
+    "joint_position": "joints of the UR5, shoulder pan to third wrist joint [rad]",
+    "object_contact": "whether the tool touches the object",
+    "object_radius": "radius of the circle around the object's footprint [m]",
+    "object_inscribed_radius": "radius of the circle inside the object's footprint [m]",
+    "object_symmetry": "number of yaw angles at which the object looks the same; 0: all of them",
+    "object_support": "how far the footprint reaches from the object's centre in 48 directions, evenly "
+    "spaced counterclockwise from the object's own x axis [m]",
+}
+"""What the graphs' inputs are, by the names that `make_push_env` gives them."""
 
 
 @checked_arguments
@@ -69,6 +91,7 @@ def export_agent(
     try:
         example = env.reset()
         window, chain = _window_policy(policy, list(env.transform))
+        planning = _planning(agent, list(env.transform))
     finally:
         env.close()
     examples = {
@@ -85,7 +108,7 @@ def export_agent(
             path = folder / f"{name}{_ENDINGS[kind]}"
             _write(module.eval(), inputs, outputs, path, kind)
             written[path.name] = path
-    card = {**_card(agent, examples, chain), "window": window}
+    card = {**_card(agent, examples, chain), "window": window, "planning": planning}
     with replacing(folder / "card.json") as unfinished:
         unfinished.write_text(json.dumps(card, indent=2) + "\n")
     written["card.json"] = folder / "card.json"
@@ -117,6 +140,28 @@ def _window_policy(
     if observation is None:
         raise ValueError("export_agent: the agent's environment has no PushObservation.")
     return window, WindowPolicy(policy, observation, encoder, frame)  # type: ignore[arg-type]
+
+
+def _planning(agent: Agent, transforms: Sequence[Transform]) -> dict[str, Any]:
+    """How paths and sub-goals were planned, as arguments of `OccupancyGrid` and `PlannerSubgoals`."""
+    found: dict[str, Any] = {}
+    for transform in transforms:
+        match transform:
+            case OccupancyGrid():
+                found["occupancy"] = {
+                    "inflation": transform.inflation,
+                    "bounds": transform.bounds,
+                    "margin": transform.margins,
+                }
+            case PlannerSubgoals():
+                found["subgoals"] = {
+                    "planner": agent.config.planner,
+                    "mode": transform.mode,
+                    "fraction": transform.fraction,
+                    "lookahead": transform.lookahead,
+                    "lags": transform.lags,
+                }
+    return found
 
 
 def _write(
@@ -166,6 +211,7 @@ def _card(agent: Agent, graphs: Mapping[str, Any], chain: WindowPolicy) -> dict[
                         "name": key,
                         "shape": ["batch", *value.shape[1:]],
                         "dtype": str(value.dtype).removeprefix("torch."),
+                        "meaning": _MEANINGS.get(key),
                     }
                     for key, value in inputs.items()
                 ],

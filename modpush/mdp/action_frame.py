@@ -34,6 +34,7 @@ class ActionFrame(Transform):
     Raises:
         ValueError: If the frame is unknown.
         KeyError: If a key is missing when an action is turned.
+        RuntimeError: If it turns actions in a replay buffer, where the agent's own are stored.
     """
 
     @checked_arguments
@@ -74,6 +75,7 @@ class ActionFrame(Transform):
         return tensordict.set(self.action_key, turned)
 
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
+        self._check_place()
         if self.frame == "base":
             return tensordict
         action = read_key("ActionFrame", tensordict, self.action_key, 3)
@@ -81,6 +83,16 @@ class ActionFrame(Transform):
         planar = planar / planar.abs().amax(-1, keepdim=True).clamp_min(1.0)
         tensordict.set(_AGENT_ACTION, action)
         return tensordict.set(self.action_key, torch.cat([planar, action[..., 2:]], -1))
+
+    def _check_place(self) -> None:
+        """Refuse to act in a replay buffer, whose transforms are in a `Compose` of no environment."""
+        try:
+            self.container  # noqa: B018  # TorchRL raises for such a Compose
+        except ValueError:
+            raise RuntimeError(
+                "ActionFrame: it belongs to an environment; in a replay buffer it would turn the stored "
+                "actions, which are the agent's own."
+            ) from None
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         # TorchRL hands the transforms the tensordict that the environment was stepped with.

@@ -117,9 +117,9 @@ class OccupancyGrid(Transform):
         margins = tuple(margin) if isinstance(margin, Sequence) else (margin,)
         if not margins:
             raise ValueError("OccupancyGrid: margin must be a number or several [m], got none.")
+        self.bounds, self.margins = bounds, tuple(float(m) for m in margins)
         self._radii = () if isinstance(self.inflation, float) else _RADII_OF[self.inflation]
-        self._margins = len(margins) if bounds is not None else 1
-        choices = max(1, len(self._radii)) * self._margins
+        choices = max(1, len(self._radii)) * self._margins_tried
         self._choices = choices
         read = {
             depth_key: True,
@@ -142,6 +142,10 @@ class OccupancyGrid(Transform):
     def camera(self) -> Camera:
         """The camera and its grid."""
         return self.map.camera
+
+    @property
+    def _margins_tried(self) -> int:
+        return len(self.margins) if self.bounds is not None else 1
 
     def _radius(self, tensordict: TensorDictBase, name: str) -> float | Tensor:
         """`object_radius` or `inscribed_radius`, one number or `[B]` [m]."""
@@ -172,7 +176,7 @@ class OccupancyGrid(Transform):
             images = depth.reshape(-1, *image), radius, segmentation, position
             occupancy, blocked = self.map(*images, previous, own)
             if self._outside is not None:
-                occupancy |= self._outside[choice % self._margins]
+                occupancy |= self._outside[choice % len(self.margins)]
             return occupancy, blocked
 
         if self._choices > 1:
@@ -190,7 +194,7 @@ class OccupancyGrid(Transform):
         wide, *tight = (self._radius(tensordict, name) for name in self._radii)
         if not tight:
             return wide
-        return torch.where(choice < self._margins, wide, tight[0]).float()
+        return torch.where(choice < self._margins_tried, wide, tight[0]).float()
 
     def _first_with_a_way(
         self,

@@ -31,8 +31,10 @@ from modpush.recipes.fingerprint import environment_fingerprint, fingerprint_dif
 from modpush.recipes.hub import HUB_PREFIX, download_agent
 from modpush.recipes.make_env import ENV_PARTS, make_push_env
 
-__all__ = ["Agent", "load_agent", "observed_symmetry", "save_agent", "shipped_agents"]
+__all__ = ["BEST_AGENT", "Agent", "load_agent", "observed_symmetry", "save_agent", "shipped_agents"]
 
+BEST_AGENT = "best_agent.safetensors"
+"""File of the best agent in a training run's folder."""
 _KIND, _VERSION = "modpush.Agent", 4
 _TEXT_OF_PART = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
 
@@ -199,14 +201,15 @@ def load_agent(
     make_env: Callable[..., EnvBase] | None = None,
     allow: Collection[str] = (),
 ) -> Agent:
-    """A trained agent: one that is shipped, by its name, a file of `save_agent`, or one on the Hub.
+    """A trained agent: one that is shipped, by its name, a file of `save_agent`, a run's, one on the Hub.
 
     A file may name parts of its author's own, `"module:name"`. They are imported only from modules
     that the caller names in `allow`, since importing runs code; or the caller gives the parts.
 
     Args:
-        name: `"small_cube"`, the path of a file, or `"hf://owner/name"` on the Hugging Face Hub
-            (`"hf://owner/name@revision"`), which needs the extra `hub`.
+        name: `"small_cube"`, the path of a file, the folder of a training run, of which the best agent is
+            read, or `"hf://owner/name"` on the Hugging Face Hub (`"hf://owner/name@revision"`), which
+            needs the extra `hub`.
         parts: Parts of the environment by the names of `make_push_env`'s arguments, instead of those
             that the file names.
         make_env: What makes the environment, instead of what the file names.
@@ -220,10 +223,12 @@ def load_agent(
     path = shipped_agents().get(str(name), Path(name))
     if str(name).startswith(HUB_PREFIX):
         path = download_agent(str(name))
+    if (path / BEST_AGENT).is_file():
+        path = path / BEST_AGENT
     if not path.is_file():
         raise ValueError(
-            f"load_agent: no agent {str(name)!r}, expected a file or one of "
-            f"{sorted(shipped_agents())}."
+            f"load_agent: no agent {str(name)!r}, expected one of {sorted(shipped_agents())}, an agent's "
+            "file, a training run's folder, or hf://owner/name."
         )
     tensors, about = read_tensors(path, _KIND, _VERSION)
     data, described = about["env"], about["parts"]

@@ -41,11 +41,11 @@ def download_agent(address: str) -> Path:
         )
     require_extra(f"load_agent: {address}", "huggingface_hub")
     from huggingface_hub import hf_hub_download
-    from huggingface_hub.errors import HfHubHTTPError
+    from huggingface_hub.errors import HfHubHTTPError, LocalEntryNotFoundError
 
     try:
         return Path(hf_hub_download(found["repo"], _FILE, revision=found["revision"]))
-    except HfHubHTTPError as error:
+    except (HfHubHTTPError, LocalEntryNotFoundError) as error:  # the second: nobody listens
         raise OSError(f"load_agent: {address} cannot be read: {error}") from error
 
 

@@ -15,7 +15,7 @@ from modpush.agents import PushingCorridorController, ScriptedPusher, faithful_c
 from modpush.envs import PushEnv
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.planners import DistanceField, OccupancyGrid, PlannerSubgoals
-from modpush.recipes.agent_file import load_agent, shipped_agents
+from modpush.recipes.agent_file import BEST_AGENT, load_agent, shipped_agents
 from modpush.recipes.hub import HUB_PREFIX
 
 __all__ = ["METHODS", "Method", "get_method"]
@@ -105,8 +105,8 @@ def _find_agent(policy: str, objects: Sequence[str]) -> tuple[str, str]:
         return "agent", source
     if policy in shipped_agents():
         return policy, policy
-    if (path / "best_agent.safetensors").is_file():
-        return path.name, str(path / "best_agent.safetensors")
+    if (path / BEST_AGENT).is_file():
+        return path.resolve().name, policy
     if path.is_file():
         return path.stem, policy
     if policy.startswith(HUB_PREFIX):

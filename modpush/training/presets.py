@@ -33,6 +33,21 @@ def _cpu() -> TrainConfig:
     )
 
 
+def _any_object() -> TrainConfig:
+    cpu = _cpu()
+    shapes = ("small_cube", "large_cube", "small_cylinder", "fragment")
+    return replace(
+        cpu,
+        env=replace(
+            cpu.env,
+            pushed_object=(*shapes, *(f"random_{k}" for k in range(1, 9))),
+            add=("object_support",),
+            randomize_dynamics=True,
+        ),
+        evaluation_episodes=144,  # twelve of each object
+    )
+
+
 def _authors() -> TrainConfig:
     return TrainConfig(
         env=PushEnvConfig.preset("authors"),
@@ -86,6 +101,10 @@ TRAIN_PRESETS: dict[str, tuple[str, TrainConfig]] = {
     "cpu": (
         "The configuration that learns soonest on two CPU cores, in some tens of minutes.",
         _cpu(),
+    ),
+    "any_object": (
+        "The same with twelve objects, eight of them of random shape, and random mass and friction.",
+        _any_object(),
     ),
     "paper": (
         "The paper's configuration: 7e6 steps with one update each, which takes days on a CPU.",

@@ -7,6 +7,7 @@ from typing import Any
 from modpush._arguments import checked_arguments
 from modpush._validation import from_plain
 from modpush.files import read_yaml, write_yaml
+from modpush.recipes.agent_file import BEST_AGENT
 from modpush.training.checkpoints import Checkpoints
 from modpush.training.config import TrainConfig
 
@@ -29,7 +30,7 @@ class RunFolder:
         self.evaluations = self.path / "evaluations.csv"
         self.log = self.path / "log.csv"
         self.curve = self.path / "curve.png"
-        self.best_agent = self.path / "best_agent.safetensors"
+        self.best_agent = self.path / BEST_AGENT
         self.last_agent = self.path / "last_agent.safetensors"
         self.checkpoints = Checkpoints(self.path / "checkpoints", keep_checkpoints)
 

@@ -3,9 +3,10 @@
 from pathlib import Path
 from typing import Annotated
 
+import tyro
 from pydantic import Field, Strict
 
-from modpush._types import ORDERED, Fraction, Name, NonNegativeInteger
+from modpush._types import ORDERED, Fraction, Name, NonNegativeInteger, Several
 from modpush._validation import checked
 from modpush.envs.scenes.layouts import SCENES
 from modpush.envs.scenes.objects import OBJECTS
@@ -24,7 +25,8 @@ class PlayConfig:
         tuple[Name, ...], Strict(False), Field(min_length=1, max_length=2), ORDERED
     ] = ("agent",)
     """One policy, or two that are shown side by side on the same scene: agent (the shipped one),
-    corridor, corridor_faithful, scripted, hand, an agent's file, or a training run's folder."""
+    corridor, corridor_faithful, scripted, hand, a shipped agent's name, an agent's file, a training
+    run's folder, or hf://owner/name."""
     scene: Name = "slot"
     """Scene family that episodes are drawn from."""
     pushed_object: Name = "small_cube"
@@ -33,9 +35,11 @@ class PlayConfig:
     """Difficulty of the scenes, 0 to 1."""
     seed: NonNegativeInteger = 0
     """Seed of the first episode; in a replay, the number of the episode."""
-    replay: Annotated[tuple[Path, ...], Strict(False), Field(max_length=2), ORDERED] = ()
-    """One or two folders that an evaluation wrote, whose episodes are shown instead of running
-    policies."""
+    replay: Annotated[
+        tyro.conf.Positional[tuple[Path, ...]], Strict(False), Field(max_length=2), ORDERED
+    ] = ()
+    """One or two folders that an evaluation wrote for a policy, whose episodes are shown instead of
+    running policies. Where it ran several sets, the set's folder in it."""
     paused: bool = False
     """Start paused."""
     host: Name = "127.0.0.1"
@@ -45,6 +49,8 @@ class PlayConfig:
     """Port to listen on; if it is taken, the next free one is used and printed."""
     out: Path = Path("runs/play")
     """Folder that recorded videos are written to."""
+    allow: Several[Name] = ()
+    """Modules that an agent's file may import parts of its author's own from."""
 
     def __post_init__(self) -> None:
         """Check the names."""

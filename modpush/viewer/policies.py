@@ -1,5 +1,6 @@
 """The policies that the page offers, each with the environment that it needs."""
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,19 +14,21 @@ if TYPE_CHECKING:
 __all__ = ["POLICIES", "make_lane"]
 
 POLICIES = ("agent", "corridor", "corridor_faithful", "scripted", "hand")
-"""Names of the policies; `"agent"` is the shipped one for all objects. A shipped agent's name, an agent's
-file or a training run's folder can be given as well."""
+"""Names of the policies; `"agent"` is the shipped one for all objects. What `load_agent` takes can be
+given as well."""
 _MAX_WAYPOINTS = 32  # of the path that is shown
 
 
-def make_lane(policy: str) -> PolicyLane:
+def make_lane(policy: str, allow: Collection[str] = ()) -> PolicyLane:
     """A policy in an environment of one scene that holds all shipped objects.
 
     Args:
-        policy: One of `POLICIES`, an agent's file, or a training run's folder.
+        policy: One of `POLICIES`, or what `load_agent` takes.
+        allow: Modules that an agent's file may import parts of its author's own from.
 
     Raises:
-        ValueError: If there is no such policy, or the file is not an agent.
+        ValueError: If there is no such policy, the file is not an agent, or names modules that are not
+            allowed.
     """
     options: dict[str, Any] = {
         "pushed_object": tuple(OBJECTS),
@@ -34,7 +37,7 @@ def make_lane(policy: str) -> PolicyLane:
         "keep_images": True,
     }
     if policy not in POLICIES or policy == "agent":
-        agent = _load(policy)
+        agent = _load(policy, allow)
         name = policy if policy == "agent" else Path(policy).stem
         return PolicyLane(name, agent.make_env(1, **options), agent.policy)
     # Here, since the simulator comes with it.
@@ -64,18 +67,17 @@ def make_lane(policy: str) -> PolicyLane:
     )
 
 
-def _load(policy: str) -> "Agent":
-    from modpush.recipes.agent_file import load_agent, shipped_agents
+def _load(policy: str, allow: Collection[str]) -> "Agent":
+    from modpush.recipes.agent_file import BEST_AGENT, load_agent, shipped_agents
+    from modpush.recipes.hub import HUB_PREFIX
 
     if policy == "agent":  # any object may be chosen on the page
         return load_agent("any_object")
-    if policy in shipped_agents():
-        return load_agent(policy)
     path = Path(policy)
-    best = path / "best_agent.safetensors"
-    if not path.is_file() and not best.is_file():
+    known = policy in shipped_agents() or policy.startswith(HUB_PREFIX)
+    if not (known or path.is_file() or (path / BEST_AGENT).is_file()):
         raise ValueError(
             f"policy: no {policy!r}, expected one of {[*POLICIES, *shipped_agents()]}, an agent's "
-            "file, or a training run's folder."
+            "file, a training run's folder, or hf://owner/name."
         )
-    return load_agent(best if best.is_file() else path)
+    return load_agent(policy, allow=allow)

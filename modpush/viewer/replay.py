@@ -20,32 +20,29 @@ from modpush.viewer.lane import FLAGS, Snapshot
 
 __all__ = ["ReplayLane"]
 
+_ABOUT = "run.json"
+
 
 class ReplayLane:
     """Episodes that `modpush.evaluation.evaluate` stored.
 
     Args:
-        folder: The folder that it wrote.
+        folder: The folder that it wrote for a policy and a set, or that of a policy with a single set.
 
     Raises:
-        ValueError: If the folder holds no episodes, or its set is not one of the package, or has
-            changed since.
+        ValueError: If the folder holds no episodes, or those of several sets; if its set is not one of
+            the package, or has changed since.
     """
 
     @checked_arguments
     def __init__(self, folder: Path | str) -> None:
-        self.folder = Path(folder)
-        about = self.folder / "run.json"
-        if not about.is_file():
-            raise ValueError(
-                f"ReplayLane: folder must be an evaluation's, with run.json, got {self.folder}."
-            )
-        facts = json.loads(about.read_text())
+        self.folder = _folder_of_set(Path(folder))
+        facts = json.loads((self.folder / _ABOUT).read_text())
         self.set: EvaluationSet = load_set(facts["set"])
         """The episodes that were evaluated."""
         if self.set.digest != facts["episodes"]:
             raise ValueError(f"ReplayLane: {self.folder} is of other episodes than {facts['set']}.")
-        self.name = self.folder.name
+        self.name = f"{_policy_name(self.folder, facts['set'])}, {facts['set']}"
         self.numbers = sorted(int(p.stem) for p in self.folder.glob("trajectories/*.npz"))
         """Numbers of the stored episodes."""
         if not self.numbers:
@@ -101,3 +98,25 @@ class ReplayLane:
 
     def close(self) -> None:
         """Nothing is held."""
+
+
+def _folder_of_set(folder: Path) -> Path:
+    """The folder itself if an evaluation's episodes are in it, else the only one in it where they are."""
+    found = sorted(path.parent for path in folder.rglob(_ABOUT))
+    if folder in found:
+        return folder
+    if not found:
+        raise ValueError(
+            f"ReplayLane: folder must be an evaluation's, with {_ABOUT}, got {folder}."
+        )
+    if len(found) > 1:
+        raise ValueError(
+            f"ReplayLane: {folder} holds several sets, give one of {', '.join(map(str, found))}."
+        )
+    return found[0]
+
+
+def _policy_name(folder: Path, set_name: str) -> str:
+    """The part of an evaluation's folder before the set's name, which is the policy's, if it is there."""
+    before = folder.resolve().as_posix().removesuffix(f"/{set_name}")
+    return Path(before).name

@@ -235,7 +235,7 @@ class Session:
             found = next((pair for pair in kept if pair[0] == policy), None)
             if found is not None:
                 kept.remove(found)
-            lanes.append(make_lane(policy) if found is None else found[1])
+            lanes.append(make_lane(policy, self.config.allow) if found is None else found[1])
         for _, lane in kept:
             lane.close()
         self.lanes, self.policies = lanes, tuple(policies)

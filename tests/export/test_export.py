@@ -16,9 +16,9 @@ from modpush.recipes import load_agent
 from tests.examples import load_example
 
 
-@pytest.fixture(scope="module")
-def agent():
-    return load_agent("small_cube")
+@pytest.fixture(scope="module", params=["small_cube", "any_object"])
+def agent(request):
+    return load_agent(request.param)
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +33,10 @@ def folder(agent, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def recorded(agent) -> TensorDict:
     """Three episodes' first 60 steps, with windows."""
-    env = agent.make_env(3, scene=("slot", "posts"), keep_images=True, seed=5)
+    objects = ("small_cube", "fragment", "small_cylinder")
+    env = agent.make_env(
+        3, scene=("slot", "posts"), pushed_object=objects, keep_images=True, seed=5
+    )
     steps = env.rollout(60, agent.policy, break_when_any_done=False).reshape(-1)
     env.close()
     return steps
@@ -95,6 +98,22 @@ def test_the_first_axis_of_every_input_and_output_is_called_batch(folder: Path) 
 
 def test_a_robot_without_torch_in_its_policy_pushes(folder: Path) -> None:
     assert load_example("deploy").main(folder, scene="free", num_envs=2) == 1.0
+
+
+def test_the_card_says_how_to_plan(agent, folder: Path) -> None:
+    card = json.loads((folder / "card.json").read_text())
+    ours = load_example("deploy").make_env(card, 6, "bar_along")
+    theirs = agent.make_env(6, scene="bar_along", keep_images=True, seed=0)
+    one, other = ours.reset(), theirs.reset()
+    for key in ("occupancy", "path_length", "subgoal", "subgoal_past", "window"):
+        assert torch.equal(one[key], other[key]), key
+    ours.close()
+    theirs.close()
+
+
+def test_the_card_says_what_every_input_means(folder: Path) -> None:
+    card = json.loads((folder / "card.json").read_text())
+    assert all(i["meaning"] for graph in card["graphs"].values() for i in graph["inputs"])
 
 
 def test_what_cannot_be_exported_is_refused(agent, tmp_path: Path) -> None:

@@ -5,7 +5,8 @@ import math
 import pytest
 import torch
 from tensordict import TensorDict
-from torchrl.envs import Compose, Transform, TransformedEnv, check_env_specs
+from torchrl.data import LazyTensorStorage, ReplayBuffer
+from torchrl.envs import Compose, InitTracker, Transform, TransformedEnv, check_env_specs
 
 from modpush.envs import PushEnv
 from modpush.geometry.angles import rotate
@@ -122,3 +123,13 @@ def test_transforms_behind_it_read_the_agents_action():
     td = env.step(env.reset().set("action", action))
     assert torch.equal(td["next", "twice"], 2 * action)
     env.close()
+
+
+@pytest.mark.parametrize("pack", [lambda t: t, lambda t: Compose(InitTracker(), t)])
+def test_in_a_replay_buffer_it_is_refused(pack):
+    buffer = ReplayBuffer(storage=LazyTensorStorage(4), transform=pack(ActionFrame("object")))
+    steps = TensorDict(
+        {"action": torch.ones(2, 3), "object_pose": torch.zeros(2, 3)}, batch_size=[2]
+    )
+    with pytest.raises(RuntimeError, match="ActionFrame: it belongs to an environment"):
+        buffer.extend(steps)

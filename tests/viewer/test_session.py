@@ -1,5 +1,6 @@
 """The session runs without a browser, on the real simulator."""
 
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -236,6 +237,14 @@ def test_a_stored_episode_is_shown_as_it_was(evaluated) -> None:
     session.submit(lambda: session.reset(7))
     session.tick()
     assert session.message == "No episode 7 is stored; there are 2 from 0 to 1."
+
+
+def test_a_replay_finds_the_set_in_a_policy_s_folder(evaluated, tmp_path) -> None:
+    shutil.copytree(evaluated, tmp_path / "mine" / "smoke")
+    assert Session(PlayConfig(replay=(tmp_path / "mine",))).names == ["mine, smoke"]
+    shutil.copytree(evaluated, tmp_path / "mine" / "again" / "smoke")
+    with pytest.raises(ValueError, match=r"holds several sets, give one of .*again/smoke, .*smoke"):
+        Session(PlayConfig(replay=(tmp_path / "mine",)))
 
 
 def test_a_folder_that_is_no_evaluation_is_an_error(tmp_path) -> None:
