@@ -95,7 +95,7 @@ def push_to_hub(
         )
     require_extra("push_to_hub", "huggingface_hub")
     from huggingface_hub import CommitOperationAdd, HfApi
-    from huggingface_hub.errors import HfHubHTTPError
+    from huggingface_hub.errors import HTTPError  # its HTTP library's: also where nobody listens
 
     text = model_card(agent, repository, licence) if card is None else card
     api = HfApi(token=token, library_name="modpush", library_version=modpush.__version__)
@@ -109,7 +109,7 @@ def push_to_hub(
             ],
             commit_message=message,
         )
-    except HfHubHTTPError as error:
+    except HTTPError as error:
         raise OSError(f"push_to_hub: {repository} cannot be written: {error}") from error
     return str(commit.commit_url)
 

@@ -82,19 +82,23 @@ def test_maniskills_dataset_reads_it(collected) -> None:
 
 
 def test_maniskills_replay_tool_solves_the_episodes_again(collected, monkeypatch) -> None:
-    found: list[dict] = []
+    results: list[replay_trajectory.ReplayResult] = []
     original = replay_trajectory.replay_cpu_sim
 
-    def counted(args, env, ori_env, pbar, episodes, trajectories):
-        found.extend(episodes)
-        return original(args, env, ori_env, pbar, episodes, trajectories)
+    def counted(*args):
+        results.append(original(*args))
+        return results[-1]
 
+    about = json.loads((collected / "trajectory.json").read_text())
     monkeypatch.setattr(replay_trajectory, "replay_cpu_sim", counted)
     args = replay_trajectory.Args(
         traj_path=str(collected / "trajectory.h5"), use_env_states=True, render_mode=None
     )
     replay_trajectory.main(args)
-    assert len(found) == 6
+    assert sum(result.num_replays for result in results) == 6
+    solved = sum(e["success"] for e in about["episodes"])
+    assert solved > 0
+    assert sum(result.successful_replays for result in results) == solved
 
 
 def test_every_state_can_be_set_in_the_task(collected) -> None:

@@ -1,10 +1,12 @@
 """`modpush/Push-v0`: the paper's observation and reward through Gymnasium's front door."""
 
 import gymnasium as gym
+import imageio
 import numpy as np
 import pytest
 import torch
 from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import RecordVideo
 from stable_baselines3 import SAC
 from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
 from tensordict import TensorDict
@@ -117,6 +119,18 @@ def test_the_picture_is_the_drawn_top_view(env) -> None:
     picture = env.render()
     assert picture.dtype == np.uint8
     assert picture.std() > 10
+
+
+def test_gymnasium_records_a_video(env, tmp_path) -> None:
+    recorded = RecordVideo(env, str(tmp_path / "videos"), disable_logger=True)
+    recorded.reset(seed=0)
+    for _ in range(4):
+        recorded.step(recorded.action_space.sample())
+    recorded.close()
+    (video,) = tmp_path.glob("videos/*.mp4")
+    with imageio.get_reader(video) as reader:
+        assert reader.count_frames() == 5
+        assert reader.get_data(0).std() > 10
 
 
 @pytest.mark.slow
