@@ -65,7 +65,7 @@ MAY_KNOW = {
         "evaluation",
         "sweeps",
     },
-    "export": {"geometry", "encoders", "mdp", "agents", "recipes"},
+    "export": {"geometry", "encoders", "mdp", "agents", "planners", "recipes"},
     "data": {"geometry", "envs", "mdp", "recipes", "evaluation"},
     "cli": {
         "geometry",
@@ -93,6 +93,7 @@ MAY_KNOW = {
         "agents",
         "recipes",
         "evaluation",
+        "training",
     },
 }
 """What each package may import besides itself and the shared modules."""

@@ -59,6 +59,10 @@ def run_command(arguments: Sequence[str] | None = None) -> int:
         importlib.import_module(f"modpush.cli.{name}").main(rest)
     except KeyboardInterrupt:
         return 130
+    except BrokenPipeError:
+        if not _output_is_closed():
+            raise
+        return 0
     except (ValueError, TypeError, OSError, ImportError, RuntimeError) as error:
         if not _is_ours(error):
             raise
@@ -66,6 +70,16 @@ def run_command(arguments: Sequence[str] | None = None) -> int:
         print(f"{who}{str(error).removeprefix(who)}", file=sys.stderr)
         return 2
     return 0
+
+
+def _output_is_closed() -> bool:
+    """Whether what read the output has read enough, as `head` does; what is left then goes nowhere."""
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return True
+    return False
 
 
 def _overview() -> str:

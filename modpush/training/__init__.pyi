@@ -1,4 +1,6 @@
 from .config import TrainConfig as TrainConfig
+from .critics import Critics as Critics
+from .critics import load_critics as load_critics
 from .held_out import held_out_scenarios as held_out_scenarios
 from .learner import NonFiniteLossError as NonFiniteLossError
 from .presets import TRAIN_PRESETS as TRAIN_PRESETS

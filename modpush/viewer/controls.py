@@ -103,7 +103,8 @@ class Controls:
                 end = "**success**"
             elif shown.flags["out_of_bounds"]:
                 end = "**out of bounds**"
-            lines.append(f"{name}: {end}, step {shown.step}")
+            value = "" if shown.value is None else f", critics expect {shown.value:.1f}"
+            lines.append(f"{name}: {end}, step {shown.step}{value}")
         if self._session.paused:
             lines.append("*paused*")
         if self._session.message:

@@ -1,6 +1,6 @@
 """One policy in one scene: what is simulated, and what there is to show of it."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -48,6 +48,8 @@ class Snapshot:
     """The inflated map on the camera's grid, `[H, W]`."""
     window: NDArray[np.float32] | None = None
     """The local window, `[S, S]` in [0, 1]."""
+    value: float | None = None
+    """The return that the critics expected of the last step's action, in units of the training reward."""
 
 
 class Lane(Protocol):
@@ -79,6 +81,7 @@ class PolicyLane:
         policy: Acts on what `env` emits.
         path_key: Where the planned path stands in what `env.step` returns, `[1, n, 2]` [m].
         target_key: The same of the sub-goal, `[1, 2]` [m].
+        critics: What is expected of an action, `[1]`, from what the policy has written.
     """
 
     def __init__(
@@ -89,8 +92,9 @@ class PolicyLane:
         *,
         path_key: NestedKey = "path",
         target_key: NestedKey = "subgoal",
+        critics: Callable[[TensorDictBase], torch.Tensor] | None = None,
     ) -> None:
-        self.name, self.env, self.policy = name, env, policy
+        self.name, self.env, self.policy, self._critics = name, env, policy, critics
         self._path_key, self._target_key = path_key, target_key
         self._vae = _autoencoder(env)
         self._step = 0
@@ -105,12 +109,16 @@ class PolicyLane:
     def step(self) -> Snapshot:
         """Take one control step."""
         with set_exploration_type(ExplorationType.DETERMINISTIC):
-            td = self.env.step(self.policy(self._td))
+            chosen = self.policy(self._td)
+        value = None if self._critics is None else float(self._critics(chosen)[0])
+        td = self.env.step(chosen)
         self._td = step_mdp(td)
         self._step += 1
-        return self._snapshot(self._td, td)
+        return self._snapshot(self._td, td, value)
 
-    def _snapshot(self, now: TensorDictBase, plan: TensorDictBase) -> Snapshot:
+    def _snapshot(
+        self, now: TensorDictBase, plan: TensorDictBase, value: float | None = None
+    ) -> Snapshot:
         """What is shown: the state now, and the path and sub-goal that led here."""
         x, y, yaw = now["object_pose"][0].tolist()
         tool_x, tool_y, tool_yaw = now["ee_pose"][0].tolist()
@@ -128,6 +136,7 @@ class PolicyLane:
             subgoal=None if target is None else (float(target[0, 0]), float(target[0, 1])),
             occupancy=None if occupancy is None else occupancy[0, 0].numpy(),
             window=None if window is None else _as_floats(window[0, 0]),
+            value=value,
         )
 
     @torch.no_grad()

@@ -9,7 +9,10 @@ from modpush.viewer.hand import HandPolicy
 from modpush.viewer.lane import PolicyLane
 
 if TYPE_CHECKING:
+    from torchrl.envs import EnvBase
+
     from modpush.recipes.agent_file import Agent
+    from modpush.training.critics import Critics
 
 __all__ = ["POLICIES", "make_lane"]
 
@@ -39,7 +42,8 @@ def make_lane(policy: str, allow: Collection[str] = ()) -> PolicyLane:
     if policy not in POLICIES or policy == "agent":
         agent = _load(policy, allow)
         name = policy if policy == "agent" else Path(policy).stem
-        return PolicyLane(name, agent.make_env(1, **options), agent.policy)
+        env = agent.make_env(1, **options)
+        return PolicyLane(name, env, agent.policy, critics=_critics(policy, env))
     # Here, since the simulator comes with it.
     from modpush.recipes.config import PushEnvConfig
     from modpush.recipes.make_env import make_push_env
@@ -65,6 +69,18 @@ def make_lane(policy: str, allow: Collection[str] = ()) -> PolicyLane:
         path_key=("next", "corridor", "path"),
         target_key=("next", "corridor", "target"),
     )
+
+
+def _critics(policy: str, env: "EnvBase") -> "Critics | None":
+    """The critics of a training run; None where there is no checkpoint, or it cannot be read alone."""
+    if not Path(policy).is_dir():
+        return None
+    from modpush.training.critics import load_critics
+
+    try:
+        return load_critics(policy, env)
+    except ValueError:
+        return None
 
 
 def _load(policy: str, allow: Collection[str]) -> "Agent":

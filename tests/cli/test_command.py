@@ -1,5 +1,9 @@
 """The command as a whole: what it lists, what it refuses, and how it says so."""
 
+import shlex
+import subprocess
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -59,3 +63,20 @@ def test_a_missing_extra_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -
     ):
         require_extra("modpush play", "no_such_package")
     require_extra("modpush play", "onnx")
+
+
+def test_an_output_that_is_closed_early_is_no_error() -> None:
+    command = f"{shlex.quote(sys.executable)} -m modpush evaluate --help | head -1"
+    done = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True)
+    assert done.stdout.startswith("usage: modpush evaluate")
+    assert done.stderr == ""
+    assert done.returncode == 0
+
+
+def test_a_broken_pipe_elsewhere_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(_: Sequence[str]) -> None:
+        raise BrokenPipeError("a worker's")
+
+    monkeypatch.setattr("modpush.cli.export.main", broken)
+    with pytest.raises(BrokenPipeError, match="a worker's"):
+        run_command(["export"])

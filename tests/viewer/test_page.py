@@ -1,5 +1,6 @@
 """The page in a real browser, headless, with WebGL in software."""
 
+import shutil
 import socket
 import threading
 import time
@@ -10,12 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from modpush.envs import Scenario
 from modpush.viewer import Page, PlayConfig
 from modpush.viewer.dragging import ray_on_plane
 
-pytestmark = pytest.mark.slow  # WebGL in software, in a browser that a busy machine may kill
-
-CHROMIUM = Path("/usr/bin/chromium")
+in_a_browser = pytest.mark.slow  # WebGL in software, which a busy machine may kill
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
 SCREENSHOTS = Path(__file__).parents[2] / "build" / "play"
 _NOT_OURS = "Unable to preventDefault inside passive event listener"  # viser's, at a drag
 _PATIENCE = 90_000  # a page that is drawn in software on a busy machine is slow [ms]
@@ -56,10 +58,10 @@ def page() -> Iterator[Page]:
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
-    if not CHROMIUM.exists():
-        pytest.skip(f"needs {CHROMIUM}: apt-get install chromium")
+    if CHROMIUM is None:
+        pytest.skip(f"needs one of {', '.join(NAMES)}: apt-get install chromium")
     with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=str(CHROMIUM), args=ARGUMENTS)
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
         yield browser
         browser.close()
 
@@ -113,6 +115,7 @@ def drag(page: Page, tab: Any, start: tuple[float, float], end: tuple[float, flo
     tab.mouse.up()
 
 
+@in_a_browser
 def test_a_person_drags_the_goal_adds_an_obstacle_and_sees_success(page, browser) -> None:
     errors: list[str] = []
     tab = open_tab(browser, page, errors)
@@ -150,6 +153,40 @@ def test_a_person_drags_the_goal_adds_an_obstacle_and_sees_success(page, browser
     assert not errors
 
 
+@in_a_browser
+def test_goal_and_obstacles_are_changed_while_it_runs(page, browser) -> None:
+    errors: list[str] = []
+    tab = open_tab(browser, page, errors)
+    session = page.session
+
+    def scenario() -> Scenario:
+        return session.snapshots[0].scenario
+
+    # Nobody presses a key, so that the object does not come to the goal in the meantime.
+    session.submit(lambda: session.choose_policies("hand"))
+    wait_for(lambda: session.policies == ("hand",))
+    tab.get_by_label("Pause").uncheck()
+    wait_for(lambda: session.snapshots[0].step > 0)
+    time.sleep(1.0)  # the meshes are drawn
+    goal, bar = scenario().goal_position, scenario().obstacles[0].pose
+    drag(page, tab, goal, (goal[0], goal[1] - 0.15))
+    wait_for(lambda: scenario().goal_position[1] < goal[1] - 0.1)
+    assert not session.paused
+    drag(page, tab, bar[:2], (bar[0] - 0.06, bar[1]))
+    wait_for(lambda: np.hypot(*np.subtract(scenario().obstacles[0].pose[:2], bar[:2])) > 0.03)
+    assert not session.paused
+    count = len(scenario().obstacles)
+    tab.mouse.click(*on_screen(page, tab, (*scenario().obstacles[0].pose[:2], 0.0)))  # selects it
+    tab.get_by_role("tab", name="Scene").click()
+    tab.get_by_role("button", name="Remove the selected obstacle").click()
+    wait_for(lambda: len(scenario().obstacles) == count - 1)
+    assert not session.paused
+    tab.screenshot(path=SCREENSHOTS / "changed.png")
+    tab.close()
+    assert not errors
+
+
+@in_a_browser
 def test_two_tabs_show_one_session_and_time_stands_still_without_a_tab(page, browser) -> None:
     errors: list[str] = []
     tabs = [open_tab(browser, page, errors) for _ in range(2)]
@@ -174,6 +211,7 @@ def test_two_tabs_show_one_session_and_time_stands_still_without_a_tab(page, bro
     assert not errors
 
 
+@in_a_browser
 def test_policies_are_chosen_on_the_page_and_keys_drive_the_hand(page, browser) -> None:
     errors: list[str] = []
     tab = open_tab(browser, page, errors)

@@ -1,0 +1,67 @@
+"""The critics of a training run, to look at what they expect."""
+
+from pathlib import Path
+
+import torch
+from tensordict import TensorDictBase
+from torch import Tensor, nn
+from torchrl.envs import EnvBase
+
+from modpush._arguments import checked_arguments
+from modpush._state import read_state
+from modpush._validation import from_plain
+from modpush._weights import check_weights
+from modpush.agents.tqc.build import make_tqc
+from modpush.training.checkpoints import CHECKPOINT_KIND, CHECKPOINT_VERSION
+from modpush.training.config import TrainConfig
+from modpush.training.run_folder import RunFolder
+
+__all__ = ["Critics", "load_critics"]
+
+
+class Critics(nn.Module):
+    """What the critics expect of an action, on average over critics and quantiles.
+
+    Args:
+        critics: Modules that write `state_action_value`.
+    """
+
+    def __init__(self, critics: list[nn.Module]) -> None:
+        super().__init__()
+        self.critics = nn.ModuleList(critics)
+
+    @torch.no_grad()
+    def forward(self, tensordict: TensorDictBase) -> Tensor:
+        """The discounted return from here on, `[*B]`, in units of the training reward.
+
+        Args:
+            tensordict: With the observation, and the action in the agent's own frame; not changed.
+        """
+        values = [critic(tensordict.copy())["state_action_value"] for critic in self.critics]
+        return torch.stack([value.mean(-1) for value in values]).mean(0)
+
+
+@checked_arguments
+def load_critics(folder: str | Path, env: EnvBase) -> Critics:
+    """The critics in the newest checkpoint of a training run.
+
+    Args:
+        folder: The run's folder.
+        env: The environment that they judge, of the run's agent (`load_agent(folder).make_env(...)`).
+
+    Raises:
+        ValueError: If the folder has no checkpoint, the run's networks were given as objects, which no
+            file can name, or they do not fit the environment.
+    """
+    newest = RunFolder(folder).checkpoints.latest()
+    if newest is None:
+        raise ValueError(f"load_critics: {folder} holds no checkpoint.")
+    state = read_state(newest, CHECKPOINT_KIND, CHECKPOINT_VERSION)
+    agent = make_tqc(from_plain(TrainConfig, state["config"]).tqc, env)
+    check_weights(f"load_critics: {newest}", agent.loss.state_dict(), state["loss"])
+    agent.loss.load_state_dict(state["loss"])
+    for stacked, critic in zip(
+        agent.loss.qvalue_network_params.unbind(0), agent.critics, strict=True
+    ):
+        stacked.data.to_module(critic)
+    return Critics(agent.critics).eval()
