@@ -12,6 +12,7 @@ from modpush.envs.scenes.scenario import ScenarioConfig
 from modpush.evaluation.episodes import run_episodes
 from modpush.recipes.agent_file import shipped_agents
 from modpush.recipes.methods import get_method
+from modpush.training import TRAIN_PRESETS
 
 
 def test_there_are_two() -> None:
@@ -25,6 +26,10 @@ def test_an_agent_is_a_policy_by_its_name(name: str) -> None:
     weights = method.make_policy().state_dict()
     expected = load_agent(name).policy.state_dict()
     assert all(torch.equal(weights[key], expected[key]) for key in expected)
+
+
+def test_any_object_is_of_the_preset_of_that_name() -> None:
+    assert load_agent("any_object").config == TRAIN_PRESETS["any_object"][1].env
 
 
 def test_any_object_pushes_shapes_it_never_saw() -> None:
