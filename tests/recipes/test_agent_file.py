@@ -201,5 +201,7 @@ def test_weights_that_are_not_finite_or_of_another_dtype_are_refused(saved, chan
 
 
 def test_an_unknown_agent_is_answered_with_those_there_are():
-    with pytest.raises(ValueError, match=r"no agent 'duck', expected one of .*a training run's folder"):
+    with pytest.raises(
+        ValueError, match=r"no agent 'duck', expected one of .*a training run's folder"
+    ):
         load_agent("duck")
