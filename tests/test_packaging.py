@@ -109,10 +109,28 @@ def test_the_wheel_holds_types_weights_and_data(wheel: Path) -> None:
     assert needed <= packaged
 
 
-def test_the_source_archive_holds_what_its_tests_read(published: Path, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def unpacked(published: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the source archive holds."""
+    folder = tmp_path_factory.mktemp("source")
     with tarfile.open(next(published.glob("*.tar.gz"))) as archive:
-        archive.extractall(tmp_path, filter="data")
-    (root,) = tmp_path.iterdir()
+        archive.extractall(folder, filter="data")
+    (root,) = folder.iterdir()
+    return root
+
+
+def test_the_wheel_that_is_built_from_the_source_archive_is_the_same(
+    wheel: Path, unpacked: Path, tmp_path: Path
+) -> None:
+    run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", tmp_path, cwd=unpacked)
+    with zipfile.ZipFile(tmp_path / wheel.name) as built, zipfile.ZipFile(wheel) as ours:
+        assert set(built.namelist()) == set(ours.namelist())
+        for name in ours.namelist():
+            assert built.read(name) == ours.read(name), name
+
+
+def test_the_source_archive_holds_what_its_tests_read(unpacked: Path) -> None:
+    root = unpacked
     for name in ("benchmarks", "docs", "examples", "tests", "tools", ".ci", ".github"):
         for path in (ROOT / name).rglob("*"):
             if path.is_file() and "__pycache__" not in path.parts:

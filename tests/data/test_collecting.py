@@ -46,6 +46,16 @@ def test_from_the_stored_start_and_actions_come_the_same_states_to_the_last_bit(
     env.close()
 
 
+def test_what_the_agent_did_replays_to_the_last_bit(tmp_path: Path) -> None:
+    config = replace(CONFIG, policy=("agent",), episodes=2, out=tmp_path / "agent")
+    env = PushEnv(1, pushed_object="small_cube")
+    for found in episodes(collect_demonstrations(config, progress=False)):
+        assert len(found) > 5
+        seen = replay_demonstration(found, env)
+        np.testing.assert_array_equal(seen["physics"].numpy(), found.physics)
+    env.close()
+
+
 def test_minaris_environment_replays_an_episode_to_the_last_bit(collected) -> None:
     found = dataset(collected)
     assert found.total_episodes == 6
