@@ -3,7 +3,7 @@
     python examples/play.py                              # the shipped agent, at http://127.0.0.1:8080
     python examples/play.py --policy agent corridor      # two policies side by side on one scene
     python examples/play.py --policy hand --scene posts  # drive it yourself: keys I, J, K, L, U, O
-    python examples/play.py runs/evaluate/agent          # the stored episodes of an evaluation
+    python examples/play.py runs/evaluate/any_object     # the stored episodes of an evaluation
 
 Prints the page's address and runs until Ctrl-C. Needs `pip install 'modpush[view]'`, no graphics card
 and no Vulkan.

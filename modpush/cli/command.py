@@ -20,7 +20,7 @@ SUBCOMMANDS = {
     "evaluate": "Evaluate policies on the evaluation sets: tables beside the paper's, pictures, videos.",
     "reproduce": "Reproduce the paper's tables and figures: ours beside the printed ones, with tests.",
     "sweep": "Train variants and seeds of a configuration, one after the other or with Ray Tune.",
-    "play": "Push in the browser, at `http://localhost:8080`, without a GPU or a renderer.",
+    "play": "Push in the browser, at `http://127.0.0.1:8080`, without a GPU or a renderer.",
     "collect": "Record demonstrations of any policies for offline learning, as Minari and ManiSkill data "
     "sets.",
     "export": "Write an agent's policy as ONNX or torch.export graphs, with a card.",

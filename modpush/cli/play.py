@@ -1,4 +1,4 @@
-"""Push in the browser, at `http://localhost:8080`, without a GPU or a renderer.
+"""Push in the browser, at `http://127.0.0.1:8080`, without a GPU or a renderer.
 
 Drag the goal and the obstacles while a policy or the keyboard moves the arm.
 """

@@ -21,7 +21,7 @@ from modpush.recipes.hub import HUB_PREFIX
 __all__ = ["METHODS", "Method", "get_method"]
 
 METHODS = {
-    "agent": "the agent that is shipped for the object, or the small cube's where there is none",
+    "agent": "the agent that is shipped for the object alone, or the small cube's where there is none",
     "corridor": "the pushing-corridor controller of Krivic and Piater",
     "corridor_faithful": "the same, by the rules of its authors' code",
     "scripted": "a simple pusher along the planner's sub-goals",
@@ -101,7 +101,10 @@ def _find_agent(policy: str, objects: Sequence[str]) -> tuple[str, str]:
         shipped = len(objects) == 1 and objects[0] in shipped_agents()
         source = objects[0] if shipped else "small_cube"
         if not shipped:
-            print(f"agent: none is shipped for {', '.join(objects)}; {source}'s agent is used.")
+            print(
+                f"agent: none is shipped for {', '.join(objects)} alone; {source}'s agent is used. "
+                "`any_object` is for all objects."
+            )
         return "agent", source
     if policy in shipped_agents():
         return policy, policy

@@ -102,6 +102,8 @@ class ReplayLane:
 
 def _folder_of_set(folder: Path) -> Path:
     """The folder itself if an evaluation's episodes are in it, else the only one in it where they are."""
+    if not folder.is_dir():
+        raise ValueError(f"ReplayLane: there is no folder {folder}.")
     found = sorted(path.parent for path in folder.rglob(_ABOUT))
     if folder in found:
         return folder

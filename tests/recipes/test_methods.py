@@ -31,7 +31,9 @@ def test_the_agent_is_the_one_of_the_object_or_the_output_says_whose(
         assert other.make_env.keywords == own.make_env.keywords
         assert other.make_env.keywords["agent"] == "small_cube"
         printed = capsys.readouterr().out
-        assert f"none is shipped for {', '.join(objects)}; small_cube's agent is used" in printed
+        assert (
+            f"none is shipped for {', '.join(objects)} alone; small_cube's agent is used" in printed
+        )
 
 
 @pytest.mark.parametrize("name", ["corridor", "scripted"])
