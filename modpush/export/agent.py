@@ -41,6 +41,17 @@ _ACTION = {
 }
 """What an action means: it is multiplied by `scale` and moves the tool's commanded pose."""
 
+_FRAMES = {
+    "base": "the robot's base: x forward, y left, z = 0 on the table",
+    "object": "x along the object's own x axis",
+    "path": "x from the object's centre to the sub-goal; the base's where the two coincide",
+}
+"""Axes that a card may name."""
+_WINDOW = (
+    "Row 0 is +x of the frame and column 0 is +y, the object's centre is in the middle. A value is the "
+    "height over the table, cut off at `height_shown_as_1`, 0 where nothing stands; object and robot are "
+    "taken out. Beyond the image is `outside`: free (0) or blocked (1)."
+)
 _MEANINGS = {
     "observation": "entries, shifts and scales as under `observation`",
     "window": "heights around the object, cut as under `window`; 1 is `height_shown_as_1`",
@@ -108,7 +119,10 @@ def export_agent(
             path = folder / f"{name}{_ENDINGS[kind]}"
             _write(module.eval(), inputs, outputs, path, kind)
             written[path.name] = path
+    if window is not None:
+        window["meaning"] = _WINDOW
     card = {**_card(agent, examples, chain), "window": window, "planning": planning}
+    card["frames"] = _FRAMES
     with replacing(folder / "card.json") as unfinished:
         unfinished.write_text(json.dumps(card, indent=2) + "\n")
     written["card.json"] = folder / "card.json"
@@ -153,6 +167,10 @@ def _planning(agent: Agent, transforms: Sequence[Transform]) -> dict[str, Any]:
                     "bounds": transform.bounds,
                     "margin": transform.margins,
                 }
+                found["meaning"] = (
+                    "Lengths in metres. Cells outside `bounds`, made smaller by `margin` (larger where "
+                    "it is negative), are blocked; of several margins the first that leaves a way counts."
+                )
             case PlannerSubgoals():
                 found["subgoals"] = {
                     "planner": agent.config.planner,

@@ -114,6 +114,7 @@ def test_the_card_says_how_to_plan(agent, folder: Path) -> None:
 def test_the_card_says_what_every_input_means(folder: Path) -> None:
     card = json.loads((folder / "card.json").read_text())
     assert all(i["meaning"] for graph in card["graphs"].values() for i in graph["inputs"])
+    assert {card["window"]["frame"], card["action"]["frame"], "base"} <= set(card["frames"])
 
 
 def test_what_cannot_be_exported_is_refused(agent, tmp_path: Path) -> None:
