@@ -3,6 +3,7 @@
 import difflib
 import importlib
 import os
+import select
 import sys
 import textwrap
 import traceback
@@ -56,7 +57,10 @@ def run_command(arguments: Sequence[str] | None = None) -> int:
     if not {"", os.getcwd()} & set(sys.path):
         sys.path.insert(0, os.getcwd())  # as `python -m` does, so that "module:name" is found there
     try:
-        importlib.import_module(f"modpush.cli.{name}").main(rest)
+        try:
+            importlib.import_module(f"modpush.cli.{name}").main(rest)
+        finally:
+            sys.stdout.flush()  # here, and not when the interpreter ends, where nothing catches an error
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
@@ -75,11 +79,15 @@ def run_command(arguments: Sequence[str] | None = None) -> int:
 def _output_is_closed() -> bool:
     """Whether what read the output has read enough, as `head` does; what is left then goes nowhere."""
     try:
-        sys.stdout.flush()
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return True
-    return False
+        output = sys.stdout.fileno()
+    except OSError:  # it is not a file, as in tests
+        return False
+    pipe = select.poll()
+    pipe.register(output, 0)  # errors are always reported
+    if not any(event & select.POLLERR for _, event in pipe.poll(0)):
+        return False
+    os.dup2(os.open(os.devnull, os.O_WRONLY), output)
+    return True
 
 
 def _overview() -> str:

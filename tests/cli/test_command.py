@@ -66,9 +66,9 @@ def test_a_missing_extra_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_an_output_that_is_closed_early_is_no_error() -> None:
-    command = f"{shlex.quote(sys.executable)} -m modpush evaluate --help | head -1"
+    # Nothing is read at all, so that the first flush meets a closed pipe.
+    command = f"{shlex.quote(sys.executable)} -m modpush evaluate --help | true"
     done = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True)
-    assert done.stdout.startswith("usage: modpush evaluate")
     assert done.stderr == ""
     assert done.returncode == 0
 
