@@ -4,6 +4,7 @@ import difflib
 import importlib
 import os
 import select
+import signal
 import sys
 import textwrap
 import traceback
@@ -38,7 +39,7 @@ def run_command(arguments: Sequence[str] | None = None) -> int:
         arguments: The command's arguments; by default those of the process.
 
     Returns:
-        The exit status: 0, 2 for a usage error, 130 after an interrupt.
+        The exit status: 0, 2 for a usage error, 130 after an interrupt, 141 if the output was closed.
     """
     name, *rest = [*(sys.argv[1:] if arguments is None else arguments)] or ["--help"]
     if name in ("-h", "--help"):
@@ -57,16 +58,13 @@ def run_command(arguments: Sequence[str] | None = None) -> int:
     if not {"", os.getcwd()} & set(sys.path):
         sys.path.insert(0, os.getcwd())  # as `python -m` does, so that "module:name" is found there
     try:
-        try:
-            importlib.import_module(f"modpush.cli.{name}").main(rest)
-        finally:
-            sys.stdout.flush()  # here, and not when the interpreter ends, where nothing catches an error
+        _run(name, rest)
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
         if not _output_is_closed():
             raise
-        return 0
+        return 128 + signal.SIGPIPE  # as of other programs: what was begun may not have ended
     except (ValueError, TypeError, OSError, ImportError, RuntimeError) as error:
         if not _is_ours(error):
             raise
@@ -74,6 +72,17 @@ def run_command(arguments: Sequence[str] | None = None) -> int:
         print(f"{who}{str(error).removeprefix(who)}", file=sys.stderr)
         return 2
     return 0
+
+
+def _run(name: str, arguments: Sequence[str]) -> None:
+    """Run a subcommand, and flush its output here: nothing catches an error when the interpreter ends."""
+    try:
+        importlib.import_module(f"modpush.cli.{name}").main(arguments)
+    except SystemExit as ended:
+        if not ended.code:  # after --help
+            sys.stdout.flush()
+        raise
+    sys.stdout.flush()
 
 
 def _output_is_closed() -> bool:
