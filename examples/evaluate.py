@@ -29,7 +29,7 @@ from modpush.recipes import get_method
 
 def evaluate_one(policy: str, episodes: EvaluationSet, folder: Path) -> pd.DataFrame:
     """One policy: a row for each episode."""
-    method = get_method(policy, episodes.objects)
+    method = get_method(policy)
     rows = evaluate(
         method.make_policy(),
         episodes,

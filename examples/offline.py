@@ -1,6 +1,6 @@
 """Learn from demonstrations alone: behaviour cloning, and TorchRL's IQL and CQL.
 
-    modpush collect --policy agent --episodes 1000 --only-success
+    modpush collect --policy small_cube --episodes 1000 --only-success
     python examples/offline.py                       # behaviour cloning
     python examples/offline.py --method bc iql cql   # all three, one after the other
 

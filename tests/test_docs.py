@@ -3,6 +3,8 @@
 import ast
 import re
 import shlex
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -12,12 +14,12 @@ import torchrl  # noqa: F401  # its logger keeps the standard output of its firs
 import tyro
 
 from modpush.cli import run_command
+from tests.hub_server import serve_hub
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
-BLOCK = re.compile(
-    r"^(?P<skip>\*Not run in the tests: .+\.\*\n+)?```python\n(?P<code>.*?)^```", re.S | re.M
-)
+BLOCK = re.compile(r"^```python\n(?P<code>.*?)^```", re.S | re.M)
+SCRIPT = 'if __name__ == "__main__":'
 ANY_PYTHON = re.compile(
     r"^[ \t>]*(?:`{3,}|~{3,})[ \t]*\{?\.?(?:py\b|py3|ipython|pycon|python)", re.M | re.I
 )
@@ -28,6 +30,7 @@ QUICK = ("README.md", "docs/get_started.md")
 PRINTED = {
     "planners.md": ["tensor([True]) tensor([0.65", "[True]"],
     "evaluation.md": ["| mine | 4 |", "| success | 3 |"],
+    "scale.md": ["torch.Size([2, 8, 16])"],
 }
 """Parts of what a page's blocks print, in order."""
 
@@ -61,8 +64,17 @@ def python_blocks(page: Path) -> list[str]:
     return [
         "\n" * text[: match.start("code")].count("\n") + match["code"]
         for match in BLOCK.finditer(text)
-        if match["skip"] is None
     ]
+
+
+def run_script(block: str, path: Path) -> str:
+    """Run a block that starts processes of its own as a program; what it printed."""
+    path.write_text(block)
+    ended = subprocess.run(
+        [sys.executable, path], cwd=path.parent, capture_output=True, text=True, timeout=300
+    )
+    assert ended.returncode == 0, ended.stderr
+    return ended.stdout
 
 
 @pytest.mark.parametrize(
@@ -81,9 +93,14 @@ def test_the_python_blocks_of_a_page_run_one_after_the_other(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {"__name__": "page"}
-    for block in python_blocks(page):
-        exec(compile(block, page, "exec"), names)
-    printed = capsys.readouterr().out
+    printed = ""
+    with serve_hub(tmp_path / "hub", monkeypatch):
+        for block in python_blocks(page):
+            if SCRIPT in block:
+                printed += run_script(block, tmp_path / "block.py")
+            else:
+                exec(compile(block, page, "exec"), names)
+    printed += capsys.readouterr().out
     for part in PRINTED.get(page.name, ()):
         assert part in printed
         printed = printed.partition(part)[2]
@@ -100,22 +117,11 @@ def test_what_the_blocks_import_is_there() -> None:
             exec(compile(ast.Module(imports, type_ignores=[]), page, "exec"), names)
 
 
-def test_only_blocks_that_say_why_are_not_run(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    page.write_text(
-        "```python\na = 1\n```\n\n*Not run in the tests: a day.*\n\n```python\nb = 2\n```\n"
-    )
-    assert python_blocks(page) == ["\na = 1\n"]
-
-
 def test_no_python_block_escapes_the_tests() -> None:
-    left_out = 0
     for page in PAGES:
         text = page.read_text()
-        found = list(BLOCK.finditer(text))
-        assert len(ANY_PYTHON.findall(text)) == len(found), f"{page}: write ```python, not indented"
-        left_out += sum(match["skip"] is not None for match in found)
-    assert left_out <= 2
+        found = len(BLOCK.findall(text))
+        assert len(ANY_PYTHON.findall(text)) == found, f"{page}: write ```python, not indented"
 
 
 def shown_commands() -> Iterator[tuple[str, str]]:

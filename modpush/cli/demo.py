@@ -86,7 +86,7 @@ def show_demo(config: DemoConfig) -> str:
     Returns:
         The table in Markdown.
     """
-    methods = [get_method(policy, config.pushed_object) for policy in config.policy]
+    methods = [get_method(policy) for policy in config.policy]
     rendered = config.rendered and find_render_device() is not None
     print("The first run on a machine compiles for about a minute before the arm moves.")
     scenarios = _draw_scenarios(config)

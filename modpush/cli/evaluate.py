@@ -34,10 +34,9 @@ class EvaluateConfig:
     """Policies, evaluation sets and what to write."""
 
     policy: AtLeastOne[Name] = ("agent",)
-    """Policies to evaluate: `agent` (the one that is shipped for the set's object, or the small
-    cube's where there is none, which the output says), a shipped agent by its name, `corridor`,
-    `corridor_faithful`, `scripted`, a training run's folder, or an agent's file. Several are compared
-    with each other."""
+    """Policies to evaluate: `agent` (the shipped one for all objects), a shipped agent by its name,
+    `corridor`, `corridor_faithful`, `scripted`, a training run's folder, or an agent's file. Several
+    are compared with each other."""
     sets: Annotated[AtLeastOne[Name], tyro.conf.arg(name="set")] = ("smoke",)
     """Evaluation sets or files, or `all` for the sets but `smoke` and those to tune on."""
     episodes: Count | None = None
@@ -72,7 +71,7 @@ def evaluate_policies(config: EvaluateConfig) -> dict[str, dict[str, pd.DataFram
     results: dict[str, dict[str, pd.DataFrame]] = {}
     for name in config.set_names:
         episodes = load_set(name).first(config.episodes)
-        methods = [get_method(p, episodes.objects, allow=config.allow) for p in config.policy]
+        methods = [get_method(p, allow=config.allow) for p in config.policy]
         rows = {method.name: _evaluate_one(method, episodes, config) for method in methods}
         report = comparison_report(episodes.name, rows)
         path = config.out / "comparison" / f"{episodes.name}.md"

@@ -61,7 +61,7 @@ def collect_demonstrations(config: CollectConfig, progress: bool = True) -> Path
             `only_success` a policy solves too few episodes.
     """
     require_extra("collect_demonstrations", "h5py", *(["minari"] * ("minari" in config.formats)))
-    methods = [get_method(name, config.objects, allow=config.allow) for name in config.policy]
+    methods = [get_method(name, allow=config.allow) for name in config.policy]
     labels = [method.name for method in methods]
     if len(set(labels)) < len(labels):
         raise ValueError(

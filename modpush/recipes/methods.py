@@ -21,7 +21,7 @@ from modpush.recipes.hub import HUB_PREFIX
 __all__ = ["METHODS", "Method", "get_method"]
 
 METHODS = {
-    "agent": "the agent that is shipped for the object alone, or the small cube's where there is none",
+    "agent": "the shipped agent for all objects, `any_object`",
     "corridor": "the pushing-corridor controller of Krivic and Piater",
     "corridor_faithful": "the same, by the rules of its authors' code",
     "scripted": "a simple pusher along the planner's sub-goals",
@@ -50,7 +50,6 @@ class Method:
 @checked_arguments
 def get_method(
     policy: str,
-    objects: Sequence[str] = ("small_cube",),
     *,
     allow: Sequence[str] = (),
 ) -> Method:
@@ -59,7 +58,6 @@ def get_method(
     Args:
         policy: A name in `METHODS`, a shipped agent's name, a training run's folder, an agent's file, or
             `"hf://owner/name"`.
-        objects: Names of the objects that will be pushed.
         allow: Modules that an agent's file may import parts of its author's own from.
 
     Raises:
@@ -83,7 +81,7 @@ def get_method(
             path_key="path",
             target_key="subgoal",
         )
-    name, source = _find_agent(policy, objects)
+    name, source = _find_agent(policy)
     agent = load_agent(source, allow=allow)
     return Method(
         name=name,
@@ -94,18 +92,11 @@ def get_method(
     )
 
 
-def _find_agent(policy: str, objects: Sequence[str]) -> tuple[str, str]:
+def _find_agent(policy: str) -> tuple[str, str]:
     """Name and file of an agent."""
     path = Path(policy)
     if policy == "agent":
-        shipped = len(objects) == 1 and objects[0] in shipped_agents()
-        source = objects[0] if shipped else "small_cube"
-        if not shipped:
-            print(
-                f"agent: none is shipped for {', '.join(objects)} alone; {source}'s agent is used. "
-                "`any_object` is for all objects."
-            )
-        return "agent", source
+        return policy, "any_object"
     if policy in shipped_agents():
         return policy, policy
     if (path / BEST_AGENT).is_file():

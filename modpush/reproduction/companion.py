@@ -1,5 +1,6 @@
 """The first page of `docs/results/paper`: what is there, and where we are ahead, level and behind."""
 
+import re
 from pathlib import Path
 
 import pandas as pd
@@ -32,22 +33,42 @@ def write_companion(config: ReproduceConfig) -> None:
         "\n".join(
             ["| page | what | command |", "|---|---|---|"]
             + [
-                f"| [{part}]({part}.md) | {_ABOUT[part]} | `{config.command(part)}` |"
+                f"| [{part}]({part}.md) | {_ABOUT[part]} | {_command_of(config.out, part)} |"
                 for part in found
             ]
         ),
     ]
     if missing := [_ABOUT[part] for part in PARTS if part not in found]:
         lines.append("Not there yet: " + "; ".join(missing) + ".")
-    if verdicts := _read_verdicts(config.out):
+    if found_verdicts := _read_verdicts(config.out):
+        verdicts = pd.concat(found_verdicts, ignore_index=True)
         lines.append("## Ahead, level, behind\n\n" + RULES.strip())
-        lines += verdict_lists(pd.concat(verdicts, ignore_index=True))
+        lines += _cut_sets(verdicts)
+        lines += verdict_lists(verdicts)
     write_text(config.out / "README.md", "\n\n".join(lines) + "\n")
+
+
+def _command_of(out: Path, part: str) -> str:
+    """The command that a page says it was made with."""
+    (command,) = re.findall(r"^\| command \| (.+) \|$", (out / f"{part}.md").read_text(), re.M)
+    return str(command)
 
 
 def _read_verdicts(out: Path) -> list[pd.DataFrame]:
     paths = [out / f"{part}_verdicts.csv" for part in PARTS]
     return [pd.read_csv(path) for path in paths if path.exists()]
+
+
+def _cut_sets(verdicts: pd.DataFrame) -> list[str]:
+    """A warning if not all episodes of a set were run."""
+    sets = verdicts[["set", "episodes", "episodes_of_set"]].drop_duplicates()
+    cut = sets[sets["episodes"] < sets["episodes_of_set"]]
+    if cut.empty:
+        return []
+    counts = ", ".join(
+        f"{r.episodes} of {r.episodes_of_set} of `{r.set}`" for r in cut.itertuples()
+    )
+    return [f"**Only the first episodes were run: {counts}.** The verdicts are of these alone."]
 
 
 def verdict_lists(verdicts: pd.DataFrame) -> list[str]:

@@ -73,13 +73,25 @@ class ReproduceConfig:
         return tuple(part for part in PARTS if part in asked)
 
     def command(self, part: str) -> str:
-        """The command that makes a part again: with what it depends on, if not as by default."""
+        """The command that makes a part again: with what it depends on, if not as by default.
+
+        `rows` is left out, since it does not change the results, and so is an `out` that lies outside
+        the current folder.
+        """
         words = ["modpush reproduce", part]
         default = ReproduceConfig()
-        for name in _MATTERS[part]:
+        for name in (*_MATTERS[part], "out"):
             if (value := getattr(self, name)) == getattr(default, name):
                 continue
             if name == "policy_files":
                 value = " ".join(f"{item} {Path(path).name}" for item, path in value.items())
+            if name == "out" and (value := _below_here(value)) is None:
+                continue
             words.append(f"--{name.replace('_', '-')} {value}")
         return " ".join(words)
+
+
+def _below_here(path: Path) -> Path | None:
+    """A path relative to the current folder; None if it lies elsewhere."""
+    path, here = path.resolve(), Path.cwd()
+    return path.relative_to(here) if path.is_relative_to(here) else None

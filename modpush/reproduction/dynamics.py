@@ -151,7 +151,7 @@ class _Factory:
     def __call__(
         self, num_envs: int, objects: Sequence[str], conditions: EpisodeConditions
     ) -> EnvBase:
-        method = get_method(self.agent, (_OBJECT,), allow=self.allow)
+        method = get_method(self.agent, allow=self.allow)
         return self.change.make_env(num_envs, method, conditions)
 
 

@@ -51,10 +51,7 @@ def methods_for(config: ReproduceConfig, pushed_object: str) -> dict[str, Method
     if pushed_object in config.policy_files:
         sources["agent_retrained"] = str(config.policy_files[pushed_object])
     sources |= {name: name for name in _CONTROLLERS}
-    return {
-        name: get_method(source, (pushed_object,), allow=config.allow)
-        for name, source in sources.items()
-    }
+    return {name: get_method(source, allow=config.allow) for name, source in sources.items()}
 
 
 def measure(

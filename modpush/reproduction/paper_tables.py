@@ -145,8 +145,10 @@ def write_paper_table(name: str, config: ReproduceConfig) -> None:
         blocks.append(_section_text(section, display, own_tests, len(rows["agent"])))
         latex.append(f"% {section.title}\n{format_table(display, 'latex')}")
         label = {"table": name, "section": section.title, "set": section.evaluation_set}
+        whole = len(load_set(section.evaluation_set))
         cells.append(own_cells.assign(**label))
         tests.append(own_tests.assign(**label))
+        label |= {"episodes": len(rows["agent"]), "episodes_of_set": whole}
         verdicts += [judge(own_cells, section.printed).assign(**label)]
         verdicts += [_test_verdicts(own_tests).assign(**label)]
         seeds.append(f"`{section.evaluation_set}`")

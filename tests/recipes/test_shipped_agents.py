@@ -21,7 +21,7 @@ def test_there_are_two() -> None:
 
 @pytest.mark.parametrize("name", ["any_object", "small_cube"])
 def test_an_agent_is_a_policy_by_its_name(name: str) -> None:
-    method = get_method(name, ("fragment",))
+    method = get_method(name)
     assert method.name == name
     weights = method.make_policy().state_dict()
     expected = load_agent(name).policy.state_dict()

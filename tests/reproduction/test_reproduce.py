@@ -38,6 +38,8 @@ def test_a_table_is_written_resumed_and_listed(tmp_path: Path) -> None:
     assert "[free](free.md)" in companion
     assert "\n4. Path lengths are not judged against printed ones" in companion
     assert "Not there yet: Table III" in companion
+    assert "| `modpush reproduce free --first 2` |" in companion
+    assert "**Only the first episodes were run: 2 of 500 of `free/small_cube`.**" in companion
     verdicts = pd.read_csv(config.out / "free_verdicts.csv")
     agents = verdicts[verdicts["method"] == "agent"]
     for verdict in ("ahead", "level", "behind"):
@@ -134,3 +136,7 @@ def test_parts_are_made_in_the_order_of_the_paper() -> None:
     )
     assert config.command("free") == "modpush reproduce free --first 3"
     assert config.command("dynamics") == "modpush reproduce dynamics"
+    elsewhere = replace(config, out=Path("/elsewhere"))
+    assert elsewhere.command("dynamics") == "modpush reproduce dynamics"
+    beside = replace(config, out=Path("docs/results/mine"))
+    assert beside.command("dynamics") == "modpush reproduce dynamics --out docs/results/mine"
