@@ -57,7 +57,7 @@ PAPER_TABLES = {
         ),
     ),
     "obstacles": Table(
-        title="Table III: scenes with obstacles, the small cube's agent unchanged",
+        title="Table III: scenes with obstacles, one agent for the four objects",
         sections=(
             _obstacles("Small cube", "small_cube"),
             _obstacles("Large cube", "large_cube"),
