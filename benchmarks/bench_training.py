@@ -33,7 +33,7 @@ from torchrl.envs.utils import step_mdp
 
 from modpush.agents import make_tqc
 from modpush.recipes import make_push_env
-from modpush.replay import make_replay_buffer
+from modpush.replay import extend_rollout, make_replay_buffer
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
 from modpush.training.worker import SceneWorker, StartMethod
 
@@ -157,7 +157,7 @@ def learning(config: TrainConfig, buffer_size: int) -> list[tuple[str, float]]:
         },
         [buffer_size],
     )
-    buffer.extend(rows)
+    extend_rollout(buffer, rows, config.env.num_envs)
     sample = median_ms(lambda: buffer.sample())
     batch = buffer.sample()
     update = median_ms(lambda: agent.update(batch.clone(False)))
@@ -240,7 +240,8 @@ def fill(trainer: Trainer, observations: torch.Tensor, steps: int = 500) -> torc
     after = {"observation": walk[1:], "reward": torch.randn(steps, scenes, 1)}
     after |= {"done": ends, "terminated": ends.clone()}
     now = {"observation": walk[:-1], "action": torch.rand(steps, scenes, 3) * 2 - 1}
-    trainer.learner.buffer.extend(TensorDict({**now, "next": after}, [steps, scenes]).reshape(-1))
+    transitions = TensorDict({**now, "next": after}, [steps, scenes]).reshape(-1)
+    extend_rollout(trainer.learner.buffer, transitions, scenes)
     return torch.randn(scenes, width)
 
 
