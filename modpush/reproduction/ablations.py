@@ -1,6 +1,8 @@
-"""What the parts of the method are worth: a sweep's results as one table and one figure."""
+"""What two sweeps say, each as one table and one figure: the ablations, and training in hard scenes."""
 
 import math
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -12,10 +14,40 @@ from modpush.files import write_text
 from modpush.reproduction.config import ReproduceConfig
 from modpush.sweeps.figure import draw_sweep
 
-__all__ = ["ablation_table", "write_ablations"]
+__all__ = ["ablation_table", "write_ablations", "write_further"]
 
 _REACHED = 0.9  # success rate whose first step is given
-_SWEEP = "examples/sweeps/ablations.yaml"
+
+
+@dataclass(frozen=True, kw_only=True)
+class _SweepPage:
+    """A page that is made of a sweep."""
+
+    part: str
+    sweep: str
+    """The file that says what is run."""
+    title: str
+    about: str
+    """The first sentences, with `{steps}` and `{minutes}`."""
+
+
+_ABLATIONS = _SweepPage(
+    part="ablations",
+    sweep="examples/sweeps/ablations.yaml",
+    title="What the parts of the method are worth",
+    about="""Every variant is trained alike, {steps} environment steps ({minutes:.0f} minutes on average),
+and evaluated without exploration noise on the same held-out episodes, which belong to no evaluation
+set.""",
+)
+_FURTHER = _SweepPage(
+    part="further",
+    sweep="examples/sweeps/hard_further.yaml",
+    title="Short further training in the hard scenes",
+    about="""An agent of the preset `cpu`, trained in the six families alone, goes on learning in the hard
+scenes for the steps that its variant names; `before` only evaluates it. All are evaluated without
+exploration noise on the same held-out episodes of the hard scenes, which belong to no evaluation
+set.""",
+)
 
 
 def ablation_table(trials: pd.DataFrame, curves: pd.DataFrame) -> pd.DataFrame:
@@ -78,34 +110,53 @@ def write_ablations(config: ReproduceConfig) -> None:
         FileNotFoundError: If there is no sweep in the folder, with the command that runs one.
         ValueError: If no trial of its first variant has finished.
     """
-    paths = [config.sweep / name for name in ("trials.csv", "curves.csv")]
+    _write_sweep(_ABLATIONS, config.sweep, config)
+
+
+def write_further(config: ReproduceConfig) -> None:
+    """Write `further.md`, `.csv`, `.tex` and `.png` from a sweep's folder.
+
+    Raises:
+        FileNotFoundError: If there is no sweep in the folder, with the command that runs one.
+        ValueError: If no trial of its first variant has finished.
+    """
+    _write_sweep(_FURTHER, config.further, config)
+
+
+def _write_sweep(page: _SweepPage, folder: Path, config: ReproduceConfig) -> None:
+    paths = [folder / name for name in ("trials.csv", "curves.csv")]
     if not all(path.exists() for path in paths):
         raise FileNotFoundError(
-            f"write_ablations: there is no sweep in {config.sweep}; run modpush sweep {_SWEEP} --out "
-            f"{config.sweep}."
+            f"write_{page.part}: there is no sweep in {folder}; run modpush sweep {page.sweep} --out "
+            f"{folder}."
         )
     trials, curves = (pd.read_csv(path) for path in paths)
     table = ablation_table(trials, curves)
-    write_text(config.out / "ablations.csv", table.to_csv())
-    write_text(config.out / "ablations.tex", format_table(_as_text(table), "latex"))
-    draw_sweep(curves, config.out / "ablations.png")
+    out = config.out / page.part
+    write_text(out.with_suffix(".csv"), table.to_csv())
+    write_text(out.with_suffix(".tex"), format_table(_as_text(table), "latex"))
+    draw_sweep(curves, out.with_suffix(".png"))
     for path in paths:
-        write_text(config.out / f"ablations_{path.name}", path.read_text())
+        write_text(config.out / f"{page.part}_{path.name}", path.read_text())
     open_trials = trials[trials["state"] != "finished"]
     missing = ", ".join(f"{r.variant} (seed {r.seed}, {r.state})" for r in open_trials.itertuples())
-    command = f"modpush sweep {_SWEEP} --out {config.sweep.name}; {config.command('ablations')}"
+    command = f"modpush sweep {page.sweep} --out runs/{folder.name}; {config.command(page.part)}"
     seeds = ", ".join(str(seed) for seed in sorted(trials["seed"].unique()))
-    sources = sources_text(command, read_sessions(config.sweep), seeds, "training runs")
     steps = sorted(trials["total_steps"].unique())
-    text = _TEXT.format(
-        sources=sources,
+    about = page.about.format(
         steps=" or ".join(f"{value:,}".replace(",", " ") for value in steps),
         minutes=trials["minutes"].mean() if "minutes" in trials else math.nan,
+    )
+    text = _TEXT.format(
+        title=page.title,
+        sources=sources_text(command, read_sessions(folder), seeds, "training runs"),
+        about=about,
         baseline=trials["variant"].iloc[0],
         table=format_table(_as_text(table)),
         missing=f"Not finished, and left out: {missing}." if missing else "All runs are finished.",
+        part=page.part,
     )
-    write_text(config.out / "ablations.md", text)
+    write_text(out.with_suffix(".md"), text)
 
 
 def _as_text(table: pd.DataFrame) -> pd.DataFrame:
@@ -124,15 +175,13 @@ def _as_text(table: pd.DataFrame) -> pd.DataFrame:
     return shown
 
 
-_TEXT = """# What the parts of the method are worth
+_TEXT = """# {title}
 
 {sources}
-Every variant is trained alike, {steps} environment steps ({minutes:.0f} minutes on average), and
-evaluated without exploration noise on the same held-out episodes, which belong to no evaluation
-set. Figures are of the last evaluation, means over the seeds, success with its lowest and highest
+{about} Figures are of the last evaluation, means over the seeds, success with its lowest and highest
 seed; `area` is the mean success of all evaluations. Differences are from `{baseline}` with the same
 seeds, by paired t-tests: with few seeds only large ones can be told from chance. {missing}
 
 {table}
-![learning curves: the mean over the seeds and their range](ablations.png)
+![learning curves: the mean over the seeds and their range]({part}.png)
 """

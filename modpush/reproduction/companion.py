@@ -19,6 +19,7 @@ _ABOUT = {
     "runtime": "The paper's computing times (Sec. V-B)",
     "dynamics": "Dynamics that the agent was not trained with",
     "ablations": "What the parts of the method are worth (Sec. IV)",
+    "further": "Short further training in the hard scenes (Sec. V-C)",
 }
 
 

@@ -12,7 +12,9 @@ from modpush._validation import checked
 
 __all__ = ["PARTS", "Part", "ReproduceConfig"]
 
-Part = Literal["free", "obstacles", "hard", "examples", "runtime", "dynamics", "ablations", "all"]
+Part = Literal[
+    "free", "obstacles", "hard", "examples", "runtime", "dynamics", "ablations", "further", "all"
+]
 PARTS = tuple(part for part in get_args(Part) if part != "all")
 """What can be reproduced, in the order of the companion page."""
 
@@ -25,6 +27,7 @@ _MATTERS: dict[str, tuple[str, ...]] = {
     "runtime": ("agent", "seed"),
     "dynamics": ("agent", "seed", "dynamics_episodes"),
     "ablations": ("sweep",),
+    "further": ("further",),
 }
 """Fields of the configuration that each part's results depend on."""
 
@@ -36,7 +39,8 @@ class ReproduceConfig:
     parts: tyro.conf.Positional[AtLeastOne[Part]] = ("all",)
     """Parts to reproduce: `free` (free space), `obstacles` (five families, four objects), `hard` (hard
     scenes), `examples` (pictures of episodes), `runtime`, `dynamics` (dynamics that the agent was not
-    trained with), `ablations` (from a sweep that has been run), or `all` of them."""
+    trained with), `ablations` and `further` (training further in the hard scenes; both from a sweep that
+    has been run), or `all` of them."""
     agent: Name = "small_cube"
     """Agent that is evaluated everywhere, unchanged: the name of a shipped one, a training run's folder,
     or an agent's file."""
@@ -55,6 +59,8 @@ class ReproduceConfig:
     """Number of episodes for each value of each quantity in `dynamics`."""
     sweep: FilePath = Path("runs/ablations")
     """Folder of the sweep that `ablations` reads, as `modpush sweep` wrote it."""
+    further: FilePath = Path("runs/hard_further")
+    """Folder of the sweep that `further` reads."""
     rows: FilePath = Path("runs/reproduce")
     """Folder that rows and trajectories are kept in, so that only missing episodes run."""
     out: FilePath = Path("docs/results/paper")

@@ -6,7 +6,7 @@ import torch
 
 from modpush._arguments import checked_arguments
 from modpush._folder_lock import FolderLock
-from modpush.reproduction.ablations import write_ablations
+from modpush.reproduction.ablations import write_ablations, write_further
 from modpush.reproduction.companion import write_companion
 from modpush.reproduction.config import ReproduceConfig
 from modpush.reproduction.dynamics import write_dynamics
@@ -21,6 +21,7 @@ _WRITERS: dict[str, Callable[[ReproduceConfig], None]] = {
     "runtime": write_runtime,
     "dynamics": write_dynamics,
     "ablations": write_ablations,
+    "further": write_further,
 }
 
 
@@ -28,18 +29,19 @@ _WRITERS: dict[str, Callable[[ReproduceConfig], None]] = {
 def reproduce(config: ReproduceConfig) -> None:
     """Make the chosen parts, and `README.md` after each.
 
-    With `all`, ablations are left out where no sweep has been run.
+    With `all`, ablations and further training are left out where no sweep has been run.
 
     Raises:
-        FileNotFoundError: If ablations are asked for by name and there is no sweep.
+        FileNotFoundError: If one of these is asked for by name and there is no sweep.
         ValueError: If there is no such agent, or the rows kept are of another one.
     """
     torch.set_num_threads(1)
-    swept = (config.sweep / "curves.csv").exists()
+    sweeps = {"ablations": config.sweep, "further": config.further}
     with FolderLock(config.rows):
         for part in config.chosen:
-            if part == "ablations" and "ablations" not in config.parts and not swept:
-                print(f"ablations: left out, no sweep in {config.sweep}.")
+            sweep = None if part in config.parts else sweeps.get(part)
+            if sweep is not None and not (sweep / "curves.csv").exists():
+                print(f"{part}: left out, no sweep in {sweep}.")
                 continue
             if part in PAPER_TABLES:
                 write_paper_table(part, config)

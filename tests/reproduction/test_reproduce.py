@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -116,12 +117,47 @@ def test_the_agent_acts_in_a_changed_environment(quantity: str) -> None:
         env.close()
 
 
-def test_ablations_without_a_sweep_say_how_to_run_one(tmp_path: Path) -> None:
-    config = ReproduceConfig(
-        parts=("ablations",), sweep=tmp_path / "no", rows=tmp_path / "rows", out=tmp_path / "out"
+@pytest.mark.parametrize(
+    ("part", "field", "file"),
+    [("ablations", "sweep", "ablations"), ("further", "further", "hard_further")],
+)
+def test_a_part_without_its_sweep_says_how_to_run_one(
+    part: Any, field: str, file: str, tmp_path: Path
+) -> None:
+    config = ReproduceConfig(parts=(part,), rows=tmp_path / "rows", out=tmp_path / "out")
+    with pytest.raises(FileNotFoundError, match=rf"no sweep in .*; run modpush sweep .*/{file}\."):
+        reproduce(replace(config, **{field: tmp_path / "no"}))
+
+
+def test_a_sweep_becomes_a_page_with_table_and_figure(tmp_path: Path) -> None:
+    folder = tmp_path / "runs" / "hard_further"
+    trials = pd.DataFrame(
+        {
+            "variant": ["before", "after"],
+            "group": ["all", "further"],
+            "seed": [0, 0],
+            "state": ["finished", "finished"],
+            "total_steps": [128, 50_000],
+            "minutes": [0.5, 3.0],
+            **{f"final_{name}": [0.5, 0.75] for name in ("success", "spl", "contact_rate")},
+            "final_collision_rate": [0.1, 0.05],
+        }
     )
-    with pytest.raises(FileNotFoundError, match=r"no sweep in .*; run modpush sweep examples/"):
-        reproduce(config)
+    curves = trials[["variant", "group", "seed"]].assign(step=[128, 50_000], success=[0.5, 0.75])
+    folder.mkdir(parents=True)
+    trials.to_csv(folder / "trials.csv", index=False)
+    curves.to_csv(folder / "curves.csv", index=False)
+    config = ReproduceConfig(
+        parts=("further",), further=folder, rows=tmp_path / "rows", out=tmp_path / "out"
+    )
+    reproduce(config)
+    page = (config.out / "further.md").read_text()
+    assert "modpush sweep examples/sweeps/hard_further.yaml --out runs/hard_further" in page
+    assert "0.750 (0.750 to 0.750)" in page
+    assert "+0.250" in page
+    assert (config.out / "further.png").stat().st_size > 10_000
+    assert pd.read_csv(config.out / "further.csv")["success"].tolist() == [0.5, 0.75]
+    assert "Short further training in the hard scenes" in (config.out / "README.md").read_text()
 
 
 def test_parts_are_made_in_the_order_of_the_paper() -> None:
