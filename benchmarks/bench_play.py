@@ -28,6 +28,7 @@ _PICTURES = """seconds => new Promise(done => {
   const draw = now => { count += 1; now < end ? requestAnimationFrame(draw) : done(count / seconds); };
   requestAnimationFrame(draw);
 })"""
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 _ARGUMENTS = [
     "--no-sandbox",
     "--use-gl=angle",
@@ -59,7 +60,9 @@ def measure_with_browser(
     """Steps taken and pictures drawn in a second while a browser shows the page."""
     from playwright.sync_api import sync_playwright
 
-    chromium = next(filter(None, map(shutil.which, ("chromium", "google-chrome"))))
+    chromium = next(filter(None, map(shutil.which, _BROWSERS)), None)
+    if chromium is None:
+        raise SystemExit(f"--browser needs one of {', '.join(_BROWSERS)}.")
     page = Page(PlayConfig(policy=policy, port=0))
     page.controls.overlays.map = page.controls.overlays.window = overlays
     page.controls.time.speed = speed
@@ -75,19 +78,21 @@ def measure_with_browser(
     page.session.tick = counting_tick  # type: ignore[method-assign]
     running = threading.Thread(target=page.run)
     running.start()
-    with sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=chromium, args=_ARGUMENTS)
-        tab = browser.new_page(viewport={"width": 1000, "height": 620})
-        tab.goto(page.address)
-        tab.get_by_text("Single step").wait_for()
-        tab.evaluate(_PICTURES, 5.0)  # until all is loaded and compiled
-        before, start = ticks, time.perf_counter()
-        pictures = tab.evaluate(_PICTURES, _SECONDS)
-        steps = (ticks - before) / (time.perf_counter() - start)
-        browser.close()
-    page.stop()
-    running.join()
-    page.close()
+    try:
+        with sync_playwright() as driver:
+            browser = driver.chromium.launch(executable_path=chromium, args=_ARGUMENTS)
+            tab = browser.new_page(viewport={"width": 1000, "height": 620})
+            tab.goto(page.address)
+            tab.get_by_text("Single step").wait_for()
+            tab.evaluate(_PICTURES, 5.0)  # until all is loaded and compiled
+            before, start = ticks, time.perf_counter()
+            pictures = tab.evaluate(_PICTURES, _SECONDS)
+            steps = (ticks - before) / (time.perf_counter() - start)
+            browser.close()
+    finally:
+        page.stop()
+        running.join()
+        page.close()
     return steps, float(pictures)
 
 

@@ -43,10 +43,10 @@ _FURTHER = _SweepPage(
     part="further",
     sweep="examples/sweeps/hard_further.yaml",
     title="Short further training in the hard scenes",
-    about="""An agent of the preset `cpu`, trained in the six families alone, goes on learning in the hard
-scenes for the steps that its variant names; `before` only evaluates it. All are evaluated without
-exploration noise on the same held-out episodes of the hard scenes, which belong to no evaluation
-set.""",
+    about="""One agent, which has not seen the hard scenes (the sweep's file says how it was trained),
+goes on learning in them for the steps that its variant names; `before` only evaluates it, so that it
+is the same with each seed. All are evaluated without exploration noise on the same held-out episodes
+of the hard scenes, which belong to no evaluation set.""",
 )
 
 
