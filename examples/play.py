@@ -1,6 +1,6 @@
 """Watch policies push in the browser, and change the scene while they do.
 
-    python examples/play.py                              # the shipped agent, at http://127.0.0.1:8080
+    python examples/play.py                              # the shipped agent any_object, at http://127.0.0.1:8080
     python examples/play.py --policy agent corridor      # two policies side by side on one scene
     python examples/play.py --policy hand --scene posts  # drive it yourself: keys I, J, K, L, U, O
     python examples/play.py runs/evaluate/any_object     # the stored episodes of an evaluation

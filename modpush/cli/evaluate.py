@@ -4,6 +4,7 @@
     modpush evaluate --policy agent corridor --set all --episodes 100
     modpush evaluate --policy runs/train --set free/small_cube
     modpush evaluate --policy corridor --set smoke        # half a minute
+    modpush evaluate --policy corridor --set hard/small_cube --tool rod
 
 For each policy and set `runs/evaluate/<policy>/<set>/` gets `episodes.csv` (a row for each episode),
 `table.md`, `.tex` and `.csv`, `failures.png`, `successes.png` and a video for each family. With
@@ -21,6 +22,7 @@ import tyro
 
 from modpush._types import AtLeastOne, Count, FilePath, Name, NonNegativeInteger, Scenes, Several
 from modpush._validation import checked
+from modpush.envs.robot.ur5_2f85 import ToolName
 from modpush.evaluation.report import comparison_report, draw_results, write_tables
 from modpush.evaluation.runner import EvaluationConfig, evaluate
 from modpush.evaluation.sets import EVALUATION_SETS, EvaluationSet, load_set
@@ -39,6 +41,9 @@ class EvaluateConfig:
     are compared with each other."""
     sets: Annotated[AtLeastOne[Name], tyro.conf.arg(name="set")] = ("smoke",)
     """Evaluation sets or files, or `all` for the sets but `smoke` and those to tune on."""
+    tool: ToolName | None = None
+    """Tool to run the sets with instead of their own, for instance `rod`, which the paper's authors' code
+    has; results are kept as those of `<set>+<tool>`."""
     episodes: Count | None = None
     """Number of episodes to run of each set, from its first on; all by default."""
     num_envs: Scenes = 8
@@ -71,6 +76,8 @@ def evaluate_policies(config: EvaluateConfig) -> dict[str, dict[str, pd.DataFram
     results: dict[str, dict[str, pd.DataFrame]] = {}
     for name in config.set_names:
         episodes = load_set(name).first(config.episodes)
+        if config.tool is not None:
+            episodes = episodes.with_tool(config.tool)
         methods = [get_method(p, allow=config.allow) for p in config.policy]
         rows = {method.name: _evaluate_one(method, episodes, config) for method in methods}
         report = comparison_report(episodes.name, rows)

@@ -121,7 +121,7 @@ PAPER = {
     "hard/small_cube": _HARD,
     "hard200/small_cube": _HARD,
 }
-"""The paper's results by evaluation set. Source: Tables I to III (Sec. V). `hard200/small_cube` continues
+"""The paper's results by evaluation set. Source: Tables II to IV (Sec. V). `hard200/small_cube` continues
 `hard/small_cube` with further episodes of the same distribution."""
 
 _MEASURED_AS = {
@@ -143,7 +143,8 @@ def beside_paper(summary: pd.DataFrame, evaluation_set: str) -> pd.DataFrame:
 
     Args:
         summary: What `summarize` returned.
-        evaluation_set: Name of the set. Sets that the paper does not have get empty cells.
+        evaluation_set: Name of the set. Sets that the paper does not have get empty cells; what follows
+            a `+` does not count (`EvaluationSet.with_tool`).
 
     Returns:
         By metric: a column for each method, then `paper_controller`, `paper_agent` and, where there is
@@ -151,7 +152,7 @@ def beside_paper(summary: pd.DataFrame, evaluation_set: str) -> pd.DataFrame:
     """
     table = summary[list(METRICS)].T.rename_axis("metric")
     table.columns.name = None
-    figures = PAPER.get(evaluation_set)
+    figures = PAPER.get(evaluation_set.partition("+")[0])
     names = [_MEASURED_AS.get(metric, (None, None)) for metric in METRICS]
     for column, which in (("paper_controller", 1), ("paper_agent", 0)):
         pairs = [getattr(figures, str(pair[which]), None) for pair in names]

@@ -21,6 +21,7 @@ from modpush._arguments import checked_arguments
 from modpush._hash import data_hash
 from modpush._types import Count, NonNegativeInteger, Several
 from modpush._validation import checked
+from modpush.envs.robot.ur5_2f85 import ToolName
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
@@ -97,6 +98,20 @@ class EvaluationSet:
             ValueError: If `count` is not positive.
         """
         return replace(self, scenarios=self.scenarios[:count])
+
+    @checked_arguments
+    def with_tool(self, tool: ToolName) -> "EvaluationSet":
+        """The same episodes, run with another tool than the set's: its name then ends with `+<tool>`.
+
+        Starts and layouts stay as they were drawn, for the set's own tool.
+
+        Raises:
+            ValueError: If there is no such tool.
+        """
+        if tool == self.conditions.tool:
+            return self
+        conditions = replace(self.conditions, tool=tool)
+        return replace(self, name=f"{self.name}+{tool}", conditions=conditions)
 
     def save(self, path: Path) -> None:
         """Write the set as gzip-compressed JSON; the same set always gives the same bytes."""

@@ -28,9 +28,14 @@ def write_companion(config: ReproduceConfig) -> None:
     found = [part for part in PARTS if (config.out / f"{part}.md").exists()]
     lines = [
         "# The paper, reproduced",
-        "Every page has the command that makes it again, the commit, the seed, the machine and the "
-        "time it took. `modpush reproduce all` makes all of them; episodes that were run are kept "
-        "in `runs/reproduce`, so that only missing ones run again.",
+        "Every page has the command that makes it again, the seed, the machine, the time it took and, "
+        "if it was made in a git checkout, the commit. `modpush reproduce all` makes all of them, but "
+        "`ablations` and `further` only once their sweeps have been run. Episodes that were run are "
+        "kept in `runs/reproduce`, so that only missing ones run again.",
+        "`agent` is the agent that a command names with `--agent`, `small_cube` where it names none: "
+        "trained with the small cube alone. `agent_retrained` is the one of `--policy-files fragment`: "
+        "`any_object` has been trained from scratch with twelve objects, the fragment among them; the "
+        "paper's agent was trained further with the fragment.",
         "\n".join(
             ["| page | what | command |", "|---|---|---|"]
             + [

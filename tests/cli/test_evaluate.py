@@ -1,5 +1,6 @@
 """`modpush evaluate` for a few episodes."""
 
+import json
 from pathlib import Path
 
 import pandas as pd
@@ -54,3 +55,19 @@ def test_a_set_of_ones_own_is_given_as_a_file(tmp_path: Path) -> None:
     folder = tmp_path / "out" / "corridor" / "mine"
     assert (folder / "beside_paper.md").exists()
     assert (folder / "episodes.csv").exists()
+
+
+def test_a_set_is_run_with_another_tool(tmp_path: Path) -> None:
+    config = EvaluateConfig(
+        policy=("scripted",),
+        sets=("hard/small_cube",),
+        tool="rod",
+        episodes=2,
+        videos=False,
+        pictures=0,
+        out=tmp_path,
+    )
+    evaluate_policies(config)
+    folder = tmp_path / "scripted" / "hard" / "small_cube+rod"
+    assert json.loads((folder / "run.json").read_text())["conditions"]["tool"] == "rod"
+    assert "0.880" in (folder / "beside_paper.md").read_text()

@@ -188,3 +188,15 @@ def test_first_takes_the_first_episodes() -> None:
     assert isinstance(smoke.first(1), EvaluationSet)
     with pytest.raises(ValueError, match="count must be >= 1, got 0"):
         smoke.first(0)
+
+
+def test_a_set_with_another_tool_has_its_episodes_and_another_name() -> None:
+    hard = load_set("hard/small_cube").first(3)
+    with_rod = hard.with_tool("rod")
+    assert with_rod.name == "hard/small_cube+rod"
+    assert with_rod.scenarios == hard.scenarios
+    assert with_rod.digest == hard.digest
+    assert with_rod.conditions == replace(hard.conditions, tool="rod")
+    assert hard.with_tool("2f85") is hard
+    with pytest.raises(ValueError, match=r"tool.*'2f85'.*'spoon'"):
+        hard.with_tool("spoon")  # type: ignore[arg-type]

@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from annotated_types import Le
 
 from modpush._types import Count
 from modpush._validation import checked, from_plain
+from modpush.envs.robot.ur5_2f85 import ToolName
 from modpush.envs.scenes.objects import Circle
 
 __all__ = ["EpisodeConditions"]
@@ -19,7 +20,7 @@ class EpisodeConditions:
 
     max_episode_steps: Count = 200
     """Control steps after which an episode is truncated."""
-    tool: Literal["2f85", "rod"] = "2f85"
+    tool: ToolName = "2f85"
     """Tool of the arm: the closed gripper, or the rod of the authors' code."""
     sim_freq: Annotated[Count, Le(100_000)] = 120
     """Physics steps per second [Hz]."""
