@@ -216,6 +216,7 @@ def _start(config: CollectConfig, number: int) -> Scenario:
         difficulty=env.difficulty,
         distance=env.distance,
         randomize_dynamics=env.randomize_dynamics,
+        path_inflation=env.path_inflation,
     )
     generator = np.random.default_rng(episode_seed(config.seed, number))
     return sample_scenario(generator, scenario, tool=env.tool)

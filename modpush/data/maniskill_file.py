@@ -76,6 +76,7 @@ def _env_kwargs(config: PushEnvConfig) -> dict[str, Any]:
         "difficulty": list(config.difficulty),
         "distance": list(config.distance),
         "randomize_dynamics": config.randomize_dynamics,
+        "path_inflation": config.path_inflation,
         "robot_uids": f"ur5_{config.tool}",
         "sim_freq": config.sim_freq,
         "obs_mode": "state_dict",

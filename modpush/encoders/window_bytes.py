@@ -5,7 +5,7 @@ from tensordict import NestedKey, TensorDictBase
 from torchrl.data import Bounded, TensorSpec
 from torchrl.envs import Transform
 
-from modpush._keys import check_spec_has, read_key
+from modpush._keys import check_spec_has, read_key, stored_next
 
 __all__ = ["WindowBytes"]
 
@@ -32,7 +32,12 @@ class WindowBytes(Transform):
             return next_tensordict
         return next_tensordict.set(self.window_key, (window * 255).round().to(torch.uint8))
 
-    forward = _call
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Rewrite stored windows and, in transitions, those of their `"next"`."""
+        after = stored_next("WindowBytes", tensordict, self.in_keys, self.out_keys)
+        if after is not None:
+            self._call(after)
+        return self._call(tensordict)
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase

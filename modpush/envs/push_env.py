@@ -106,7 +106,8 @@ class PushEnv(EnvBase):
             or terminates it.
         pictures: Build the scenes with a renderer, so that `render` shows the arm from the side.
         seed: Seed of the first scene; scene `i` gets `seed + i`, so that it draws the same episodes
-            in a batch of any size. None for unpredictable episodes.
+            in a batch of any size, and seeds less than `num_envs` apart have episodes in common. None
+            for unpredictable episodes.
         device: `"cpu"` or a CUDA device.
 
     Raises:
@@ -138,7 +139,7 @@ class PushEnv(EnvBase):
     ) -> None:
         check_options(num_envs, max_episode_steps, tool, oob, torch.device(device))
         super().__init__(device=torch.device(device), batch_size=torch.Size([num_envs]))
-        self.scenario = make_scenario_config("PushEnv", scenario, fields, type(self).__init__)
+        self._scenario = make_scenario_config("PushEnv", scenario, fields, type(self).__init__)
         self.pushed_objects = {item.name: item for item in self.scenario.objects}
         """The objects that may be pushed, by name."""
         simulation: dict[str, Any] = {"sim_freq": sim_freq, "control_freq": control_freq}
@@ -172,7 +173,25 @@ class PushEnv(EnvBase):
     def scenario(self, config: ScenarioConfig) -> None:
         if not isinstance(config, ScenarioConfig):
             raise TypeError(f"PushEnv: scenario must be a ScenarioConfig, got {config!r}.")
+        if config is not self._scenario:
+            self._check_scenario(config)
         self._scenario = config
+
+    def _check_scenario(self, config: ScenarioConfig) -> None:
+        """Refuse episodes that this environment was not built for."""
+        if config.bounds() != self._scenario.bounds():
+            raise ValueError(
+                "PushEnv: scenario must keep low and high, the running episodes' workspace, "
+                f"{self._scenario.low} and {self._scenario.high}, got {config.low} and {config.high}."
+            )
+        if config.pushed_object == self._scenario.pushed_object:
+            return
+        digests = {item.name: object_digest(item) for item in config.objects}
+        if other := sorted(n for n, digest in digests.items() if self._digests.get(n) != digest):
+            raise ValueError(
+                f"PushEnv: scenario must have objects of {sorted(self._digests)}, as they were when "
+                f"the environment was made, got {other}."
+            )
 
     def _set_seed(self, seed: int | None) -> None:
         self._rngs = make_generators(seed, self.batch_size[0])

@@ -19,6 +19,7 @@ from modpush.evaluation.authors_paths import authors_agent_length, authors_contr
 from modpush.evaluation.metrics import EpisodeMetrics, episode_metrics
 from modpush.evaluation.shortest import shortest_path
 from modpush.files import read_arrays, write_arrays
+from modpush.geometry.workspace import WORKSPACE
 
 __all__ = ["Episode", "Policy", "Trajectory", "run_episodes"]
 
@@ -168,8 +169,10 @@ def run_episodes(
     Raises:
         KeyError: If `path_key` or `target_key` is not written, or `env` does not emit what is
             measured.
+        ValueError: If the environment's workspace is not that of the evaluation sets.
     """
     _check_emitted(env)
+    _check_workspace(env)
     queue = iter(episodes)
     first = list(islice(queue, env.batch_size[0]))
     if not first:
@@ -200,6 +203,16 @@ def run_episodes(
 def _objects_of(env: EnvBase) -> Mapping[str, PushedObject] | None:
     """The objects of a `PushEnv`, transforms on top or not, by name; None for another environment."""
     return getattr(env, "pushed_objects", None)
+
+
+def _check_workspace(env: EnvBase) -> None:
+    """Every shortest path is measured within `WORKSPACE`."""
+    bounds = getattr(env, "bounds", None)
+    if bounds is not None and bounds != WORKSPACE.bounds():
+        raise ValueError(
+            "run_episodes: the environment must have the evaluation sets' workspace, low "
+            f"{WORKSPACE.low} and high {WORKSPACE.high}; its episodes end outside of {bounds}."
+        )
 
 
 def _check_emitted(env: EnvBase) -> None:

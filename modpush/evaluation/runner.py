@@ -129,6 +129,8 @@ def evaluate(
     acting: Policy = getattr(policy, "policy", policy)
     check_callable("evaluate", "policy", acting)
     about = describe_policy(acting, label)
+    if not config.deterministic:  # such actions differ from the greedy ones, and between seeds
+        about = {**about, "deterministic": False, "seed": config.seed}
     if resume and (finished := _finished(Path(folder), evaluation_set, about)) is not None:
         return finished
     with FolderLock(folder):

@@ -23,8 +23,9 @@ def latent_entry(encoder: nn.Module) -> Entry:
 class BlankLatent:
     """The encoder's latent of an empty window, `[d]`.
 
-    It is computed at the first call, on the encoder's device and in evaluation mode, and again only
-    once the encoder's weights have been changed. The encoder's training flags stay as they are.
+    It is computed on the encoder's device and in evaluation mode: at each call while the encoder can
+    be trained, otherwise at the first one, and again once the weights have been changed in place or
+    moved. The encoder's training flags stay as they are.
 
     Args:
         encoder: Module `[B, 1, S, S] -> [B, d]`; it is shared, not copied.
@@ -38,8 +39,11 @@ class BlankLatent:
         self._latent = torch.empty(0)
 
     def __call__(self) -> Tensor:
-        """The latent, `[d]`; the same tensor until the weights change."""
-        versions = [weight._version for weight in self._weights]
+        """The latent, `[d]`."""
+        # Fused optimizers and `Tensor.data` change weights without a new version.
+        if any(weight.requires_grad for weight in self._weights):
+            return self._encode()
+        versions = [-1 if weight.is_inference() else weight._version for weight in self._weights]
         if versions != self._versions:
             self._latent, self._versions = self._encode(), versions
         return self._latent

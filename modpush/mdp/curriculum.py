@@ -140,7 +140,8 @@ class Curriculum:
         """What episodes are drawn from now: `base` with scenes, difficulty and distance replaced.
 
         Args:
-            base: The environment's own; its scenes stay in a phase that has none.
+            base: The environment's own. Its scenes stay in a phase that has none, and the difficulty
+                grows from the least of its range to the largest.
         """
         distances, stage = self.config.distances, self.stage
         if self.warming_up:
@@ -149,10 +150,14 @@ class Curriculum:
         if stage == len(distances) - 1:
             distance = self.config.final_distance
         check_instance("Curriculum.scenario", "base", base, ScenarioConfig)
+        easiest, hardest = base.difficulty_range
         return replace(
             base,
             scene=self.config.phases[self.phase].scenes or base.scene,
-            difficulty=(0.0, (stage + 1) / len(distances)),
+            difficulty=(
+                easiest,
+                easiest + (hardest - easiest) * (stage + 1) / len(distances),
+            ),
             distance=distance,
         )
 

@@ -35,6 +35,7 @@ class CurriculumScenes(Transform):
 
     Raises:
         RuntimeError: At a reset, if it does not sit on a `PushEnv`.
+        ValueError: At a reset, if `evaluated_envs` names a scene that there is not.
         KeyError: If a key is missing.
     """
 
@@ -69,6 +70,11 @@ class CurriculumScenes(Transform):
 
     def _reset_env_preprocess(self, tensordict: TensorDictBase | None) -> TensorDictBase | None:
         env = self._env
+        count = env.batch_size[0]
+        if outside := sorted(i for i in self.evaluated_envs or () if i >= count):
+            raise ValueError(
+                f"CurriculumScenes: evaluated_envs must be indices of the {count} scenes, got {outside}."
+            )
         if env.scenario is not self._drawn_from:  # the environment's first one, or set since then
             self._base = env.scenario
         env.scenario = self._drawn_from = self.curriculum.scenario(self._base)

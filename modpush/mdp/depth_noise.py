@@ -7,7 +7,7 @@ from torchrl.envs import Transform
 
 from modpush._arguments import checked_arguments
 from modpush._checks import check_dtype
-from modpush._keys import check_spec_has, read_key
+from modpush._keys import check_spec_has, read_key, stored_next
 from modpush._types import Fraction, NonNegativeLength
 
 __all__ = ["DepthNoise"]
@@ -51,7 +51,12 @@ class DepthNoise(Transform):
             depth = depth.masked_fill(torch.rand_like(depth) < self.dropout, 0.0)
         return next_tensordict.set(self.depth_key, depth)
 
-    forward = _call
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Change stored images and, in transitions, those of their `"next"`."""
+        after = stored_next("DepthNoise", tensordict, self.in_keys, self.out_keys)
+        if after is not None:
+            self._call(after)
+        return self._call(tensordict)
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase

@@ -1,9 +1,7 @@
 from .a_star import AStar as AStar
 from .base import Planner as Planner
 from .distance_field import DistanceField as DistanceField
-from .inflation import circumscribed_radius as circumscribed_radius
 from .inflation import inflate as inflate
-from .inflation import inscribed_radius as inscribed_radius
 from .lazy_theta_star import LazyThetaStar as LazyThetaStar
 from .named import PLANNERS as PLANNERS
 from .named import make_planner as make_planner

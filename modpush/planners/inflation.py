@@ -12,13 +12,7 @@ from modpush._checks import check_dtype
 from modpush.planners.kernels.occupancy import inflate_few, inflate_many
 from modpush.planners.kernels.visibility import MAX_SIDE
 
-__all__ = [
-    "circumscribed_radius",
-    "clamp_radius",
-    "inflate",
-    "inscribed_radius",
-    "radius_per_scene",
-]
+__all__ = ["clamp_radius", "inflate", "radius_per_scene"]
 
 
 def inflate(blocked: Tensor, radius: float | Tensor) -> Tensor:
@@ -81,50 +75,3 @@ def clamp_radius(radius: NDArray[np.float64], height: int, width: int) -> NDArra
     Every cell is nearer than that to every other one, and the kernels' time grows with the radius.
     """
     return np.minimum(radius, float(height + width))
-
-
-def circumscribed_radius(outline: Tensor) -> float:
-    """Radius of the smallest circle around the reference point that holds a whole footprint.
-
-    Args:
-        outline: `[N, 2]` corners of the footprint [m], relative to the object's pose.
-
-    Raises:
-        TypeError: If the outline is no tensor.
-        ValueError: If it is not `[N, 2]`, N >= 1, or not finite.
-    """
-    _check_outline("circumscribed_radius", outline, 1)
-    return float(outline.norm(dim=-1).max())
-
-
-def inscribed_radius(outline: Tensor) -> float:
-    """Radius of the largest circle around the reference point that a footprint holds.
-
-    Args:
-        outline: `[N, 2]` corners of a convex footprint [m] in order, relative to the object's pose,
-            which lies inside.
-
-    Raises:
-        TypeError: If the outline is no tensor.
-        ValueError: If it is not `[N, 2]`, N >= 3, not finite, or repeats a corner.
-    """
-    _check_outline("inscribed_radius", outline, 3)
-    side = outline.roll(-1, 0) - outline  # [N, 2]
-    if not (side.norm(dim=-1) > 0).all():
-        raise ValueError(
-            f"inscribed_radius: outline must not hold a corner twice in a row, got {outline.tolist()}."
-        )
-    area = outline[:, 0] * side[:, 1] - outline[:, 1] * side[:, 0]
-    return float((area.abs() / side.norm(dim=-1)).min())
-
-
-def _check_outline(who: str, outline: Tensor, least: int) -> None:
-    if not isinstance(outline, Tensor) or not outline.is_floating_point():
-        got = outline.dtype if isinstance(outline, Tensor) else type(outline).__name__
-        raise TypeError(f"{who}: outline must be a floating point tensor, got {got}.")
-    if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < least:
-        raise ValueError(
-            f"{who}: outline must be [N, 2] with N >= {least}, got {list(outline.shape)}."
-        )
-    if not outline.isfinite().all():
-        raise ValueError(f"{who}: outline must be finite, got {outline.tolist()}.")

@@ -83,9 +83,13 @@ def _split(who: str, options: dict[str, Any]) -> tuple[dict[str, Any], dict[str,
     beside = of_simulator | set(ENV_PARTS)
     known = sorted((_CONFIG_FIELDS | beside) - {"num_envs"})
     refuse_unknown(who, set(options) - set(known), f"some of {['preset', 'render_mode', *known]}")
+    # `path_margin` is the planner's, as in `PushEnvConfig`; that of the episodes that are drawn, a field
+    # of `ScenarioConfig`, has the same name.
     in_config = {
         name: value
         for name, value in options.items()
-        if name not in beside or (name == "encoder" and isinstance(value, str))
+        if name not in beside
+        or name == "path_margin"
+        or (name == "encoder" and isinstance(value, str))
     }
     return in_config, {name: v for name, v in options.items() if name not in in_config}

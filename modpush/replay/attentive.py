@@ -3,7 +3,7 @@
 import math
 from collections import OrderedDict
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from tensordict.utils import NestedKey
@@ -26,6 +26,14 @@ __all__ = ["AttentiveSampler"]
 Index = Tensor | tuple[Tensor, ...]
 _STATE_FILE = "attentive_sampler.safetensors"
 _KIND, _VERSION = "modpush.AttentiveSampler", 1
+
+
+class _Group(NamedTuple):
+    """Queries that are served alike."""
+
+    num_queries: int
+    share: int  # entries that each keeps
+    num_candidates: int  # entries that each chooses from
 
 
 class AttentiveSampler(Sampler):
@@ -137,14 +145,19 @@ class AttentiveSampler(Sampler):
             query = query.detach().clone().reshape(-1, query.shape[-1])
         self._query = query
 
-    def num_candidates(self, batch_size: int) -> int:
-        """How many candidates the next sample of this size draws."""
-        return -int(-self.current_k * batch_size // 1)  # rounded up
+    def num_candidates(self, storage: Storage, batch_size: int) -> int:
+        """How many candidates the next sample of this size draws; rounded up for each query."""
+        if self._query is not None:
+            num_queries = len(self._query)
+        else:
+            num_queries = self._cursor.num_newest(storage, self.num_queries)
+        groups = self._groups(num_queries, batch_size)
+        return sum(group.num_queries * group.num_candidates for group in groups)
 
     def can_sample(self, storage: Storage, batch_size: int) -> bool:
         """Whether the storage holds enough candidates."""
         _check_batch_size(batch_size)
-        return len(storage) >= self.num_candidates(batch_size)
+        return len(storage) > 0 and len(storage) >= self.num_candidates(storage, batch_size)
 
     def sample(self, storage: Storage, batch_size: int) -> tuple[Index, dict[str, Any]]:
         """Draw a batch.
@@ -159,31 +172,58 @@ class AttentiveSampler(Sampler):
         if len(storage) == 0:
             raise RuntimeError("Cannot sample from an empty storage.")
         _check_batch_size(batch_size)
-        if not self.can_sample(storage, batch_size):
-            raise ValueError(
-                f"AttentiveSampler: k * batch_size must be <= the entries stored, got "
-                f"{self.current_k:g} * {batch_size} for {len(storage)} entries."
-            )
+        self._check_enough(storage, batch_size)
         queries = self._queries(storage)
-        share, remainder = divmod(batch_size, len(queries))
-        parts = []
-        if remainder:
-            order = torch.randperm(len(queries), generator=storage._rng).to(queries.device)
-            parts.append(self._choose(storage, queries[order[:remainder]], share + 1))
-            queries = queries[order[remainder:]]
-        if share:
-            parts.append(self._choose(storage, queries, share))
+        if batch_size % len(queries):
+            order = torch.randperm(len(queries), generator=storage._rng)
+            queries = queries[order.to(queries.device)]
+        groups = self._groups(len(queries), batch_size)
+        # All at once, or two groups could draw the same entry although none is to be drawn twice.
+        sizes = [group.num_queries * group.num_candidates for group in groups]
+        drawn = self._draw(storage, sum(sizes)).split(sizes)
+        # There may be more queries than entries to draw; those at the end get none this time.
+        counts = [group.num_queries for group in groups]
+        parts = [
+            self._choose(storage, part, query, group.share)
+            for part, query, group in zip(
+                drawn, queries[: sum(counts)].split(counts), groups, strict=True
+            )
+        ]
         index = torch.cat([index for index, _ in parts])  # [batch, ndim]
         similarity = torch.cat([similarity for _, similarity in parts])
         self._num_samples += 1
         info = {"similarity": similarity, "age": self._cursor.age(storage, index[:, 0])}
         return index[:, 0] if storage.ndim == 1 else index.unbind(-1), info
 
-    def _choose(self, storage: Storage, queries: Tensor, share: int) -> tuple[Tensor, Tensor]:
-        """The `share` best of each query's candidates: `[Q * share, ndim]`, `[Q * share]`."""
+    def _groups(self, num_queries: int, batch_size: int) -> list[_Group]:
+        """The queries with one entry of the remainder, then the others; none without a share."""
+        share, remainder = divmod(batch_size, num_queries)
+        return [
+            _Group(count, kept, math.ceil(self.current_k * kept))
+            for count, kept in ((remainder, share + 1), (num_queries - remainder, share))
+            if count and kept
+        ]
+
+    def _check_enough(self, storage: Storage, batch_size: int) -> None:
+        if self.can_sample(storage, batch_size):
+            return
+        needed = self.num_candidates(storage, batch_size)
+        rounded = needed != self.current_k * batch_size
+        raise ValueError(
+            f"AttentiveSampler: k * batch_size must be <= the entries stored, got "
+            f"{self.current_k:g} * {batch_size}{f', rounded up to {needed},' if rounded else ''} "
+            f"for {len(storage)} entries."
+        )
+
+    def _choose(
+        self, storage: Storage, index: Tensor, queries: Tensor, share: int
+    ) -> tuple[Tensor, Tensor]:
+        """The `share` best of each query's candidates: `[Q * share, ndim]`, `[Q * share]`.
+
+        The candidates' index is `[Q * C, ndim]`, one query's after the other's.
+        """
         num_queries, width = queries.shape
-        num_candidates = self.num_candidates(share)
-        index = self._draw(storage, num_queries * num_candidates)  # [Q * C, ndim]
+        num_candidates = len(index) // num_queries
         candidates = read_entries(storage, index, self.key)
         if candidates.shape[-1] != width:
             raise ValueError(

@@ -37,10 +37,15 @@ class WriteCursor:
             return None
         shape = valid_shape(storage)
         row = shape[1:].numel()
-        count = min(count or row, shape.numel())
+        count = self.num_newest(storage, count)
         flat = (newest * row + row - 1 - torch.arange(count).flip(0)) % shape.numel()
         index = torch.stack(torch.unravel_index(flat, shape), -1)
         return index.to(getattr(storage, "device", None) or "cpu")
+
+    def num_newest(self, storage: Storage, count: int | None) -> int:
+        """How many entries `newest` returns of a storage that is not empty."""
+        shape = valid_shape(storage)
+        return min(count or shape[1:].numel(), shape.numel())
 
     def age(self, storage: Storage, row: Tensor) -> Tensor:
         """How many writes ago rows along the first dimension were written; -1 if unknown."""

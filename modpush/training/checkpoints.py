@@ -5,7 +5,6 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from modpush._atomic import clean_leftovers
 from modpush._state import read_state, write_state
 
 __all__ = ["CHECKPOINT_KIND", "CHECKPOINT_VERSION", "Checkpoints"]
@@ -86,7 +85,3 @@ class Checkpoints:
                 stacklevel=2,
             )
         return state
-
-    def clean(self) -> None:
-        """Remove what writes left that were killed."""
-        clean_leftovers(self.folder)

@@ -114,6 +114,12 @@ class TrainConfig:
                 f"TrainConfig: tqc.learning_starts must be >= {needed:g}, what one sample draws "
                 f"from, got {self.tqc.learning_starts}."
             )
+        if self.env.distance[1] != self.curriculum.final_distance[1]:
+            raise ValueError(
+                "TrainConfig: env.distance, of the held-out episodes, must go as far as "
+                "curriculum.final_distance, of the last episodes of training, "
+                f"{self.curriculum.final_distance}, got {self.env.distance}. Set both."
+            )
 
     @property
     def warm_up(self) -> int:

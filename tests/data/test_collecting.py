@@ -18,9 +18,11 @@ from modpush.data import (
     collect_demonstrations,
     replay_demonstration,
 )
+from modpush.data.collecting import _start
 from modpush.data.config import episode_seed
 from modpush.envs import PushEnv
 from modpush.evaluation.sets import SET_NAMES, load_set
+from modpush.recipes import PushEnvConfig
 from tests.data.conftest import CONFIG, ENV
 
 
@@ -185,3 +187,13 @@ def test_gymnasium_makes_the_environment_of_a_spec_with_the_whole_config(collect
     assert spec.id == "modpush/Push-v0"
     assert gymnasium.envs.registration.EnvSpec.from_json(spec.to_json()).kwargs == spec.kwargs
     assert spec.kwargs["reward"]["weights"] == ENV.reward.weights
+
+
+@pytest.mark.parametrize("changes", [{}, {"inflation": "inscribed", "scene": ("diagonal_walls",)}])
+def test_starts_are_those_that_the_environment_draws(changes) -> None:
+    config = CollectConfig(env=PushEnvConfig.preset("cpu", num_envs=1, encoder="none", **changes))
+    env = gymnasium.make("modpush/Push-v0", **config.env_options())
+    for number in range(3):
+        env.reset(seed=episode_seed(config.seed, number))
+        assert env.unwrapped.env.base_env.scenarios[0] == _start(config, number)
+    env.close()

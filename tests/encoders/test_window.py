@@ -1,5 +1,6 @@
 """The local window: where things are in it, what is removed, and that it moves with the scene."""
 
+import importlib
 import math
 from functools import partial
 
@@ -14,6 +15,7 @@ from modpush.envs import PushEnv
 from modpush.geometry import Camera, Label
 from tests.encoders.scenes import CUBE, image, moved, window_of
 
+module = importlib.import_module("modpush.encoders.window")
 MIDDLE = (0.60, 0.0, 0.0)  # under the camera
 BAR = (0.10, 0.06, 0.06)
 PIXEL = Camera().cell_size
@@ -151,12 +153,25 @@ def test_the_pixels_are_those_the_window_takes(env):
         torch.testing.assert_close(windows[i, 0], expected, atol=1e-6, rtol=0)
 
 
-def test_many_scenes_are_the_same_as_one_by_one():
+@pytest.fixture
+def two_threads():
+    torch.set_num_threads(2)
+    yield
+    torch.set_num_threads(1)
+
+
+@pytest.mark.usefixtures("two_threads")
+def test_many_scenes_are_the_same_as_one_by_one(monkeypatch):
+    parallel, batches = module.window_many, []
+    monkeypatch.setattr(
+        module, "window_many", lambda b, *rest: batches.append(b) or parallel(b, *rest)
+    )
     depth, labels = image([(BAR, (0.66, 0.03, 0.3))], (CUBE, MIDDLE))
-    pose = torch.rand(70, 3) * 0.2 + torch.tensor([0.5, -0.1, 0.0])  # enough for threads
+    pose = torch.rand(70, 3) * 0.2 + torch.tensor([0.5, -0.1, 0.0])
     many = egocentric_window(depth.expand(70, -1, -1), labels.expand(70, -1, -1), pose)
-    for b in range(0, 70, 7):
+    for b in range(0, 70, 3):
         assert torch.equal(many[b], egocentric_window(depth, labels, pose[b : b + 1])[0])
+    assert batches == [70]  # only the many are made by the parallel kernel
 
 
 def test_what_lies_beyond_the_image_is_free_or_blocked():

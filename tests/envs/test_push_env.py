@@ -20,6 +20,7 @@ from torchrl.record import CSVLogger, PixelRenderTransform, VideoRecorder
 from modpush.envs import OBJECTS, PushEnv, ScenarioConfig
 from modpush.envs.scenes.drawing import draw_top_view
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES
+from modpush.envs.scenes.objects import get_object
 from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.sim.contacts import CONTACT_GAP
 from modpush.envs.sim.task import ClutterPushEnv
@@ -555,4 +556,37 @@ def test_an_episode_that_starts_at_its_goal_is_refused():
         env.reset(scenarios=[env.scenarios[0], solved])
     with pytest.raises(TypeError, match=r"scenarios\[0\] must be a Scenario, got 'slot'"):
         env.reset(scenarios=["slot", "slot"])
+    env.close()
+
+
+def test_a_refused_reset_changes_no_scene() -> None:
+    env = PushEnv(2, depth=None, seed=0)
+    env.reset()
+    env.step(env.rand_action())
+    before = env.get_state()
+    first, second = env.scenarios
+    far_away = replace(second, tool_pose=(3.0, 3.0, 0.0))
+    with pytest.raises(ValueError, match="tool_pose"):
+        env.reset(scenarios=[replace(first, goal_position=(0.5, 0.2)), far_away])
+    assert env.get_state().to_dict() == before.to_dict()
+    env.close()
+
+
+def test_a_scenario_that_the_environment_was_not_made_for_is_refused(env) -> None:
+    with pytest.raises(ValueError, match="scenario must keep low and high"):
+        env.scenario = replace(env.scenario, low=(0.3, -0.3))
+    with pytest.raises(ValueError, match=r"scenario must have objects of .*got \['random_1'\]"):
+        env.scenario = replace(env.scenario, pushed_object="random_1")
+    name = env.scenario.objects[0].name
+    other_shape = replace(get_object("random_1"), name=name)
+    with pytest.raises(ValueError, match=f"got .'{name}'.*"):
+        env.scenario = replace(env.scenario, pushed_object=other_shape)
+
+
+def test_the_smallest_distance_is_one_that_does_not_end_at_once() -> None:
+    with pytest.raises(ValueError, match="distance"):
+        PushEnv(1, depth=None, distance=0.05)
+    env = PushEnv(4, depth=None, distance=0.0502, seed=0)
+    for _ in range(10):
+        assert not env.reset()["done"].any()
     env.close()

@@ -7,6 +7,7 @@ from torchrl.envs import Compose, EnvBase, ExcludeTransform, TransformedEnv
 
 from modpush.agents import ScriptedPusher
 from modpush.envs import PushEnv
+from modpush.envs.scenes.sampling import sample_scenario
 from modpush.evaluation.episodes import Trajectory, run_episodes
 from modpush.evaluation.sets import EvaluationSet
 from modpush.planners import DistanceField, OccupancyGrid, PlannerSubgoals
@@ -173,3 +174,13 @@ def test_a_trajectory_survives_the_disk(tmp_path, free: EvaluationSet) -> None:
     loaded = Trajectory.load(tmp_path / "a.npz")
     for name, value in vars(trajectory).items():
         np.testing.assert_array_equal(getattr(loaded, name), value)
+
+
+def test_another_workspace_than_the_sets_is_refused() -> None:
+    rng = np.random.default_rng(0)
+    env = PushEnv(1, depth=None, low=(0.4, -0.45), high=(0.7, -0.36), distance=(0.06, 0.1))
+    with pytest.raises(
+        ValueError, match=r"run_episodes: the environment must have the .* workspace"
+    ):
+        next(iter(run_episodes(env, ScriptedPusher(), [(0, sample_scenario(rng, env.scenario))])))
+    env.close()

@@ -293,3 +293,12 @@ def test_a_finished_folder_is_read_without_being_written_to(
 def test_two_evaluations_of_one_folder_are_refused(tmp_path: Path, free: EvaluationSet) -> None:
     with FolderLock(tmp_path), pytest.raises(FolderLockedError, match=f"process {os.getpid()} on"):
         evaluate(ScriptedPusher(), free.first(2), tmp_path, make_env=fail, config=QUIET)
+
+
+def test_drawn_actions_are_another_run_than_greedy_ones(
+    tmp_path: Path, free: EvaluationSet
+) -> None:
+    evaluate(ScriptedPusher(), free.first(1), tmp_path, make_env=make_env, config=QUIET)
+    drawn = replace(QUIET, deterministic=False)
+    with pytest.raises(ValueError, match=r"holds another run.*deterministic"):
+        evaluate(ScriptedPusher(), free.first(1), tmp_path, make_env=make_env, config=drawn)

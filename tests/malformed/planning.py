@@ -159,14 +159,4 @@ def _subgoals() -> list[Target]:
             },
             only=["paths"],
         ),
-        *(
-            Target(
-                name=function.__name__,
-                call=function,
-                given=lambda: {"outline": torch.tensor([[1.0, 1], [-1, 1], [-1, -1], [1, -1]])},
-                bad={"outline": [torch.zeros(0, 2), torch.zeros(4, 3), None, "text", [[1, 1]]]},
-                only=["outline"],  # a corner twice is an outline for one of the two
-            )
-            for function in (planners.circumscribed_radius, planners.inscribed_radius)
-        ),
     ]

@@ -51,12 +51,20 @@ def test_training_flags_stay_and_the_latent_is_that_of_evaluation():
     assert encoder.frozen.num_batches_tracked == 0
 
 
-def test_it_follows_an_encoder_that_is_trained_and_is_computed_no_oftener():
+@pytest.mark.parametrize(
+    "make_optimizer",
+    [
+        lambda parameters: torch.optim.SGD(parameters, lr=1.0),
+        lambda parameters: torch.optim.Adam(parameters, lr=0.1),
+        lambda parameters: torch.optim.Adam(parameters, lr=0.1, fused=True),
+    ],
+    ids=["sgd", "adam", "fused_adam"],
+)
+def test_it_follows_an_encoder_that_is_trained(make_optimizer):
     encoder = SmallEncoder()
     shift = latent_entry(encoder).shift
     before = shift()
-    assert shift() is before
-    optimiser = torch.optim.SGD(encoder.parameters(), lr=1.0)
+    optimiser = make_optimizer(encoder.parameters())
     encoder(torch.rand(4, 1, 8, 8)).sum().backward()
     optimiser.step()
     after = shift()
@@ -65,6 +73,19 @@ def test_it_follows_an_encoder_that_is_trained_and_is_computed_no_oftener():
     assert not after.requires_grad
     encoder.load_state_dict({k: torch.zeros_like(v) for k, v in encoder.state_dict().items()})
     assert torch.equal(shift(), torch.zeros(3))
+
+
+def test_a_frozen_encoder_is_asked_once_and_again_after_a_change_in_place():
+    encoder = SmallEncoder().requires_grad_(False)
+    shift = latent_entry(encoder).shift
+    before = shift()
+    assert shift() is before
+    encoder.rest[1].bias += 1.0
+    torch.testing.assert_close(shift(), before + 1.0)
+    with torch.inference_mode():
+        made_there = SmallEncoder().requires_grad_(False).eval()
+        blank = made_there(torch.zeros(1, 1, 8, 8))[0]
+    assert torch.equal(latent_entry(made_there).shift(), blank)
 
 
 def test_it_follows_a_pickled_encoder():

@@ -41,6 +41,16 @@ def test_difficulty_grows_to_the_whole_range():
     assert ranges == [(0.0, pytest.approx(1 / 3)), (0.0, pytest.approx(2 / 3)), (0.0, 1.0)]
 
 
+def test_difficulty_stays_in_the_environments_range():
+    curriculum = Curriculum(CurriculumConfig(promotion="off"))
+    base = ScenarioConfig(difficulty=(0.1, 0.4))
+    assert curriculum.scenario(base).difficulty == pytest.approx((0.1, 0.4))
+    first = Curriculum(CurriculumConfig())
+    low, high = first.scenario(base).difficulty
+    assert low == 0.1
+    assert high == pytest.approx(0.1 + 0.3 / len(first.config.distances))
+
+
 def test_goes_on_at_the_threshold_over_a_full_window():
     curriculum = Curriculum(SHORT)
     solve(curriculum, True, True, True)

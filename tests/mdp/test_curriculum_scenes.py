@@ -146,3 +146,14 @@ def test_episodes_of_the_warm_up_are_of_all_distances_and_do_not_count():
         assert len(curriculum.scene_success_rates) == (step == 8)
         td = following
     torch.testing.assert_close(distance_of(td), torch.full((4,), 0.06), atol=1e-4, rtol=0)
+
+
+def test_scenes_that_there_are_not_are_refused() -> None:
+    env = TransformedEnv(
+        PushEnv(2, depth=None), CurriculumScenes(Curriculum(), evaluated_envs=[0, 2])
+    )
+    with pytest.raises(
+        ValueError, match=r"evaluated_envs must be indices of the 2 scenes, got \[2\]"
+    ):
+        env.reset()
+    env.close()

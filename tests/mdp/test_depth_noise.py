@@ -60,3 +60,10 @@ def test_it_goes_before_the_planner_s_grid() -> None:
     assert noisy.reset()["occupancy"].sum() > 2 * blocked.sum()
     noisy.close()
     assert with_holes.any()
+
+
+def test_stored_transitions_get_it_before_and_after_the_step() -> None:
+    step = images().set("next", images())
+    noisy = DepthNoise(sigma=0.003, depth_key=("camera", "depth"))(step)
+    for image in (noisy["camera", "depth"], noisy["next", "camera", "depth"]):
+        assert image.std() == pytest.approx(0.003, abs=3e-5)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from planner_maps import random_map
 
 from modpush.geometry import CAMERA, Label
-from modpush.planners import OccupancyMap, circumscribed_radius, inflate
+from modpush.planners import OccupancyMap, inflate
 
 
 def as_tensors(*images):
@@ -264,8 +264,3 @@ def test_bad_images_are_refused(arguments, error, message):
 def test_min_height_must_lie_under_the_camera():
     with pytest.raises(ValueError, match="min_height must lie between 0 and the camera's height"):
         OccupancyMap(min_height=1.2)
-
-
-def test_circumscribed_radius_of_the_large_cube():
-    corners = torch.tensor([[0.04, 0.025], [-0.04, 0.025], [-0.04, -0.025], [0.04, -0.025]])
-    assert circumscribed_radius(corners) == pytest.approx(0.0471699, abs=1e-6)

@@ -14,7 +14,9 @@ from torchrl.envs import GymEnv
 from torchrl.envs.utils import check_env_specs, step_mdp
 
 import modpush.envs  # noqa: F401  # registers the environment
+from modpush.data import CollectConfig
 from modpush.encoders import RayScan
+from modpush.planners import OccupancyGrid
 from modpush.recipes import PaperGymEnv, PushEnvConfig, load_agent, make_push_env
 
 
@@ -161,3 +163,20 @@ def test_stable_baselines_sac_learns_on_it() -> None:
     assert np.mean(contacts[:600]) < 0.1
     assert np.mean(contacts[-500:]) > 0.25
     env.close()
+
+
+@pytest.mark.parametrize("preset", ["paper", "authors", "cpu"])
+def test_a_preset_whose_fields_are_all_given_is_that_of_make_push_env(preset) -> None:
+    config = PushEnvConfig.preset(preset, num_envs=1, encoder="none")
+    env = gym.make("modpush/Push-v0", **CollectConfig(env=config).env_options())
+    expected = make_push_env(config)
+    for made in (env.unwrapped.env, expected):
+        made.set_seed(0)
+    assert env.unwrapped.env.base_env.scenario == expected.base_env.scenario
+    grids = [
+        next(t for t in made.transform if isinstance(t, OccupancyGrid))
+        for made in (env.unwrapped.env, expected)
+    ]
+    assert grids[0].margins == grids[1].margins
+    env.close()
+    expected.close()

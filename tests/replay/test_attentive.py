@@ -487,6 +487,46 @@ def test_more_candidates_than_entries():
     assert len(buffer.sample()) == 8
 
 
+def test_candidates_are_counted_as_they_are_rounded_for_each_query():
+    sampler = AttentiveSampler(1.5, num_queries=3, candidate_replacement=False)
+    buffer = make_buffer(sampler, batch_size=3)
+    buffer.extend(transitions(5))
+    # Each of three queries keeps one entry of ceil(1.5) = 2, six together; 1.5 * 3 is below five.
+    assert sampler.num_candidates(buffer.storage, 3) == 6
+    assert not buffer.can_sample()
+    message = "got 1.5 \\* 3, rounded up to 6, for 5 entries."
+    with pytest.raises(ValueError, match=message):
+        buffer.sample()
+    buffer.extend(transitions(1))
+    assert buffer.can_sample()
+    assert len(buffer.sample()) == 3
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    queries=st.integers(1, 12),
+    batch_size=st.integers(1, 20),
+    k=st.floats(1, 4),
+    written=st.integers(1, 60),
+    given_query=st.booleans(),
+)
+def test_what_can_be_sampled_is_sampled(queries, batch_size, k, written, given_query):
+    sampler = Recording(k, num_queries=queries, candidate_replacement=False)
+    buffer = make_buffer(sampler, batch_size=batch_size)
+    buffer.extend(transitions(written))
+    if given_query:
+        sampler.set_query(torch.randn(queries, WIDTH))
+    num_candidates = sampler.num_candidates(buffer.storage, batch_size)
+    assert num_candidates >= k * batch_size - 1e-9
+    assert buffer.can_sample() == (num_candidates <= written)
+    if buffer.can_sample():
+        assert len(buffer.sample()["index"].unique()) == batch_size
+        assert len(sampler.drawn.unique()) == num_candidates
+    else:
+        with pytest.raises(ValueError, match="must be <= the entries stored"):
+            buffer.sample()
+
+
 def test_a_storage_of_bare_tensors():
     buffer = ReplayBuffer(storage=LazyTensorStorage(100), sampler=AttentiveSampler(2), batch_size=8)
     buffer.extend(torch.randn(50, WIDTH))

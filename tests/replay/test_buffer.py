@@ -71,7 +71,10 @@ def test_prioritized_without_its_extension_says_what_to_do(monkeypatch):
         raise RuntimeError("SumSegmentTreeFp32 is not available")
 
     monkeypatch.setattr("modpush.replay.buffer.PrioritizedSampler", refuse)
-    message = r"needs TorchRL's C\+\+ extension, .* \(SumSegmentTreeFp32 is not available\)"
+    message = (
+        r"^make_replay_buffer: sampler='prioritized' needs TorchRL's C\+\+ extension, .*"
+        r"\(SumSegmentTreeFp32 is not available\)\. Install a torchrl built for this torch, or use "
+    )
     with pytest.raises(RuntimeError, match=message):
         make_replay_buffer(ReplayConfig(**SMALL, sampler="prioritized"))
 

@@ -13,7 +13,7 @@ from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torchrl.modules import MLP, ValueOperator
 
-from modpush.agents.tqc.relu_mlp import ReluMLP, relu_mlp
+from modpush.agents.tqc.relu_mlp import ReluMLP, autocast_enabled, plain_linear, relu_mlp
 
 __all__ = ["BatchedEnsemble", "NotBatchableError"]
 
@@ -135,6 +135,8 @@ class BatchedEnsemble:
 
 def _linear(x: Tensor, parameters: Sequence[Tensor]) -> Tensor:
     weight, bias = parameters  # [N, out, in], [N, out]
+    if autocast_enabled(x):
+        return plain_linear(x, weight, bias)
     return torch.baddbmm(bias.unsqueeze(1), x, weight.mT)
 
 

@@ -23,6 +23,7 @@ from modpush._types import Fraction
 from modpush._validation import check_value
 from modpush.agents.tqc.ensemble import BatchedEnsemble, NotBatchableError
 from modpush.agents.tqc.quantiles import quantile_huber, truncate_atoms
+from modpush.agents.tqc.relu_mlp import autocast_enabled
 from modpush.agents.tqc.tanh_normal import tanh_normal_rsample
 
 __all__ = ["TQCLoss"]
@@ -39,7 +40,8 @@ class TQCLoss(_TorchRLTQCLoss):
 
     Critics that `BatchedEnsemble` cannot batch (anything but a multilayer perceptron) take
     TorchRL's path, about which one `UserWarning` is given at construction. So do target computations
-    with `skip_done_states` or with averaged rewards: exact, but slower.
+    with `skip_done_states` or with averaged rewards, and everything under `torch.autocast`: exact, but
+    slower.
 
     `loss_qvalue` is a mean over atoms and a *sum* over critics, as in TorchRL; sb3-contrib takes
     the mean over both.
@@ -141,7 +143,7 @@ class TQCLoss(_TorchRLTQCLoss):
 
     def qvalue_v2_loss(self, tensordict: TensorDictBase) -> tuple[Tensor, dict[str, Tensor]]:
         """Critic loss, and under `"td_error"` the priorities `[*B]`."""
-        if self._ensemble is None:
+        if self._takes_torchrls_path():
             return super().qvalue_v2_loss(tensordict)
         weights = self._maybe_get_priority_weight(tensordict)
         targets = self.compute_target(tensordict)
@@ -155,7 +157,7 @@ class TQCLoss(_TorchRLTQCLoss):
 
     def actor_loss(self, tensordict: TensorDictBase) -> tuple[Tensor, dict[str, Tensor]]:
         """Actor loss, and under `"log_prob"` the new actions' log-probabilities `[*B]`."""
-        if self._ensemble is None:
+        if self._takes_torchrls_path():
             return super().actor_loss(tensordict)
         weights = self._maybe_get_priority_weight(tensordict)
         action, log_prob = self._draw_action(tensordict)
@@ -176,7 +178,7 @@ class TQCLoss(_TorchRLTQCLoss):
         """Truncated Bellman targets in ascending order, `[*B, N * n - N * dropped]`."""
         estimator = self.value_estimator
         plain = type(estimator) is TD0Estimator and not estimator.average_rewards
-        if self._ensemble is None or self.skip_done_states or not plain:
+        if self._takes_torchrls_path() or self.skip_done_states or not plain:
             return super().compute_target(tensordict)
         next_tensordict = tensordict.get("next")
         action, log_prob = self._draw_action(next_tensordict)
@@ -190,6 +192,9 @@ class TQCLoss(_TorchRLTQCLoss):
         if steps is not None:  # n-step returns, as `MultiStepTransform` writes them
             gamma = gamma ** _to_ndim(steps, value.ndim)
         return reward + gamma * (~terminated).int() * value
+
+    def _takes_torchrls_path(self) -> bool:
+        return self._ensemble is None or autocast_enabled(self.log_alpha)
 
     def _draw_action(self, tensordict: TensorDictBase) -> tuple[Tensor, Tensor]:
         """An action of the present policy, `[*B, A]`, and its log-probability, `[*B]`."""

@@ -57,7 +57,7 @@ def truncate_atoms(atoms: Tensor, num_dropped: int) -> Tensor:
 def quantile_huber(quantiles: Tensor, targets: Tensor) -> tuple[Tensor, Tensor]:
     """Quantile regression of every critic's atoms towards every target atom.
 
-    Differentiable once, with respect to `quantiles` only: targets are constants.
+    Differentiable any number of times, with respect to `quantiles` only: targets are constants.
 
     Args:
         quantiles: Predicted atoms of `N` critics, `[N, *B, n]`, floating point.
@@ -95,14 +95,15 @@ class _QuantileHuber(torch.autograd.Function):
             loss, gradient, error = _forward_numba(quantiles, targets)
         else:
             loss, gradient, error = _forward_torch(quantiles, targets)
-        ctx.save_for_backward(gradient)
+        ctx.save_for_backward(gradient, quantiles, targets)
         ctx.mark_non_differentiable(error)
         return loss, error
 
     @staticmethod
-    @torch.autograd.function.once_differentiable
     def backward(ctx: Any, grad_loss: Tensor, grad_error: Tensor) -> tuple[Tensor, None]:
-        (gradient,) = ctx.saved_tensors
+        gradient, quantiles, targets = ctx.saved_tensors
+        if torch.is_grad_enabled():  # create_graph=True: the gradient depends on the quantiles
+            _, gradient, _ = _forward_torch(quantiles, targets.detach())
         return gradient * grad_loss.unsqueeze(-1), None
 
 

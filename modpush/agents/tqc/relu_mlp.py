@@ -51,8 +51,9 @@ class ReluMLP(MLP):
 
     def forward(self, *inputs: Tensor) -> Tensor:
         """`[*B, d_i]` each, to `[*B, out_features]`."""
-        if torch._C._are_functorch_transforms_active():
-            return super().forward(*inputs)  # `vmap` cannot transform our operation
+        # `vmap` cannot transform our operation, and autocast does not look into it.
+        if torch._C._are_functorch_transforms_active() or autocast_enabled(inputs[0]):
+            return super().forward(*inputs)
         linear = [layer for layer in self if isinstance(layer, nn.Linear)]
         output = relu_mlp(
             [x.reshape(-1, x.shape[-1]) for x in inputs],
@@ -67,7 +68,9 @@ def relu_mlp(
 ) -> Tensor:
     """Evaluate `N` equal multilayer perceptrons, ReLU after each layer but the last.
 
-    Differentiable once, with respect to all arguments.
+    Differentiable with respect to all arguments. With `create_graph=True` the gradient is computed
+    by torch's own operations, layer by layer, and can be differentiated again. Under `torch.autocast`
+    so is the output.
 
     Args:
         inputs: Inputs of the first layer, concatenated there, the same for all networks, `[P, d_i]`.
@@ -78,6 +81,8 @@ def relu_mlp(
         Outputs, `[N, P, out]`.
     """
     parameters = [tensor for layer in zip(weights, biases, strict=True) for tensor in layer]
+    if autocast_enabled(inputs[0]):
+        return _layers(inputs, weights, biases)[-1]
     if torch.is_grad_enabled():
         return _ReluMLP.apply(len(inputs), *inputs, *parameters)
     x = _first_layer_input(inputs, parameters[0])
@@ -86,6 +91,31 @@ def relu_mlp(
         last = index + 2 == len(parameters)
         x = multiply.layer(x, parameters[index], parameters[index + 1], relu=not last)
     return multiply.stacked(x)
+
+
+def autocast_enabled(x: Tensor) -> bool:
+    """Whether `torch.autocast` is on for a tensor's device."""
+    # Devices without autocast, such as "meta", raise where they are asked.
+    device = x.device.type
+    return torch.amp.is_autocast_available(device) and torch.is_autocast_enabled(device)
+
+
+def _layers(
+    inputs: Sequence[Tensor], weights: Sequence[Tensor], biases: Sequence[Tensor]
+) -> list[Tensor]:
+    """Each layer's input, `[N, P, in_l]`, then the output, by operations that autograd knows."""
+    x = _first_layer_input(inputs, weights[0])
+    layers = [x]
+    for index, (weight, bias) in enumerate(zip(weights, biases, strict=True)):
+        x = plain_linear(x, weight, bias)
+        x = x.relu() if index + 1 < len(weights) else x
+        layers.append(x)
+    return layers
+
+
+def plain_linear(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
+    """`N` linear layers; under autocast the bias is added in single precision, as with `vmap`."""
+    return torch.bmm(x, weight.mT) + bias.unsqueeze(1)
 
 
 def _first_layer_input(inputs: Sequence[Tensor], weight: Tensor) -> Tensor:
@@ -105,15 +135,19 @@ class _ReluMLP(torch.autograd.Function):
             ctx.hidden.append(x)
             last = index + 2 == len(parameters)
             x = multiply.layer(x, parameters[index], parameters[index + 1], relu=not last)
-        ctx.save_for_backward(*inputs, *parameters[::2])
+        # The biases are needed by second derivatives only; like the weights, they cost no memory.
+        ctx.save_for_backward(*inputs, *parameters[::2], *parameters[1::2])
         ctx.num_inputs = num_inputs
         return multiply.stacked(x)
 
     @staticmethod
-    @torch.autograd.function.once_differentiable
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
-        inputs, weights = ctx.saved_tensors[: ctx.num_inputs], ctx.saved_tensors[ctx.num_inputs :]
+        saved, num_inputs = ctx.saved_tensors, ctx.num_inputs
+        inputs, parameters = saved[:num_inputs], saved[num_inputs:]
+        weights, biases = parameters[: len(parameters) // 2], parameters[len(parameters) // 2 :]
         multiply, hidden = ctx.multiply, ctx.hidden
+        if torch.is_grad_enabled():  # create_graph=True: the gradient depends on all of these
+            multiply, hidden = _DifferentiableProducts, _layers(inputs, weights, biases)[:-1]
         first = 1 + len(inputs)  # of the parameters among the arguments
         grads: list[Tensor | None] = [None] * (first + 2 * len(weights))
         for layer in reversed(range(len(weights))):
@@ -156,6 +190,17 @@ class _TorchProducts:
     @staticmethod
     def stacked(x: Tensor) -> Tensor:
         return x
+
+
+class _DifferentiableProducts(_TorchProducts):
+    """The same for gradients that are differentiated again: nothing is overwritten."""
+
+    @staticmethod
+    def input_gradient(grad: Tensor, weight: Tensor, relu_output: Tensor | None = None) -> Tensor:
+        grad = torch.bmm(grad, weight)
+        return (
+            grad if relu_output is None else torch.ops.aten.threshold_backward(grad, relu_output, 0)
+        )
 
 
 class _OneDNNProducts:

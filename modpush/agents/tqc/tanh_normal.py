@@ -22,7 +22,8 @@ def tanh_normal_rsample(
 ) -> tuple[Tensor, Tensor]:
     """Draw actions and their log-probabilities, as `TanhNormal(loc, scale, ...).rsample_and_log_prob()`.
 
-    The draw is the same for the same state of torch's random generator. Differentiable once.
+    The draw is the same for the same state of torch's random generator. Differentiable any number of
+    times.
 
     Args:
         loc: Mean before the squashing, `[*B, A]`.
@@ -55,10 +56,10 @@ class _TanhNormalSample(torch.autograd.Function):
         return action, log_prob.sum(-1)
 
     @staticmethod
-    @torch.autograd.function.once_differentiable
     def backward(
         ctx: Any, grad_action: Tensor, grad_log_prob: Tensor
     ) -> tuple[Tensor, Tensor, None]:
+        # Plain operations on an input and an output, so that this can be differentiated again.
         action, scale, noise = ctx.saved_tensors
         grad_log_prob = grad_log_prob.unsqueeze(-1)
         # The noise's own density stays as it is; the squashing's logarithm has slope -2 tanh(x).

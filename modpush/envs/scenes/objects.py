@@ -194,6 +194,7 @@ OBJECTS: dict[str, PushedObject] = {
 _RANDOM = re.compile(r"random_(\d{1,9})")
 
 
+@functools.lru_cache(maxsize=1024)
 def random_object(seed: int) -> PushedObject:
     """A box, an upright cylinder or a prism over a convex outline, of 4 to 10 cm, drawn from a seed.
 

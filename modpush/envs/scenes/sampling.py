@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
@@ -125,6 +126,10 @@ def sample_scenario(
         item = objects[rng.integers(len(objects))]
         difficulty = float(rng.uniform(*config.difficulty_range))
         obstacles = scene(rng, difficulty)
+        if not isinstance(obstacles, Sequence) or not all(
+            isinstance(one, Obstacle) for one in obstacles
+        ):
+            raise ValueError(f"scene: {name!r} must return a list of Obstacle, got {obstacles!r}.")
         if len(obstacles) > MAX_OBSTACLES:
             raise ValueError(
                 f"scene: {name!r} placed {len(obstacles)} obstacles, at most {MAX_OBSTACLES} fit."

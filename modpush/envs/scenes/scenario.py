@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, field
 from typing import Annotated, Any
 
-from annotated_types import Ge, Le, MaxLen
+from annotated_types import Ge, Gt, Le, MaxLen
 from pydantic import Strict
 
 from modpush._types import (
@@ -33,7 +33,7 @@ Mass = Annotated[Positive, Ge(1e-3), Le(1e3)]
 """Mass of an object [kg]."""
 Friction = Annotated[NonNegative, Le(10)]
 """Friction coefficient of an object's material."""
-GoalDistance = Annotated[Length, Ge(GOAL_THRESHOLD), Le(2)]
+GoalDistance = Annotated[Length, Gt(GOAL_THRESHOLD + 1e-4), Le(2)]
 """Distance from start to goal [m]; nearer, an episode has ended before its first step."""
 GoalDistances = Annotated[tuple[GoalDistance, GoalDistance], Strict(False), ORDERED]
 """Lower and upper end of a range of distances from start to goal [m]."""
@@ -114,7 +114,7 @@ class ScenarioConfig:
     """Largest distance of a goal from the robot's axis [m]."""
     clearance: NonNegativeLength = 0.06
     """Least distance of start and goal from obstacles, surface to surface [m]."""
-    path_margin: Fraction = 0.04
+    path_margin: NonNegativeLength = 0.04
     """Largest distance by which the object's path to the goal may leave the workspace [m]; at 5 cm an
     episode ends."""
     path_inflation: Circle = "circumscribed"

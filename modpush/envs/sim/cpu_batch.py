@@ -49,6 +49,8 @@ class CpuBatch(SceneBatch):
     def start(self, indices: Sequence[int], scenarios: Sequence[Scenario]) -> None:
         """See `SceneBatch`."""
         for i, scenario in zip(indices, scenarios, strict=True):
+            self._scenes[i].start_joints(scenario)  # raises before any scene has been changed
+        for i, scenario in zip(indices, scenarios, strict=True):
             self.tasks[i].start(scenario)
             self._after_change(i, scenario, scenario.tool_pose)
             self._target_reachable[i] = True

@@ -14,15 +14,22 @@ def make_generators(seed: int | Sequence[int] | None, count: int) -> list[np.ran
     """A generator for each scene.
 
     Args:
-        seed: One for each scene; or that of the first, from which scene `i` gets `seed + i`; or None
-            for unpredictable numbers.
+        seed: One for each scene; or that of the first, alone or in a list, from which scene `i` gets
+            `seed + i`; or None for unpredictable numbers.
         count: Number of scenes.
+
+    Raises:
+        ValueError: If there are neither one seed nor as many as scenes.
     """
     if seed is None:
         return [np.random.default_rng(s) for s in np.random.SeedSequence().spawn(count)]
     seeds = [seed] if isinstance(seed, int | np.integer) else list(seed)
-    if len(seeds) != count:
+    if len(seeds) == 1:
         seeds = [seeds[0] + i for i in range(count)]
+    if len(seeds) != count:
+        raise ValueError(
+            f"seed must be one number, or one for each of the {count} scenes, got {len(seeds)}."
+        )
     return [np.random.default_rng(s) for s in seeds]
 
 

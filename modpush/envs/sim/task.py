@@ -174,6 +174,11 @@ class ClutterPushEnv(BaseEnv):
             options: ManiSkill's, and `scenarios`, from which episodes start instead of drawing
                 them: one `Scenario` for each scene that is reset.
         """
+        if "scenario" in (options or {}):
+            raise ValueError(
+                "ClutterPushEnv.reset: options must have 'scenarios', a sequence of one Scenario for "
+                "each scene being reset, got 'scenario'."
+            )
         if seed is not None or not self._rngs:
             self._rngs = make_generators(seed, self.num_envs)
         return super().reset(seed=seed, options=options)
@@ -186,10 +191,14 @@ class ClutterPushEnv(BaseEnv):
             scenarios = [
                 sample_scenario(self._rngs[i], self.scenario_config, tool=tool) for i in indices
             ]
-        if len(scenarios) != len(indices):
+        if (
+            not isinstance(scenarios, Sequence)
+            or len(scenarios) != len(indices)
+            or not all(isinstance(scenario, Scenario) for scenario in scenarios)
+        ):
             raise ValueError(
-                f"ClutterPushEnv.reset: scenarios must have one entry for each of the "
-                f"{len(indices)} scenes being reset, got {len(scenarios)}."
+                "ClutterPushEnv.reset: scenarios must be a sequence of one Scenario for each of the "
+                f"{len(indices)} scenes being reset, got {scenarios!r}."
             )
         if self.cpu_scene is not None:
             self._set_scene_config()  # SAPIEN's settings are global: others may have changed them

@@ -3,10 +3,12 @@
 import pytest
 import torch
 from torch import nn
+from torchrl.data import Bounded
 from torchrl.modules import MLP, ValueOperator
 from torchrl.objectives import TQCLoss as TorchRLTQCLoss
 
 from modpush.agents import TQCLoss
+from modpush.agents import make_actor as make_own_actor
 from modpush.agents.tqc.relu_mlp import ReluMLP
 from tests.agents.tqc.tqc_builders import (
     ACT,
@@ -22,6 +24,8 @@ from tests.agents.tqc.tqc_builders import (
 pytestmark = pytest.mark.filterwarnings("ignore:TQCLoss. these critics cannot be batched")
 
 TOLERANCE = {torch.float32: 1e-6, torch.float64: 1e-10}
+# Most numbers are equal to the bit; of a few the last of eight bits is rounded the other way.
+BFLOAT16_TOLERANCE = 2e-2
 
 
 def assert_same(ours, theirs, relative: float) -> None:
@@ -30,7 +34,9 @@ def assert_same(ours, theirs, relative: float) -> None:
     assert (ours - theirs).abs().max().item() <= relative * max(scale, 1e-12)
 
 
-def assert_same_as_torchrl(batch, *, dtype=torch.float32, mutate=None, **kwargs) -> None:
+def assert_same_as_torchrl(
+    batch, *, dtype=torch.float32, mutate=None, autocast=False, **kwargs
+) -> None:
     """Same losses, priorities and gradients of both classes on one batch."""
     results = []
     for cls in (TQCLoss, TorchRLTQCLoss):
@@ -38,21 +44,22 @@ def assert_same_as_torchrl(batch, *, dtype=torch.float32, mutate=None, **kwargs)
         if mutate is not None:
             mutate(loss)
         mine = batch.clone()
-        torch.manual_seed(7)
-        targets = loss.compute_target(mine)
-        torch.manual_seed(8)
-        output = loss(mine)
+        with torch.autocast("cpu", dtype=torch.bfloat16, enabled=autocast):
+            torch.manual_seed(7)
+            targets = loss.compute_target(mine)
+            torch.manual_seed(8)
+            output = loss(mine)
         total = sum(value.sum() for key, value in output.items() if key.startswith("loss_"))
         total.backward()
         gradients = {name: p.grad for name, p in loss.named_parameters() if p.requires_grad}
         results.append((targets, output, mine["td_error"], gradients))
     (targets, output, error, gradients), (targets_, output_, error_, gradients_) = results
-    relative = TOLERANCE[dtype]
+    relative = BFLOAT16_TOLERANCE if autocast else TOLERANCE[dtype]
     assert_same(targets, targets_, relative)
     assert_same(error, error_, relative)
     assert set(output.keys()) == set(output_.keys())
     for key, value in output_.items():
-        assert output[key].shape == value.shape
+        assert (output[key].shape, output[key].dtype) == (value.shape, value.dtype)
         assert_same(output[key], value, relative)
     assert gradients.keys() == gradients_.keys()
     for name, gradient in gradients_.items():
@@ -97,6 +104,20 @@ def relu_mlp_critic():
 )
 def test_every_kind_of_critic(critic, dtype):
     assert_same_as_torchrl(make_batch(9, dtype=dtype), critic=critic, dtype=dtype)
+
+
+def our_actor():
+    return make_own_actor(OBS, Bounded(-1, 1, (ACT,)), CELLS)
+
+
+# Below and above the batch from which oneDNN multiplies.
+@pytest.mark.parametrize("size", [9, 96])
+@pytest.mark.parametrize("actor", [make_actor, our_actor])
+@pytest.mark.parametrize(
+    "critic", [make_critic, layer_norm_critic, gelu_critic, biasless_critic, relu_mlp_critic]
+)
+def test_under_autocast(critic, actor, size):
+    assert_same_as_torchrl(make_batch(size), critic=critic, actor=actor, autocast=True)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])

@@ -76,6 +76,22 @@ def test_gradient_scales_with_what_flows_back():
     torch.testing.assert_close(scaled, gradient * scale.unsqueeze(-1))
 
 
+def test_second_derivatives_are_autograds():
+    torch.manual_seed(0)
+    quantiles = torch.randn(2, 3, 5, dtype=torch.float64, requires_grad=True)
+    targets = 2 * torch.randn(3, 4, dtype=torch.float64)
+    weight = torch.rand(2, 3, dtype=torch.float64, requires_grad=True)
+    results = []
+    for function in (quantile_huber, by_autograd):
+        loss = (function(quantiles, targets)[0] * weight).sum()
+        (gradient,) = torch.autograd.grad(loss, quantiles, create_graph=True)
+        penalty = gradient.pow(3).sum()
+        results.append([gradient, *torch.autograd.grad(penalty, [quantiles, weight])])
+    assert results[1][1].any()
+    for mine, expected in zip(*results, strict=True):
+        torch.testing.assert_close(mine, expected)
+
+
 def test_nan_stays_nan():
     quantiles, targets = torch.zeros(1, 2, 3), torch.zeros(2, 4)
     targets[1, 2] = float("nan")

@@ -6,6 +6,7 @@ import itertools
 import pytest
 import torch
 from torch import Tensor, nn
+from torchrl.modules import MLP
 
 from modpush.agents.tqc.relu_mlp import ReluMLP, relu_mlp
 from tests.agents.tqc.test_loss_parity import assert_same_as_torchrl, relu_mlp_critic
@@ -66,6 +67,70 @@ def test_outputs_and_all_gradients_are_those_of_the_layers(rows, count):
         mine, [*of_layers[::2], *of_layers[1::2], of_state, of_action], strict=True
     ):
         torch.testing.assert_close(gradient, reference, **close)
+
+
+@pytest.mark.parametrize("rows", [5, 80])
+def test_a_gradient_penalty_has_the_gradients_of_torchrls_network(rows):
+    torch.manual_seed(0)
+    reference = MLP(in_features=7, out_features=5, num_cells=[16, 12], activation_class=nn.ReLU)
+    ours = ReluMLP(7, 5, [16, 12])
+    ours.load_state_dict(reference.state_dict())
+    state, seed = torch.randn(rows, 4), torch.randn(rows, 5)
+    results = []
+    for network in (ours, reference):
+        x = state.clone().requires_grad_()
+        action = x[:, :3].sin()  # depends on the other input, as an actor's would
+        loss = (network(x, action) * seed).square().sum()
+        (gradient,) = torch.autograd.grad(loss, x, create_graph=True)
+        assert gradient.requires_grad
+        penalty = (gradient.norm(dim=-1) - 1).square().mean()
+        second = torch.autograd.grad(penalty, [x, *network.parameters()])
+        results.append([gradient.detach(), *second])
+    for mine, expected in zip(*results, strict=True):
+        scale = expected.abs().max().item()
+        torch.testing.assert_close(mine, expected, rtol=0, atol=1e-4 * max(scale, 1e-3))
+
+
+def test_first_and_second_derivatives_against_finite_differences():
+    torch.manual_seed(0)
+    weights = [torch.randn(2, 4, 3).double(), torch.randn(2, 2, 4).double()]
+    biases = [torch.randn(2, 4).double(), torch.randn(2, 2).double()]
+    inputs = [torch.randn(3, 2).double(), torch.randn(3, 1).double()]
+    tensors = [x.requires_grad_() for x in (*inputs, *weights, *biases)]
+
+    def call(*x):
+        return relu_mlp(x[:2], x[2:4], x[4:])
+
+    assert torch.autograd.gradcheck(call, tensors)
+    assert torch.autograd.gradgradcheck(call, tensors)
+
+
+@pytest.mark.parametrize("rows", [5, 80])
+def test_under_autocast_the_network_is_torchrls(rows):
+    torch.manual_seed(0)
+    ours = ReluMLP(7, 5, [16, 12])
+    reference = MLP(in_features=7, out_features=5, num_cells=[16, 12], activation_class=nn.ReLU)
+    reference.load_state_dict(ours.state_dict())
+    x = torch.randn(rows, 7)
+    gradients = []
+    for network in (ours, reference):
+        with torch.autocast("cpu", dtype=torch.bfloat16):
+            output = network(x)
+        assert output.dtype == torch.bfloat16
+        gradients.append([output, *torch.autograd.grad(output.sum(), list(network.parameters()))])
+    for mine, expected in zip(*gradients, strict=True):
+        assert torch.equal(mine, expected)
+
+
+def test_autocast_is_asked_for_each_device():
+    x = torch.zeros(2, 3)
+    assert not module.autocast_enabled(x)
+    assert not module.autocast_enabled(x.to("meta"))
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        assert module.autocast_enabled(x)
+        assert not module.autocast_enabled(x.to("meta"))
+        with torch.autocast("cpu", enabled=False):
+            assert not module.autocast_enabled(x)
 
 
 def test_gaps_in_memory_change_nothing():

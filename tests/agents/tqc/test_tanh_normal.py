@@ -4,7 +4,7 @@ import pytest
 import torch
 from torchrl.modules import TanhNormal
 
-from modpush.agents.tqc.tanh_normal import tanh_normal_rsample
+from modpush.agents.tqc.tanh_normal import _TanhNormalSample, tanh_normal_rsample
 
 BOUNDS = torch.tensor([-2.0, 0.0, 1.0]), torch.tensor([0.5, 1.0, 4.0])
 SAME = torch.tensor(-3.0), torch.tensor(2.0)
@@ -45,3 +45,12 @@ def test_saturated_actions_stay_inside_and_finite():
     for mine, other in zip(ours[:3], theirs[:3], strict=True):
         assert mine.isfinite().all()
         torch.testing.assert_close(mine, other, rtol=1e-5, atol=1e-5)
+
+
+def test_first_and_second_derivatives_against_finite_differences():
+    torch.manual_seed(0)
+    loc = torch.randn(4, 3, dtype=torch.float64, requires_grad=True)
+    scale = (torch.rand(4, 3, dtype=torch.float64) + 0.2).requires_grad_()
+    noise = torch.randn(4, 3, dtype=torch.float64)
+    assert torch.autograd.gradcheck(_TanhNormalSample.apply, (loc, scale, noise))
+    assert torch.autograd.gradgradcheck(_TanhNormalSample.apply, (loc, scale, noise))

@@ -208,3 +208,12 @@ def test_dynamics_are_drawn_only_when_asked_for() -> None:
     assert (masses <= config.mass[1]).all()
     assert np.median(masses) == pytest.approx(np.sqrt(0.2 * 2.0), rel=0.3)  # log-uniform
     assert max(abs(c) for d in drawn for c in d.center_of_mass) <= config.center_of_mass
+
+
+@pytest.mark.parametrize("layout", [None, [1, 2]])
+def test_a_scene_that_gives_no_obstacles_is_named(layout) -> None:
+    def broken(rng, difficulty):
+        return layout
+
+    with pytest.raises(ValueError, match="scene: 'broken' must return a list of Obstacle, got"):
+        sample_scenario(np.random.default_rng(0), ScenarioConfig(scene=broken))

@@ -250,7 +250,7 @@ def test_bad_arguments_fail_at_construction(kwargs, message) -> None:
 
 
 def test_a_scenario_must_fit_the_task(task) -> None:
-    with pytest.raises(ValueError, match="one entry for each of the 1 scenes being reset, got 2"):
+    with pytest.raises(ValueError, match="one Scenario for each of the 1 scenes being reset"):
         task.reset(options={"scenarios": [scenario((0.4, 0, 0))] * 2})
     with pytest.raises(ValueError, match="out of the arm's reach"):
         task.reset(options={"scenarios": [scenario((2.0, 0, 0))]})
@@ -279,3 +279,16 @@ def test_a_broken_vulkan_driver_does_not_take_the_process_down(tmp_path, monkeyp
     monkeypatch.setenv("VK_DRIVER_FILES", str(icd))
     assert find_render_device() is None
     assert "make renderer" in NO_RENDERER
+
+
+def test_a_misspelt_option_and_what_is_no_list_of_starts_are_refused() -> None:
+    env = gym.make("ClutterPush-v1", obs_mode="state_dict")
+    start = scenario((0.4, 0.0, 0.0))
+    with pytest.raises(ValueError, match="options must have 'scenarios'"):
+        env.reset(options={"scenario": start})
+    for wrong in (start, ["slot"]):
+        with pytest.raises(
+            ValueError, match="scenarios must be a sequence of one Scenario for each"
+        ):
+            env.reset(options={"scenarios": wrong})
+    env.close()
