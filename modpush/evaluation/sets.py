@@ -21,8 +21,7 @@ from modpush._arguments import checked_arguments
 from modpush._hash import data_hash
 from modpush._types import Count, NonNegativeInteger, Several
 from modpush._validation import checked
-from modpush.envs.robot.ur5_2f85 import ToolName
-from modpush.envs.scenes.conditions import EpisodeConditions
+from modpush.envs.scenes.conditions import EpisodeConditions, ToolName
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.evaluation.set_recipes import RECIPES, SetRecipe

@@ -11,7 +11,7 @@ from modpush._validation import checked, from_plain
 from modpush.envs.robot.ur5_2f85 import ToolName
 from modpush.envs.scenes.objects import Circle
 
-__all__ = ["EpisodeConditions"]
+__all__ = ["EpisodeConditions", "ToolName"]
 
 
 @checked

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, field
 from typing import Annotated, Any
 
-from annotated_types import Ge, Gt, Le, MaxLen
+from annotated_types import Ge, Le, MaxLen
 from pydantic import Strict
 
 from modpush._types import (
@@ -33,7 +33,7 @@ Mass = Annotated[Positive, Ge(1e-3), Le(1e3)]
 """Mass of an object [kg]."""
 Friction = Annotated[NonNegative, Le(10)]
 """Friction coefficient of an object's material."""
-GoalDistance = Annotated[Length, Gt(GOAL_THRESHOLD + 1e-4), Le(2)]
+GoalDistance = Annotated[Length, Ge(GOAL_THRESHOLD), Le(2)]
 """Distance from start to goal [m]; nearer, an episode has ended before its first step."""
 GoalDistances = Annotated[tuple[GoalDistance, GoalDistance], Strict(False), ORDERED]
 """Lower and upper end of a range of distances from start to goal [m]."""
@@ -155,6 +155,11 @@ class ScenarioConfig:
                 raise ValueError(
                     f"ScenarioConfig: {name} must be a range (low, high), got ({low:g}, {high:g})."
                 )
+        if self.distance_range[1] < GOAL_THRESHOLD + 1e-4:  # positions have single precision
+            raise ValueError(
+                f"ScenarioConfig: distance must reach beyond {GOAL_THRESHOLD} m, at which an episode has "
+                f"ended before its first step, got {self.distance}."
+            )
         if not all(lo < hi for lo, hi in zip(self.low, self.high, strict=True)):
             raise ValueError(f"ScenarioConfig: low must be < high, got {self.low} and {self.high}.")
 
