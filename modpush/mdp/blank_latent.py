@@ -23,9 +23,9 @@ def latent_entry(encoder: nn.Module) -> Entry:
 class BlankLatent:
     """The encoder's latent of an empty window, `[d]`.
 
-    It is computed on the encoder's device and in evaluation mode: at each call while the encoder can
-    be trained, otherwise at the first one, and again once the weights have been changed in place or
-    moved. The encoder's training flags stay as they are.
+    It is computed at the first call, on the encoder's device and in evaluation mode, and again once
+    the weights have been changed in place, trained or moved; not after `load_state_dict(assign=True)`,
+    which puts others in their place. The encoder's training flags stay as they are.
 
     Args:
         encoder: Module `[B, 1, S, S] -> [B, d]`; it is shared, not copied.
@@ -35,18 +35,26 @@ class BlankLatent:
         self.encoder = encoder
         # Walking through the modules at every observation would take longer than the observation.
         self._weights = [*encoder.parameters(), *encoder.buffers()]
-        self._versions: list[int] | None = None
-        self._latent = torch.empty(0)
+        self._versions: list[int] = []
+        # Fused optimizers change weights without a new version, but then all that they train.
+        parameters = list(encoder.parameters())
+        trained = [weight for weight in parameters if weight.requires_grad]
+        self._last = (trained or parameters or [torch.empty(0)])[-1]
+        self._last_before = torch.empty(0)
+        self._latent: Tensor | None = None
 
     def __call__(self) -> Tensor:
-        """The latent, `[d]`."""
-        # Fused optimizers and `Tensor.data` change weights without a new version.
-        if any(weight.requires_grad for weight in self._weights):
-            return self._encode()
+        """The latent, `[d]`; the same tensor until the weights change."""
         versions = [-1 if weight.is_inference() else weight._version for weight in self._weights]
-        if versions != self._versions:
+        if self._latent is None or versions != self._versions or not self._last_is_as_before():
             self._latent, self._versions = self._encode(), versions
+            self._last_before = self._last.detach().clone()
         return self._latent
+
+    def _last_is_as_before(self) -> bool:
+        now, before = self._last, self._last_before
+        alike = now.device == before.device and now.dtype == before.dtype
+        return alike and torch.equal(now, before)
 
     @torch.no_grad()
     def _encode(self) -> Tensor:

@@ -64,6 +64,7 @@ def test_it_follows_an_encoder_that_is_trained(make_optimizer):
     encoder = SmallEncoder()
     shift = latent_entry(encoder).shift
     before = shift()
+    assert shift() is before
     optimiser = make_optimizer(encoder.parameters())
     encoder(torch.rand(4, 1, 8, 8)).sum().backward()
     optimiser.step()
@@ -82,6 +83,9 @@ def test_a_frozen_encoder_is_asked_once_and_again_after_a_change_in_place():
     assert shift() is before
     encoder.rest[1].bias += 1.0
     torch.testing.assert_close(shift(), before + 1.0)
+    with torch.no_grad():
+        encoder.rest[1].bias.data.sub_(1.0)  # no new version
+    torch.testing.assert_close(shift(), before)
     with torch.inference_mode():
         made_there = SmallEncoder().requires_grad_(False).eval()
         blank = made_there(torch.zeros(1, 1, 8, 8))[0]
