@@ -34,18 +34,19 @@ class BlankLatent:
     def __init__(self, encoder: nn.Module) -> None:
         self.encoder = encoder
         # Walking through the modules at every observation would take longer than the observation.
-        self._weights = [*encoder.parameters(), *encoder.buffers()]
+        weights: list[Tensor] = [*encoder.parameters(), *encoder.buffers()]
+        self._versioned = [weight for weight in weights if not weight.is_inference()]
         self._versions: list[int] = []
         # Fused optimizers change weights without a new version, but then all that they train.
-        parameters = list(encoder.parameters())
+        parameters: list[Tensor] = list(encoder.parameters())
         trained = [weight for weight in parameters if weight.requires_grad]
-        self._last = (trained or parameters or [torch.empty(0)])[-1]
+        self._last = (trained or parameters or weights or [torch.empty(0)])[-1]
         self._last_before = torch.empty(0)
         self._latent: Tensor | None = None
 
     def __call__(self) -> Tensor:
         """The latent, `[d]`; the same tensor until the weights change."""
-        versions = [-1 if weight.is_inference() else weight._version for weight in self._weights]
+        versions = [weight._version for weight in self._versioned]
         if self._latent is None or versions != self._versions or not self._last_is_as_before():
             self._latent, self._versions = self._encode(), versions
             self._last_before = self._last.detach().clone()
@@ -59,7 +60,7 @@ class BlankLatent:
     @torch.no_grad()
     def _encode(self) -> Tensor:
         size = int(getattr(self.encoder, "window_size", 64))
-        device = self._weights[0].device if self._weights else None
+        device = self._last.device
         training = [module for module in self.encoder.modules() if module.training]
         self.encoder.eval()
         try:
