@@ -1,13 +1,14 @@
-"""Train variants and seeds of a configuration, one after the other or with Ray Tune.
+"""Train variants and seeds of a configuration, some at a time or with Ray Tune.
 
-    modpush sweep examples/sweeps/ablations.yaml --out runs/ablations
+    modpush sweep examples/sweeps/ablations.yaml --out runs/ablations --jobs 2
     modpush sweep examples/sweeps/ablations.yaml --out runs/ablations --groups replay encoder
     modpush sweep examples/sweeps/smoke.yaml --out /tmp/sweep --ray
 
 The file names a training preset, what all runs change in it, the seeds, and the variants by the dotted
 names of `modpush train`. The folder gets a training run's folder for every variant and seed, and
 `trials.csv` (last and best evaluation of each), `curves.csv` and `curves.png`. Started again, it goes
-on where it was. Ray needs `pip install 'modpush[ray]'`; with it each trial takes two CPUs.
+on where it was. A run keeps two CPUs busy, or one with `async_collection: false` among the overrides,
+with the same results. Ray needs `pip install 'modpush[ray]'`.
 """
 
 from collections.abc import Sequence
@@ -35,15 +36,19 @@ class SweepConfig:
     """Groups of variants to run, beside the first variant; all by default."""
     total_steps: Count | None = None
     """Environment steps of each run, instead of what the file says."""
+    jobs: Count = 1
+    """Number of runs at a time."""
     ray: bool = False
-    """Run trials at the same time, with Ray Tune."""
+    """Let Ray Tune run as many at a time as there are CPUs for."""
 
 
 def main(arguments: Sequence[str]) -> None:
     """`modpush sweep <arguments>`."""
     config = tyro.cli(SweepConfig, prog="modpush sweep", description=__doc__, args=[*arguments])
     sweep = load_sweep(config.sweep).of_groups(config.groups)
-    results = run_sweep(sweep, config.out, ray=config.ray, total_steps=config.total_steps)
+    results = run_sweep(
+        sweep, config.out, jobs=config.jobs, ray=config.ray, total_steps=config.total_steps
+    )
     columns = ["variant", "seed", "state", "step", "final_success", "best_success"]
     print(results[columns].to_string(index=False))
     print(f"Wrote trials.csv, curves.csv and curves.png to {config.out}/.")

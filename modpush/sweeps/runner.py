@@ -1,7 +1,10 @@
-"""Runs a sweep: one run after the other, or as trials of Ray Tune."""
+"""Runs a sweep: in processes of this machine, or as trials of Ray Tune."""
 
 import time
+from collections import deque
 from collections.abc import Sequence
+from multiprocessing.connection import wait
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
 
 import pandas as pd
@@ -14,7 +17,7 @@ from modpush._provenance import add_session
 from modpush._types import Count
 from modpush.sweeps.definition import Sweep, Trial
 from modpush.sweeps.results import write_results
-from modpush.sweeps.trial import TrialFailedError, is_finished, run_trial
+from modpush.sweeps.trial import TrialFailedError, check_end, is_finished, start_trial
 
 __all__ = ["run_sweep"]
 
@@ -24,6 +27,7 @@ def run_sweep(
     sweep: Sweep,
     folder: Path | str,
     *,
+    jobs: Count = 1,
     ray: bool = False,
     total_steps: Count | None = None,
     progress: bool = True,
@@ -38,8 +42,10 @@ def run_sweep(
     Args:
         sweep: What is run.
         folder: The sweep's folder.
-        ray: Run as many trials at a time as Ray finds pairs of CPUs for, on this machine or on a
-            cluster that shares the folder; otherwise one after the other.
+        jobs: Number of runs at a time. A run with `async_collection` keeps two CPUs busy, one
+            without it one; their results are the same.
+        ray: Run as many trials at a time as Ray finds CPUs for, on this machine or on a cluster that
+            shares the folder.
         total_steps: Environment steps of each run; None for what the sweep says.
         progress: Show a progress bar over the trials.
 
@@ -50,8 +56,11 @@ def run_sweep(
         FolderLockedError: If another process runs a sweep in the folder.
         MissingExtraError: If Ray is asked for and not installed.
         RuntimeError: If trials failed, after all others have run; the message names them.
-        ValueError: If an override is wrong, or a run's folder holds another configuration.
+        ValueError: If an override is wrong, a run's folder holds another configuration, or both `jobs`
+            and `ray` are given.
     """
+    if ray and jobs > 1:
+        raise ValueError(f"run_sweep: jobs must be 1 with ray=True, whose CPUs decide, got {jobs}.")
     if ray:
         require_extra("run_sweep: ray=True", "ray")
     folder = Path(folder)
@@ -65,7 +74,7 @@ def run_sweep(
 
                 run_with_ray(missing, folder)
             else:
-                _run_in_turn(trials, missing, folder, progress)
+                _run_here(missing, folder, jobs, trials, progress)
         finally:
             results = write_results(trials, folder)
             ended = [trial for trial in missing if is_finished(trial, folder)]
@@ -81,20 +90,39 @@ def run_sweep(
     return results
 
 
-def _run_in_turn(
-    trials: Sequence[Trial], missing: Sequence[Trial], folder: Path, progress: bool
+def _run_here(
+    missing: Sequence[Trial], folder: Path, jobs: int, trials: Sequence[Trial], progress: bool
 ) -> None:
-    with tqdm(
+    """Run what is missing, `jobs` at a time, and write the results of all trials after each."""
+    waiting = deque(missing)
+    running: dict[int, tuple[Trial, SpawnProcess]] = {}  # by what tells that the process has ended
+    bar = tqdm(
         total=len(trials),
         initial=len(trials) - len(missing),
         unit="trial",
         disable=not progress,
-    ) as bar:
-        for trial in missing:
-            bar.set_postfix_str(trial.name)
-            try:
-                run_trial(trial, folder)
-            except TrialFailedError as error:
-                bar.write(str(error))
-            write_results(trials, folder)
-            bar.update()
+    )
+    try:
+        while waiting or running:
+            while waiting and len(running) < jobs:
+                trial = waiting.popleft()
+                process = start_trial(trial, folder)
+                running[process.sentinel] = (trial, process)
+            bar.set_postfix_str(", ".join(trial.name for trial, _ in running.values()))
+            for sentinel in wait([*running]):
+                trial, process = running.pop(int(sentinel))
+                process.join()
+                try:
+                    check_end(trial, folder, process)
+                except TrialFailedError as error:
+                    bar.write(str(error))
+                write_results(trials, folder)
+                bar.update()
+    except BaseException:  # Ctrl-C, most of all
+        for _, process in running.values():
+            process.terminate()  # each writes a checkpoint
+        raise
+    finally:
+        for _, process in running.values():
+            process.join()
+        bar.close()

@@ -6,6 +6,7 @@ import sys
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
 
 import pandas as pd
@@ -15,9 +16,17 @@ from modpush.files import write_text
 from modpush.sweeps.definition import Trial
 from modpush.training.run_folder import RunFolder, check_run_folder
 
-__all__ = ["TrialFailedError", "is_finished", "run_trial", "trial_error"]
+__all__ = [
+    "TrialFailedError",
+    "check_end",
+    "is_finished",
+    "run_trial",
+    "start_trial",
+    "trial_error",
+]
 
 _OUTPUT, _ERROR = "output.txt", "error.txt"  # in the run's folder of logs
+_INTERRUPTED = 130  # exit status of a run that a signal ended
 
 
 class TrialFailedError(RuntimeError):
@@ -45,15 +54,11 @@ def trial_error(folder: RunFolder) -> str:
     return path.read_text().strip().splitlines()[-1] if path.exists() else ""
 
 
-def run_trial(trial: Trial, sweep_folder: Path) -> None:
-    """Begin a run, or go on with it, and wait for its end.
+def start_trial(trial: Trial, sweep_folder: Path) -> SpawnProcess:
+    """Begin a run, or go on with it, in a process of its own, which ends with this one.
 
-    It runs in a process of its own, which ends with this one. What it prints is in its folder, in
-    `logs/output.txt`.
-
-    Raises:
-        TrialFailedError: If it ended with an error; it has been written to its folder.
-        KeyboardInterrupt: After a signal, once the run's checkpoint is written.
+    What it prints is in its folder, in `logs/output.txt`. On `process.terminate()` it writes a
+    checkpoint and ends.
     """
     folder = trial.folder(sweep_folder)
     if not folder.config.exists():
@@ -62,20 +67,41 @@ def run_trial(trial: Trial, sweep_folder: Path) -> None:
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     process = multiprocessing.get_context("spawn").Process(target=_train, args=(trial, folder.path))
     process.start()
+    return process
+
+
+def check_end(trial: Trial, sweep_folder: Path, process: SpawnProcess) -> None:
+    """Check how a run's process, which has ended, did so.
+
+    Raises:
+        TrialFailedError: With an error; it has been written to the run's folder.
+        KeyboardInterrupt: After a signal, with a checkpoint.
+    """
+    if process.exitcode == _INTERRUPTED:
+        raise KeyboardInterrupt
+    if process.exitcode:
+        text = trial_error(trial.folder(sweep_folder)) or f"exit status {process.exitcode}"
+        raise TrialFailedError(f"run_sweep: {trial.name}: {text}")
+
+
+def run_trial(trial: Trial, sweep_folder: Path) -> None:
+    """Begin a run, or go on with it, and wait for its end.
+
+    Raises:
+        TrialFailedError: If it ended with an error; it has been written to its folder.
+        KeyboardInterrupt: After a signal, once the run's checkpoint is written.
+    """
+    process = start_trial(trial, sweep_folder)
     try:
         process.join()
     except KeyboardInterrupt:
-        process.terminate()  # it writes a checkpoint
+        process.terminate()
         process.join()
         raise
     except BaseException:
         process.kill()
         raise
-    if process.exitcode == 130:
-        raise KeyboardInterrupt
-    if process.exitcode:
-        text = trial_error(folder) or f"exit status {process.exitcode}"
-        raise TrialFailedError(f"run_trial: {trial.name}: {text}")
+    check_end(trial, sweep_folder, process)
 
 
 def _train(trial: Trial, path: Path) -> None:
@@ -99,7 +125,7 @@ def _train(trial: Trial, path: Path) -> None:
             how: StartMethod = "fork" if sys.platform == "linux" else "spawn"
             Trainer(trial.config, path, resume=resume, start_method=how).run()
         except KeyboardInterrupt:
-            sys.exit(130)
+            sys.exit(_INTERRUPTED)
         except BaseException:
             write_text(error, traceback.format_exc())
             raise

@@ -5,11 +5,12 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pandas as pd
 import pytest
+import yaml
 
 from modpush.sweeps import Sweep, Variant, load_sweep, run_sweep
 from modpush.training import TRAIN_PRESETS, RunFolder, Trainer
@@ -131,7 +132,7 @@ def test_a_trial_that_fails_leaves_the_others_alone(tmp_path: Path) -> None:
         ),
     )
     with pytest.raises(RuntimeError, match="1 of 2 trials failed: bad/seed_0"):
-        run_sweep(sweep, tmp_path, progress=False)
+        run_sweep(sweep, tmp_path, jobs=2, progress=False)
     table = pd.read_csv(tmp_path / "trials.csv")
     assert table["state"].tolist() == ["failed", "finished"]
     assert "NoSuchPlanner" in table["error"][0]
@@ -144,7 +145,31 @@ def test_a_trial_that_fails_leaves_the_others_alone(tmp_path: Path) -> None:
     assert (tmp_path / "curves.png").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.slow  # six runs
+def test_runs_at_the_same_time_are_interrupted_and_end_as_those_in_turn_do(tmp_path: Path) -> None:
+    sweep = replace(load_sweep(SMOKE), overrides={"total_steps": 480, "async_collection": False})
+    file = tmp_path / "sweep.yaml"
+    file.write_text(
+        yaml.safe_dump(asdict(sweep) | {"seeds": [0], "variants": [*map(asdict, sweep.variants)]})
+    )
+    command = [sys.executable, "-m", "modpush", "sweep", str(file), "--jobs", "2"]
+    process = subprocess.Popen([*command, "--out", str(tmp_path / "both")])
+    both = [RunFolder(trial.folder(tmp_path / "both").path) for trial in sweep.trials()]
+    end = time.monotonic() + 600
+    while any(run.checkpoints.latest() is None for run in both) and time.monotonic() < end:
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(60) == 130
+    before = [run.checkpoints.latest() for run in both]
+    run_sweep(sweep, tmp_path / "both", jobs=2, progress=False)
+    assert before != [run.checkpoints.latest() for run in both]
+    run_sweep(sweep, tmp_path / "in_turn", progress=False)
+    for trial in sweep.trials():
+        paths = (trial.folder(tmp_path / name).path for name in ("in_turn", "both"))
+        assert_same(*map(numbers, paths))
+
+
 @pytest.mark.slow
 @pytest.mark.ray
 def test_trials_of_ray_end_as_those_in_turn_do(tmp_path: Path) -> None:
@@ -162,7 +187,7 @@ def test_the_ablations_are_as_many_runs_as_their_file_says() -> None:
     # The autoencoders of the group `latent` must be trained first.
     trained = sweep.of_groups(set(groups) - {"latent", "all"})
     trials = trained.trials()
-    assert len(trials) == 3 * 32
+    assert len(trials) == 3 * 34
     assert {trial.config.total_steps for trial in trials} == {100_000}
     configs = [trial.config for trial in trials if trial.seed == 0]
     assert len({repr(config) for config in configs}) == len(configs)  # no variant changes nothing
