@@ -109,8 +109,9 @@ def _run_here(
                 process = start_trial(trial, folder)
                 running[process.sentinel] = (trial, process)
             bar.set_postfix_str(", ".join(trial.name for trial, _ in running.values()))
-            for sentinel in wait([*running]):
-                trial, process = running.pop(int(sentinel))
+            ended = wait([*running])
+            for sentinel in [one for one in running if one in ended]:
+                trial, process = running.pop(sentinel)
                 process.join()
                 try:
                     check_end(trial, folder, process)

@@ -1,7 +1,7 @@
 """Obstacles of a running scene: replaced on a CPU, taken from a pool on CUDA."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,6 +9,7 @@ import sapien
 import torch
 from mani_skill.utils.structs import Actor, Pose
 from sapien import physx
+from torch import Tensor
 
 from modpush.envs.scenes.layouts import BAR_SECTION, CUBE_SIDE
 from modpush.envs.scenes.obstacle import Obstacle
@@ -79,6 +80,27 @@ class ObstacleSwapper:
     def entities(self, index: int = 0) -> list[sapien.Entity]:
         """The entities of the present obstacles."""
         return [entity for _, entity in self._placed]
+
+    def get_states(self) -> dict[str, Tensor]:
+        """Pose and velocities of the movable obstacles by name, as ManiSkill's `Actor.get_state`.
+
+        Each `[1, 13]`: position [m], quaternion (w, x, y, z), linear [m/s] and angular velocity [rad/s].
+        """
+        states = {}
+        for (_, entity), body in zip(self._placed, self._rigid, strict=True):
+            if isinstance(body, physx.PhysxRigidDynamicComponent):
+                pose = entity.pose
+                row = [*pose.p, *pose.q, *body.linear_velocity, *body.angular_velocity]
+                states[entity.name] = torch.tensor([row])
+        return states
+
+    def set_states(self, states: Mapping[str, Tensor]) -> None:
+        """Put the movable obstacles into states of `get_states`."""
+        for (_, entity), body in zip(self._placed, self._rigid, strict=True):
+            if isinstance(body, physx.PhysxRigidDynamicComponent):
+                row = states[entity.name].reshape(13).cpu().numpy()
+                entity.pose = sapien.Pose(row[:3], row[3:7])
+                body.linear_velocity, body.angular_velocity = row[7:10], row[10:]
 
     def transforms(self, index: int = 0) -> np.ndarray:
         """Position [m] and quaternion (w, x, y, z) of the present obstacles, `[n, 7]`."""

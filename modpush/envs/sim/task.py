@@ -302,12 +302,39 @@ class ClutterPushEnv(BaseEnv):
         """Start an episode in the one scene of a CPU task: `reset` without its overhead."""
         self._initialize_episode(torch.tensor([0]), {"scenarios": [scenario]})
 
+    def get_state_dict(self) -> dict[str, Any]:
+        """ManiSkill's state of bodies and controller, movable obstacles among the actors."""
+        state = super().get_state_dict()
+        if isinstance(self.obstacles, ObstacleSwapper):  # its bodies are not ManiSkill's actors
+            state["actors"] = {**state["actors"], **self.obstacles.get_states()}
+        return state
+
+    def set_state(self, state: Tensor | np.ndarray, env_idx: Tensor | None = None) -> None:
+        """Put bodies into a state of `get_state`, of an episode with as many movable obstacles."""
+        # By ManiSkill it says which actors the vector is of, and these change with the layout.
+        self._init_raw_state = self.get_state_dict()
+        super().set_state(state, env_idx)
+
     def set_state_dict(self, state: dict[str, Any], env_idx: Tensor | None = None) -> None:
         """Put bodies and controller into a state of `get_state_dict`.
 
         The state does not hold the layout: to go back to another episode, first
         `reset(options={"scenarios": ...})` with the `scenarios` of that episode.
+
+        Raises:
+            ValueError: If the state has other movable obstacles than the present layout.
         """
+        if isinstance(self.obstacles, ObstacleSwapper) and "actors" in state:
+            names = self.obstacles.get_states().keys()
+            given = {n: s for n, s in state["actors"].items() if n.startswith("scene-0_obstacle_")}
+            if given.keys() != names:
+                raise ValueError(
+                    f"ClutterPushEnv.set_state_dict: state must have the movable obstacles "
+                    f"{sorted(names)} of the present layout, got {sorted(given)}."
+                )
+            self.obstacles.set_states(given)
+            others = {n: s for n, s in state["actors"].items() if n not in given}
+            state = {**state, "actors": others}
         super().set_state_dict(state, env_idx)
         if "controller" in state:
             self.agent.controller.set_state(state["controller"])

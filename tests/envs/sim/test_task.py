@@ -229,6 +229,32 @@ def test_maniskill_state_round_trip() -> None:
     task.close()
 
 
+def test_the_state_holds_movable_obstacles() -> None:
+    task = ClutterPushEnv(obs_mode="none", dynamic_obstacles=True)
+    bars = [Obstacle((0.05, 0.05, 0.05), (0.6, y, 0.0)) for y in (-0.2, 0.0, 0.2)]
+    start(
+        task, (0.45, 0.25, 0.0), obstacles=tuple(bars[:1])
+    )  # ManiSkill's own record of the actors is of this episode
+    start(task, (0.45, 0.25, 0.0), obstacles=tuple(bars))
+    state, flat, before = task.get_state_dict(), task.get_state(), task.obstacle_transforms_of(0)
+    task.obstacles.rigid_bodies()[1].linear_velocity = [0.0, 0.5, 0.0]
+    task.step(STILL)
+    moving, after = task.get_state_dict(), task.obstacle_transforms_of(0)
+    assert np.linalg.norm(after - before, axis=-1) == pytest.approx([0, 0.02, 0], abs=0.015)
+    for set_state, to in ((task.set_state_dict, state), (task.set_state, flat)):
+        set_state(to)
+        np.testing.assert_allclose(task.obstacle_transforms_of(0), before, atol=1e-6)
+        assert not np.any(task.obstacles.rigid_bodies()[1].linear_velocity)
+        task.set_state_dict(moving)
+        torch.testing.assert_close(task.get_state_dict()["actors"], moving["actors"])
+    start(task, (0.45, 0.25, 0.0), obstacles=tuple(bars[:2]))
+    with pytest.raises(
+        ValueError, match=r"must have the movable obstacles .*obstacle_1'.*obstacle_2"
+    ):
+        task.set_state_dict(state)
+    task.close()
+
+
 def test_nan_actions_are_refused(task) -> None:
     task.reset(seed=0)
     with pytest.raises(ValueError, match="action must be finite"):
