@@ -1,5 +1,6 @@
 """`ConvEncoder`: trained end to end by the loss that reads its latent."""
 
+import torch
 from torch import Tensor, nn
 
 from modpush._arguments import checked_arguments
@@ -52,6 +53,9 @@ class ConvEncoder(Encoder):
             nn.LayerNorm(latent_dim),
             nn.Tanh(),
         )
+        # The convolutions compute in the memory format of their weights: on a CPU, with as few channels
+        # as here, this one takes 0.6 of the time.
+        self.layers.to(memory_format=torch.channels_last)
 
     def forward(self, window: Tensor) -> Tensor:
         """Encode windows to `[B, latent_dim]`.
