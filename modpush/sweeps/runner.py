@@ -18,6 +18,7 @@ from modpush._types import Count
 from modpush.sweeps.definition import Sweep, Trial
 from modpush.sweeps.results import write_results
 from modpush.sweeps.trial import TrialFailedError, check_end, is_finished, start_trial
+from modpush.training.signals import interrupts_raised
 
 __all__ = ["run_sweep"]
 
@@ -53,6 +54,8 @@ def run_sweep(
         A row for each trial, see `sweep_results`.
 
     Raises:
+        KeyboardInterrupt: After SIGINT (Ctrl-C), SIGTERM or SIGHUP, once the runs' checkpoints are
+            written.
         FolderLockedError: If another process runs a sweep in the folder.
         MissingExtraError: If Ray is asked for and not installed.
         RuntimeError: If trials failed, after all others have run; the message names them.
@@ -74,7 +77,8 @@ def run_sweep(
 
                 run_with_ray(missing, folder)
             else:
-                _run_here(missing, folder, jobs, trials, progress)
+                with interrupts_raised():
+                    _run_here(missing, folder, jobs, trials, progress)
         finally:
             results = write_results(trials, folder)
             ended = [trial for trial in missing if is_finished(trial, folder)]
@@ -119,7 +123,7 @@ def _run_here(
                     bar.write(str(error))
                 write_results(trials, folder)
                 bar.update()
-    except BaseException:  # Ctrl-C, most of all
+    except BaseException:  # a signal, most of all
         for _, process in running.values():
             process.terminate()  # each writes a checkpoint
         raise

@@ -2,11 +2,11 @@
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, Protocol
 
-__all__ = ["interrupts_noted"]
+__all__ = ["interrupts_noted", "interrupts_raised"]
 
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 
@@ -29,14 +29,34 @@ def interrupts_noted(run: Interruptible) -> Iterator[None]:
             raise KeyboardInterrupt
         run.interrupted = True
 
+    with _handled_by(note):
+        yield
+
+
+@contextmanager
+def interrupts_raised() -> Iterator[None]:
+    """Within this block each of the signals raises `KeyboardInterrupt`, as Python does for Ctrl-C.
+
+    In another thread than the main one, where Python has no signals, nothing is changed.
+    """
+
+    def interrupt(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    with _handled_by(interrupt):
+        yield
+
+
+@contextmanager
+def _handled_by(handler: Callable[..., None]) -> Iterator[None]:
     before = {}
     if threading.current_thread() is threading.main_thread():
         for name in _SIGNALS:
             if hasattr(signal, name):
                 number = getattr(signal, name)
-                before[number] = signal.signal(number, note)
+                before[number] = signal.signal(number, handler)
     try:
         yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, previous in before.items():
+            signal.signal(number, previous)

@@ -146,7 +146,10 @@ def test_a_trial_that_fails_leaves_the_others_alone(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow  # six runs
-def test_runs_at_the_same_time_are_interrupted_and_end_as_those_in_turn_do(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_runs_at_the_same_time_are_interrupted_and_end_as_those_in_turn_do(
+    tmp_path: Path, number: signal.Signals
+) -> None:
     sweep = replace(load_sweep(SMOKE), overrides={"total_steps": 480, "async_collection": False})
     file = tmp_path / "sweep.yaml"
     file.write_text(
@@ -159,7 +162,7 @@ def test_runs_at_the_same_time_are_interrupted_and_end_as_those_in_turn_do(tmp_p
     while any(run.checkpoints.latest() is None for run in both) and time.monotonic() < end:
         assert process.poll() is None
         time.sleep(0.01)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     assert process.wait(60) == 130
     before = [run.checkpoints.latest() for run in both]
     run_sweep(sweep, tmp_path / "both", jobs=2, progress=False)
