@@ -18,3 +18,5 @@ from .push_reward import RewardConfig as RewardConfig
 from .reward_terms import REWARD_TERMS as REWARD_TERMS
 from .reward_terms import RewardTerm as RewardTerm
 from .step_outcome import StepOutcome as StepOutcome
+from .stuck_recovery import StuckRecovery as StuckRecovery
+from .stuck_recovery import recovering as recovering

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +14,12 @@ from modpush._arguments import checked_arguments
 from modpush.agents import PushingCorridorController, ScriptedPusher, faithful_config
 from modpush.envs import PushEnv
 from modpush.envs.scenes.conditions import EpisodeConditions
+from modpush.mdp import StuckRecovery, recovering
 from modpush.planners import DistanceField, OccupancyGrid, PlannerSubgoals
 from modpush.recipes.agent_file import BEST_AGENT, load_agent, shipped_agents
 from modpush.recipes.hub import HUB_PREFIX
 
-__all__ = ["METHODS", "Method", "get_method"]
+__all__ = ["METHODS", "Method", "get_method", "with_recovery"]
 
 METHODS = {
     "agent": "the shipped agent for all objects, `any_object`",
@@ -90,6 +91,27 @@ def get_method(
         path_key="path",
         target_key="subgoal",
     )
+
+
+@checked_arguments
+def with_recovery(method: Method) -> Method:
+    """A method that, where it has come to rest before the goal, does what `StuckRecovery` asks for."""
+    return replace(
+        method,
+        name=f"{method.name}+recovery",
+        make_policy=lambda: recovering(method.make_policy()),
+        make_env=functools.partial(_recovery_env, method.make_env),
+    )
+
+
+def _recovery_env(
+    make_env: Callable[..., EnvBase],
+    num_envs: int,
+    objects: Sequence[str],
+    conditions: EpisodeConditions | None = None,
+    **options: Any,
+) -> EnvBase:
+    return make_env(num_envs, objects, conditions, **options).append_transform(StuckRecovery())
 
 
 def _find_agent(policy: str) -> tuple[str, str]:

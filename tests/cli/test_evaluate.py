@@ -1,6 +1,7 @@
 """`modpush evaluate` for a few episodes."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -71,3 +72,24 @@ def test_a_set_is_run_with_another_tool(tmp_path: Path) -> None:
     folder = tmp_path / "scripted" / "hard" / "small_cube+rod"
     assert json.loads((folder / "run.json").read_text())["conditions"]["tool"] == "rod"
     assert "0.880" in (folder / "beside_paper.md").read_text()
+
+
+def test_a_policy_at_rest_is_moved_on(tmp_path: Path) -> None:
+    """An episode of the tuning set in which the agent alone stands still until the time is over."""
+    tuning = load_set("tuning/hard")
+    file = tmp_path / "s.json.gz"
+    replace(tuning, name="one", scenarios=tuning.scenarios[5:6]).save(file)
+    success = {}
+    for recovery in (False, True):
+        config = EvaluateConfig(
+            policy=("any_object",),
+            sets=(str(file),),
+            recovery=recovery,
+            videos=False,
+            pictures=0,
+            out=tmp_path,
+        )
+        rows = evaluate_policies(config)[str(file)]
+        success |= {name: bool(table["success"].iloc[0]) for name, table in rows.items()}
+    assert success == {"any_object": False, "any_object+recovery": True}
+    assert (tmp_path / "any_object+recovery" / "one" / "episodes.csv").exists()

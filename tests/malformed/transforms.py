@@ -11,7 +11,7 @@ from torch import nn
 from modpush import agents, mdp, planners
 from modpush.geometry import Camera
 from tests.malformed.environments import stack
-from tests.malformed.target import KEYS, NOT_FINITE, UNKNOWN, Target
+from tests.malformed.target import BELOW_1, KEYS, NOT_FINITE, NOT_POSITIVE, UNKNOWN, Target
 
 CAMERA = Camera(height=32, width=32)
 
@@ -121,6 +121,24 @@ def _transforms() -> list[Target]:
                 "dropout": [-0.1, 1.1, *NOT_FINITE],
                 "depth_key": KEYS,
             },
+        ),
+        Target(
+            name="StuckRecovery",
+            call=mdp.StuckRecovery,
+            given=lambda: {"patience": 4, "duration": 4, "tolerance": 0.01, "active_key": "on"},
+            bad={
+                "patience": BELOW_1,
+                "duration": BELOW_1,
+                "tolerance": NOT_POSITIVE,
+                "active_key": KEYS,
+            },
+        ),
+        Target(
+            name="recovering",
+            call=mdp.recovering,
+            given=lambda: {"policy": agents.ScriptedPusher(), "active_key": "on"},
+            bad={"policy": [None, 3, "policy", nn.Identity()], "active_key": KEYS},
+            only=["policy", "active_key"],
         ),
         Target(
             name="ScriptedPusher",

@@ -55,7 +55,7 @@ class ConvEncoder(Encoder):
         )
         # The convolutions compute in the memory format of their weights: on a CPU, with as few channels
         # as here, this one takes 0.6 of the time.
-        self.layers.to(memory_format=torch.channels_last)
+        self.layers.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def forward(self, window: Tensor) -> Tensor:
         """Encode windows to `[B, latent_dim]`.
