@@ -138,10 +138,9 @@ def _write_sweep(page: _SweepPage, folder: Path, config: ReproduceConfig) -> Non
     draw_sweep(curves, out.with_suffix(".png"))
     for path in paths:
         write_text(config.out / f"{page.part}_{path.name}", path.read_text())
-    open_trials = trials[trials["state"] != "finished"]
-    missing = ", ".join(f"{r.variant} (seed {r.seed}, {r.state})" for r in open_trials.itertuples())
     command = f"modpush sweep {page.sweep} --out runs/{folder.name}; {config.command(page.part)}"
-    seeds = ", ".join(str(seed) for seed in sorted(trials["seed"].unique()))
+    finished = trials[trials["state"] == "finished"]
+    seeds = ", ".join(str(seed) for seed in sorted(finished["seed"].unique()))
     steps = sorted(trials["total_steps"].unique())
     about = page.about.format(
         steps=" or ".join(f"{value:,}".replace(",", " ") for value in steps),
@@ -153,10 +152,26 @@ def _write_sweep(page: _SweepPage, folder: Path, config: ReproduceConfig) -> Non
         about=about,
         baseline=trials["variant"].iloc[0],
         table=format_table(_as_text(table)),
-        missing=f"Not finished, and left out: {missing}." if missing else "All runs are finished.",
+        missing=_missing_text(trials),
         part=page.part,
     )
     write_text(out.with_suffix(".md"), text)
+
+
+def _missing_text(trials: pd.DataFrame) -> str:
+    """How much of a sweep has been run, and of which variants nothing."""
+    finished = trials[trials["state"] == "finished"]
+    if len(finished) == len(trials):
+        return "All runs are finished."
+    failed = trials[trials["state"] == "failed"]
+    names = ", ".join(
+        f"`{n}`" for n in dict.fromkeys(trials["variant"]) if n not in set(finished["variant"])
+    )
+    return (
+        f"Of {len(trials)} runs {len(finished)} are finished"
+        + (f", {len(failed)} failed" if len(failed) else "")
+        + (f"; there is none yet of {names}." if names else ".")
+    )
 
 
 def _as_text(table: pd.DataFrame) -> pd.DataFrame:

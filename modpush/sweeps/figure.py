@@ -41,6 +41,7 @@ def draw_sweep(curves: pd.DataFrame, path: Path, metric: str = "success") -> Non
         for number, (variant, table) in enumerate(chosen.groupby("variant", sort=False)):
             _draw_variant(axis, table, str(variant), f"C{number}", metric)
         axis.set(title=str(group), xlabel="environment steps", ylim=(0.0, 1.02))
+        axis.locator_params(axis="x", nbins=5)
         axis.grid(alpha=0.3)
         axis.legend(fontsize="small")
     for row in axes:
