@@ -15,12 +15,10 @@ from modpush._types import Count, Length
 
 __all__ = ["StuckRecovery", "recovering"]
 
-_GOLDEN_ANGLE = math.pi * (
-    3 - math.sqrt(5)
-)  # turned by it again and again, directions spread evenly
-_STATE = (
-    7  # tool and object (x, y) where they came to rest, steps at rest, steps left, times so far
-)
+# Turned by this angle again and again, directions spread evenly.
+_GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
+# Tool and object (x, y) where they came to rest, steps at rest, steps left, recoveries so far.
+_STATE = 7
 
 
 class StuckRecovery(Transform):

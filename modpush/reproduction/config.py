@@ -82,12 +82,15 @@ class ReproduceConfig:
         """The command that makes a part again: with what it depends on, if not as by default.
 
         `rows` is left out, since it does not change the results, and so is an `out` that lies outside
-        the current folder.
+        the current folder. A sweep's folder is named as below `runs`, wherever it lies.
         """
         words = ["modpush reproduce", part]
         default = ReproduceConfig()
         for name in (*_MATTERS[part], "out"):
-            if (value := getattr(self, name)) == getattr(default, name):
+            value = getattr(self, name)
+            if name in ("sweep", "further"):
+                value = Path("runs") / value.name
+            if value == getattr(default, name):
                 continue
             if name == "policy_files":
                 value = " ".join(f"{item} {Path(path).name}" for item, path in value.items())

@@ -158,6 +158,18 @@ def test_a_sweep_becomes_a_page_with_table_and_figure(tmp_path: Path) -> None:
     assert (config.out / "further.png").stat().st_size > 10_000
     assert pd.read_csv(config.out / "further.csv")["success"].tolist() == [0.5, 0.75]
     assert "Short further training in the hard scenes" in (config.out / "README.md").read_text()
+    assert "| seed | 0 |" in page
+    assert "All runs are finished." in page
+
+    more = [
+        trials.assign(seed=1, state=["finished", "failed"]),
+        trials[1:].assign(variant="long", state="unfinished"),
+    ]
+    pd.concat([trials, *more]).to_csv(folder / "trials.csv", index=False)
+    reproduce(config)
+    page = (config.out / "further.md").read_text()
+    assert "Of 5 runs 3 are finished, 1 failed; there is none yet of `long`." in page
+    assert "| seed | 0, 1 |" in page
 
 
 def test_parts_are_made_in_the_order_of_the_paper() -> None:
@@ -172,6 +184,8 @@ def test_parts_are_made_in_the_order_of_the_paper() -> None:
     )
     assert config.command("free") == "modpush reproduce free --first 3"
     assert config.command("dynamics") == "modpush reproduce dynamics"
+    swept = replace(config, sweep=Path("/elsewhere/mine"))
+    assert swept.command("ablations") == "modpush reproduce ablations --sweep runs/mine"
     elsewhere = replace(config, out=Path("/elsewhere"))
     assert elsewhere.command("dynamics") == "modpush reproduce dynamics"
     beside = replace(config, out=Path("docs/results/mine"))

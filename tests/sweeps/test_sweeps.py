@@ -73,6 +73,12 @@ def test_what_is_no_sweep_is_refused(tmp_path: Path) -> None:
         load_sweep(tmp_path / "sweep.yaml")
 
 
+def test_ray_s_cpus_say_how_many_run_at_a_time(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"run_sweep: jobs must be 1 with ray=True.*got 2"):
+        run_sweep(load_sweep(SMOKE), tmp_path, jobs=2, ray=True)
+    assert not [*tmp_path.iterdir()]
+
+
 def test_a_list_of_python_s_is_a_sweep() -> None:
     sweep = load_sweep("tests.sweeps.test_sweeps:VARIANTS")
     assert [variant.name for variant in sweep.variants] == ["rays", "none"]

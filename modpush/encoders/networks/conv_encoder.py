@@ -54,7 +54,7 @@ class ConvEncoder(Encoder):
             nn.Tanh(),
         )
         # The convolutions compute in the memory format of their weights: on a CPU, with as few channels
-        # as here, this one takes 0.6 of the time.
+        # as here, a batch takes 0.5 to 0.7 of the time in this one.
         self.layers.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def forward(self, window: Tensor) -> Tensor:
