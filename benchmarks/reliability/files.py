@@ -78,7 +78,7 @@ def damage(flips: int, cuts: int) -> None:
 def numbers(folder: Path) -> tuple[pd.DataFrame, dict[str, torch.Tensor]]:
     """What must not depend on what happened to a run."""
     table = pd.read_csv(folder / "evaluations.csv").drop(columns="minutes")
-    return table, load_agent(folder / "last_agent.safetensors").policy.state_dict()
+    return table, load_agent(folder / "last_agent.safetensors").actor.state_dict()
 
 
 def same(one: Path, other: Path) -> bool:

@@ -5,7 +5,7 @@
     modpush evaluate --policy runs/train --set free/small_cube
     modpush evaluate --policy corridor --set smoke        # half a minute
     modpush evaluate --policy corridor --set hard/small_cube --tool rod
-    modpush evaluate --policy any_object --set hard/small_cube --recovery
+    modpush evaluate --policy any_object --set hard/small_cube --recovery False
 
 For each policy and set `runs/evaluate/<policy>/<set>/` gets `episodes.csv` (a row for each episode),
 `table.md`, `.tex` and `.csv`, `failures.png`, `successes.png` and a video for each family. With
@@ -27,7 +27,7 @@ from modpush.envs.robot.ur5_2f85 import ToolName
 from modpush.evaluation.report import comparison_report, draw_results, write_tables
 from modpush.evaluation.runner import EvaluationConfig, evaluate
 from modpush.evaluation.sets import EVALUATION_SETS, EvaluationSet, load_set
-from modpush.recipes.methods import Method, get_method, with_recovery
+from modpush.recipes.methods import Method, get_method
 
 __all__ = ["EvaluateConfig", "evaluate_policies", "main"]
 
@@ -45,9 +45,10 @@ class EvaluateConfig:
     tool: ToolName | None = None
     """Tool to run the sets with instead of their own, for instance `rod`, which the paper's authors' code
     has; results are kept as those of `<set>+<tool>`."""
-    recovery: bool = False
-    """Let policies that have come to rest before the goal move on as `StuckRecovery` says; results are
-    kept as those of `<policy>+recovery`."""
+    recovery: bool | None = None
+    """Whether policies that have come to rest before the goal move on as `StuckRecovery` says. By default
+    what an agent's config says, and no for hand-written policies; otherwise results are kept as those
+    of `<policy>+recovery` or `<policy>_without_recovery`."""
     episodes: Count | None = None
     """Number of episodes to run of each set, from its first on; all by default."""
     num_envs: Scenes = 8
@@ -82,9 +83,9 @@ def evaluate_policies(config: EvaluateConfig) -> dict[str, dict[str, pd.DataFram
         episodes = load_set(name).first(config.episodes)
         if config.tool is not None:
             episodes = episodes.with_tool(config.tool)
-        methods = [get_method(p, allow=config.allow) for p in config.policy]
-        if config.recovery:
-            methods = [with_recovery(method) for method in methods]
+        methods = [
+            get_method(p, allow=config.allow, recovery=config.recovery) for p in config.policy
+        ]
         rows = {method.name: _evaluate_one(method, episodes, config) for method in methods}
         report = comparison_report(episodes.name, rows)
         path = config.out / "comparison" / f"{episodes.name}.md"

@@ -22,6 +22,7 @@ from modpush.encoders.window_transform import EgocentricWindow
 from modpush.export.graphs import ObservationPolicy, WindowPolicy
 from modpush.mdp.action_frame import ActionFrame
 from modpush.mdp.push_observation import PushObservation
+from modpush.mdp.stuck_recovery import StuckRecovery
 from modpush.planners.occupancy import OccupancyGrid
 from modpush.planners.subgoals import PlannerSubgoals
 from modpush.recipes.agent_file import Agent
@@ -51,6 +52,12 @@ _WINDOW = (
     "Row 0 is +x of the frame and column 0 is +y, the object's centre is in the middle. A value is the "
     "height over the table, cut off at `height_shown_as_1`, 0 where nothing stands; object and robot are "
     "taken out. Beyond the image is `outside`: free (0) or blocked (1)."
+)
+_RECOVERY = (
+    "Not in the graphs. When for `patience` steps neither the tip of the tool nor the object has gone "
+    "farther than `tolerance` [m] along x or y, the agent takes another action for `duration` steps, in "
+    "its own frame: (cos a, sin a, turn), with a = pi and turn = 1 the first time in an episode; each "
+    "further time a grows by the golden angle, pi (3 - sqrt 5), and turn changes its sign."
 )
 _MEANINGS = {
     "observation": "entries, shifts and scales as under `observation`",
@@ -97,12 +104,13 @@ def export_agent(
     if "onnx" in formats:
         require_extra("export_agent: the format 'onnx'", "onnx", "onnxscript")
     folder = make_folder(folder)
-    policy = ObservationPolicy(agent.policy)
+    policy = ObservationPolicy(agent.actor)
     env = agent.make_env(2, keep_images=True, seed=0)
     try:
         example = env.reset()
         window, chain = _window_policy(policy, list(env.transform))
         planning = _planning(agent, list(env.transform))
+        recovery = _recovery(list(env.transform))
     finally:
         env.close()
     examples = {
@@ -122,7 +130,7 @@ def export_agent(
     if window is not None:
         window["meaning"] = _WINDOW
     card = {**_card(agent, examples, chain), "window": window, "planning": planning}
-    card["frames"] = _FRAMES
+    card |= {"recovery": recovery, "frames": _FRAMES}
     with replacing(folder / "card.json") as unfinished:
         unfinished.write_text(json.dumps(card, indent=2) + "\n")
     written["card.json"] = folder / "card.json"
@@ -180,6 +188,19 @@ def _planning(agent: Agent, transforms: Sequence[Transform]) -> dict[str, Any]:
                     "lags": transform.lags,
                 }
     return found
+
+
+def _recovery(transforms: Sequence[Transform]) -> dict[str, Any] | None:
+    """What `Agent.policy` does beside the graphs, as arguments of `StuckRecovery`."""
+    for transform in transforms:
+        if isinstance(transform, StuckRecovery):
+            return {
+                "patience": transform.patience,
+                "duration": transform.duration,
+                "tolerance": transform.tolerance,
+                "meaning": _RECOVERY,
+            }
+    return None
 
 
 def _write(

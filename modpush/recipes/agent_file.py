@@ -25,6 +25,7 @@ from modpush.agents.tqc.factories import ACTORS
 from modpush.agents.tqc.specs import LearnerSpecs
 from modpush.envs.scenes.objects import get_object
 from modpush.files import read_tensors, write_tensors
+from modpush.mdp.stuck_recovery import StuckRecovery, recovering
 from modpush.parts import check_allowed, find_part, part_module, part_name
 from modpush.recipes.config import END_TO_END, PushEnvConfig
 from modpush.recipes.fingerprint import environment_fingerprint, fingerprint_differences
@@ -43,8 +44,8 @@ _TEXT_OF_PART = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
 class Agent:
     """A trained policy, and the environment that it was trained in."""
 
-    policy: ProbabilisticActor
-    """Policy that reads `observation` and writes `action`; greedy unless TorchRL's exploration type
+    actor: ProbabilisticActor
+    """What was trained: reads `observation` and writes `action`; greedy unless TorchRL's exploration type
     says otherwise."""
     config: PushEnvConfig
     """Configuration of the environment, for `make_push_env`."""
@@ -61,8 +62,15 @@ class Agent:
     source: Path | None = None
     """File that the agent was read from."""
 
+    @property
+    def policy(self) -> TensorDictModuleBase:
+        """The policy for the environment of `make_env`: the actor, which with `config.recovery` gives way
+        to `StuckRecovery` where tool and object have come to rest.
+        """
+        return recovering(self.actor) if self.config.recovery else self.actor
+
     def make_env(self, num_envs: int | None = None, **options: Any) -> EnvBase:
-        """The environment that the agent was trained in.
+        """The environment that the agent was trained in, with `StuckRecovery` if its config says so.
 
         Args:
             num_envs: Number of scenes; by default the config's.
@@ -90,6 +98,8 @@ class Agent:
                 "Agent.make_env: this is not the environment that the agent was trained in. "
                 + "; ".join(differences)
             )
+        if self.config.recovery and "recovering" not in env.observation_spec.keys():
+            return env.append_transform(StuckRecovery())  # a factory that does not know the field
         return env
 
 
@@ -253,7 +263,7 @@ def load_agent(
             f"give them as parts={{{', '.join(f'{kind!r}: ...' for kind in lacking)}}}."
         )
     return Agent(
-        policy=_policy(path, network, config, {**found, **given}, tensors),
+        actor=_actor(path, network, config, {**found, **given}, tensors),
         config=config,
         metadata=about["metadata"],
         fingerprint=about["fingerprint"],
@@ -264,7 +274,7 @@ def load_agent(
     )
 
 
-def _policy(
+def _actor(
     path: Path,
     network: Mapping[str, Any],
     config: PushEnvConfig,

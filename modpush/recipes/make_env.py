@@ -28,6 +28,7 @@ from modpush.mdp.observation_entries import ENTRIES, Entry, EntryLike
 from modpush.mdp.push_observation import PushObservation
 from modpush.mdp.push_reward import PushReward
 from modpush.mdp.reward_terms import RewardTerm
+from modpush.mdp.stuck_recovery import StuckRecovery
 from modpush.planners.base import Planner
 from modpush.planners.occupancy import Corners, Inflation, OccupancyGrid
 from modpush.planners.subgoals import PlannerSubgoals
@@ -85,7 +86,8 @@ def make_push_env(
     It emits what `PushEnv` does, without the images, and `path_length`, `subgoal`, `subgoal_past`,
     `path_found` (see `PlannerSubgoals`), `latent` `[B, d]`, `observation` `[B, n]` float32,
     `reward` `[B, 1]` and its terms under `reward_terms`. With `encoder="end_to_end"` it emits `window`
-    `[B, 1, S, S]` uint8 instead of `latent`, for networks that encode it themselves.
+    `[B, 1, S, S]` uint8 instead of `latent`, for networks that encode it themselves. With `recovery` it
+    emits what `StuckRecovery` writes as well.
 
     Args:
         config: What is stacked; the paper's environment by default.
@@ -157,6 +159,7 @@ def make_push_env(
             raw=config.raw,
         ),
         PushReward(config.reward, terms=reward_terms),
+        *([StuckRecovery()] if config.recovery else []),
     ]
     if not keep_images:
         transforms.append(ExcludeTransform(*images))

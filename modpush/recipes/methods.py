@@ -19,7 +19,7 @@ from modpush.planners import DistanceField, OccupancyGrid, PlannerSubgoals
 from modpush.recipes.agent_file import BEST_AGENT, load_agent, shipped_agents
 from modpush.recipes.hub import HUB_PREFIX
 
-__all__ = ["METHODS", "Method", "get_method", "with_recovery"]
+__all__ = ["METHODS", "Method", "get_method"]
 
 METHODS = {
     "agent": "the shipped agent for all objects, `any_object`",
@@ -53,6 +53,7 @@ def get_method(
     policy: str,
     *,
     allow: Sequence[str] = (),
+    recovery: bool | None = None,
 ) -> Method:
     """Look a policy up.
 
@@ -60,11 +61,25 @@ def get_method(
         policy: A name in `METHODS`, a shipped agent's name, a training run's folder, an agent's file, or
             `"hf://owner/name"`.
         allow: Modules that an agent's file may import parts of its author's own from.
+        recovery: Whether the policy does what `StuckRecovery` asks for where it has come to rest before
+            the goal. None: what an agent's config says, and no otherwise. A method that differs from
+            that has a name that says so.
 
     Raises:
         ValueError: If there is no such policy, with those there are; if the file is not an agent, or
             names modules that are not allowed.
     """
+    if policy in METHODS and policy != "agent":
+        method, default = _hand_written(policy), False
+    else:
+        method, default = _trained(policy, allow)
+    if recovery is None or recovery == default:
+        return _with_recovery(method) if default else method
+    name = f"{method.name}{'+recovery' if recovery else '_without_recovery'}"
+    return replace(_with_recovery(method) if recovery else method, name=name)
+
+
+def _hand_written(policy: str) -> Method:
     if policy in ("corridor", "corridor_faithful"):
         config = faithful_config() if policy == "corridor_faithful" else None
         return Method(
@@ -74,31 +89,32 @@ def get_method(
             path_key=("next", "corridor", "path"),
             target_key=("next", "corridor", "target"),
         )
-    if policy == "scripted":
-        return Method(
-            name=policy,
-            make_policy=functools.partial(ScriptedPusher, target_key="subgoal"),
-            make_env=functools.partial(_plain_env, planner=True),
-            path_key="path",
-            target_key="subgoal",
-        )
-    name, source = _find_agent(policy)
-    agent = load_agent(source, allow=allow)
     return Method(
-        name=name,
-        make_policy=lambda: agent.policy,
-        make_env=functools.partial(_agent_env, agent=source, allow=tuple(allow)),
+        name=policy,
+        make_policy=functools.partial(ScriptedPusher, target_key="subgoal"),
+        make_env=functools.partial(_plain_env, planner=True),
         path_key="path",
         target_key="subgoal",
     )
 
 
-@checked_arguments
-def with_recovery(method: Method) -> Method:
-    """A method that, where it has come to rest before the goal, does what `StuckRecovery` asks for."""
+def _trained(policy: str, allow: Sequence[str]) -> tuple[Method, bool]:
+    """An agent without recovery, and whether its config has one."""
+    name, source = _find_agent(policy)
+    agent = load_agent(source, allow=allow)
+    method = Method(
+        name=name,
+        make_policy=lambda: agent.actor,
+        make_env=functools.partial(_agent_env, agent=source, allow=tuple(allow)),
+        path_key="path",
+        target_key="subgoal",
+    )
+    return method, agent.config.recovery
+
+
+def _with_recovery(method: Method) -> Method:
     return replace(
         method,
-        name=f"{method.name}+recovery",
         make_policy=lambda: recovering(method.make_policy()),
         make_env=functools.partial(_recovery_env, method.make_env),
     )
@@ -169,9 +185,10 @@ def _agent_env(
     allow: Sequence[str],
     **options: Any,
 ) -> EnvBase:
-    """The environment that an agent was trained in, with the objects of an evaluation set."""
+    """The environment that an agent was trained in without recovery, with the objects of a set."""
     given = {} if conditions is None else conditions.agent_options
-    return load_agent(agent, allow=allow).make_env(
+    found = load_agent(agent, allow=allow)
+    return replace(found, config=replace(found.config, recovery=False)).make_env(
         num_envs,
         **{
             "pushed_object": tuple(objects),

@@ -58,10 +58,11 @@ class SceneWorker:
         self._make_env, self._env_parts = make_env, env_parts(config, parts)
         self._first_policy = FirstActions(config.env) if config.warm_up else None
         self.curriculum = make_curriculum(config.curriculum, warm_up=config.warm_up)
+        self._env_config = replace(config.env, recovery=False)
         num_envs = config.env.num_envs
         self.greedy_envs = list(range(num_envs - config.greedy_envs, num_envs))
         self.env = make_env(
-            config.env,
+            self._env_config,
             curriculum=self.curriculum,
             evaluated_envs=self.greedy_envs or None,
             seed=config.seed,
@@ -215,7 +216,7 @@ class SceneWorker:
         if self._evaluation_env is None:
             few = min(self.config.env.num_envs, _EVALUATION_ENVS)  # each takes memory
             self._evaluation_env = self._make_env(
-                replace(self.config.env, num_envs=few), **self._env_parts
+                replace(self._env_config, num_envs=few), **self._env_parts
             )
         episodes = run_episodes(
             self._evaluation_env,

@@ -53,8 +53,8 @@ def load_initial_weights(learner: Learner, config: TrainConfig, specs: WorkerSpe
         symmetry = observed_symmetry(agent.config, agent.parts.get("pushed_object"))
         _check_environment(who, agent.fingerprint, symmetry, config, specs)
         actor = learner.agent.actor
-        check_weights(who, actor.state_dict(), agent.policy.state_dict())
-        actor.load_state_dict(agent.policy.state_dict())
+        check_weights(who, actor.state_dict(), agent.actor.state_dict())
+        actor.load_state_dict(agent.actor.state_dict())
         _copy_actor_to_its_target(learner.agent.loss)
         return
     state = read_state(checkpoint, CHECKPOINT_KIND, CHECKPOINT_VERSION)

@@ -37,7 +37,7 @@ def recorded(agent) -> TensorDict:
     env = agent.make_env(
         3, scene=("slot", "posts"), pushed_object=objects, keep_images=True, seed=5
     )
-    steps = env.rollout(60, agent.policy, break_when_any_done=False).reshape(-1)
+    steps = env.rollout(60, agent.actor, break_when_any_done=False).reshape(-1)
     env.close()
     return steps
 
@@ -117,10 +117,19 @@ def test_the_card_says_what_every_input_means(folder: Path) -> None:
     assert {card["window"]["frame"], card["action"]["frame"], "base"} <= set(card["frames"])
 
 
+def test_the_card_says_how_the_agent_recovers(agent, folder: Path, tmp_path: Path) -> None:
+    recovery = json.loads((folder / "card.json").read_text())["recovery"]
+    assert recovery.pop("meaning")
+    assert recovery == {"patience": 4, "duration": 4, "tolerance": 0.01}
+    without = replace(agent, config=replace(agent.config, recovery=False))
+    export_agent(without, tmp_path, ("torch_export",))
+    assert json.loads((tmp_path / "card.json").read_text())["recovery"] is None
+
+
 def test_what_cannot_be_exported_is_refused(agent, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"formats\[0\] must be 'onnx' or .*, got 'tflite'"):
         export_agent(agent, tmp_path, ("tflite",))
-    blind = replace(agent, policy=agent.policy[0])
+    blind = replace(agent, actor=agent.actor[0])
     with pytest.raises(
         ValueError, match="policy must be of type ProbabilisticActor, got TensorDictModule"
     ):

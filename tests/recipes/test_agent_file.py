@@ -5,12 +5,13 @@ from dataclasses import replace
 import pytest
 import safetensors.torch
 import torch
+from tensordict.nn import TensorDictModule
 from torchrl.data import Bounded
 
 from modpush.agents.tqc.networks import make_actor
 from modpush.encoders import RayScan
 from modpush.files import read_tensors, write_tensors
-from modpush.mdp import PATH_ENTRIES, PushObservation, RewardConfig
+from modpush.mdp import PATH_ENTRIES, PushObservation, RewardConfig, StuckRecovery
 from modpush.recipes import (
     PushEnvConfig,
     environment_fingerprint,
@@ -83,6 +84,28 @@ def test_an_agent_comes_back_as_it_was_and_acts(saved):
     rollout = env.rollout(3, agent.policy, break_when_any_done=False)
     assert rollout["action"].abs().max() <= 1
     env.close()
+
+
+def test_an_agent_whose_config_says_so_recovers(tmp_path):
+    path = tmp_path / "agent.safetensors"
+    config = replace(RAYS, recovery=True, num_envs=1)
+    save(path, config, observation_dim=55, fingerprint={})
+
+    def without(config, **parts):  # an environment of one's own that does not know the field
+        return make_push_env(replace(config, recovery=False), **parts)
+
+    for agent in (load_agent(path), load_agent(path, make_env=without)):
+        still = TensorDictModule(
+            lambda o: torch.zeros(*o.shape[:-1], 3), ["observation"], ["action"]
+        )
+        agent = replace(agent, actor=still)
+        env = agent.make_env(seed=0)
+        assert sum(isinstance(t, StuckRecovery) for t in env.transform) == 1
+        moved = env.rollout(10, agent.policy)["action"].any(-1)
+        assert moved.tolist() == [[False] * 4 + [True] * 4 + [False] * 2]
+        alone = env.rollout(10, agent.actor)["action"]
+        assert not alone.any()
+        env.close()
 
 
 def test_permuted_entries_are_refused(saved):

@@ -61,7 +61,7 @@ def test_the_shipped_agent_pushes_through_it() -> None:
     done = False
     while not done:
         state = TensorDict({"observation": torch.from_numpy(observation)[None]}, [1])
-        action = agent.policy(state)["action"][0].numpy()
+        action = agent.actor(state)["action"][0].numpy()
         observation, _, terminated, truncated, info = env.step(action)
         done = terminated or truncated
     assert info["is_success"]

@@ -8,6 +8,7 @@ import torch
 
 from modpush.envs import EpisodeConditions
 from modpush.evaluation.results import describe_policy
+from modpush.mdp import StuckRecovery
 from modpush.planners import OccupancyGrid
 from modpush.recipes import METHODS, PushEnvConfig, get_method, make_push_env
 from modpush.recipes.agent_file import shipped_agents
@@ -29,6 +30,28 @@ def test_agent_is_the_shipped_one_for_all_objects() -> None:
     assert method.make_env.keywords == own.make_env.keywords
     weights, expected = (m.make_policy().state_dict() for m in (method, own))
     assert all(torch.equal(weights[key], expected[key]) for key in expected)
+
+
+@pytest.mark.parametrize(
+    ("name", "recovery", "label"),
+    [
+        ("any_object", None, "any_object"),
+        ("any_object", True, "any_object"),
+        ("any_object", False, "any_object_without_recovery"),
+        ("scripted", None, "scripted"),
+        ("scripted", False, "scripted"),
+        ("scripted", True, "scripted+recovery"),
+    ],
+)
+def test_who_recovers(name: str, recovery: bool | None, label: str) -> None:
+    method = get_method(name, recovery=recovery)
+    assert method.name == label
+    env = method.make_env(1, ("small_cube",))
+    recovers = label in ("any_object", "scripted+recovery")
+    assert sum(isinstance(t, StuckRecovery) for t in env.transform) == recovers
+    assert ("recovering" in method.make_policy().in_keys) == recovers
+    env.rollout(2, method.make_policy())
+    env.close()
 
 
 @pytest.mark.parametrize("name", ["corridor", "scripted"])

@@ -156,6 +156,7 @@ def test_all_in_which_the_cpu_preset_departs_from_the_paper():
         "env.subgoal_mode": "lookahead",
         "env.reward.scale": 0.1,
         "env.reward.normalisation": "constant",
+        "env.recovery": True,
         "tqc.hidden_sizes": (256, 256),
         "tqc.actor_lr": 3e-4,
         "tqc.critic_lr": 3e-4,

@@ -55,7 +55,7 @@ def train(folder, config=SMOKE, *, resume=False):
 def numbers(folder):
     """What must not depend on when a run was killed."""
     table = pd.read_csv(folder / "evaluations.csv").drop(columns="minutes")
-    return table, load_agent(folder / "last_agent.safetensors").policy.state_dict()
+    return table, load_agent(folder / "last_agent.safetensors").actor.state_dict()
 
 
 def assert_same(one, other):

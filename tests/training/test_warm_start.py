@@ -30,7 +30,7 @@ def assert_equal(one, other):
 def test_an_agents_file_gives_the_actors_weights(unbroken, tmp_path):
     file = unbroken / "last_agent.safetensors"
     agent = begin(tmp_path / "run", init_from=str(file))
-    assert_equal(load_agent(file).policy.state_dict(), agent.actor.state_dict())
+    assert_equal(load_agent(file).actor.state_dict(), agent.actor.state_dict())
     fresh = begin(tmp_path / "fresh").loss.state_dict()
     loss = agent.loss.state_dict()
     assert all(torch.equal(loss[name], fresh[name]) for name in loss if "qvalue" in name)
