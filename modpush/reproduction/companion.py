@@ -35,7 +35,8 @@ def write_companion(config: ReproduceConfig) -> None:
         "`agent` is the agent that a command names with `--agent`, `small_cube` where it names none: "
         "trained with the small cube alone. `agent_retrained` is the one of `--policy-files fragment`: "
         "`any_object` has been trained from scratch with twelve objects, the fragment among them; the "
-        "paper's agent was trained further with the fragment.",
+        "paper's agent was trained further with the fragment. The shipped agents move on where they have "
+        "come to rest before the goal (docs/evaluation.md); `--recovery False` measures them without.",
         "\n".join(
             ["| page | what | command |", "|---|---|---|"]
             + [

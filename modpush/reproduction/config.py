@@ -20,12 +20,12 @@ PARTS = tuple(part for part in get_args(Part) if part != "all")
 
 
 _MATTERS: dict[str, tuple[str, ...]] = {
-    "free": ("agent", "first"),
-    "obstacles": ("agent", "first", "policy_files"),
-    "hard": ("agent", "first"),
-    "examples": ("agent", "first"),
-    "runtime": ("agent", "seed"),
-    "dynamics": ("agent", "seed", "dynamics_episodes"),
+    "free": ("agent", "recovery", "first"),
+    "obstacles": ("agent", "recovery", "first", "policy_files"),
+    "hard": ("agent", "recovery", "first"),
+    "examples": ("agent", "recovery", "first"),
+    "runtime": ("agent", "recovery", "seed"),
+    "dynamics": ("agent", "recovery", "seed", "dynamics_episodes"),
     "ablations": ("sweep",),
     "further": ("further",),
 }
@@ -44,6 +44,9 @@ class ReproduceConfig:
     agent: Name = "small_cube"
     """Agent that is evaluated everywhere, unchanged: the name of a shipped one, a training run's folder,
     or an agent's file."""
+    recovery: bool | None = None
+    """Whether agents that have come to rest before the goal move on as `StuckRecovery` says; by default
+    what their configs say."""
     policy_files: Mapping[Name, FilePath] = field(default_factory=dict)
     """Further agents by the object that they were trained with, for the paper's retrained row: pairs of
     object and agent's file."""

@@ -21,15 +21,14 @@ from modpush.evaluation.sets import EvaluationSet
 from modpush.evaluation.tables import format_table
 from modpush.files import write_text
 from modpush.mdp.depth_noise import DepthNoise
-from modpush.recipes.methods import Method, get_method
+from modpush.recipes.methods import Method
 from modpush.reproduction.cells import make_cells
 from modpush.reproduction.config import ReproduceConfig
 from modpush.reproduction.measure import (
     AGENT,
     Measured,
-    agent_source,
+    agent_method,
     measure_policy,
-    methods_for,
 )
 
 matplotlib.use("Agg")  # no screen is needed
@@ -145,20 +144,18 @@ class _Factory:
     """`make_env` of a change, as `evaluate` wants it."""
 
     change: Change
-    agent: str
-    allow: tuple[str, ...]
+    config: ReproduceConfig
 
     def __call__(
         self, num_envs: int, objects: Sequence[str], conditions: EpisodeConditions
     ) -> EnvBase:
-        method = get_method(self.agent, allow=self.allow)
-        return self.change.make_env(num_envs, method, conditions)
+        return self.change.make_env(num_envs, agent_method(self.config), conditions)
 
 
 def write_dynamics(config: ReproduceConfig) -> None:
     """Measure the agent for each value, and write `dynamics.md`, `.csv` and `.png`."""
     changes = [Change(quantity=q, value=v) for q, about in QUANTITIES.items() for v in about.values]
-    method = methods_for(config, _OBJECT)[AGENT]
+    method = agent_method(config)
     sessions: dict[str, list[Session]] = {}
     tables = []
     for change in tqdm(changes, desc="dynamics", unit="value", disable=not config.progress):
@@ -183,11 +180,11 @@ def _measure(change: Change, method: Method, config: ReproduceConfig) -> Measure
     numbers = range(config.dynamics_episodes)
     scenarios = tuple(change.scenario(config.seed, number) for number in numbers)
     episodes = EvaluationSet(name=f"dynamics/{change.name}", scenarios=scenarios)
-    factory = _Factory(change=change, agent=agent_source(config.agent), allow=config.allow)
+    factory = _Factory(change=change, config=config)
     return measure_policy(
         method.make_policy(),
         episodes,
-        config.rows / episodes.name,
+        config.rows / "dynamics" / method.name / change.name,
         config,
         make_env=factory,
         label=change.name,

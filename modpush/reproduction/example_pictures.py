@@ -51,9 +51,7 @@ def write_example_pictures(config: ReproduceConfig) -> None:
     """
     episodes = load_set(_SET)
     methods = methods_for(config, "small_cube")
-    measured = {
-        name: measure(name, methods[name], episodes, config) for name in (AGENT, _CONTROLLER)
-    }
+    measured = {name: measure(methods[name], episodes, config) for name in (AGENT, _CONTROLLER)}
     agent, controller = (measured[name].rows for name in (AGENT, _CONTROLLER))
     chosen = choose_examples(agent, controller, episodes)
     if not chosen:

@@ -13,11 +13,10 @@ from torchrl.envs import EnvBase
 from modpush._provenance import Session, add_session, forget_sessions, read_sessions
 from modpush.evaluation.runner import EvaluationConfig, evaluate
 from modpush.evaluation.sets import EvaluationSet
-from modpush.recipes.agent_file import shipped_agents
 from modpush.recipes.methods import Method, get_method
 from modpush.reproduction.config import ReproduceConfig
 
-__all__ = ["AGENT", "Measured", "agent_source", "measure", "measure_policy", "methods_for"]
+__all__ = ["AGENT", "Measured", "agent_method", "measure", "measure_policy", "methods_for"]
 
 AGENT = "agent"
 """Name of the agent that is evaluated everywhere."""
@@ -36,9 +35,13 @@ class Measured:
     """When they were measured."""
 
 
-def agent_source(name: str) -> str:
-    """What `get_method` takes for a shipped agent's name; any other text is passed through."""
-    return str(shipped_agents().get(name, name))
+def agent_method(config: ReproduceConfig) -> Method:
+    """The agent that is evaluated everywhere.
+
+    Raises:
+        ValueError: If there is no such agent.
+    """
+    return get_method(config.agent, allow=config.allow, recovery=config.recovery)
 
 
 def methods_for(config: ReproduceConfig, pushed_object: str) -> dict[str, Method]:
@@ -47,28 +50,27 @@ def methods_for(config: ReproduceConfig, pushed_object: str) -> dict[str, Method
     Raises:
         ValueError: If there is no such agent.
     """
-    sources = {AGENT: agent_source(config.agent)}
+    methods = {AGENT: agent_method(config)}
     if pushed_object in config.policy_files:
-        sources["agent_retrained"] = str(config.policy_files[pushed_object])
-    sources |= {name: name for name in _CONTROLLERS}
-    return {name: get_method(source, allow=config.allow) for name, source in sources.items()}
+        source = str(config.policy_files[pushed_object])
+        methods["agent_retrained"] = get_method(
+            source, allow=config.allow, recovery=config.recovery
+        )
+    return methods | {name: get_method(name) for name in _CONTROLLERS}
 
 
-def measure(
-    name: str, method: Method, evaluation_set: EvaluationSet, config: ReproduceConfig
-) -> Measured:
+def measure(method: Method, evaluation_set: EvaluationSet, config: ReproduceConfig) -> Measured:
     """Run what is missing of a method on the first episodes of a set.
 
     Args:
-        name: Name of the method, for its folder.
-        method: The method.
+        method: The method; rows are kept by its name, so that several agents can be compared.
         evaluation_set: The whole set.
         config: How many episodes, and where rows are kept.
     """
     return measure_policy(
         method.make_policy(),
         evaluation_set.first(config.first),
-        config.rows / "sets" / name / evaluation_set.name,
+        config.rows / "sets" / method.name / evaluation_set.name,
         config,
         make_env=method.make_env,
         path_key=method.path_key,

@@ -164,7 +164,7 @@ def write_paper_table(name: str, config: ReproduceConfig) -> None:
 def _measure(section: Section, config: ReproduceConfig) -> dict[str, Measured]:
     episodes = load_set(section.evaluation_set)
     methods = methods_for(config, section.pushed_object)
-    return {name: measure(name, method, episodes, config) for name, method in methods.items()}
+    return {name: measure(method, episodes, config) for name, method in methods.items()}
 
 
 def _keep_rows(rows: pd.DataFrame, out: Path, method: str, evaluation_set: str) -> None:

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.evaluation.tables import format_table
 from modpush.files import write_text
 from modpush.reproduction.config import ReproduceConfig
-from modpush.reproduction.measure import AGENT, methods_for
+from modpush.reproduction.measure import AGENT, agent_method, methods_for
 
 matplotlib.use("Agg")  # no screen is needed
 import matplotlib.pyplot as plt
@@ -50,9 +51,8 @@ def write_runtime(config: ReproduceConfig) -> None:
     """Measure on this machine, one scene at a time, and write `runtime.md`, `.csv` and `.png`."""
     began = time.perf_counter()
     methods = methods_for(config, _OBJECT)
-    lines: list[dict[str, Any]] = [
-        {"method": AGENT, "part": "network", **_network_times(methods[AGENT].make_policy())}
-    ]
+    actor = agent_method(replace(config, recovery=False)).make_policy()
+    lines: list[dict[str, Any]] = [{"method": AGENT, "part": "network", **_network_times(actor)}]
     makers = {name: (method.make_env, method.make_policy()) for name, method in methods.items()}
     makers["simulation"] = (_bare_env, ScriptedPusher())
     count = 0

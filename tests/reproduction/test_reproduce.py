@@ -11,7 +11,6 @@ from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.recipes.methods import get_method
 from modpush.reproduction import PAPER_TABLES, PARTS, ReproduceConfig, reproduce
 from modpush.reproduction.dynamics import QUANTITIES, Change
-from modpush.reproduction.measure import agent_source
 
 pytestmark = pytest.mark.filterwarnings("ignore:Precision loss occurred:RuntimeWarning")
 
@@ -47,7 +46,7 @@ def test_a_table_is_written_resumed_and_listed(tmp_path: Path) -> None:
         assert companion.count(f"### {verdict.capitalize()}") == 1
     assert len(agents) >= 8
 
-    stored = config.rows / "sets" / "agent" / "free" / "small_cube" / "episodes.csv"
+    stored = config.rows / "sets" / "small_cube" / "free" / "small_cube" / "episodes.csv"
     before = stored.read_bytes()
     reproduce(replace(config, parts=("free",), first=3))
     assert stored.read_bytes().startswith(before)  # only the third was run
@@ -107,7 +106,7 @@ def test_a_change_reaches_scenario_or_environment(quantity: str) -> None:
 @pytest.mark.parametrize("quantity", ["size", "tip_height", "control_freq", "depth_noise"])
 def test_the_agent_acts_in_a_changed_environment(quantity: str) -> None:
     change = Change(quantity=quantity, value=QUANTITIES[quantity].values[-1])
-    method = get_method(agent_source("small_cube"))
+    method = get_method("small_cube")
     env = change.make_env(1, method, EpisodeConditions())
     try:
         td = env.reset(scenarios=[change.scenario(1, 0)])
