@@ -43,10 +43,6 @@ def _any_object() -> TrainConfig:
             pushed_object=(*shapes, *(f"random_{k}" for k in range(1, 9))),
             add=("object_support",),
             randomize_dynamics=True,
-            # With 10, a fifth of the failures were objects pushed out of the workspace.
-            reward=replace(
-                cpu.env.reward, weights={**cpu.env.reward.weights, "out_of_bounds": 50.0}
-            ),
         ),
         evaluation_episodes=144,  # twelve of each object
     )

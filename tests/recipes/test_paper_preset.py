@@ -138,7 +138,7 @@ def test_all_in_which_the_cpu_preset_departs_from_the_paper():
         "touch": 1.0,
         "object_collision": 1.5,
         "tool_collision": 0.5,
-        "out_of_bounds": 10.0,
+        "out_of_bounds": 50.0,
         "window": 0.0,
         "detour": 100.0,
         "no_contact": 1.0,
