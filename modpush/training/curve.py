@@ -10,6 +10,7 @@ import pandas as pd
 matplotlib.use("Agg")  # no screen is needed
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.ticker import EngFormatter
 
 __all__ = ["draw_curve", "success_in_common"]
 
@@ -51,6 +52,8 @@ def draw_curve(
             for colour, (label, group) in enumerate(tables.items()):
                 _draw_group(axis, group, column, unit, f"C{colour}", label)
             axis.set(title=title, xlabel=unit)
+            if unit != "minutes":  # six digits would run into each other
+                axis.xaxis.set_major_formatter(EngFormatter(sep=""))
             axis.set_ylim(*limits)  # after all curves: the first one's top would cut the others off
             axis.grid(alpha=0.3)
     grid[0, 0].legend(loc="lower right")

@@ -284,6 +284,13 @@ def test_the_scene_of_the_environment_is_what_is_trained_and_evaluated_on():
     worker.close()
 
 
+def test_recovery_is_for_the_trained_agent_and_not_for_its_training():
+    assert SMOKE.env.recovery
+    worker = SceneWorker(SMOKE)
+    assert "recovering" not in worker.env.reset().keys()
+    worker.close()
+
+
 def test_held_out_episodes_are_solvable_on_the_map_that_is_planned_on() -> None:
     """Only the inscribed circle of the object passes through these scenes."""
     env = replace(SMOKE.env, scene=("diagonal_walls",), inflation="inscribed")
