@@ -21,7 +21,7 @@ Reader = Callable[[], object]
 def _agent(folder: Path) -> tuple[Path, Reader]:
     path = folder / "agent.safetensors"
     config = PushEnvConfig.preset("cpu", encoder="rays")
-    spec = load_agent("small_cube").policy.spec["action"]
+    spec = load_agent("small_cube").actor.spec["action"]
     actor = make_actor(55, spec, (8,))
     save_agent(path, actor, config, hidden_sizes=(8,), observation_dim=55, fingerprint={})
     return path, lambda: load_agent(path)

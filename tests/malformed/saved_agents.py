@@ -18,7 +18,7 @@ def targets() -> list[Target]:
 
 def _agents() -> list[Target]:
     agent = recipes.load_agent("small_cube")
-    actor = make_actor(54, agent.policy.spec["action"], (8,))
+    actor = make_actor(54, agent.actor.spec["action"], (8,))
     place = folder() / "saved.safetensors"
     return [
         Target(
@@ -124,7 +124,7 @@ def _hub() -> list[Target]:
         Target(
             name="ObservationPolicy",
             call=ObservationPolicy,
-            given=lambda: {"policy": agent.policy},
+            given=lambda: {"policy": agent.actor},
             bad={"policy": [None, 3, nn.Linear(2, 2), "small_cube"]},
             only=["policy"],
         ),
