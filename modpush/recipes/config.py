@@ -221,7 +221,7 @@ _PRESETS: dict[str, dict[str, Any]] = {
                 # Milder than the paper's 5: a young policy would stop beside obstacles.
                 "object_collision": 1.5,
                 "tool_collision": 0.5,
-                "out_of_bounds": 50.0,  # with 10, most of what still failed left the workspace
+                "out_of_bounds": 50.0,  # with 10, most failures with the fragment left it
                 "window": 0.0,
                 "detour": 100.0,
                 "no_contact": 1.0,
