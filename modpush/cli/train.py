@@ -60,7 +60,7 @@ def train_agent(run: RunConfig) -> dict[str, float]:
     threads of torch or numba, or use `Trainer` itself.
 
     Returns:
-        Success and contact of the best agent on the held-out episodes.
+        The best agent's means over the held-out episodes, a row of `evaluations.csv`.
 
     Raises:
         KeyboardInterrupt: After an interrupt, once the checkpoint is written.
@@ -89,8 +89,9 @@ def train_agent(run: RunConfig) -> dict[str, float]:
         if folder.evaluations.exists():
             draw_curve([folder.path], folder.curve)
     print(
-        f"Best on the held-out episodes: success {best['success']:.3f}, contact "
-        f"{best['contact']:.3f}. Wrote {folder.best_agent} and {folder.curve}."
+        f"Best on the held-out episodes: success {best['success']:.3f}, SPL {best['spl']:.3f}, contact "
+        f"{best['contact_rate']:.3f}, collisions {best['collision_rate']:.3f}, after {best['step']} "
+        f"steps. Wrote {folder.best_agent} and {folder.curve}."
     )
     return best
 

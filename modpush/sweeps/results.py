@@ -11,6 +11,7 @@ from modpush.files import write_text
 from modpush.sweeps.definition import Trial
 from modpush.sweeps.figure import draw_sweep
 from modpush.sweeps.trial import is_finished, trial_error
+from modpush.training.held_out import held_out_score
 
 __all__ = ["METRICS", "sweep_curves", "sweep_results", "trial_row", "write_results"]
 
@@ -21,8 +22,7 @@ METRICS = ("success", "spl", "contact_rate", "collision_rate", "collision_rate_o
 def trial_row(trial: Trial, folder: Path) -> dict[str, Any]:
     """State of a run, and its last and best evaluation.
 
-    The best evaluation is that with the highest success rate, and of those the highest contact rate,
-    as `Trainer` chooses the best agent.
+    The best evaluation is the one by which `Trainer` chooses the best agent (`held_out_score`).
     """
     run = trial.folder(folder)
     finished = is_finished(trial, folder)
@@ -39,7 +39,7 @@ def trial_row(trial: Trial, folder: Path) -> dict[str, Any]:
         return row
     table = pd.read_csv(run.evaluations)
     last = table.iloc[-1]
-    best = table.sort_values(["success", "contact_rate"], kind="stable").iloc[-1]
+    best = table.loc[table.apply(held_out_score, axis="columns").idxmax()]
     row |= {name: float(last[name]) for name in ("step", "updates", "minutes")}
     row |= {f"final_{name}": float(last[name]) for name in METRICS}
     row |= {"best_step": int(best["step"])}

@@ -19,6 +19,7 @@ from modpush._validation import check_value
 from modpush.recipes.make_env import make_push_env
 from modpush.training.config import TrainConfig
 from modpush.training.disk import DiskGuard
+from modpush.training.held_out import held_out_score
 from modpush.training.learner import Learner, weights_of
 from modpush.training.log import RunLog
 from modpush.training.parts import check_parts
@@ -129,8 +130,6 @@ class Trainer:
         """Time trained in sessions before this one [s]."""
         self.seconds_waited = 0.0
         """Time that the learner waited for rollouts since the log was last written [s]."""
-        self.best = (-1.0, -1.0)
-        """Success and contact of the best evaluation; -1 before the first."""
         self.interrupted = False
         """Set it to end the run as a signal does, after the present rollout."""
         self.curriculum_state: dict[str, Any] = {}
@@ -164,7 +163,7 @@ class Trainer:
         nothing had been. A second signal ends it at once; it goes on from the checkpoint before.
 
         Returns:
-            Success and contact of the best evaluation; -1 before the first.
+            The best evaluation (`held_out_score`), a row of `evaluations.csv`; empty before the first.
 
         Raises:
             KeyboardInterrupt: After a signal.
@@ -192,7 +191,7 @@ class Trainer:
         finally:
             bar.close()
             self.close()
-        return {"success": self.best[0], "contact": self.best[1]}
+        return self.best_evaluation()
 
     def _first_rollout(self) -> Pending[Rollout] | Done[Rollout]:
         if self.ahead is not None and self.config.collector == "ray":
@@ -329,7 +328,7 @@ class Trainer:
         return {
             "success": f"{row.get('greedy/success', row.get('noisy/success', 0.0)):.2f}",
             "level": str(rollout.level),
-            "best": f"{max(self.best[0], 0.0):.3f}",
+            "best": f"{self.best_evaluation().get('success', 0.0):.3f}",
             "steps/s": f"{row['speed/steps']:.0f}",
             "updates/s": f"{row['speed/updates']:.0f}",
         }
@@ -338,14 +337,16 @@ class Trainer:
         """Time trained, in all sessions [min]."""
         return (time.perf_counter() - self._began) / 60
 
+    def best_evaluation(self) -> dict[str, float]:
+        """The evaluation of the best agent so far (`held_out_score`); empty before the first."""
+        return max(self.log.evaluations, key=held_out_score, default={})
+
     def _evaluate(self) -> None:
         weights = weights_of(self.learner.averaged_actor)
         rows = pd.DataFrame(self.worker.call(SceneWorker.evaluate, weights))
         summary = self.log.write_evaluation(self.steps, self.learner.updates, self.minutes(), rows)
         with self.guard(self.folder.last_agent.name):
             save_trained_agent(self, self.folder.last_agent, summary)
-        score = (summary["success"], summary["contact_rate"])
-        if score > self.best:
-            self.best = score
+        if self.best_evaluation() is self.log.evaluations[-1]:
             with self.guard(self.folder.best_agent.name):
                 save_trained_agent(self, self.folder.best_agent, summary)

@@ -43,7 +43,6 @@ def trainer_state(
         "pending_updates": learner.pending_updates,
         "checkpoints_made": trainer.checkpoints_made,
         "seconds": trainer.seconds,
-        "best": trainer.best,
         "curriculum": trainer.curriculum_state,
         "episodes": dict(trainer.episodes),
         "metrics": dict(learner.metrics),
@@ -78,7 +77,7 @@ def load_trainer_state(trainer: "Trainer", state: dict[str, Any]) -> None:
     trainer.steps, learner.updates = state["steps"], state["updates"]
     trainer.checkpoints_made = state["checkpoints_made"]
     learner.pending_updates = state["pending_updates"]
-    trainer.seconds, trainer.best = state["seconds"], state["best"]
+    trainer.seconds = state["seconds"]
     trainer.curriculum_state = state["curriculum"]
     trainer.episodes.update(state["episodes"])
     learner.metrics.update(state["metrics"])
