@@ -181,6 +181,9 @@ def random_clutter(
 ) -> list[Obstacle]:
     """Cubes anywhere in the workspace, at any angle.
 
+    One that stands within 0.2 m of the robot's axis is in the way of the arm's shoulder where the tool
+    is at the side of the workspace; such episodes can be impossible.
+
     Args:
         rng: Source of randomness.
         difficulty: Not used: `num_cubes` says how hard it is.
