@@ -45,6 +45,10 @@ def write_companion(config: ReproduceConfig) -> None:
             ]
         ),
     ]
+    if (config.out / "training" / "README.md").exists():
+        lines.append(
+            "[The paper's own configuration](training/README.md), as far as it was trained, beside `cpu`."
+        )
     if missing := [_ABOUT[part] for part in PARTS if part not in found]:
         lines.append("Not there yet: " + "; ".join(missing) + ".")
     if found_verdicts := _read_verdicts(config.out):
