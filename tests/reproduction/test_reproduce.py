@@ -45,13 +45,18 @@ def test_a_table_is_written_resumed_and_listed(tmp_path: Path) -> None:
     for verdict in ("ahead", "level", "behind"):
         assert companion.count(f"### {verdict.capitalize()}") == 1
     assert len(agents) >= 8
+    assert "(training/README.md)" not in companion
 
+    (config.out / "training").mkdir()
+    (config.out / "training" / "README.md").write_text("# A run\n")
     stored = config.rows / "sets" / "small_cube" / "free" / "small_cube" / "episodes.csv"
     before = stored.read_bytes()
     reproduce(replace(config, parts=("free",), first=3))
     assert stored.read_bytes().startswith(before)  # only the third was run
     assert stored.read_bytes().count(b"\n") == 4
     assert "minutes for 9 episodes" in (config.out / "free.md").read_text()
+    companion = (config.out / "README.md").read_text()
+    assert companion.index("[free](free.md)") < companion.index("(training/README.md)")
 
 
 @pytest.mark.slow
