@@ -45,8 +45,8 @@ def some_queries(batch):
     return occupancy, start, goal
 
 
-def hammer(call, inputs, rounds=25):
-    """Each of four threads calls with inputs of all sizes, beginning with another one."""
+def assert_threads_get_the_same(call, inputs, rounds=25):
+    """Four threads, each beginning with another of the inputs, get what one thread got."""
     expected = [call(*given) for given in inputs]
     barrier = Barrier(len(inputs))
 
@@ -69,7 +69,7 @@ def test_a_planner_shared_by_threads_plans_as_on_one(torch_threads, make):
     def call(*query):
         return tuple(vars(planner.plan(*query)).values())
 
-    hammer(call, [some_queries(batch) for batch in BATCHES])
+    assert_threads_get_the_same(call, [some_queries(batch) for batch in BATCHES])
 
 
 @every_planner
@@ -80,7 +80,9 @@ def test_threads_with_batches_of_one_size_do_not_meet(torch_threads, make):
         return tuple(vars(planner.plan(*query)).values())
 
     occupancy, start, goal = some_queries(28)
-    hammer(call, [(occupancy[k::4], start[k::4], goal[k::4]) for k in range(4)], rounds=50)
+    assert_threads_get_the_same(
+        call, [(occupancy[k::4], start[k::4], goal[k::4]) for k in range(4)], rounds=50
+    )
 
 
 def test_an_occupancy_map_shared_by_threads_sees_as_on_one(torch_threads):
@@ -90,7 +92,7 @@ def test_an_occupancy_map_shared_by_threads_sees_as_on_one(torch_threads):
         depth = torch.full((batch, 48, 48), SMALL.z)
         depth[some_queries(batch)[0]] -= 0.06
         inputs.append((depth, torch.linspace(0.0, 0.05, batch)))
-    hammer(occupancy_map, inputs)
+    assert_threads_get_the_same(occupancy_map, inputs)
 
 
 def test_weights_of_one_thread_stay_its_own():
@@ -104,4 +106,4 @@ def test_weights_of_one_thread_stay_its_own():
         return paths.length, paths.waypoints
 
     weights = [torch.ones(30, 48, 48), heavy, heavy.flip(2), heavy.transpose(1, 2).contiguous()]
-    hammer(call, [(weight,) for weight in weights])
+    assert_threads_get_the_same(call, [(weight,) for weight in weights])
