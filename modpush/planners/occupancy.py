@@ -292,17 +292,15 @@ def cells_outside(camera: Camera, bounds: Corners, margin: float = 0.0) -> Tenso
             inside.
     """
     if len(bounds) != 2 or any(len(corner) != 2 for corner in bounds):
-        raise ValueError(f"OccupancyGrid: bounds must be two corners (x, y) [m], got {bounds!r}.")
+        raise ValueError(f"bounds must be two corners (x, y) [m], got {bounds!r}.")
     if not math.isfinite(margin):
-        raise ValueError(f"OccupancyGrid: margin must be finite [m], got {margin}.")
+        raise ValueError(f"margin must be finite [m], got {margin}.")
     low, high = (torch.tensor([float(x) for x in corner]).double() for corner in bounds)
     v, u = torch.meshgrid(torch.arange(camera.height), torch.arange(camera.width), indexing="ij")
     centre = camera.unproject(torch.stack([u, v], -1).double())
     inside = ((centre >= low + margin) & (centre <= high - margin)).all(-1)
     if not inside.any():
-        raise ValueError(
-            f"OccupancyGrid: bounds and margin must leave a cell, got {bounds!r} and {margin}."
-        )
+        raise ValueError(f"bounds and margin must leave a cell, got {bounds!r} and {margin}.")
     return ~inside
 
 

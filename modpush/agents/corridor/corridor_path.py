@@ -12,8 +12,8 @@ from torch import Tensor
 
 from modpush.agents.corridor.config import CorridorConfig
 from modpush.agents.corridor.scene import CorridorScene
-from modpush.geometry import Camera
 from modpush.planners import AStar, point_along
+from modpush.planners.occupancy import cells_outside
 
 
 def corridor_cost(
@@ -35,19 +35,6 @@ def corridor_cost(
     cost[distance <= outer] = costs[1]
     cost[distance <= inner] = costs[2]
     return cost
-
-
-def cells_outside(camera: Camera, low: tuple[float, float], high: tuple[float, float]) -> Tensor:
-    """The cells that lie outside of a rectangle on the table, `[H, W]` bool.
-
-    Args:
-        camera: The camera, whose pixels on the table are the cells.
-        low: Lower corner (x, y) [m].
-        high: Upper corner (x, y) [m].
-    """
-    grid = torch.meshgrid(torch.arange(camera.width), torch.arange(camera.height), indexing="xy")
-    position = camera.unproject(torch.stack(grid, -1).float())
-    return ((position < torch.tensor(low)) | (position > torch.tensor(high))).any(-1)
 
 
 def least_cost_path(
@@ -97,7 +84,7 @@ def plan_object_path(scene: CorridorScene, config: CorridorConfig) -> Tensor:
         distance, config.inner_zone * cells, config.outer_zone * cells, config.zone_costs
     )
     if config.workspace is not None:
-        outside = cells_outside(camera, *config.workspace)
+        outside = cells_outside(camera, config.workspace)
         cost = torch.where(outside, config.zone_costs[2], cost)
     ends = camera.project(scene.object_position), camera.project(scene.goal)
     path = least_cost_path(distance, cost, ends, config.path_points, config.neighbours)

@@ -15,7 +15,7 @@ from modpush.agents.corridor.clearance import (
     tool_repulsion,
 )
 from modpush.agents.corridor.config import CorridorConfig
-from modpush.agents.corridor.corridor_path import cells_outside, corridor_cost, least_cost_path
+from modpush.agents.corridor.corridor_path import corridor_cost, least_cost_path
 from modpush.agents.corridor.look_ahead import Limits, View, look_ahead
 from modpush.agents.corridor.obstacle_distance import ObstacleDistances, obstacle_distance
 from modpush.agents.corridor.rules import RULES
@@ -269,15 +269,6 @@ def test_the_object_s_clearance_in_metres():
     spots = camera.unproject(torch.tensor([[10.0, 14.0], [10.0, -30.0]]))
     clear = object_clearance(scene([obstacle_distance(wall())] * 2, camera, spots))
     assert clear.tolist() == pytest.approx([4 * camera.cell_size, 18 * camera.cell_size], rel=1e-3)
-
-
-def test_cells_outside_of_a_rectangle():
-    camera = Camera()
-    beyond = cells_outside(camera, (0.20, -0.35), (0.75, 0.35))
-    inside = camera.project(torch.tensor([[0.21, -0.34], [0.74, 0.34], [0.5, 0.0]])).round().int()
-    off = camera.project(torch.tensor([[0.19, 0.0], [0.76, 0.0], [0.5, 0.36], [0.5, -0.36]]))
-    assert not any(beyond[v, u] for u, v in inside)
-    assert all(beyond[v, u] for u, v in off.round().int())
 
 
 def test_distances_depend_on_the_images_alone():
