@@ -37,7 +37,7 @@ _ABLATIONS = _SweepPage(
     title="What the parts of the method are worth",
     about="""Every variant is trained alike, {steps} environment steps ({minutes:.0f} minutes on average),
 and evaluated without exploration noise on the same held-out episodes, which belong to no evaluation
-set.""",
+set; a variant that changes how episodes are drawn, as `inflated_inscribed`, has its own.""",
 )
 _FURTHER = _SweepPage(
     part="further",
