@@ -23,6 +23,8 @@ class Encode(Transform):
             `window_size` S where that is not 64.
         window_key: Read, `[..., 1, S, S]` float32 in [0, 1], or uint8, of which 255 stands for 1.
         latent_key: Written, `[..., latent_dim]` float32.
+        mirrored_key: Written if given, `[..., latent_dim]` float32: the latent of the window mirrored
+            at the x axis of its frame, for `modpush.mdp.MirroredObservation`.
         grad: Let gradients through to the encoder, for training it end to end.
 
     Raises:
@@ -36,16 +38,21 @@ class Encode(Transform):
         window_key: NestedKey = "window",
         latent_key: NestedKey = "latent",
         grad: bool = False,
+        *,
+        mirrored_key: NestedKey | None = None,
     ) -> None:
         self.latent_dim, self.window_size = encoder_sizes("Encode", encoder)
-        super().__init__(in_keys=[window_key], out_keys=[latent_key])
-        self.encoder = encoder
+        out_keys = [latent_key] if mirrored_key is None else [latent_key, mirrored_key]
+        super().__init__(in_keys=[window_key], out_keys=out_keys)
+        self.encoder, self.mirrored_key = encoder, mirrored_key
         self.window_key, self.latent_key, self.grad = window_key, latent_key, grad
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         window = as_floats(read_key("Encode", next_tensordict, self.window_key))
         check_window(window, self.window_size, "Encode")
         batch = window.reshape(-1, *window.shape[-3:])
+        if self.mirrored_key is not None:
+            batch = torch.cat([batch, batch.flip(-1)])  # its columns run along the frame's y
         # In eval mode, since a latent must not depend on which scenes share the call.
         with (
             evaluating(self.encoder),
@@ -57,7 +64,8 @@ class Encode(Transform):
                 f"Encode: the encoder must return [B, latent_dim] = "
                 f"[{len(batch)}, {self.latent_dim}], got {list(latent.shape)}."
             )
-        next_tensordict.set(self.latent_key, latent.reshape(*window.shape[:-3], self.latent_dim))
+        for key, part in zip(self.out_keys, latent.chunk(len(self.out_keys)), strict=True):
+            next_tensordict.set(key, part.reshape(*window.shape[:-3], self.latent_dim))
         return next_tensordict
 
     def _reset(
@@ -73,11 +81,12 @@ class Encode(Transform):
         return self._call(tensordict)
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
-        """Add the latent."""
+        """Add the latents."""
         check_spec_has("Encode", observation_spec, self.in_keys)
-        observation_spec[self.latent_key] = Unbounded(
-            shape=(*observation_spec.shape, self.latent_dim),
-            dtype=torch.float32,
-            device=observation_spec.device,
-        )
+        for key in self.out_keys:
+            observation_spec[key] = Unbounded(
+                shape=(*observation_spec.shape, self.latent_dim),
+                dtype=torch.float32,
+                device=observation_spec.device,
+            )
         return observation_spec

@@ -68,6 +68,8 @@ _MEANINGS = {
     "subgoal": "point of the path to push towards, (x, y) [m], base frame",
     "subgoal_past": "earlier sub-goals, by the ages `planning.subgoals.lags` [steps], (x, y) [m], base "
     "frame; in an episode's first steps the first one",
+    "path_ahead": "points of the planned path after `planning.subgoals.ahead` [m] along it, also beyond "
+    "corners and not past its end, (x, y) [m], base frame",
     "path_length": "length of the planned path from object to goal [m]",
     "joint_position": "joints of the UR5, shoulder pan to third wrist joint [rad]",
     "object_contact": "whether the tool touches the object",
@@ -186,6 +188,7 @@ def _planning(agent: Agent, transforms: Sequence[Transform]) -> dict[str, Any]:
                     "fraction": transform.fraction,
                     "lookahead": transform.lookahead,
                     "lags": transform.lags,
+                    "ahead": transform.ahead,
                 }
     return found
 

@@ -6,8 +6,10 @@ from .curriculum import Phase as Phase
 from .curriculum_scenes import CurriculumScenes as CurriculumScenes
 from .depth_noise import DepthNoise as DepthNoise
 from .entry_list import resolve_entries as resolve_entries
+from .mirrored_observation import MirroredObservation as MirroredObservation
 from .observation_entries import ENTRIES as ENTRIES
 from .observation_entries import PAPER_ENTRIES as PAPER_ENTRIES
+from .observation_entries import PATH_AHEAD_ENTRIES as PATH_AHEAD_ENTRIES
 from .observation_entries import PATH_ENTRIES as PATH_ENTRIES
 from .observation_entries import Entry as Entry
 from .observation_inputs import ObservationInputs as ObservationInputs

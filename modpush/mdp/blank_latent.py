@@ -1,5 +1,7 @@
 """The encoder's latent as an entry of the observation, relative to that of an empty window."""
 
+from dataclasses import replace
+
 import torch
 from torch import Tensor, nn
 
@@ -17,7 +19,7 @@ def latent_entry(encoder: nn.Module) -> Entry:
     """
     check_instance("latent_entry", "encoder", encoder, nn.Module)
     latent = ENTRIES["latent"]
-    return Entry(latent.read, latent.scale, BlankLatent(encoder))
+    return replace(latent, shift=BlankLatent(encoder))
 
 
 class BlankLatent:

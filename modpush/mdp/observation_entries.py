@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from torch import Tensor
@@ -12,7 +13,14 @@ from modpush._validation import check_value
 from modpush.geometry.angles import wrap_angle
 from modpush.mdp.observation_inputs import ObservationInputs
 
-__all__ = ["ENTRIES", "PAPER_ENTRIES", "PATH_ENTRIES", "Entry", "EntryLike"]
+__all__ = [
+    "ENTRIES",
+    "PAPER_ENTRIES",
+    "PATH_AHEAD_ENTRIES",
+    "PATH_ENTRIES",
+    "Entry",
+    "EntryLike",
+]
 
 
 _Components = Finite | Several[Finite]
@@ -29,10 +37,16 @@ class Entry:
     shift: float | tuple[float, ...] | Callable[[], Tensor] = 0.0
     """Subtracted, one number or one for each component; or a function that gives them, which is
     called for every observation and returns the same tensor for as long as nothing changed."""
+    mirrored: Callable[[ObservationInputs], Tensor] | None = None
+    """`ObservationInputs -> [..., n]`: what `read` would give in the scene mirrored at the x axis of the
+    agent's frame, in SI units; None where that cannot be told, as of the arm's joints. The latent that
+    it is given is that of the mirrored window."""
 
     def __post_init__(self) -> None:
         if not callable(self.read):
             raise TypeError(f"Entry: read must be a function, got {self.read!r}.")
+        if self.mirrored is not None and not callable(self.mirrored):
+            raise TypeError(f"Entry: mirrored must be a function or None, got {self.mirrored!r}.")
         check_value("Entry", "scale", self.scale, _Components)
         if not callable(self.shift):
             check_value("Entry", "shift", self.shift, _Components)
@@ -90,6 +104,10 @@ def _subgoal(inputs: ObservationInputs) -> Tensor:
     return inputs.subgoal
 
 
+def _path_ahead(inputs: ObservationInputs) -> Tensor:
+    return inputs.path_ahead.flatten(-2)
+
+
 def _path_length(inputs: ObservationInputs) -> Tensor:
     return inputs.path_length
 
@@ -120,6 +138,40 @@ def _last_action(inputs: ObservationInputs) -> Tensor:
     return inputs.last_action
 
 
+def _times(
+    signs: tuple[float, ...], read: Callable[[ObservationInputs], Tensor], inputs: ObservationInputs
+) -> Tensor:
+    value = read(inputs)
+    return value * value.new_tensor(signs)
+
+
+def _with_signs(
+    read: Callable[[ObservationInputs], Tensor], *signs: float
+) -> Callable[[ObservationInputs], Tensor]:
+    """Mirroring of an entry whose components change their signs, or do not; it can be pickled."""
+    return partial(_times, signs, read)
+
+
+def _mirrored_points(points: Tensor) -> Tensor:
+    return (points * points.new_tensor([1.0, -1.0])).flatten(-2)
+
+
+def _mirrored_subgoal_past(inputs: ObservationInputs) -> Tensor:
+    return _mirrored_points(inputs.subgoal_past)
+
+
+def _mirrored_path_ahead(inputs: ObservationInputs) -> Tensor:
+    return _mirrored_points(inputs.path_ahead)
+
+
+def _mirrored_edges(inputs: ObservationInputs) -> Tensor:
+    return _edges(inputs)[..., [0, 3, 2, 1]]  # left and right change places
+
+
+def _mirrored_object_support(inputs: ObservationInputs) -> Tensor:
+    return _object_support(inputs)[..., [0, 7, 6, 5, 4, 3, 2, 1]]
+
+
 # The arm's joints with its tool over the middle of the workspace [rad], and the inverse of how far the
 # tool's places on the table turn each of them. The fifth keeps the tool pointing down.
 _HOME = (0.2, -1.75, -1.9, -1.05, math.pi / 2, -1.35)
@@ -129,29 +181,35 @@ _JOINT_SCALE = (1.5, 2.0, 1.5, 5.0, 1.0, 1.0)
 _EDGE_RANGE = 0.15
 
 ENTRIES: dict[str, Entry] = {
-    "latent": Entry(_latent),
-    "ee_pose": Entry(_ee_pose, (10.0, 10.0, 1.0 / math.pi, 1.0, 1.0)),
-    "ee_position": Entry(_ee_position, 10.0),
-    "ee_axis": Entry(_ee_axis),
+    "latent": Entry(_latent, mirrored=_latent),
+    "ee_pose": Entry(
+        _ee_pose,
+        (10.0, 10.0, 1.0 / math.pi, 1.0, 1.0),
+        mirrored=_with_signs(_ee_pose, 1, -1, -1, 1, 1),
+    ),
+    "ee_position": Entry(_ee_position, 10.0, mirrored=_with_signs(_ee_position, 1, -1)),
+    "ee_axis": Entry(_ee_axis, mirrored=_with_signs(_ee_axis, 1, -1)),
     "joint_position": Entry(_joint_position, _JOINT_SCALE, _HOME),
-    "subgoal_past": Entry(_subgoal_past, 5.0),
-    "contact": Entry(_contact),
-    "goal_distance": Entry(_goal_distance, 3.0),
-    "object_axis": Entry(_object_axis),
-    "goal": Entry(_goal, 3.0),
-    "subgoal": Entry(_subgoal, 5.0),
-    "path_length": Entry(_path_length, 3.0),
-    "edges": Entry(_edges, 1.0 / _EDGE_RANGE),
-    "object_radius": Entry(_object_radius, 100.0, 0.04),
-    "object_symmetry": Entry(_object_symmetry, 0.5, 2.0),
-    "object_support": Entry(_object_support, 50.0, 0.035),
-    "last_action": Entry(_last_action),
+    "subgoal_past": Entry(_subgoal_past, 5.0, mirrored=_mirrored_subgoal_past),
+    "path_ahead": Entry(_path_ahead, 5.0, mirrored=_mirrored_path_ahead),
+    "contact": Entry(_contact, mirrored=_contact),
+    "goal_distance": Entry(_goal_distance, 3.0, mirrored=_goal_distance),
+    "object_axis": Entry(_object_axis, mirrored=_with_signs(_object_axis, 1, -1)),
+    "goal": Entry(_goal, 3.0, mirrored=_with_signs(_goal, 1, -1)),
+    "subgoal": Entry(_subgoal, 5.0, mirrored=_with_signs(_subgoal, 1, -1)),
+    "path_length": Entry(_path_length, 3.0, mirrored=_path_length),
+    "edges": Entry(_edges, 1.0 / _EDGE_RANGE, mirrored=_mirrored_edges),
+    "object_radius": Entry(_object_radius, 100.0, 0.04, mirrored=_object_radius),
+    "object_symmetry": Entry(_object_symmetry, 0.5, 2.0, mirrored=_object_symmetry),
+    "object_support": Entry(_object_support, 50.0, 0.035, mirrored=_mirrored_object_support),
+    "last_action": Entry(_last_action, mirrored=_with_signs(_last_action, 1, -1, -1)),
 }
 """The entries that the library brings, by name. `ee_pose` is (x, y, yaw, pitch, roll). `ee_axis` and
 `object_axis` are the cosine and sine of the yaw times the symmetry of gripper and object. `edges`
 says by how much the edge of the workspace, past which an episode ends, is nearer than 15 cm, straight
 ahead, left, behind and right of the object: 0 to 0.15 m. `object_support` is how far the object reaches
-in eight directions, the first along the frame's x: its shape, size and yaw, whatever its symmetry."""
+in eight directions, the first along the frame's x: its shape, size and yaw, whatever its symmetry.
+`path_ahead` needs `PlannerSubgoals(ahead=...)`."""
 
 PAPER_ENTRIES = (
     "latent",
@@ -177,3 +235,10 @@ PATH_ENTRIES = (
 )
 """The entries for `frame="path"`: the object's own yaw, the length of the path, which the reward depends
 on, and the workspace's edges are added, and angles are smooth; 55 values with a latent of 32."""
+
+PATH_AHEAD_ENTRIES = (
+    *(name for name in PATH_ENTRIES if name != "joint_position"),
+    "path_ahead",
+)
+"""The same without the arm's joints, so that the observation can be mirrored, and with points farther
+along the path, which show where it turns; 55 values with a latent of 32 and three points."""

@@ -126,6 +126,12 @@ class ObservationInputs:
         return rotate(past, -self.frame_yaw.unsqueeze(-2))
 
     @property
+    def path_ahead(self) -> Tensor:
+        """Points farther along the planned path, `[..., n, 2]` [m]."""
+        ahead = self._read("path_ahead") - self.object_position.unsqueeze(-2)
+        return rotate(ahead, -self.frame_yaw.unsqueeze(-2))
+
+    @property
     def joint_position(self) -> Tensor:
         """Angles of the arm's joints, `[..., 6]` [rad]."""
         return self._read("joint_position")

@@ -56,6 +56,7 @@ class PushObservation(Transform):
         path_length_key: Read, `[..., 1]`.
         subgoal_key: Read, `[..., 2]`.
         subgoal_past_key: Read, `[..., lags, 2]`.
+        path_ahead_key: Read, `[..., n, 2]`: points along the planned path.
         latent_key: Read, `[..., d]`.
         action_key: Read if an entry reads the last action, `[..., 3]`.
         last_action_key: Written and read if an entry reads the last action, `[..., 3]` float32.
@@ -91,6 +92,7 @@ class PushObservation(Transform):
         path_length_key: NestedKey = "path_length",
         subgoal_key: NestedKey = "subgoal",
         subgoal_past_key: NestedKey = "subgoal_past",
+        path_ahead_key: NestedKey = "path_ahead",
         latent_key: NestedKey = "latent",
         action_key: NestedKey = "action",
         last_action_key: NestedKey = "last_action",
@@ -119,6 +121,7 @@ class PushObservation(Transform):
             "path_length": path_length_key,
             "subgoal": subgoal_key,
             "subgoal_past": subgoal_past_key,
+            "path_ahead": path_ahead_key,
             "latent": latent_key,
             "last_action": last_action_key,
         }

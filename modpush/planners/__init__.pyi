@@ -10,6 +10,7 @@ from .occupancy_map import OccupancyMap as OccupancyMap
 from .path_points import fraction_subgoal as fraction_subgoal
 from .path_points import lookahead_subgoal as lookahead_subgoal
 from .path_points import point_along as point_along
+from .path_points import points_ahead as points_ahead
 from .paths import Paths as Paths
 from .paths import check_paths as check_paths
 from .straight_line import StraightLine as StraightLine

@@ -1,6 +1,7 @@
 """Points on paths."""
 
 import math
+from collections.abc import Sequence
 from numbers import Real
 from typing import Any
 
@@ -10,7 +11,7 @@ from torch import Tensor
 from modpush._checks import check_finite, check_instance, check_real
 from modpush.planners.paths import Paths
 
-__all__ = ["fraction_subgoal", "lookahead_subgoal", "point_along"]
+__all__ = ["fraction_subgoal", "lookahead_subgoal", "point_along", "points_ahead"]
 
 
 def point_along(waypoints: Tensor, distance: Tensor) -> Tensor:
@@ -100,6 +101,31 @@ def lookahead_subgoal(paths: Paths, distance: float) -> Tensor:
     if legs.shape[1] > 1:
         first = torch.where(paths.start_moved, first + legs[:, 1], first)
     return _point_along(paths.waypoints, first.clamp_max(distance))
+
+
+def points_ahead(paths: Paths, distances: Sequence[float]) -> Tensor:
+    """Points at several distances along each path; past its end, the end.
+
+    Unlike `lookahead_subgoal` they also lie beyond corners, so that they show where the path turns.
+
+    Args:
+        paths: Of B scenes.
+        distances: n of them [px].
+
+    Returns:
+        `[B, n, 2]` [px].
+
+    Raises:
+        TypeError: If `paths` are none.
+        ValueError: If a distance is negative or not finite.
+    """
+    check_instance("points_ahead", "paths", paths, Paths)
+    for distance in distances:
+        _check_number("points_ahead", "distances", distance, math.inf)
+    count = len(distances)
+    waypoints = paths.waypoints.repeat_interleave(count, 0)  # [B * n, P, 2]
+    along = waypoints.new_tensor(distances).repeat(len(paths.waypoints))
+    return _point_along(waypoints, along).reshape(-1, count, 2)
 
 
 def _check_number(who: str, name: str, value: Any, most: float) -> None:

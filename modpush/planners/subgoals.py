@@ -17,7 +17,7 @@ from modpush.geometry.camera import Camera
 from modpush.planners.base import Planner
 from modpush.planners.grid_planner import GridPlanner
 from modpush.planners.named import make_planner
-from modpush.planners.path_points import fraction_subgoal, lookahead_subgoal
+from modpush.planners.path_points import fraction_subgoal, lookahead_subgoal, points_ahead
 from modpush.planners.paths import Paths, check_paths
 
 __all__ = ["PlannerSubgoals", "SubgoalMode"]
@@ -45,6 +45,9 @@ class PlannerSubgoals(Transform):
         lookahead: Distance along the path [m].
         lags: Ages of the past sub-goals that are written [steps]; before that many steps of an
             episode, its first sub-goal is written.
+        ahead: Distances along the path at which points of it are written, also beyond corners [m]. Where
+            there is no path, the points of the step before are kept; at a reset they are the goal. Empty
+            writes none.
         max_waypoints: Number of waypoints in which the path is written: a shorter path is padded with
             its last point, a longer one loses those before the last. 0 writes no path; else at
             least 2.
@@ -56,6 +59,8 @@ class PlannerSubgoals(Transform):
         subgoal_past_key: Written, `[..., len(lags), 2]` float32 in the robot's base frame [m].
         path_found_key: Written, `[..., 1]` bool.
         history_key: Written and read back, `[..., max(lags) + 1, 2]` float32 [m], newest first.
+        path_ahead_key: Written and read back if `ahead` is given, `[..., len(ahead), 2]` float32 in the
+            robot's base frame [m].
         path_key: Written if `max_waypoints` > 0, `[..., max_waypoints, 2]` float32 [m].
 
     Raises:
@@ -74,6 +79,7 @@ class PlannerSubgoals(Transform):
         fraction: float = 0.2,
         lookahead: float = 0.2,
         lags: Sequence[int] = (1, 5),
+        ahead: Sequence[float] = (),
         max_waypoints: int = 0,
         occupancy_key: NestedKey = "occupancy",
         object_pose_key: NestedKey = "object_pose",
@@ -83,10 +89,13 @@ class PlannerSubgoals(Transform):
         subgoal_past_key: NestedKey = "subgoal_past",
         path_found_key: NestedKey = "path_found",
         history_key: NestedKey = "subgoal_history",
+        path_ahead_key: NestedKey = "path_ahead",
         path_key: NestedKey = "path",
     ) -> None:
-        _check_numbers(mode, fraction, lookahead, lags, max_waypoints)
+        _check_numbers(mode, fraction, lookahead, lags, ahead, max_waypoints)
         out_keys = [path_length_key, subgoal_key, subgoal_past_key, path_found_key, history_key]
+        if ahead:
+            out_keys.append(path_ahead_key)
         if max_waypoints:
             out_keys.append(path_key)
         super().__init__(
@@ -101,6 +110,7 @@ class PlannerSubgoals(Transform):
         self.fraction = fraction
         self.lookahead = lookahead
         self.lags = tuple(lags)
+        self.ahead = tuple(ahead)
         self.max_waypoints = max_waypoints
         self.occupancy_key = occupancy_key
         self.object_pose_key = object_pose_key
@@ -110,6 +120,7 @@ class PlannerSubgoals(Transform):
         self.subgoal_past_key = subgoal_past_key
         self.path_found_key = path_found_key
         self.history_key = history_key
+        self.path_ahead_key = path_ahead_key
         self.path_key = path_key
 
     def _plan(self, tensordict: TensorDictBase) -> tuple[Paths, Tensor, Tensor]:
@@ -174,10 +185,24 @@ class PlannerSubgoals(Transform):
         tensordict.set(self.subgoal_past_key, history[..., list(self.lags), :])
         tensordict.set(self.path_found_key, found)
         tensordict.set(self.history_key, history)
+        if self.ahead:
+            tensordict.set(self.path_ahead_key, self._points_ahead(paths, found, goal, before))
         if self.max_waypoints:
             path = self.camera.unproject(_fit(paths.waypoints, self.max_waypoints))
             tensordict.set(self.path_key, path.reshape(*lead, self.max_waypoints, 2))
         return tensordict
+
+    def _points_ahead(
+        self, paths: Paths, found: Tensor, goal: Tensor, before: TensorDictBase | None
+    ) -> Tensor:
+        """Points along each path, `[..., len(ahead), 2]` [m], or what stands for them without a path."""
+        pixels = points_ahead(paths, [d / self.camera.cell_size for d in self.ahead])
+        points = self.camera.unproject(pixels).reshape(*goal.shape[:-1], -1, 2)
+        if before is None:
+            kept = goal.unsqueeze(-2).expand_as(points)
+        else:
+            kept = read_key("PlannerSubgoals", before, self.path_ahead_key, *points.shape[-2:])
+        return torch.where(found.unsqueeze(-1), points, kept)
 
     def _history(self, before: TensorDictBase) -> Tensor:
         """Sub-goals up to the step before, `[..., max(lags) + 1, 2]` [m], newest first."""
@@ -227,6 +252,8 @@ class PlannerSubgoals(Transform):
             self.subgoal_past_key: (len(self.lags), 2),
             self.history_key: (max(self.lags) + 1, 2),
         }
+        if self.ahead:
+            shapes[self.path_ahead_key] = (len(self.ahead), 2)
         if self.max_waypoints:
             shapes[self.path_key] = (self.max_waypoints, 2)
         for key, shape in shapes.items():
@@ -248,7 +275,12 @@ def _fit(waypoints: Tensor, count: int) -> Tensor:
 
 
 def _check_numbers(
-    mode: str, fraction: float, lookahead: float, lags: Sequence[int], max_waypoints: int
+    mode: str,
+    fraction: float,
+    lookahead: float,
+    lags: Sequence[int],
+    ahead: Sequence[float],
+    max_waypoints: int,
 ) -> None:
     if mode not in get_args(SubgoalMode):
         raise ValueError(
@@ -260,5 +292,7 @@ def _check_numbers(
         raise ValueError(f"PlannerSubgoals: lookahead must be > 0 m and finite, got {lookahead}.")
     if not lags or min(lags) < 0:
         raise ValueError(f"PlannerSubgoals: lags must be >= 0 and at least one, got {lags}.")
+    if not all(0 < distance < math.inf for distance in ahead):
+        raise ValueError(f"PlannerSubgoals: ahead must be distances > 0 m and finite, got {ahead}.")
     if max_waypoints != 0 and max_waypoints < 2:
         raise ValueError(f"PlannerSubgoals: max_waypoints must be 0 or >= 2, got {max_waypoints}.")

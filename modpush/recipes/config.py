@@ -14,6 +14,7 @@ from modpush._types import (
     Name,
     NonNegative,
     NonNegativeInteger,
+    Positive,
     PositiveFraction,
     Scenes,
     Several,
@@ -24,6 +25,7 @@ from modpush.envs.scenes.layouts import OBSTACLE_SCENES, SCENES, TIGHT_SCENES
 from modpush.envs.scenes.objects import OBJECTS, random_object_seed
 from modpush.envs.scenes.scenario import GoalDistances
 from modpush.geometry.frames import Frame
+from modpush.mdp.observation_entries import PATH_AHEAD_ENTRIES
 from modpush.mdp.push_reward import RewardConfig
 from modpush.parts import part_module
 from modpush.planners import PLANNERS
@@ -91,6 +93,9 @@ class PushEnvConfig:
     """Share of the path's length at which the sub-goal lies, for the mode `fraction`."""
     subgoal_lookahead: NonNegative = 0.2
     """Distance along the path at which the sub-goal lies, for the mode `lookahead` [m]."""
+    path_ahead: Several[Positive] = ()
+    """Distances along the path at which points of it are computed [m], for the entry `path_ahead`. Unlike
+    the sub-goal they also lie beyond the next corner."""
     entries: Several[Name] = ()
     """Entries of the observation in their order, by name or `module:name`; empty takes those of the
     frame."""
@@ -210,6 +215,8 @@ _PRESETS: dict[str, dict[str, Any]] = {
         "inflation": "circumscribed",  # room for the object at any yaw
         "path_margin": 0.02,  # paths stay away from where an episode ends, if they can
         "subgoal_mode": "lookahead",  # no sub-goal beyond a corner, nor at the object's centre
+        "path_ahead": (0.1, 0.2, 0.3),  # where the path turns, before the object is at the corner
+        "entries": PATH_AHEAD_ENTRIES,  # without the arm's joints, which are not symmetric
         "reward": RewardConfig(
             scale=0.1,  # rewards of order 1, but for the goal's
             normalisation="constant",  # the same for short and long pushes

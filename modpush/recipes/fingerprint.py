@@ -10,6 +10,7 @@ from modpush._hash import weights_hash
 from modpush.encoders.encode import Encode
 from modpush.encoders.window_transform import EgocentricWindow
 from modpush.mdp.action_frame import ActionFrame
+from modpush.mdp.mirrored_observation import MirroredObservation
 from modpush.mdp.observation_layout import fingerprint_differences as observation_differences
 from modpush.mdp.push_observation import PushObservation
 from modpush.mdp.push_reward import PushReward
@@ -32,6 +33,8 @@ def environment_fingerprint(env: EnvBase) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for transform in env.transform if isinstance(env, TransformedEnv) else ():
         match transform:
+            case MirroredObservation():
+                pass  # for training alone
             case PushObservation():
                 found["observation"] = transform.fingerprint()
             case ActionFrame():

@@ -24,6 +24,7 @@ from modpush.mdp.blank_latent import latent_entry
 from modpush.mdp.curriculum import Curriculum
 from modpush.mdp.curriculum_scenes import CurriculumScenes
 from modpush.mdp.entry_list import resolve_entries
+from modpush.mdp.mirrored_observation import MirroredObservation
 from modpush.mdp.observation_entries import ENTRIES, Entry, EntryLike
 from modpush.mdp.push_observation import PushObservation
 from modpush.mdp.push_reward import PushReward
@@ -78,6 +79,7 @@ def make_push_env(
     evaluated_envs: Sequence[int] | None = None,
     max_waypoints: int = 0,
     keep_images: bool = False,
+    mirrored: bool = False,
     seed: Seed | None = None,
     **options: Any,
 ) -> EnvBase:
@@ -108,15 +110,22 @@ def make_push_env(
         max_waypoints: Number of waypoints of `path`, which is emitted if it is not 0, see
             `PlannerSubgoals`.
         keep_images: Emit depth, segmentation, occupancy and window, too.
+        mirrored: Emit `mirrored_observation` `[B, n]`, too, see `MirroredObservation`.
         seed: Seed of the first scene, see `PushEnv`.
         **options: Further arguments of `PushEnv`, which override those of the config. A `scenario`
             takes the place of the config's scene, object, difficulty, distance and dynamics.
 
     Raises:
         TypeError: If an argument is neither this function's nor `PushEnv`'s.
-        ValueError: If a part is unknown or refuses its settings.
+        ValueError: If a part is unknown or refuses its settings; with `mirrored`, if an entry cannot be
+            mirrored, or observation and action have different frames.
     """
     config = config or PushEnvConfig()
+    if mirrored and config.action_frame not in (None, config.frame):
+        raise ValueError(
+            f"make_push_env: mirrored needs actions in the observation's frame {config.frame!r}, got "
+            f"action_frame={config.action_frame!r}."
+        )
     given = {"scene": scene, "pushed_object": pushed_object, "depth": depth, "seed": seed}
     base = _make_base(config, {**{k: v for k, v in given.items() if v is not None}, **options})
     transforms: list[Transform] = [InitTracker()]
@@ -136,6 +145,7 @@ def make_push_env(
             fraction=config.subgoal_fraction,
             lookahead=config.subgoal_lookahead,
             lags=config.subgoal_lags,
+            ahead=config.path_ahead,
             max_waypoints=max_waypoints,
         ),
     ]
@@ -145,19 +155,22 @@ def make_push_env(
         size = int(getattr(module, "window_size", config.window_size))
         transforms.append(EgocentricWindow(config.frame, size=size, outside=config.window_outside))
         if module is not None:
-            transforms.append(Encode(module))
+            mirrored_key = "mirrored_latent" if mirrored else None
+            transforms.append(Encode(module, mirrored_key=mirrored_key))
             images.append("window")
         else:
             transforms.append(WindowBytes())
+    observed: dict[str, Any] = {
+        "frame": config.frame,
+        "entries": _entries(config, entries, module),
+        "bounds": base.bounds,
+        "symmetry": config.symmetry,
+        "raw": config.raw,
+    }
     transforms += [
         ActionFrame(config.frame if config.action_frame is None else config.action_frame),
-        PushObservation(
-            config.frame,
-            entries=_entries(config, entries, module),
-            bounds=base.bounds,
-            symmetry=config.symmetry,
-            raw=config.raw,
-        ),
+        PushObservation(**observed),
+        *([MirroredObservation(**observed)] if mirrored else []),
         PushReward(config.reward, terms=reward_terms),
         *([StuckRecovery()] if config.recovery else []),
     ]

@@ -3,6 +3,7 @@ from .buffer import make_replay_buffer as make_replay_buffer
 from .buffer import update_priorities as update_priorities
 from .compact import CompactStorage as CompactStorage
 from .config import ReplayConfig as ReplayConfig
+from .mirror import MirrorTransitions as MirrorTransitions
 from .n_step import NStepTransform as NStepTransform
 from .n_step import extend_rollout as extend_rollout
 from .n_step import forget_open_steps as forget_open_steps

@@ -45,8 +45,13 @@ class TrainConfig:
     0.999 it is over some thousand updates. The scenes act with the newest weights. With 0 (the paper)
     these are evaluated, too."""
     zero_init_latent: bool = False
-    """Start with zero weights for the latent in the first layer of actor and critics, so that what
-    is learned in free space holds among obstacles until the latent is used."""
+    """Start with zero weights for the latent, and for the path's points of the entry `path_ahead`, in the
+    first layer of actor and critics, so that what is learned in free space, where paths are straight,
+    holds among obstacles until they are used."""
+    mirror: bool = False
+    """Learn from mirror images: a random half of each batch is mirrored at the x axis of the agent's
+    frame, with `env.frame="path"` the line from the object to the sub-goal. Needs entries that can be
+    mirrored, which `joint_position` cannot."""
     init_from: Name | None = None
     """Begin with weights that are trained already, and act with them from the first step: of a shipped
     agent by its name or of an agent's file those of the actor; of a run's folder or one of its
@@ -103,6 +108,11 @@ class TrainConfig:
                 f"TrainConfig: greedy_envs must be in [0, {self.env.num_envs - 1}] with "
                 f"{self.env.num_envs} scenes, got {self.greedy_envs}."
             )
+        if self.mirror and self.env.encoder == END_TO_END:
+            raise ValueError(
+                "TrainConfig: mirror must be False with env.encoder='end_to_end', whose windows are not "
+                "mirrored, got True."
+            )
         if self.replay.batch_size != self.tqc.batch_size:
             raise ValueError(
                 "TrainConfig: replay.batch_size must be tqc.batch_size "
@@ -131,16 +141,18 @@ class TrainConfig:
         """The replay buffer's config with what follows from the rest of the run.
 
         One query for each scene, unless their number is given; the learner's discount for n-step
-        returns; and images that the learner encodes are stored once, like the observation.
+        returns; and images that the learner encodes and mirrored observations are stored once, like
+        the observation.
         """
         replay = self.replay
         queries = self.env.num_envs if replay.num_queries is None else replay.num_queries
         images = (self.tqc.image_key,) if self.env.encoder == END_TO_END else ()
+        mirrored = ("mirrored_observation",) if self.mirror else ()
         return replace(
             replay,
             num_queries=queries,
             gamma=self.tqc.gamma,
-            extra_observation_keys=(*replay.extra_observation_keys, *images),
+            extra_observation_keys=(*replay.extra_observation_keys, *images, *mirrored),
         )
 
     def differences(self, stored: "TrainConfig") -> list[str]:

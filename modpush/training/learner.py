@@ -17,6 +17,7 @@ from torchrl.objectives import LossModule
 from modpush.agents.tqc.build import make_tqc_from_specs
 from modpush.replay.attentive import AttentiveSampler
 from modpush.replay.buffer import make_replay_buffer, update_priorities
+from modpush.replay.mirror import MirrorTransitions
 from modpush.replay.n_step import extend_rollout, forget_open_steps, n_step_transforms
 from modpush.training.config import TrainConfig
 from modpush.training.parts import learner_parts, replay_parts
@@ -27,6 +28,10 @@ __all__ = ["Learner", "NonFiniteLossError", "weights_of"]
 
 class NonFiniteLossError(RuntimeError):
     """A loss is NaN or infinite, so that nothing that comes after would be worth anything."""
+
+
+ZERO_INIT_ENTRIES = {"latent", "path_ahead"}
+"""Entries whose weights begin at zero with `TrainConfig.zero_init_latent`."""
 
 
 class Learner:
@@ -52,13 +57,16 @@ class Learner:
         self.agent = make_tqc_from_specs(
             config.tqc, specs.observation, specs.action, **learner_parts(config, parts)
         )
-        if config.zero_init_latent and specs.latent.stop:
-            zero_input_weights(self.agent.loss, specs.latent)
+        if config.zero_init_latent:
+            for name in ZERO_INIT_ENTRIES & specs.columns.keys():
+                zero_input_weights(self.agent.loss, specs.columns[name])
         self._average: AveragedModel | None = None  # it copies the actor
         if config.actor_average > 0:
             average = get_ema_multi_avg_fn(config.actor_average)
             self._average = AveragedModel(self.agent.actor, multi_avg_fn=average)
         self.buffer = make_replay_buffer(config.filled_replay(), **replay_parts(parts))
+        if config.mirror:
+            self.buffer.append_transform(MirrorTransitions())
         self.learn_from = config.tqc.learning_starts
         """Environment steps after which updates are made."""
         self.updates = 0

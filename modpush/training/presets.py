@@ -27,6 +27,7 @@ def _cpu() -> TrainConfig:
         first_actions="scripted",
         actor_average=0.999,
         zero_init_latent=True,
+        mirror=True,
         total_steps=800_000,
         greedy_envs=4,
         evaluate_every=50_000,
@@ -86,6 +87,7 @@ def _smoke() -> TrainConfig:
         ),
         actor_average=0.9,
         first_actions="scripted",
+        mirror=False,  # so that it runs with any parts
         total_steps=480,
         greedy_envs=1,
         evaluate_every=240,

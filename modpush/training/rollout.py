@@ -19,8 +19,8 @@ class WorkerSpecs:
     """The environment's `full_observation_spec_unbatched`."""
     action: Bounded
     """Spec of one action, `[A]`."""
-    latent: slice
-    """The encoder's columns of the observation; empty without an encoder."""
+    columns: dict[str, slice]
+    """The columns of each entry of the observation, by name; empty without a `PushObservation`."""
     fingerprint: dict[str, Any]
     """What a policy depends on, see `modpush.recipes.environment_fingerprint`."""
 

@@ -66,6 +66,7 @@ class SceneWorker:
             curriculum=self.curriculum,
             evaluated_envs=self.greedy_envs or None,
             seed=config.seed,
+            **({"mirrored": True} if config.mirror else {}),
             **self._env_parts,
         )
         agent = make_tqc(
@@ -83,6 +84,7 @@ class SceneWorker:
         observed = (
             "observation",
             *([config.tqc.image_key] if config.env.encoder == END_TO_END else []),
+            *(["mirrored_observation"] if config.mirror else []),
         )
         self._stored: list[NestedKey] = [
             *observed,
@@ -101,7 +103,7 @@ class SceneWorker:
         return WorkerSpecs(
             observation=self.env.full_observation_spec_unbatched,
             action=self.env.full_action_spec_unbatched["action"],
-            latent=columns[0].get("latent", slice(0, 0)) if columns else slice(0, 0),
+            columns=columns[0] if columns else {},
             fingerprint=environment_fingerprint(self.env),
         )
 

@@ -160,6 +160,16 @@ def test_keys_can_be_renamed_and_nested():
     check_env_specs(env)
 
 
+def test_the_mirrored_window_is_encoded_as_well():
+    window = torch.rand(3, 1, 64, 64)
+    encoder = RayScan()
+    encoded = Encode(encoder, mirrored_key=("other", "latent"))(
+        TensorDict({"window": window}, batch_size=[3])
+    )
+    assert torch.equal(encoded["latent"], encoder(window))
+    assert torch.equal(encoded["other", "latent"], encoder(window.flip(-1)))
+
+
 def test_encoding_is_in_eval_mode_and_leaves_the_mode_as_it_was():
     vae = DepthVAE().train()
     data = TensorDict(window=torch.rand(4, 1, 64, 64), batch_size=[4])

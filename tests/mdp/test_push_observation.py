@@ -35,6 +35,7 @@ def make_state(batch=2, seed=0):
             "path_length": draw(1).abs(),
             "subgoal": draw(2),
             "subgoal_past": draw(2, 2),
+            "path_ahead": draw(3, 2),
             "latent": draw(32),
             "last_action": draw(3),
         },
@@ -48,7 +49,8 @@ def moved(state, angle, shift):
     turn = torch.full((len(state), 1), angle)
     for key in ("goal_position", "subgoal"):
         state[key] = rotate(state[key], turn) + shift
-    state["subgoal_past"] = rotate(state["subgoal_past"], turn.unsqueeze(-2)) + shift
+    for key in ("subgoal_past", "path_ahead"):
+        state[key] = rotate(state[key], turn.unsqueeze(-2)) + shift
     for key in ("object_pose", "ee_pose"):
         position = rotate(state[key][:, :2], turn) + shift
         state[key] = torch.cat([position, state[key][:, 2:] + angle], -1)

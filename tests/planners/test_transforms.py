@@ -24,6 +24,7 @@ from modpush.planners import (
     PlannerSubgoals,
     fraction_subgoal,
     lookahead_subgoal,
+    points_ahead,
 )
 from tests.planners.table_scene import TableEnv
 
@@ -270,6 +271,37 @@ def test_sub_goals_by_hand():
     assert lookahead_subgoal(straight_and_bent(), 40.0).tolist() == [[30.0, 0.0]]
 
 
+def test_points_ahead_by_hand():
+    # Beyond the corner after 30 px, and not past the end after 50 px.
+    found = points_ahead(straight_and_bent(), (10.0, 35.0, 60.0))
+    assert found.tolist() == [[[10.0, 0.0], [30.0, 5.0], [30.0, 20.0]]]
+    with pytest.raises(ValueError, match="distances must be a finite number >= 0, got -1"):
+        points_ahead(straight_and_bent(), (-1.0,))
+
+
+def test_points_ahead_are_written_and_kept_where_there_is_no_path():
+    env = make_env(2, mode="lookahead", ahead=(0.05, 9.0))
+    check_env_specs(env)
+    tensordict = env.reset()
+    assert tensordict["path_ahead"].shape == (2, 2, 2)
+    torch.testing.assert_close(
+        tensordict["path_ahead"][:, 1], tensordict["goal_position"], atol=1e-5, rtol=0
+    )
+    near = (tensordict["path_ahead"][:, 0] - tensordict["object_pose"][:, :2]).norm(dim=-1)
+    assert (near < 0.05 + 1e-6).all()
+    lost = PlannerSubgoals(NoPath(), camera=SMALL, ahead=(0.05, 9.0))
+    kept = lost._step(tensordict, tensordict.exclude("path_ahead"))["path_ahead"]
+    assert torch.equal(kept, tensordict["path_ahead"])
+    start = make_env(2, planner=NoPath(), ahead=(0.05, 9.0)).reset()
+    assert (start["path_ahead"] == start["goal_position"].unsqueeze(-2)).all()
+
+
+@pytest.mark.parametrize("ahead", [(0.0,), (0.1, float("inf")), (-0.1,)])
+def test_points_behind_or_nowhere_are_refused(ahead):
+    with pytest.raises(ValueError, match="ahead must be distances > 0 m and finite"):
+        PlannerSubgoals(DistanceField(), ahead=ahead)
+
+
 def test_the_leg_out_of_an_obstacle_is_not_the_first_segment():
     moved = Paths(**{**vars(straight_and_bent()), "start_moved": torch.tensor([True])})
     assert lookahead_subgoal(moved, 40.0).tolist() == [[30.0, 10.0]]
@@ -307,6 +339,7 @@ def test_keys_can_be_renamed_and_nested():
                 DistanceField(),
                 camera=SMALL,
                 max_waypoints=5,
+                ahead=(0.1,),
                 occupancy_key=("map", "occupancy"),
                 object_pose_key=("state", "pose"),
                 goal_position_key=("task", "goal"),
@@ -315,6 +348,7 @@ def test_keys_can_be_renamed_and_nested():
                 subgoal_past_key=("way", "past"),
                 path_found_key=("way", "found"),
                 history_key=("way", "history"),
+                path_ahead_key=("way", "ahead"),
                 path_key=("way", "path"),
             ),
         ),

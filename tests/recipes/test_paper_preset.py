@@ -9,7 +9,7 @@ from modpush.agents import TQCConfig
 from modpush.encoders.vae.model import DepthVAE
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES
 from modpush.mdp import CurriculumConfig, RewardConfig
-from modpush.mdp.observation_entries import PAPER_ENTRIES
+from modpush.mdp.observation_entries import PAPER_ENTRIES, PATH_AHEAD_ENTRIES
 from modpush.recipes.config import PushEnvConfig
 from modpush.replay import ReplayConfig
 from modpush.training import TRAIN_PRESETS, TrainConfig
@@ -154,6 +154,8 @@ def test_all_in_which_the_cpu_preset_departs_from_the_paper():
         "env.inflation": "circumscribed",
         "env.path_margin": 0.02,
         "env.subgoal_mode": "lookahead",
+        "env.path_ahead": (0.1, 0.2, 0.3),
+        "env.entries": PATH_AHEAD_ENTRIES,
         "env.reward.scale": 0.1,
         "env.reward.normalisation": "constant",
         "env.recovery": True,
@@ -171,6 +173,7 @@ def test_all_in_which_the_cpu_preset_departs_from_the_paper():
         "first_actions": "scripted",
         "actor_average": 0.999,
         "zero_init_latent": True,
+        "mirror": True,
         "total_steps": 800_000,
         "greedy_envs": 4,
         "evaluate_every": 50_000,

@@ -196,7 +196,7 @@ def test_the_ablations_are_as_many_runs_as_their_file_says() -> None:
     # The autoencoders of the group `latent` must be trained first.
     trained = sweep.of_groups(set(groups) - {"latent", "all"})
     trials = trained.trials()
-    assert len(trials) == 3 * 35
+    assert len(trials) == 3 * 37
     assert {trial.config.total_steps for trial in trials} == {100_000}
     configs = [trial.config for trial in trials if trial.seed == 0]
     assert len({repr(config) for config in configs}) == len(configs)  # no variant changes nothing

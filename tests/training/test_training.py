@@ -83,6 +83,10 @@ def start(folder, *arguments, total_steps=SMOKE.total_steps, **options):
     )
 
 
+def mirrored(n_steps=1):
+    return replace(SMOKE, mirror=True, replay=replace(SMOKE.replay, n_steps=n_steps))
+
+
 def wait_for_checkpoint(folder, process, limit=240):
     deadline = time.monotonic() + limit
     while not list((folder / "checkpoints").glob("step-*")):
@@ -219,6 +223,10 @@ def test_a_checkpoint_of_another_config_says_which_fields_differ(unbroken):
         ({"greedy_envs": 2}, r"greedy_envs must be in \[0, 1\] with 2 scenes"),
         ({"replay": replace(SMOKE.replay, batch_size=8)}, "batch_size must be tqc.batch_size"),
         ({"tqc": replace(SMOKE.tqc, learning_starts=63)}, "learning_starts must be >= 64"),
+        (
+            {"mirror": True, "env": replace(SMOKE.env, encoder="end_to_end")},
+            "mirror must be False with env.encoder='end_to_end'",
+        ),
     ],
 )
 def test_configs_that_cannot_work_are_refused(change, message):
@@ -226,12 +234,13 @@ def test_configs_that_cannot_work_are_refused(change, message):
         replace(SMOKE, **change)
 
 
-def test_zero_initial_weights_leave_the_latent_without_effect(tmp_path):
+def test_zero_initial_weights_leave_latent_and_points_ahead_without_effect(tmp_path):
     trainer = Trainer(SMOKE, tmp_path / "run")
     trainer.close()
     observation = torch.randn(5, trainer.learner.observation_dim)
     other = observation.clone()
     other[:, :32] += 1.0  # the latent of RayScan comes first
+    other[:, -6:] += 1.0  # `path_ahead`, the last entry: three points
     actor = trainer.learner.agent.actor
     assert torch.equal(actor(observation)[0], actor(other)[0])
     other[:, 32] += 1.0
@@ -399,6 +408,35 @@ def test_returns_over_several_steps_and_other_samplers(tmp_path, sampler, n_step
     if n_steps == 3:
         assert batch["steps_to_next_obs"].max() == 3
     assert trainer.learner.updates == 10
+
+
+@pytest.mark.parametrize("n_steps", [1, 3])
+def test_a_run_learns_from_mirror_images(tmp_path, n_steps):
+    trainer = Trainer(mirrored(n_steps), tmp_path / "run")
+    trainer.run()
+    batch = trainer.learner.buffer.sample()
+    stored = trainer.learner.buffer.storage[batch["index"]]
+    kept = (batch["observation"] == stored["observation"]).all(-1)
+    assert 0 < kept.sum() < len(kept)
+    mirror_images = (batch["observation"] == stored["mirrored_observation"]).all(-1)
+    assert (kept | mirror_images).all()
+    agent = load_agent(tmp_path / "run")
+    env = agent.make_env(num_envs=1)
+    assert "mirrored_observation" not in env.reset().keys()
+    assert env.rollout(2, agent.actor)["action"].shape == (1, 2, 3)
+    env.close()
+
+
+def test_a_run_with_mirror_images_is_resumed(tmp_path):
+    train(tmp_path / "whole", mirrored())
+    folder = tmp_path / "killed"
+    process = start(folder, "--train.mirror")
+    wait_for_checkpoint(folder, process)
+    process.send_signal(signal.SIGKILL)
+    process.wait(30)
+    process.stdout.close()
+    train(folder, mirrored(), resume=True)
+    assert_same(numbers(tmp_path / "whole"), numbers(folder))
 
 
 def test_a_loss_of_ones_own_is_trained(tmp_path):
