@@ -87,8 +87,9 @@ class CollectConfig:
     def env_options(self) -> dict[str, Any]:
         """Arguments of `gymnasium.make("modpush/Push-v0", ...)`, as plain data.
 
-        All fields are spelled out, so that they stay what they are when a preset changes.
+        All fields are spelled out, so that they stay what they are when a preset changes, but for those
+        that are empty, as they are in the preset `paper`.
         """
         options = {name: value for name, value in asdict(self.env).items() if value != ()}
         del options["num_envs"]
-        return {"preset": "cpu", **options}
+        return {"preset": "paper", **options}

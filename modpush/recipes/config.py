@@ -98,7 +98,7 @@ class PushEnvConfig:
     the sub-goal they also lie beyond the next corner."""
     entries: Several[Name] = ()
     """Entries of the observation in their order, by name or `module:name`; empty takes those of the
-    frame."""
+    frame. Without an encoder there is no `latent` among them."""
     leave_out: Several[Name] = ()
     """Entries of the observation that are left out, for ablations."""
     add: Several[Name] = ()

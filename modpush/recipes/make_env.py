@@ -228,11 +228,14 @@ def _entries(
     given: Sequence[EntryLike | tuple[str, EntryLike]] | None,
     encoder: nn.Module | None,
 ) -> dict[str, Entry]:
-    """The observation's entries, the latent relative to that of an empty window."""
+    """The observation's entries, the latent relative to that of an empty window.
+
+    Without an encoder the config's have no latent.
+    """
     chosen = given if given is not None else config.entries or None
     entries = resolve_entries(config.frame, chosen, leave_out=config.leave_out, add=config.add)
     if encoder is not None and entries.get("latent") is ENTRIES["latent"]:
         entries["latent"] = latent_entry(encoder)
-    if encoder is None and chosen is None:
+    if encoder is None and given is None:
         entries.pop("latent", None)
     return entries

@@ -76,8 +76,7 @@ def test_in_the_simulator_it_is_the_observation_of_the_mirrored_scene(encoder):
         "cpu",
         num_envs=4,
         encoder=encoder,
-        leave_out=("joint_position",),
-        add=("object_support", "path_ahead"),
+        add=("object_support",),
         path_ahead=(0.1, 0.3),
     )
     env = make_push_env(config, mirrored=True, seed=3)
@@ -97,7 +96,7 @@ def test_in_the_simulator_it_is_the_observation_of_the_mirrored_scene(encoder):
 
 
 def test_a_policy_depends_on_the_observation_alone():
-    config = PushEnvConfig.preset("cpu", num_envs=1, encoder="rays", leave_out=("joint_position",))
+    config = PushEnvConfig.preset("cpu", num_envs=1, encoder="rays")
     plain, mirrored = make_push_env(config), make_push_env(config, mirrored=True)
     assert environment_fingerprint(mirrored) == environment_fingerprint(plain)
     plain.close()
@@ -105,7 +104,7 @@ def test_a_policy_depends_on_the_observation_alone():
 
 
 def test_actions_of_another_frame_are_refused():
-    config = PushEnvConfig.preset("cpu", action_frame="base", leave_out=("joint_position",))
+    config = PushEnvConfig.preset("cpu", action_frame="base")
     with pytest.raises(
         ValueError, match="mirrored needs actions in the observation's frame 'path'"
     ):

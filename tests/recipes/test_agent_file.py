@@ -11,7 +11,7 @@ from torchrl.data import Bounded
 from modpush.agents.tqc.networks import make_actor
 from modpush.encoders import RayScan
 from modpush.files import read_tensors, write_tensors
-from modpush.mdp import PATH_ENTRIES, PushObservation, RewardConfig, StuckRecovery
+from modpush.mdp import PATH_AHEAD_ENTRIES, PushObservation, RewardConfig, StuckRecovery
 from modpush.recipes import (
     PushEnvConfig,
     environment_fingerprint,
@@ -111,7 +111,7 @@ def test_an_agent_whose_config_says_so_recovers(tmp_path):
 def test_permuted_entries_are_refused(saved):
     """They have the same width: without the fingerprint the agent would run on wrong values."""
     agent = load_agent(saved[0])
-    permuted = ["ee_position", "latent", *PATH_ENTRIES[2:]]
+    permuted = ["ee_position", "latent", *PATH_AHEAD_ENTRIES[2:]]
     with pytest.raises(ValueError, match=r"not the environment.*entries: \['latent', 'ee_pos"):
         agent.make_env(entries=permuted)
 
@@ -120,7 +120,7 @@ def test_permuted_entries_are_refused(saved):
     ("options", "message"),
     [
         ({"encoder": RayScan(num_rays=16)}, r"values of 'latent': 32 -> 16"),
-        ({"entries": PATH_ENTRIES[:-1]}, "entries:"),
+        ({"entries": PATH_AHEAD_ENTRIES[:-1]}, "entries:"),
     ],
 )
 def test_another_environment_is_refused(saved, options, message):

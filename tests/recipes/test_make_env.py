@@ -15,7 +15,7 @@ from modpush.envs import ScenarioConfig
 from modpush.envs.scenes.objects import OBJECTS, PushedObject
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.geometry import box, rotate
-from modpush.mdp import PATH_ENTRIES, Curriculum, Entry, RewardConfig
+from modpush.mdp import PATH_AHEAD_ENTRIES, Curriculum, Entry, RewardConfig
 from modpush.planners import OccupancyGrid, StraightLine
 from modpush.recipes import PushEnvConfig, make_push_env
 from tests.own_parts import MeanHeight, goal_direction
@@ -138,7 +138,7 @@ def test_text_stands_for_parts_as_in_the_config():
         RAYS,
         planner=StraightLine(),
         encoder=MeanHeight(),
-        entries=[*PATH_ENTRIES, goal_direction],
+        entries=[*PATH_AHEAD_ENTRIES, goal_direction],
         seed=0,
     )
     one, two = env.reset(), other.reset()
