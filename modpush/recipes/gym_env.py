@@ -77,6 +77,11 @@ class PaperGymEnv(SingleSceneEnv):
         return np.clip(state["observation"][0].numpy(), -_BOUND, _BOUND)
 
 
+def _are_names(entries: Any) -> bool:
+    """Whether entries of the observation are given by name, as a config has them."""
+    return isinstance(entries, list | tuple) and all(isinstance(entry, str) for entry in entries)
+
+
 def _split(who: str, options: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Options that go into the config, and those that `make_push_env` takes beside it."""
     of_simulator = {*parameter_names(PushEnv.__init__), *(f.name for f in fields(ScenarioConfig))}
@@ -91,5 +96,6 @@ def _split(who: str, options: dict[str, Any]) -> tuple[dict[str, Any], dict[str,
         if name not in beside
         or name == "path_margin"
         or (name == "encoder" and isinstance(value, str))
+        or (name == "entries" and _are_names(value))
     }
     return in_config, {name: v for name, v in options.items() if name not in in_config}

@@ -123,7 +123,7 @@ def test_an_agent_is_trained_on_an_encoder_with_a_latent_of_another_size(
     )
     trainer = Trainer(trained, tmp_path / "run")
     trainer.run()
-    assert trainer.specs.latent == slice(0, 8)
+    assert trainer.specs.columns["latent"] == slice(0, 8)
     env = load_agent(tmp_path / "run" / "best_agent.safetensors").make_env(1)
     assert env.reset()["latent"].shape == (1, 8)
     env.close()
