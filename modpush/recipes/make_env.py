@@ -19,6 +19,7 @@ from modpush.encoders.window_transform import EgocentricWindow
 from modpush.envs.arguments import parameter_names, refuse_unknown
 from modpush.envs.push_env import PushEnv
 from modpush.envs.scenes.scenario import ScenarioConfig
+from modpush.geometry.workspace import Rectangle
 from modpush.mdp.action_frame import ActionFrame
 from modpush.mdp.blank_latent import latent_entry
 from modpush.mdp.curriculum import Curriculum
@@ -160,17 +161,9 @@ def make_push_env(
             images.append("window")
         else:
             transforms.append(WindowBytes())
-    observed: dict[str, Any] = {
-        "frame": config.frame,
-        "entries": _entries(config, entries, module),
-        "bounds": base.bounds,
-        "symmetry": config.symmetry,
-        "raw": config.raw,
-    }
     transforms += [
         ActionFrame(config.frame if config.action_frame is None else config.action_frame),
-        PushObservation(**observed),
-        *([MirroredObservation(**observed)] if mirrored else []),
+        *_observations(config, _entries(config, entries, module), base.bounds, mirrored),
         PushReward(config.reward, terms=reward_terms),
         *([StuckRecovery()] if config.recovery else []),
     ]
@@ -221,6 +214,23 @@ def _make_encoder(config: PushEnvConfig, given: Any) -> nn.Module | None:
             stacklevel=3,
         )
     return encoder
+
+
+def _observations(
+    config: PushEnvConfig, entries: dict[str, Entry], bounds: Rectangle, mirrored: bool
+) -> list[Transform]:
+    """The transform that writes the observation, and the one that writes the mirrored scene's."""
+    kinds = (PushObservation, MirroredObservation) if mirrored else (PushObservation,)
+    return [
+        kind(
+            config.frame,
+            entries=entries,
+            bounds=bounds,
+            symmetry=config.symmetry,
+            raw=config.raw,
+        )
+        for kind in kinds
+    ]
 
 
 def _entries(
