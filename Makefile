@@ -22,6 +22,7 @@ $(STAMP): pyproject.toml constraints.txt
 
 train: setup
 	$(BIN)/modpush train cpu --out runs/train
+	$(BIN)/modpush train refine --init-from runs/train --out runs/refine
 
 demo: setup
 	$(BIN)/modpush demo

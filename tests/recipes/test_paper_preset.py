@@ -169,15 +169,36 @@ def test_all_in_which_the_cpu_preset_departs_from_the_paper():
         "replay.batch_size": 256,
         "replay.storage": "compact",
         "replay.n_steps": 3,
+        "curriculum.promotion": "off",
         "curriculum.window": 12,
         "first_actions": "scripted",
         "actor_average": 0.999,
         "zero_init_latent": True,
         "mirror": True,
-        "total_steps": 800_000,
+        "total_steps": 500_000,
         "greedy_envs": 4,
         "evaluate_every": 50_000,
     }
+
+
+@pytest.mark.parametrize(
+    ("name", "first"), [("refine", "cpu"), ("refine_any_object", "any_object")]
+)
+def test_refining_changes_weights_of_the_reward_alone(name, first):
+    departures = changed(TRAIN_PRESETS[name][1], TRAIN_PRESETS[first][1])
+    weights = departures.pop("env.reward.weights")
+    before = TRAIN_PRESETS[first][1].env.reward.weights
+    assert {
+        key: weight / before[key] for key, weight in weights.items() if weight != before[key]
+    } == {
+        "object_collision": pytest.approx(8 / 1.5),
+        "tool_collision": 8.0,
+        "no_contact": 6.0,
+        "detour": 4.0,
+    }
+    assert departures.pop("init_from") in ("runs/train", "runs/train_any_object")
+    departures.pop("tqc.learning_starts", None)
+    assert departures == {"total_steps": 300_000, "evaluate_every": 25_000}
 
 
 def test_the_authors_code_stops_its_curriculum_at_38_centimetres():
