@@ -1,7 +1,8 @@
 """Train an agent: environment and learner in a process each, on two cores.
 
-    modpush train cpu --out runs/train            # what `make train` runs, some tens of minutes
+    modpush train cpu --out runs/train            # the first part of `make train`, some tens of minutes
     modpush train cpu --out runs/train --resume   # go on after an interrupt
+    modpush train refine --init-from runs/train --out runs/refine   # the second part: more careful
     modpush train smoke --out /tmp/smoke          # everything once, in some seconds
     modpush train cpu --out runs/rays --train.env.encoder rays --train.seed 1
     modpush train cpu --out runs/more --init-from runs/train   # begin with another run's weights

@@ -76,7 +76,7 @@ def _refine(first: TrainConfig, run: str, learning_starts: int) -> TrainConfig:
         init_from=run,
         # Critics that have learned with other rewards are led astray by a buffer of few episodes.
         tqc=replace(first.tqc, learning_starts=learning_starts),
-        total_steps=300_000,
+        total_steps=500_000,
         evaluate_every=25_000,
     )
 
