@@ -77,7 +77,7 @@ def test_a_set_is_run_with_another_tool(tmp_path: Path) -> None:
 def test_a_policy_at_rest_is_moved_on(tmp_path: Path) -> None:
     """Episodes of the tuning set in most of which the actor alone stands still until the time is over."""
     tuning = load_set("tuning/hard")
-    scenarios = [tuning.scenarios[n] for n in (6, 39, 46, 70, 94, 95)]
+    scenarios = [tuning.scenarios[n] for n in (6, 10, 11, 46, 60, 88)]
     file = tmp_path / "s.json.gz"
     replace(tuning, name="six", scenarios=scenarios).save(file)
     solved = {}
