@@ -1,7 +1,7 @@
 """Mean and worst of several training seeds on the evaluation sets, from the rows of `modpush evaluate`.
 
     python benchmarks/compare_seeds.py docs/results/agent docs/results/agent/seed_{1,2}
-    python benchmarks/compare_seeds.py docs/results/any_object/before_path_ahead/seed_{0,1,2}
+    python benchmarks/compare_seeds.py docs/results/any_object docs/results/any_object/seed_{1,2}
 
 Each folder has the rows of one seed, `<set>.csv.gz`. Success and SPL are over all episodes of a set,
 contact (any of four looks, and at the ends of steps) and collision (object or arm) over those that the
