@@ -1,7 +1,7 @@
 """Parts for `examples/sweeps/sooner.yaml`: ideas for learning sooner that the library does not hold.
 
 Each is named in that file as "benchmarks.sooner_parts:NAME", so run the sweep from the repository's root.
-What they came to is in `docs/training.md`.
+What they came to is in `docs/results/training/README.md`.
 """
 
 from typing import Any
