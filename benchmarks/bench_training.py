@@ -33,7 +33,7 @@ from torchrl.envs.utils import step_mdp
 
 from modpush.agents import make_tqc
 from modpush.recipes import make_push_env
-from modpush.replay import extend_rollout, make_replay_buffer
+from modpush.replay import MirrorTransitions, extend_rollout, make_replay_buffer
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
 from modpush.training.worker import SceneWorker, StartMethod
 
@@ -143,21 +143,12 @@ def learning(config: TrainConfig, buffer_size: int) -> list[tuple[str, float]]:
     agent = make_tqc(config.tqc, env)
     width = env.observation_spec["observation"].shape[-1]
     env.close()
-    buffer = make_replay_buffer(replace(config.replay, capacity=buffer_size, num_queries=16))
-    rows = TensorDict(
-        {
-            "observation": torch.randn(buffer_size, width),
-            "action": torch.rand(buffer_size, 3) * 2 - 1,
-            "next": {
-                "observation": torch.randn(buffer_size, width),
-                "reward": torch.randn(buffer_size, 1),
-                "done": torch.zeros(buffer_size, 1, dtype=torch.bool),
-                "terminated": torch.zeros(buffer_size, 1, dtype=torch.bool),
-            },
-        },
-        [buffer_size],
-    )
-    extend_rollout(buffer, rows, config.env.num_envs)
+    replay = config.filled_replay()  # with the keys of mirror images where there are any
+    buffer = make_replay_buffer(replace(replay, capacity=buffer_size, num_queries=16))
+    if config.mirror:
+        buffer.append_transform(MirrorTransitions())
+    walk = torch.randn(buffer_size // config.env.num_envs + 1, config.env.num_envs, width)
+    extend_rollout(buffer, random_transitions(config, walk), config.env.num_envs)
     sample = median_ms(lambda: buffer.sample())
     batch = buffer.sample()
     update = median_ms(lambda: agent.update(batch.clone(False)))
@@ -235,14 +226,23 @@ def fill(trainer: Trainer, observations: torch.Tensor, steps: int = 500) -> torc
     """Write an episode of each scene into the buffer, random numbers; returns the last state."""
     scenes, width = observations.shape
     walk = torch.cat([observations[None], torch.randn(steps, scenes, width)])
-    ends = torch.zeros(steps, scenes, 1, dtype=torch.bool)
-    ends[-1] = True
-    after = {"observation": walk[1:], "reward": torch.randn(steps, scenes, 1)}
-    after |= {"done": ends, "terminated": ends.clone()}
-    now = {"observation": walk[:-1], "action": torch.rand(steps, scenes, 3) * 2 - 1}
-    transitions = TensorDict({**now, "next": after}, [steps, scenes]).reshape(-1)
+    transitions = random_transitions(trainer.config, walk)
     extend_rollout(trainer.learner.buffer, transitions, scenes)
     return torch.randn(scenes, width)
+
+
+def random_transitions(config: TrainConfig, walk: torch.Tensor) -> TensorDict:
+    """Transitions `[T * B]` along observations `[T + 1, B, n]`, all of which end with the last step."""
+    steps, scenes = len(walk) - 1, walk.shape[1]
+    ends = torch.zeros(steps, scenes, 1, dtype=torch.bool)
+    ends[-1] = True
+    now = {"observation": walk[:-1], "action": torch.rand(steps, scenes, 3) * 2 - 1}
+    after = {"observation": walk[1:], "reward": torch.randn(steps, scenes, 1)}
+    after |= {"done": ends, "terminated": ends.clone()}
+    if config.mirror:
+        mirrored = torch.randn_like(walk)
+        now["mirrored_observation"], after["mirrored_observation"] = mirrored[:-1], mirrored[1:]
+    return TensorDict({**now, "next": after}, [steps, scenes]).reshape(-1)
 
 
 def proportional_set_size() -> dict[str, float]:

@@ -55,8 +55,12 @@ def checked_arguments(function: F) -> F:
             raise TypeError(f"{who}: {error}.") from None
         for name, kind in kinds().items():
             if name in bound.arguments:
-                check_value(who, name, _plain(bound.arguments[name]), kind)
-        return function(*args, **kwargs)
+                given = bound.arguments[name]
+                plain = _plain(given)
+                check_value(who, name, plain, kind)
+                if isinstance(given, np.ndarray):  # whose truth value and comparisons are arrays
+                    bound.arguments[name] = plain
+        return function(*bound.args, **bound.kwargs)
 
     return checking  # type: ignore[return-value]  # it takes what the function takes
 

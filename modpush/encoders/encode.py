@@ -8,9 +8,14 @@ from torchrl.envs import Transform
 
 from modpush._arguments import checked_arguments
 from modpush._keys import check_spec_has, read_key, stored_next
+from modpush._resets import write_scenes_reset
 from modpush.encoders.base import as_floats, check_window, encoder_sizes, evaluating
 
 __all__ = ["Encode"]
+
+_FEW = 4
+"""Number of images from which on the last bits of a latent do not depend on how many share the call:
+matrix products of fewer rows sum in another order."""
 
 
 class Encode(Transform):
@@ -71,7 +76,8 @@ class Encode(Transform):
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        return self._call(tensordict_reset)
+        keys = self.in_keys, self.out_keys
+        return write_scenes_reset(self._call, tensordict, tensordict_reset, *keys, at_least=_FEW)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Encode stored windows and, in transitions, those of their `"next"`."""

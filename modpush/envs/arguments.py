@@ -20,6 +20,7 @@ from modpush.envs.specs import ACTION_SIZE
 __all__ = [
     "check_action",
     "check_alone",
+    "check_frequencies",
     "check_options",
     "check_scenarios",
     "check_scene",
@@ -91,17 +92,13 @@ def make_scenario_config(
     return scenario
 
 
-def check_options(
-    num_envs: int, max_episode_steps: int | None, tool: str, oob: str, device: torch.device
-) -> None:
+def check_options(max_episode_steps: int | None, tool: str, oob: str, device: torch.device) -> None:
     """Check the options of `PushEnv` that nothing else checks.
 
     Raises:
         ValueError: If one is unknown or out of range.
         RuntimeError: If the device is not there.
     """
-    if num_envs < 1:
-        raise ValueError(f"PushEnv: num_envs must be >= 1, got {num_envs}.")
     if device.type not in ("cpu", "cuda"):
         raise ValueError(f"PushEnv: device must be 'cpu' or a CUDA device, got {str(device)!r}.")
     if max_episode_steps is not None and max_episode_steps < 1:
@@ -131,9 +128,18 @@ def check_simulation(num_envs: int, sim_backend: str, sim_freq: int, control_fre
             f"holds one scene. Use modpush.envs.PushEnv({num_envs}), or "
             f"gymnasium.make_vec('ClutterPushState-v1', num_envs={num_envs})."
         )
+    check_frequencies("ClutterPushEnv", sim_freq, control_freq)
+
+
+def check_frequencies(who: str, sim_freq: int, control_freq: int) -> None:
+    """Check that a control step is a whole number of simulation steps.
+
+    Raises:
+        ValueError: If it is not.
+    """
     if sim_freq % control_freq:
         raise ValueError(
-            f"ClutterPushEnv: sim_freq must be a multiple of control_freq, "
+            f"{who}: sim_freq must be a multiple of control_freq, "
             f"got {sim_freq} and {control_freq}."
         )
 

@@ -54,5 +54,5 @@ class PushGymEnv(SingleSceneEnv):
         super().__init__(PushEnv(1, **{"depth": None, **kwargs}), space, render_mode)
 
     def _observation(self, state: TensorDictBase) -> NDArray[np.float32]:
-        values = torch.cat([state[key][0].float() for key in OBSERVATION_KEYS]).numpy()
+        values = torch.cat([state[key][0].float() for key in OBSERVATION_KEYS]).cpu().numpy()
         return np.clip(values, *self._bounds)

@@ -13,6 +13,7 @@ from modpush._types import Frequency, Scenes, Seed
 from modpush.envs.arguments import (
     check_action,
     check_alone,
+    check_frequencies,
     check_options,
     check_scenarios,
     chosen_scenes,
@@ -137,7 +138,8 @@ class PushEnv(EnvBase):
         device: torch.device | str = "cpu",
         **fields: Any,
     ) -> None:
-        check_options(num_envs, max_episode_steps, tool, oob, torch.device(device))
+        check_frequencies("PushEnv", sim_freq, control_freq)
+        check_options(max_episode_steps, tool, oob, torch.device(device))
         super().__init__(device=torch.device(device), batch_size=torch.Size([num_envs]))
         self._scenario = make_scenario_config("PushEnv", scenario, fields, type(self).__init__)
         self.pushed_objects = {item.name: item for item in self.scenario.objects}
@@ -213,13 +215,13 @@ class PushEnv(EnvBase):
         if state is not None:
             check_alone(scenarios=scenarios, seed=seed)
             return self.set_state(state, indices)
+        if scenarios is not None:
+            check_scenarios(scenarios, len(indices))
         restart_generators(self._rngs, indices, seed)
         if scenarios is None:
             scenarios = [
                 sample_scenario(self._rngs[i], self.scenario, tool=self._tool) for i in indices
             ]
-        else:
-            check_scenarios(scenarios, len(indices))
         self._batch.start(indices, scenarios)
         self._started = True
         self._step_count[indices] = 0

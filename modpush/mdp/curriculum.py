@@ -16,6 +16,7 @@ from modpush._types import (
     Several,
 )
 from modpush._validation import check_value, checked
+from modpush.envs.outcome import GOAL_THRESHOLD
 from modpush.envs.scenes.scenario import GoalDistance, GoalDistances, ScenarioConfig
 
 __all__ = ["Curriculum", "CurriculumConfig", "Phase"]
@@ -72,6 +73,11 @@ class CurriculumConfig:
             raise ValueError(
                 f"CurriculumConfig: distances must be ascending, got {self.distances}."
             )
+        if self.distances[0] <= GOAL_THRESHOLD:
+            raise ValueError(
+                f"CurriculumConfig: distances must be greater than {GOAL_THRESHOLD} m, where an "
+                f"episode has succeeded already, got {self.distances[0]}."
+            )
         if not self.final_distance[0] <= self.final_distance[1]:
             raise ValueError(
                 "CurriculumConfig: final_distance must be a range (low, high), got "
@@ -97,7 +103,7 @@ class Curriculum:
     Args:
         config: Stages, phases and when the next stage begins.
         warm_up: Environment steps at the beginning that somebody else than the agent acts in. Their
-            episodes have the distances of the final stage and the first phase's scenes, and do not
+            episodes have the distances of the final stage and the present phase's scenes, and do not
             count for the next stage.
     """
 

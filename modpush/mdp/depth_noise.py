@@ -46,7 +46,8 @@ class DepthNoise(Transform):
         depth = read_key("DepthNoise", next_tensordict, self.depth_key)
         check_dtype("DepthNoise", repr(self.depth_key), depth, torch.float32)
         if self.sigma > 0:
-            depth = (depth + self.sigma * torch.randn_like(depth)).clamp_min(0.0)
+            noisy = (depth + self.sigma * torch.randn_like(depth)).clamp_min(0.0)
+            depth = torch.where(depth > 0, noisy, depth)  # 0 stays: nothing is seen there
         if self.dropout > 0:
             depth = depth.masked_fill(torch.rand_like(depth) < self.dropout, 0.0)
         return next_tensordict.set(self.depth_key, depth)

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
@@ -102,7 +103,8 @@ class PushObservation(Transform):
         self.frame = frame
         self.entries = resolve_entries(frame, entries)
         self.bounds = WORKSPACE.bounds() if bounds is None else bounds
-        if not all(low < high for low, high in zip(*self.bounds, strict=True)):
+        corners = np.shape(self.bounds) == (2, 2)
+        if not corners or not all(low < high for low, high in zip(*self.bounds, strict=True)):
             raise ValueError(
                 f"PushObservation: bounds must be a lower and an upper corner, got {bounds}."
             )

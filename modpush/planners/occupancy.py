@@ -12,7 +12,9 @@ from torchrl.data import Binary, Bounded, TensorSpec
 from torchrl.envs import Transform
 
 from modpush._arguments import checked_arguments
+from modpush._checks import check_finite
 from modpush._keys import check_spec_has, read_key, stored_next
+from modpush._resets import scenes_reset
 from modpush.geometry.camera import Camera
 from modpush.planners.connected import are_connected
 from modpush.planners.inflation import radius_per_scene
@@ -38,7 +40,8 @@ class OccupancyGrid(Transform):
     again only when the cells before inflation change, scene by scene.
 
     What stands where object or robot hide the view is remembered from the step before, in
-    `blocked_key`. Only what is lower than the object can hide behind it. If a later transform drops
+    `blocked_key`; without a segmentation it is not known what hides the view, and nothing is. Only what
+    is lower than the object can hide behind it. If a later transform drops
     that key, nothing is remembered and such cells count as free while they are hidden.
 
     Args:
@@ -154,8 +157,20 @@ class OccupancyGrid(Transform):
             return getattr(self, name)
         return read_key("OccupancyGrid", tensordict, key).reshape(-1)
 
-    def _write(self, tensordict: TensorDictBase, before: TensorDictBase | None) -> TensorDictBase:
-        """Write the grid; `before` is the step before, None at an episode's beginning."""
+    def _write(
+        self,
+        tensordict: TensorDictBase,
+        before: TensorDictBase | None,
+        begins: Tensor | None = None,
+    ) -> TensorDictBase:
+        """Write the grid.
+
+        Args:
+            tensordict: Read and written.
+            before: The step before, None at an episode's beginning.
+            begins: Scenes whose episodes begin, `[B]` bool, where they are not all; what is written for
+                the others counts for nothing.
+        """
         previous = None if before is None else before.get(self.blocked_key, None)
         image = (self.camera.height, self.camera.width)
         depth = read_key("OccupancyGrid", tensordict, self.depth_key, 1, *image)
@@ -180,9 +195,11 @@ class OccupancyGrid(Transform):
             return occupancy, blocked
 
         if self._choices > 1:
-            occupancy, blocked = self._first_with_a_way(tensordict, before, look, previous)
+            occupancy, blocked = self._first_with_a_way(tensordict, before, look, previous, begins)
         else:
-            occupancy, blocked = look(torch.zeros(lead.numel(), dtype=torch.long))
+            occupancy, blocked = look(
+                torch.zeros(lead.numel(), dtype=torch.long, device=depth.device)
+            )
         tensordict.set(self.occupancy_key, occupancy.reshape(*lead, 1, *occupancy.shape[1:]))
         tensordict.set(self.blocked_key, blocked.reshape(*lead, *blocked.shape[1:]))
         return tensordict
@@ -202,6 +219,7 @@ class OccupancyGrid(Transform):
         before: TensorDictBase | None,
         look: Callable[[Tensor], tuple[Tensor, Tensor]],
         previous: Tensor | None,
+        begins: Tensor | None,
     ) -> tuple[Tensor, Tensor]:
         """Occupancy and blocked cells with the radius and margin of each scene, which are written.
 
@@ -213,12 +231,19 @@ class OccupancyGrid(Transform):
         start, end = (self.camera.project(p.reshape(-1, p.shape[-1])[:, :2]) for p in (pose, goal))
         stored = None if before is None else before.get(self.choice_key, None)
         choice = (
-            torch.zeros(batch, dtype=torch.long) if stored is None else stored.reshape(-1).long()
+            torch.zeros(batch, dtype=torch.long, device=pose.device)
+            if stored is None
+            else stored.reshape(-1).long()
         )
         occupancy, blocked = look(choice)
         doubtful = choice < self._choices - 1
+        if begins is not None:
+            doubtful &= begins
         if previous is not None and stored is not None:
             doubtful &= (blocked != previous).flatten(1).any(-1)
+        if doubtful.any():
+            check_finite("OccupancyGrid", repr(self.object_pose_key), pose)
+            check_finite("OccupancyGrid", repr(self.goal_position_key), goal)
         while doubtful.any():
             joined = are_connected(occupancy[doubtful], start[doubtful], end[doubtful])
             if joined.all():
@@ -233,8 +258,10 @@ class OccupancyGrid(Transform):
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        # TorchRL puts back the old values of scenes that are not being reset.
-        return self._write(tensordict_reset, None)
+        # TorchRL puts back the old values of scenes that are not being reset. Their maps are made all the
+        # same, since the memory of what was inflated last has a place for each scene of the batch.
+        begins = scenes_reset(tensordict, tensordict_reset.batch_size)
+        return self._write(tensordict_reset, None, begins)
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         return self._write(next_tensordict, tensordict)
@@ -292,15 +319,17 @@ def cells_outside(camera: Camera, bounds: Corners, margin: float = 0.0) -> Tenso
             inside.
     """
     if len(bounds) != 2 or any(len(corner) != 2 for corner in bounds):
-        raise ValueError(f"bounds must be two corners (x, y) [m], got {bounds!r}.")
+        raise ValueError(f"OccupancyGrid: bounds must be two corners (x, y) [m], got {bounds!r}.")
     if not math.isfinite(margin):
-        raise ValueError(f"margin must be finite [m], got {margin}.")
+        raise ValueError(f"OccupancyGrid: margin must be finite [m], got {margin}.")
     low, high = (torch.tensor([float(x) for x in corner]).double() for corner in bounds)
     v, u = torch.meshgrid(torch.arange(camera.height), torch.arange(camera.width), indexing="ij")
     centre = camera.unproject(torch.stack([u, v], -1).double())
     inside = ((centre >= low + margin) & (centre <= high - margin)).all(-1)
     if not inside.any():
-        raise ValueError(f"bounds and margin must leave a cell, got {bounds!r} and {margin}.")
+        raise ValueError(
+            f"OccupancyGrid: bounds and margin must leave a cell, got {bounds!r} and {margin}."
+        )
     return ~inside
 
 

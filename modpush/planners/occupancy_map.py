@@ -80,7 +80,8 @@ class OccupancyMap:
             object_position: `[B, 2]` (x, y) [m]. Without a segmentation, what stands within
                 `object_radius` of it counts as the object; without either, everything blocks.
             previous: `[B, H, N]` uint8, the second output of the call before: what stood where
-                object or robot now hide the view still stands there.
+                object or robot now hide the view still stands there. Without a segmentation it is
+                not known what hides the view, and nothing is remembered.
             object_radius: Radius of the object, one number or `[B]` [m]; by default `radius`.
 
         Returns:

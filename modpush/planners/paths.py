@@ -83,15 +83,15 @@ class Paths:
                     )
         longest = max([2, *(len(path) for path in paths if path is not None)])
         waypoints = start[:, None].repeat(1, longest, 1).float()
-        count = torch.zeros(len(paths), dtype=torch.int64)
-        length = torch.full((len(paths),), torch.inf)
+        count = torch.zeros(len(paths), dtype=torch.int64, device=start.device)
+        length = torch.full((len(paths),), torch.inf, device=start.device)
         for b, path in enumerate(paths):
             if path is not None:
                 count[b] = len(path)
                 waypoints[b, : len(path)] = path
                 waypoints[b, len(path) :] = path[-1]
                 length[b] = (path[1:] - path[:-1]).norm(dim=-1).sum() * cell_size
-        moved = torch.zeros(len(paths), dtype=torch.bool)
+        moved = torch.zeros(len(paths), dtype=torch.bool, device=start.device)
         return cls(
             waypoints=waypoints,
             count=count,

@@ -197,7 +197,7 @@ class PlannerSubgoals(Transform):
     ) -> Tensor:
         """Points along each path, `[..., len(ahead), 2]` [m], or what stands for them without a path."""
         pixels = points_ahead(paths, [d / self.camera.cell_size for d in self.ahead])
-        points = self.camera.unproject(pixels).reshape(*goal.shape[:-1], -1, 2)
+        points = self.camera.unproject(pixels).reshape(*goal.shape[:-1], len(self.ahead), 2)
         if before is None:
             kept = goal.unsqueeze(-2).expand_as(points)
         else:

@@ -20,7 +20,7 @@ from modpush._types import Count
 from modpush._validation import from_plain
 from modpush._weights import check_weights
 from modpush.agents.tqc.config import TQCConfig
-from modpush.agents.tqc.encoder import make_encoder
+from modpush.agents.tqc.encoder import make_trained_encoder
 from modpush.agents.tqc.factories import ACTORS
 from modpush.agents.tqc.specs import LearnerSpecs
 from modpush.envs.scenes.objects import get_object
@@ -131,6 +131,7 @@ def save_agent(
     fingerprint: Mapping[str, Any],
     actor: str = "mlp",
     encoder: str | None = None,
+    image_key: str = "window",
     parts: Mapping[str, Any] | None = None,
     make_env: Callable[..., EnvBase] = make_push_env,
     metadata: Mapping[str, Any] | None = None,
@@ -146,6 +147,7 @@ def save_agent(
         fingerprint: `environment_fingerprint` of the environment that it was trained in.
         actor: Network of the policy, as in `TQCConfig.actor`.
         encoder: Image encoder inside the policy, as in `TQCConfig.encoder`.
+        image_key: Key of the encoder's images, as in `TQCConfig.image_key`.
         parts: Parts that were given as objects. Those that can be imported are remembered by
             `"module:name"`, of the others what they were.
         make_env: What made the environment, remembered in the same way.
@@ -172,6 +174,7 @@ def save_agent(
             "observation_dim": observation_dim,
             "actor": actor,
             "encoder": encoder,
+            "image_key": image_key,
         },
         "fingerprint": dict(fingerprint),
         "parts": {
@@ -285,14 +288,14 @@ def _actor(
     encoder = network["encoder"]
     if config.encoder == END_TO_END:
         encoder = parts.get("encoder", encoder)
-    side = config.window_size
+    side, image_key = config.window_size, network.get("image_key", "window")
+    observation = Composite(observation=Unbounded((network["observation_dim"],)))
+    observation[image_key] = Bounded(0, 255, (1, side, side), dtype=torch.uint8)
     specs = LearnerSpecs(
-        observation=Composite(
-            observation=Unbounded((network["observation_dim"],)),
-            window=Bounded(0, 255, (1, side, side), dtype=torch.uint8),
-        ),
+        observation=observation,
+        image_key=image_key,
         action=Bounded(-1.0, 1.0, (3,), dtype=torch.float32),
-        encoder=None if encoder is None else make_encoder(encoder),
+        encoder=None if encoder is None else make_trained_encoder(encoder),
     )
     factory = find_part("load_agent: actor", parts.get("actor", network["actor"]), ACTORS)
     policy = factory(TQCConfig(hidden_sizes=tuple(network["hidden_sizes"])), specs)

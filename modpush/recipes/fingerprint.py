@@ -14,6 +14,7 @@ from modpush.mdp.mirrored_observation import MirroredObservation
 from modpush.mdp.observation_layout import fingerprint_differences as observation_differences
 from modpush.mdp.push_observation import PushObservation
 from modpush.mdp.push_reward import PushReward
+from modpush.planners.subgoals import PlannerSubgoals
 
 __all__ = ["environment_fingerprint", "fingerprint_differences"]
 
@@ -27,7 +28,8 @@ def environment_fingerprint(env: EnvBase) -> dict[str, Any]:
 
     Returns:
         Plain data, ready for JSON: `observation` (frame, and name, columns, scale and shift of each
-        entry), `action_frame`, `window`, `encoder` (class and hash of its weights) and `reward`.
+        entry), `action_frame`, `subgoals`, `window`, `encoder` (class and hash of its weights) and
+        `reward`.
     """
     _ = env.observation_spec  # lays the observation out
     found: dict[str, Any] = {}
@@ -45,6 +47,15 @@ def environment_fingerprint(env: EnvBase) -> dict[str, Any]:
                     "size": transform.size,
                     "outside": transform.outside,
                     "max_height": transform.max_height,
+                    "upright": transform.upright,
+                }
+            case PlannerSubgoals():
+                where = "fraction" if transform.mode == "fraction" else "lookahead"
+                found["subgoals"] = {
+                    "mode": transform.mode,
+                    where: getattr(transform, where),
+                    "lags": list(transform.lags),
+                    "ahead": list(transform.ahead),
                 }
             case Encode():
                 encoder = transform.encoder
@@ -58,12 +69,21 @@ def environment_fingerprint(env: EnvBase) -> dict[str, Any]:
 
 
 def fingerprint_differences(stored: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """What differs between two fingerprints, in words; empty where nothing does."""
+    """What differs between two fingerprints, in words; empty where nothing does.
+
+    What older files do not say yet is not compared: the sub-goals, and whether the window is upright.
+    """
     found = []
     for name in dict.fromkeys((*stored, *now)):
         a, b = stored.get(name), now.get(name)
         if name == "observation" and a is not None and b is not None:
             found += [f"observation, {text}" for text in observation_differences(a, b)]
+        elif name == "subgoals" and (a is None or b is None):
+            continue
+        elif name == "window" and a is not None and b is not None:
+            known = a.keys() & b.keys()
+            a, b = ({key: one[key] for key in sorted(known)} for one in (a, b))
+            found += [f"window: trained with {a!r}, this environment has {b!r}"] if a != b else []
         elif a != b:
             found.append(f"{name}: trained with {a!r}, this environment has {b!r}")
     return found

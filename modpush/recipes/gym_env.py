@@ -74,7 +74,7 @@ class PaperGymEnv(SingleSceneEnv):
         return observation.columns
 
     def _observation(self, state: TensorDictBase) -> NDArray[np.float32]:
-        return np.clip(state["observation"][0].numpy(), -_BOUND, _BOUND)
+        return np.clip(state["observation"][0].cpu().numpy(), -_BOUND, _BOUND)
 
 
 def _are_names(entries: Any) -> bool:

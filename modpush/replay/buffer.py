@@ -90,7 +90,8 @@ def update_priorities(
     Raises:
         KeyError: If a prioritized sampler is used and the result has no priorities.
     """
-    if type(buffer.sampler).update_priority is Sampler.update_priority:
+    ignoring = (Sampler.update_priority, AttentiveSampler.update_priority)
+    if type(buffer.sampler).update_priority in ignoring:
         return
     priority = read_key("update_priorities", result, key)
     buffer.update_priority(read_key("update_priorities", batch, "index"), priority)

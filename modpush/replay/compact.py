@@ -113,8 +113,10 @@ class CompactStorage(LazyTensorStorage):
 
     def get(self, index: Any) -> TensorDictBase:
         """Read transitions with their next observations."""
-        data = super().get(index).copy()
         links = self._successor[: len(self)][_on_cpu(index)].long()
+        if links.ndim == 0:  # an index of one entry would give views of what is stored
+            return self.get(torch.tensor([int(index)]))[0]
+        data = super().get(index).copy()
         for column, (key, next_key) in enumerate(zip(self.keys, self._next_keys, strict=True)):
             values = self._storage.get(key)[links.clamp_min(0).to(self._device_of(key))]
             beside = links < _NONE

@@ -75,10 +75,11 @@ class ReplayConfig:
                 f"{self.k_annealing_samples}."
             )
         self._check_choices()
-        drawn = self.batch_size * (self.k if self.sampler == "attentive" else 1)
+        most, name = max((self.k, "k"), (self.k_end or 1, "k_end"))
+        drawn = self.batch_size * (most if self.sampler == "attentive" else 1)
         if drawn > self.capacity:
             raise ValueError(
-                f"ReplayConfig: k * batch_size must be <= capacity, got {drawn:g} > "
+                f"ReplayConfig: {name} * batch_size must be <= capacity, got {drawn:g} > "
                 f"{self.capacity}."
             )
 

@@ -118,11 +118,10 @@ class TrainConfig:
                 "TrainConfig: replay.batch_size must be tqc.batch_size "
                 f"({self.tqc.batch_size}), got {self.replay.batch_size}."
             )
-        needed = self.tqc.batch_size * (self.replay.k if self.replay.sampler == "attentive" else 1)
-        if self.tqc.learning_starts < needed:
+        if self.tqc.learning_starts < self.sampled_from:
             raise ValueError(
-                f"TrainConfig: tqc.learning_starts must be >= {needed:g}, what one sample draws "
-                f"from, got {self.tqc.learning_starts}."
+                f"TrainConfig: tqc.learning_starts must be >= {self.sampled_from:g}, what one sample "
+                f"draws from, got {self.tqc.learning_starts}."
             )
         if self.env.distance[1] != self.curriculum.final_distance[1]:
             raise ValueError(
@@ -130,6 +129,11 @@ class TrainConfig:
                 "curriculum.final_distance, of the last episodes of training, "
                 f"{self.curriculum.final_distance}, got {self.env.distance}. Set both."
             )
+
+    @property
+    def sampled_from(self) -> float:
+        """Number of transitions that one sample draws from."""
+        return self.tqc.batch_size * (self.replay.k if self.replay.sampler == "attentive" else 1)
 
     @property
     def warm_up(self) -> int:

@@ -38,7 +38,7 @@ def draw_curve(
     Raises:
         FileNotFoundError: If a folder holds no evaluations.
     """
-    groups = runs if isinstance(runs, Mapping) else {run.name: [run] for run in runs}
+    groups = runs if isinstance(runs, Mapping) else _by_name(runs)
     tables = {
         label: [pd.read_csv(Path(folder) / "evaluations.csv") for folder in folders]
         for label, folders in groups.items()
@@ -61,6 +61,12 @@ def draw_curve(
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
     plt.close(figure)
+
+
+def _by_name(runs: Sequence[Path]) -> dict[str, list[Path]]:
+    """Each run by its folder's name, or by its path where two have the same."""
+    names = [run.name for run in runs]
+    return {run.name if names.count(run.name) == 1 else str(run): [run] for run in runs}
 
 
 def success_in_common(tables: Sequence[pd.DataFrame]) -> list[str]:

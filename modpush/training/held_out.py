@@ -30,7 +30,7 @@ def held_out_scenarios(
         pushed_object: Objects given as such, instead of those that the config names.
     """
     families = config.curriculum.phases[-1].scenes or scene or config.env.scene
-    families = [families] if callable(families) else list(families)
+    families = [families] if isinstance(families, str) or callable(families) else list(families)
     base = ScenarioConfig(
         pushed_object=config.env.pushed_object if pushed_object is None else pushed_object,
         difficulty=config.env.difficulty,

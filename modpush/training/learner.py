@@ -144,7 +144,8 @@ class Learner:
             NonFiniteLossError: After the batch was saved.
         """
         starts = self.learn_from
-        if now <= starts:
+        # The last steps of each scene wait for their n-step returns and may be missing in the buffer.
+        if now <= starts or len(self.buffer) < self.config.sampled_from:
             return
         self.pending_updates += (now - max(before, starts)) * self.config.tqc.updates_per_step
         count, self.pending_updates = int(self.pending_updates), self.pending_updates % 1.0
@@ -196,5 +197,9 @@ def zero_input_weights(loss: LossModule, columns: slice) -> None:
     names = [f"{which}{kind}" for which in ("", "target_") for kind in kinds]
     own = dict(loss.named_children())
     for networks in (own[name] for name in names if name in own):
-        first = next(value for _, value in networks.items(True, True) if value.ndim > 1)
+        first = next(
+            value
+            for key, value in networks.items(True, True)
+            if value.ndim > 1 and "encoder" not in key  # a convolution's columns are pixels
+        )
         first.data[..., columns] = 0.0

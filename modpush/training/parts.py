@@ -12,6 +12,7 @@ __all__ = [
     "LEARNER_PARTS",
     "REPLAY_PARTS",
     "check_parts",
+    "check_picklable",
     "env_parts",
     "learner_parts",
     "replay_parts",
@@ -51,14 +52,28 @@ def check_parts(
             f"gives it images to encode, got {config.env.encoder!r}."
         )
     for kind, part in (parts or {}).items() if pickled else ():
-        try:
-            pickle.dumps(part)
-        except Exception as error:
-            raise ValueError(
-                f"{who}: parts[{kind!r}] must be picklable, since the environment runs in a process "
-                f"of its own ({error}). Define it at the top level of a module, or use "
-                "async_collection=False."
-            ) from error
+        check_picklable(who, f"parts[{kind!r}]", part)
+
+
+def check_picklable(who: str, name: str, part: Any) -> None:
+    """Refuse what a spawned process could not be given.
+
+    Args:
+        who: What was given it, for the error message.
+        name: Its name there.
+        part: What is to be pickled.
+
+    Raises:
+        ValueError: If it cannot be.
+    """
+    try:
+        pickle.dumps(part)
+    except Exception as error:
+        raise ValueError(
+            f"{who}: {name} must be picklable, since the environment runs in a process "
+            f"of its own ({error}). Define it at the top level of a module, or use "
+            "async_collection=False."
+        ) from error
 
 
 def env_parts(config: TrainConfig, parts: Mapping[str, Any] | None) -> dict[str, Any]:

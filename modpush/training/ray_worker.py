@@ -112,6 +112,7 @@ class SceneCollector(BaseCollector):
             self.begin(_seed_of(entropy))
         self._outcomes.clear()
         rollout = self.worker.collect(self._length, self._weights)
+        self.worker.forget_history()  # it is never asked for here, and would grow to the run's end
         begins, self._begins = self._begins, False
         return replace(
             rollout,

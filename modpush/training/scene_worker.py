@@ -163,9 +163,16 @@ class SceneWorker:
             "random_state": torch.get_rng_state(),
         }
 
+    def forget_history(self) -> None:
+        """Drop what `history` would tell, where nobody will ask for it."""
+        self._actions.clear()
+
     @torch.no_grad()
     def replay(self, history: dict[str, Any]) -> None:
-        """Bring the scenes to where those were that a `history` is of, by acting as they did."""
+        """Bring the scenes to where those were that a `history` is of, by acting as they did.
+
+        What the environment itself draws from torch's generator, such as `DepthNoise`, is drawn anew.
+        """
         self.set_state(history["curriculum"])
         self.restart(history["seed"])
         td = self._td

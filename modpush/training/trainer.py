@@ -1,7 +1,6 @@
 """The training loop: scenes act while the learner learns from what they did before."""
 
 import functools
-import pickle
 import time
 import warnings
 from collections import defaultdict
@@ -22,7 +21,7 @@ from modpush.training.disk import DiskGuard
 from modpush.training.held_out import held_out_score
 from modpush.training.learner import Learner, weights_of
 from modpush.training.log import RunLog
-from modpush.training.parts import check_parts
+from modpush.training.parts import check_parts, check_picklable
 from modpush.training.rollout import Rollout
 from modpush.training.run_folder import check_run_folder
 from modpush.training.scene_worker import EnvFactory, SceneWorker
@@ -88,7 +87,7 @@ class Trainer:
         spawned = own_process or config.collector == "ray"
         check_parts("Trainer", config, parts, pickled=spawned)
         if spawned:
-            pickle.dumps(make_env)
+            check_picklable("Trainer", "make_env", make_env)
         self.config, self.parts, self.make_env = config, dict(parts or {}), make_env
         self.folder = check_run_folder(folder, config, resume=resume)
         self.lock = FolderLock(folder)
@@ -289,7 +288,7 @@ class Trainer:
 
         Scene i takes seed + i: far enough apart for the scenes of any two runs and restarts.
         """
-        return 1_000_003 * (self.config.seed + 1) + 10_007 * self.checkpoints_made
+        return (1_000_003 * (self.config.seed + 1) + 10_007 * self.checkpoints_made) % 2**62
 
     def collect(self) -> Pending[Rollout]:
         """Have the scenes act with the present policy."""

@@ -8,6 +8,7 @@ from torchrl.checkpoint import GlobalRNGState
 
 from modpush.recipes.agent_file import save_agent
 from modpush.recipes.fingerprint import fingerprint_differences
+from modpush.replay.attentive import AttentiveSampler
 from modpush.replay.state import buffer_state, load_buffer_state
 from modpush.training.config import field_differences
 from modpush.training.rollout import Rollout
@@ -30,6 +31,7 @@ def trainer_state(
             begin anew.
     """
     learner = trainer.learner
+    sampler = learner.buffer.sampler
     return {
         "config": trainer.config.fixed_fields(),
         "fingerprint": trainer.specs.fingerprint,
@@ -38,6 +40,7 @@ def trainer_state(
         "optimizer": learner.agent.optimizer.state_dict(),
         "rng": GlobalRNGState().state_dict(),
         "buffer": buffer_state(learner.buffer) if trainer.config.save_buffer else None,
+        "attentive": sampler.state_dict() if isinstance(sampler, AttentiveSampler) else None,
         "steps": trainer.steps,
         "updates": learner.updates,
         "pending_updates": learner.pending_updates,
@@ -74,6 +77,10 @@ def load_trainer_state(trainer: "Trainer", state: dict[str, Any]) -> None:
         load_buffer_state(learner.buffer, state["buffer"])
     else:
         learner.learn_from = state["steps"] + trainer.config.tqc.learning_starts
+        if (
+            attentive := state.get("attentive")
+        ) is not None:  # k goes on; nothing has been written yet
+            learner.buffer.sampler.load_state_dict({**attentive, "newest": None})
     trainer.steps, learner.updates = state["steps"], state["updates"]
     trainer.checkpoints_made = state["checkpoints_made"]
     learner.pending_updates = state["pending_updates"]
@@ -105,6 +112,7 @@ def save_trained_agent(trainer: "Trainer", path: Path, summary: dict[str, float]
         fingerprint=trainer.specs.fingerprint,
         actor=config.tqc.actor_network,
         encoder=config.tqc.encoder,
+        image_key=config.tqc.image_key,
         parts=trainer.parts,
         make_env=trainer.make_env,
         metadata={

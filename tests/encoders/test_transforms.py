@@ -330,3 +330,29 @@ def test_an_encoder_that_returns_another_width_is_named():
 
     with pytest.raises(ValueError, match=r"must return \[B, latent_dim\] = \[2, 3\], got \[2, 2\]"):
         Encode(Wrong())(TensorDict(window=torch.zeros(2, 1, 64, 64), batch_size=[2]))
+
+
+def test_at_a_partial_reset_only_those_scenes_are_encoded():
+    """Four images at least, so that the last bits do not depend on how many scenes are reset."""
+    encoded = []
+
+    class Counting(DepthVAE):
+        def forward(self, window):
+            encoded.append(len(window))
+            return super().forward(window)
+
+    encoder = Counting.from_pretrained()
+    transforms = Compose(EgocentricWindow("object"), Encode(encoder))
+    env = TransformedEnv(PushEnv(8, scene="posts", seed=0), transforms)
+    td = env.reset()
+    before = td["latent"].clone()
+    encoded.clear()
+    td["_reset"] = torch.zeros(8, 1, dtype=torch.bool)
+    td["_reset"][[2, 5]] = True
+    after = env.reset(td)
+    assert encoded == [4]
+    kept = [0, 1, 3, 4, 6, 7]
+    assert torch.equal(after["latent"][kept], before[kept])
+    fresh = encoder(after["window"])  # of all scenes at once
+    assert torch.equal(after["latent"][[2, 5]], fresh[[2, 5]])
+    env.close()

@@ -590,3 +590,24 @@ def test_the_smallest_distance_is_one_that_does_not_end_at_once() -> None:
     for _ in range(10):
         assert not env.reset()["done"].any()
     env.close()
+
+
+def test_a_refused_reset_leaves_the_random_numbers_alone() -> None:
+    draws = []
+    for refused in (False, True):
+        env = PushEnv(2, scene="slot", depth=None, seed=3)
+        td = env.reset()
+        if refused:
+            td["_reset"] = torch.tensor([[True], [False]])
+            with pytest.raises((TypeError, ValueError)):
+                env.reset(td, scenarios=["no scenario"], seed=77)
+        draws.append(env.reset()["goal_position"])
+        env.close()
+    assert torch.equal(*draws)
+
+
+def test_a_negative_seed_is_refused_by_name() -> None:
+    env = PushEnv(1, depth=None)
+    with pytest.raises(ValueError, match=r"PushEnv.set_seed: seed must .*got -1"):
+        env.set_seed(-1)
+    env.close()

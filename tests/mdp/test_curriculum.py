@@ -153,3 +153,8 @@ def test_a_state_of_a_longer_curriculum_is_refused():
 def test_bad_configs_are_refused(field, message):
     with pytest.raises(ValueError, match=message):
         CurriculumConfig(**field)
+
+
+def test_a_first_distance_at_which_an_episode_has_succeeded_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"distances must be greater than 0.05 m.*got 0.05"):
+        CurriculumConfig(distances=(0.05, 0.6))

@@ -67,3 +67,11 @@ def test_stored_transitions_get_it_before_and_after_the_step() -> None:
     noisy = DepthNoise(sigma=0.003, depth_key=("camera", "depth"))(step)
     for image in (noisy["camera", "depth"], noisy["next", "camera", "depth"]):
         assert image.std() == pytest.approx(0.003, abs=3e-5)
+
+
+def test_where_nothing_is_seen_there_is_no_noise() -> None:
+    data = images()
+    data["camera", "depth"][:, :, :100] = 0.0
+    depth = DepthNoise(sigma=0.003, depth_key=("camera", "depth"))(data)["camera", "depth"]
+    assert (depth[:, :, :100] == 0).all()
+    assert (depth[:, :, 100:] > 1.0).all()

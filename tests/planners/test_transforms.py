@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
 import pytest
 import torch
 from tensordict import TensorDict
@@ -24,8 +25,10 @@ from modpush.planners import (
     PlannerSubgoals,
     fraction_subgoal,
     lookahead_subgoal,
+    occupancy,
     points_ahead,
 )
+from modpush.planners.connected import are_connected
 from tests.planners.table_scene import TableEnv
 
 SMALL = Camera(height=64, width=64)
@@ -647,3 +650,50 @@ def test_cells_outside_the_workspace_can_block():
 def test_cells_outside_the_workspace_hold_on_environments():
     env = TransformedEnv(TableEnv(2), OccupancyGrid(camera=SMALL, bounds=((0.2, -0.4), (0.9, 0.4))))
     check_env_specs(env)
+
+
+def test_an_empty_batch_has_no_points_ahead():
+    transform = PlannerSubgoals(DistanceField(), camera=SMALL, ahead=(0.1, 0.2))
+    data = TensorDict(
+        {
+            "occupancy": torch.zeros(0, 1, 64, 64, dtype=torch.bool),
+            "object_pose": torch.zeros(0, 3),
+            "goal_position": torch.zeros(0, 2),
+        },
+        batch_size=[0],
+    )
+    assert transform(data)["path_ahead"].shape == (0, 2, 2)
+
+
+def test_numbers_may_come_as_arrays():
+    transform = PlannerSubgoals(DistanceField(), lags=np.array([1, 5]), ahead=np.array([0.1]))
+    assert (transform.lags, transform.ahead) == ((1, 5), (0.1,))
+    assert OccupancyGrid(margin=np.array([0.0, -0.02])).margins == (0.0, -0.02)
+
+
+def test_a_pose_that_is_not_finite_is_named_where_a_way_is_looked_for(margins_env):
+    td = margins_env.reset()
+    td["object_pose"][0, 0] = math.nan
+    grid = OccupancyGrid(bounds=((0.3, -0.4), (0.9, 0.4)), margin=(0.0, -0.04))
+    with pytest.raises(ValueError, match="OccupancyGrid: 'object_pose' must be finite"):
+        grid(td.select(*grid.in_keys))
+
+
+def test_at_a_partial_reset_only_those_scenes_are_searched_for_a_way(margins_env, monkeypatch):
+    searched = []
+
+    def counting(blocked, start, end):
+        searched.append(len(blocked))
+        return are_connected(blocked, start, end)
+
+    monkeypatch.setattr(occupancy, "are_connected", counting)
+    td = margins_env.reset()
+    before = td.clone()
+    assert searched[0] == len(td)
+    searched.clear()
+    td["_reset"] = torch.zeros(len(td), 1, dtype=torch.bool)
+    td["_reset"][1] = True
+    after = margins_env.reset(td)
+    assert searched[0] == 1
+    for key in ("occupancy", "map_choice", "path_length"):
+        assert torch.equal(after[key][0], before[key][0]), key

@@ -8,6 +8,7 @@ import torch
 from tensordict.nn import TensorDictModule
 from torchrl.data import Bounded
 
+from modpush.agents.tqc.encoder import make_trained_encoder
 from modpush.agents.tqc.networks import make_actor
 from modpush.encoders import RayScan
 from modpush.files import read_tensors, write_tensors
@@ -19,6 +20,7 @@ from modpush.recipes import (
     make_push_env,
     save_agent,
 )
+from modpush.recipes.fingerprint import fingerprint_differences
 from tests.own_parts import MeanHeight, one_post
 
 RAYS = PushEnvConfig.preset("cpu", num_envs=2, encoder="rays", scene=("posts",))
@@ -228,3 +230,28 @@ def test_an_unknown_agent_is_answered_with_those_there_are():
         ValueError, match=r"no agent 'duck', expected one of .*a training run's folder"
     ):
         load_agent("duck")
+
+
+def test_the_images_key_is_kept(tmp_path, fingerprint):
+    path = tmp_path / "agent.safetensors"
+    encoder = "modpush.encoders:ConvEncoder"
+    spec = Bounded(-1.0, 1.0, (3,), dtype=torch.float32)
+    options = {"encoder": make_trained_encoder(encoder), "image_key": "camera_image"}
+    actor = make_actor(23, spec, (16, 8), **options)
+    options = {"encoder": encoder, "image_key": "camera_image", "hidden_sizes": (16, 8)}
+    save_agent(path, actor, RAYS, observation_dim=23, fingerprint=fingerprint, **options)
+    assert load_agent(path).actor.in_keys == ["observation", "camera_image"]
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [({"subgoal_lags": (1, 3)}, "subgoals"), ({"path_ahead": (0.1, 0.2, 0.4)}, "subgoals")],
+)
+def test_other_sub_goals_are_another_environment(fingerprint, change, name):
+    env = make_push_env(replace(RAYS, **change))
+    now = environment_fingerprint(env)
+    env.close()
+    (difference,) = fingerprint_differences(fingerprint, now)
+    assert difference.startswith(f"{name}: trained with")
+    earlier = {key: value for key, value in fingerprint.items() if key != "subgoals"}
+    assert fingerprint_differences(earlier, now) == []  # files from before say nothing of it

@@ -93,6 +93,10 @@ def test_prioritized_without_its_extension_says_what_to_do(monkeypatch):
         ({"gamma": float("nan")}, "gamma must be finite, got nan."),
         ({"num_queries": 0}, "num_queries must be >= 1, got 0."),
         ({"k_end": 0.5}, "k_end must be >= 1, got 0.5."),
+        (
+            {"capacity": 100, "batch_size": 10, "k": 1, "k_end": 20, "k_annealing_samples": 5},
+            r"k_end \* batch_size must be <= capacity, got 200 > 100.",
+        ),
         ({"k_end": 1.0}, "k_annealing_samples must be >= 1 where k_end is given, got 0."),
         (
             {"capacity": 100, "batch_size": 26},
@@ -194,6 +198,7 @@ def test_priorities_are_ignored_by_other_samplers(sampler):
     batch = buffer.sample()
     before = str(buffer.sampler.state_dict())
     update_priorities(buffer, batch, TensorDict({"td_error": torch.ones(8)}))
+    update_priorities(buffer, batch, TensorDict())  # as of a loss that gives none
     assert str(buffer.sampler.state_dict()) == before
 
 

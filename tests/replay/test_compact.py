@@ -227,3 +227,18 @@ def test_sharing_between_processes_is_refused():
     process = mp.get_context("spawn").Process(target=print, args=(storage,))
     with pytest.raises(RuntimeError, match="cannot be shared between processes"):
         process.start()
+
+
+@pytest.mark.parametrize("index", [9, torch.tensor(9), -1])
+def test_reading_one_transition_changes_nothing(index):
+    """The newest of ten has its next observation in the side table."""
+    compact, ordinary = pair(12)
+    data = trajectories(1, 10, episode=50)[0]
+    compact.extend(data.clone())
+    ordinary.extend(data.clone())
+    one = compact.storage.get(index)
+    assert one.batch_size == ()
+    assert torch.equal(
+        one["next", "observation"], ordinary.storage.get(index)["next", "observation"]
+    )
+    assert_same_contents(compact, ordinary)

@@ -8,7 +8,7 @@ import torch
 
 from modpush.recipes import load_agent
 from modpush.training import Trainer
-from modpush.training.held_out import held_out_score
+from modpush.training.held_out import held_out_scenarios, held_out_score
 from tests.training.conftest import SMOKE
 
 EARLY = {"success": 1.0, "spl": 0.901, "contact_rate": 0.960, "collision_rate": 0.024}
@@ -56,3 +56,8 @@ def test_the_best_agent_is_the_one_with_the_highest_score(tmp_path, monkeypatch)
     for name, value in best.items():
         assert torch.equal(value, weights[1][name]), name
     assert any(not torch.equal(last[name], best[name]) for name in best)
+
+
+def test_a_family_given_as_a_part_by_its_name():
+    drawn = held_out_scenarios(SMOKE, scene="slot")
+    assert {scenario.scene for scenario in drawn} == {"slot"}

@@ -473,3 +473,39 @@ def test_the_scene_of_the_environment_is_obeyed(tmp_path):
     slots = replace(config, env=replace(config.env, scene=("slot",)))
     assert {start.scene for start in held_out_scenarios(slots)} == {"slot"}
     assert Curriculum(slots.curriculum).config.phases[-1].scenes == ()
+
+
+def test_an_environment_that_cannot_be_sent_to_the_worker_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="Trainer: make_env must be picklable"):
+        Trainer(replace(SMOKE, async_collection=True), tmp_path, make_env=lambda *a, **k: None)
+
+
+def test_seeds_may_be_as_great_as_their_field_allows(tmp_path):
+    trainer = Trainer(SMOKE, tmp_path / "run")
+    trainer.close()
+    trainer.config = replace(SMOKE, seed=2**63 - 1)
+    torch.manual_seed(trainer.worker_seed())
+
+
+def test_zero_initial_weights_leave_a_trained_encoder_alone(tmp_path):
+    changes = {
+        "env": replace(SMOKE.env, encoder="end_to_end"),
+        "tqc": replace(SMOKE.tqc, encoder="modpush.encoders:ConvEncoder"),
+        "zero_init_latent": True,
+    }
+    trainer = Trainer(replace(SMOKE, **changes), tmp_path / "run")
+    trainer.close()
+    columns = trainer.specs.columns["path_ahead"]
+    networks = trainer.learner.agent.loss.actor_network_params
+    matrices = [(k, v) for k, v in networks.items(True, True) if v.ndim > 1]
+    assert all(v.abs().sum() > 0 for k, v in matrices if "encoder" in k)
+    first = next(v for k, v in matrices if "encoder" not in k)
+    assert (first[..., columns] == 0).all()
+    assert first.abs().sum() > 0
+
+
+def test_updates_wait_for_steps_that_wait_for_their_returns(tmp_path):
+    """At step 64 each of the two scenes has nine steps that are not in the buffer yet."""
+    trainer = Trainer(replace(SMOKE, replay=replace(SMOKE.replay, n_steps=10)), tmp_path / "run")
+    trainer.run()
+    assert 0 < trainer.learner.updates < 10  # of the ten that there are with returns of one step

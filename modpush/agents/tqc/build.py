@@ -15,7 +15,7 @@ from torchrl.objectives import LossModule, SoftUpdate
 from modpush._arguments import checked_arguments
 from modpush._experimental import warn_experimental
 from modpush.agents.tqc.config import TQCConfig
-from modpush.agents.tqc.encoder import make_encoder
+from modpush.agents.tqc.encoder import make_trained_encoder
 from modpush.agents.tqc.factories import (
     ACTORS,
     CRITICS,
@@ -146,7 +146,7 @@ def make_tqc_from_specs(
         action=action_spec.to(config.device),
         observation_key=observation_key,
         action_key=action_key,
-        encoder=None if encoder is None else make_encoder(encoder).to(config.device),
+        encoder=None if encoder is None else make_trained_encoder(encoder).to(config.device),
         image_key=config.image_key,
     )
     policy = make_actor(config, specs)

@@ -18,7 +18,13 @@ from modpush._keys import read_key
 from modpush.agents.tqc.loss import TQCLoss
 from modpush.parts import find_part
 
-__all__ = ["LATENT_KEY", "EncodedNetwork", "EncoderTQCLoss", "encode_images", "make_encoder"]
+__all__ = [
+    "LATENT_KEY",
+    "EncodedNetwork",
+    "EncoderTQCLoss",
+    "encode_images",
+    "make_trained_encoder",
+]
 
 LATENT_KEY = "image_latent"
 """Key under which critics read the latent that `EncoderTQCLoss` writes."""
@@ -51,15 +57,16 @@ def encode_images(encoder: nn.Module, images: Tensor) -> Tensor:
     return latent.reshape(*images.shape[:-3], latent.shape[-1])
 
 
-def make_encoder(encoder: str | nn.Module | Callable[[], nn.Module]) -> nn.Module:
+def make_trained_encoder(encoder: str | nn.Module | Callable[[], nn.Module]) -> nn.Module:
     """The encoder that a text, a class or function that makes one, or a module stands for.
 
     Raises:
         ValueError: If the text names nothing that can be imported.
         TypeError: If the result is not a module with an int `latent_dim`.
     """
-    found = find_part("make_tqc: encoder", encoder, {})
-    module = found if isinstance(found, nn.Module) else found()
+    module = find_part("make_tqc: encoder", encoder, {})
+    if callable(module) and not isinstance(module, nn.Module):
+        module = module()
     if not isinstance(module, nn.Module) or not isinstance(
         getattr(module, "latent_dim", None), int
     ):

@@ -19,11 +19,15 @@ def make_generators(seed: int | Sequence[int] | None, count: int) -> list[np.ran
         count: Number of scenes.
 
     Raises:
-        ValueError: If there are neither one seed nor as many as scenes.
+        ValueError: If there are neither one seed nor as many as scenes, or one is no whole number >= 0.
     """
     if seed is None:
         return [np.random.default_rng(s) for s in np.random.SeedSequence().spawn(count)]
     seeds = [seed] if isinstance(seed, int | np.integer) else list(seed)
+    for one in seeds:
+        check_value(
+            "PushEnv.set_seed", "seed", one.item() if isinstance(one, np.generic) else one, Seed
+        )
     if len(seeds) == 1:
         seeds = [seeds[0] + i for i in range(count)]
     if len(seeds) != count:

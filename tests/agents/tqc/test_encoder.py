@@ -10,7 +10,7 @@ from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs import ExplorationType, set_exploration_type
 
 from modpush.agents import TQCConfig, encode_images, make_tqc_from_specs
-from modpush.agents.tqc.encoder import make_encoder
+from modpush.agents.tqc.encoder import make_trained_encoder
 from modpush.encoders.networks.conv_encoder import ConvEncoder
 from modpush.replay import ReplayConfig, make_replay_buffer
 
@@ -225,7 +225,7 @@ def test_an_encoder_object_stands_in_for_the_config_s():
 )
 def test_what_is_no_encoder_is_refused(encoder, error, message):
     with pytest.raises(error, match=message):
-        make_encoder(encoder)
+        make_trained_encoder(encoder)
 
 
 def test_images_of_other_kinds_are_refused():
