@@ -1,7 +1,7 @@
 """The whole training loop and its parts: where the time of a scene-step and of an update goes.
 
     python benchmarks/bench_training.py
-    python benchmarks/bench_training.py --preset cpu --seconds 20 --encoder rays
+    python benchmarks/bench_training.py --preset cpu --seconds 20 --encoder rays --agent None
 
 One table: each part alone, their sum beside the loop that joins them, acting alone, learning alone,
 both in two processes on two cores and taking turns on one; memory with a full buffer; depth to action.
@@ -32,7 +32,7 @@ from torchrl.envs import Compose, ExplorationType, set_exploration_type
 from torchrl.envs.utils import step_mdp
 
 from modpush.agents import make_tqc
-from modpush.recipes import make_push_env
+from modpush.recipes import load_agent, make_push_env
 from modpush.replay import MirrorTransitions, extend_rollout, make_replay_buffer
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
 from modpush.training.worker import SceneWorker, StartMethod
@@ -46,6 +46,9 @@ class BenchConfig:
     """Training preset."""
     encoder: str | None = None
     """Instead of the preset's."""
+    agent: str | None = "small_cube"
+    """Whose weights act at first, so that episodes end as often as in a run that has learned to push;
+    None for untrained ones, as other presets and encoders need."""
     seconds: float = 15.0
     """Of each loop."""
 
@@ -56,7 +59,7 @@ def config_of(bench: BenchConfig, **changes: Any) -> TrainConfig:
         config = replace(config, env=replace(config.env, encoder=bench.encoder))
     # The last stage from the start: the scenes that most of a run is spent in.
     curriculum = replace(config.curriculum, promotion="off")
-    return replace(config, curriculum=curriculum, progress=False, **changes)
+    return replace(config, curriculum=curriculum, init_from=bench.agent, progress=False, **changes)
 
 
 def median_ms(function: Callable[[], Any], rounds: int = 60) -> float:
@@ -99,39 +102,38 @@ def acting(config: TrainConfig) -> list[tuple[str, float]]:
     """Milliseconds a scene-step: each part, their sum, and all of them at work."""
     worker = SceneWorker(config)
     worker.restart(0)
-    weights = {k: v.numpy() for k, v in worker.actor.state_dict().items()}
-    worker.collect(10, weights)
+    actor = worker.actor if config.init_from is None else load_agent(config.init_from).actor
+    weights = {k: v.numpy() for k, v in actor.state_dict().items()}
+    for _ in range(30):  # until the scenes are at different times of their episodes
+        worker.collect(8, weights)
     scenes = config.env.num_envs
     steps = config.rollout_length
-    loop = median_ms(lambda: worker.collect(steps, weights), 25) / steps / scenes
+    loop = median_ms(lambda: worker.collect(steps, weights), 100) / steps / scenes
     # The parts, on the very states that the loop is in.
     env, td = worker.env, worker._td
     assert td is not None
     policy = median_ms(lambda: worker._act(td.clone(False))) / scenes
     with timed(env) as spent:
-        for _ in range(40):
-            td = worker._act(td)
-            td, following = env.step_and_maybe_reset(td)
+        for _ in range(100):
+            td, following = env.step_and_maybe_reset(worker._act(td))
             td = following
     rows = [(name, 1e3 * statistics.median(times) / scenes) for name, times in spent.items()]
     rows = [(name, ms) for name, ms in rows if ms > 0.0005]
-    rows += [("policy with exploration", policy), ("resets", resetting(env, td) / scenes)]
+    rows += [("policy with exploration", policy), ("resets", resetting(worker, td) / scenes)]
     total = sum(ms for _, ms in rows)
     worker.close()
     return [*rows, ("sum of the parts", total), ("acting, all together", loop)]
 
 
-def resetting(env: Any, td: Any, steps: int = 300) -> float:
-    """Milliseconds a step of all scenes that go into resets: one reset's time by how often.
-
-    Random actions end few episodes early, as the untrained policy does that `acting` runs.
-    """
+def resetting(worker: SceneWorker, td: Any, steps: int = 300) -> float:
+    """Milliseconds a step of all scenes that go into resets: one reset's time by how often."""
+    env = worker.env
     mask = torch.zeros(env.batch_size[0], 1, dtype=torch.bool)
     mask[0] = True
     one = median_ms(lambda: env.reset(td.copy().set("_reset", mask.clone())), 30)
     resets = 0
     for _ in range(steps):
-        td, following = env.step_and_maybe_reset(env.rand_action(td))
+        td, following = env.step_and_maybe_reset(worker._act(td))
         resets += int(td["next", "done"].any())
         td = following
     return one * resets / steps
