@@ -276,6 +276,8 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=numba.config.NUMBA_NUM_THREADS)
     parser.add_argument("--cpu-time", action="store_true", help="do not count other programs")
     arguments = parser.parse_args()
+    if arguments.queries < 8:
+        parser.error(f"--queries must be >= 8, one batch, got {arguments.queries}.")
     if arguments.cpu_time:
         global clock
         clock = time.thread_time

@@ -9,12 +9,12 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 SMALL = {  # arguments, and a row that the table must have
-    "bench_encoders.py": (["--training-rounds", "0"], "| VAE"),
+    "bench_encoders.py": (["--training-rounds", "0"], "| egocentric_window, 8 scenes |"),
     "bench_env.py": (["--quick"], "PushEnv(8).step"),
-    "bench_learner.py": (["--rounds", "2", "--no-replay"], "sb3-contrib"),
-    "bench_planners.py": (["--queries", "5"], "Lazy Theta*"),
-    "bench_play.py": ([], "| "),
-    "bench_scale.py": (["--steps", "6000", "--collectors", "1"], "| "),
+    "bench_learner.py": (["--rounds", "2", "--no-replay"], "| sb3 / ours |"),
+    "bench_planners.py": (["--queries", "16"], "LazyThetaStar.plan, 8 scenes"),
+    "bench_play.py": ([], "| agent + corridor | all |"),
+    "bench_scale.py": (["--steps", "6000", "--collectors", "1"], "success"),
     "bench_training.py": (["--seconds", "1"], "| taking turns |"),
 }
 
