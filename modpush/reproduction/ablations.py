@@ -17,6 +17,7 @@ from modpush.sweeps.figure import draw_sweep
 __all__ = ["ablation_table", "write_ablations", "write_further"]
 
 _REACHED = 0.9  # success rate whose first step is given
+_TESTED = 3  # seeds from which on there is a test: two that happen to differ alike would give p = 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +63,8 @@ def ablation_table(trials: pd.DataFrame, curves: pd.DataFrame) -> pd.DataFrame:
         evaluation, mean over the seeds; `lowest` and `highest` success; `area`, the mean success of all
         evaluations; `steps_to_0.9`, the mean over the seeds of the steps after which the success rate
         first was 0.9 (NaN if it was not with every seed); and against the first variant with the same
-        seeds `difference` in success, `p` and `effect_size` of the paired t-test.
+        seeds `difference` in success, `p` and `effect_size` of the paired t-test (NaN with fewer than
+        three seeds).
 
     Raises:
         ValueError: If no trial of the first variant has finished.
@@ -100,6 +102,8 @@ def _against(own: pd.Series, reference: pd.Series | None) -> dict[str, float]:
     if reference is None or len(common) == 0:
         return {"difference": math.nan, "p": math.nan, "effect_size": math.nan}
     test = paired_t_test(own[common], reference[common])
+    if test.count < _TESTED:
+        return {"difference": test.difference, "p": math.nan, "effect_size": math.nan}
     return {"difference": test.difference, "p": test.p, "effect_size": test.effect_size}
 
 
@@ -195,7 +199,7 @@ _TEXT = """# {title}
 {sources}
 {about} Figures are of the last evaluation, means over the seeds, success with its lowest and highest
 seed; `area` is the mean success of all evaluations. Differences are from `{baseline}` with the same
-seeds, by paired t-tests: with few seeds only large ones can be told from chance. {missing}
+seeds; from three on with a paired t-test, which tells only large ones from chance. {missing}
 
 {table}
 ![learning curves: the mean over the seeds and their range]({part}.png)

@@ -152,6 +152,7 @@ def test_ablations_are_compared_with_the_first_variant() -> None:
     expected = stats.ttest_rel(final["uniform"], final["base"]).pvalue
     assert table["p"]["uniform"] == pytest.approx(expected)
     assert table["difference"]["off"] == pytest.approx(-0.81)  # of the two seeds that are finished
+    assert np.isnan(table[["p", "effect_size"]].loc["off"]).all()  # two seeds tell nothing
     assert np.isnan(table["difference"]["base"])
     with pytest.raises(ValueError, match="no trial of 'base', the first variant, is finished"):
         ablation_table(trials.assign(state="failed"), curves)
