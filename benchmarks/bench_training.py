@@ -4,9 +4,10 @@
     python benchmarks/bench_training.py --preset cpu --seconds 20 --encoder rays --agent None
 
 One table: each part alone, their sum beside the loop that joins them, acting alone, learning alone,
-both in two processes on two cores and taking turns on one; memory with a full buffer; depth to action.
-Everything on one thread a process. Memory comes first, in a process that has done nothing else, and
-is what Linux calls proportional set size: pages that both processes share are counted once.
+both in two processes on two cores and taking turns on one, each with the seconds of an evaluation on
+the held-out episodes; memory with a full buffer; depth to action. Everything on one thread a process.
+Memory comes first, in a process that has done nothing else, and is what Linux calls proportional set
+size: pages that both processes share are counted once.
 """
 
 import os
@@ -35,6 +36,7 @@ from modpush.agents import make_tqc
 from modpush.recipes import load_agent, make_push_env
 from modpush.replay import MirrorTransitions, extend_rollout, make_replay_buffer
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
+from modpush.training.learner import weights_of
 from modpush.training.worker import SceneWorker, StartMethod
 
 
@@ -193,14 +195,24 @@ def running(
             trainer.close()
 
 
-def speed(config: TrainConfig, seconds: float) -> tuple[float, float]:
-    """Scene-steps/s and updates/s of a run."""
+def evaluate(trainer: Trainer) -> None:
+    """Run the held-out episodes, as a run does now and then."""
+    trainer.held_out_rows(weights_of(trainer.learner.averaged_actor))
+
+
+def speed(config: TrainConfig, seconds: float) -> tuple[float, float, float]:
+    """Scene-steps/s and updates/s of a run, and seconds of an evaluation."""
     with running(config) as (trainer, once):
         began, steps, updates = time.perf_counter(), trainer.steps, trainer.learner.updates
         while time.perf_counter() - began < seconds:
             once()
         spent = time.perf_counter() - began
-        return (trainer.steps - steps) / spent, (trainer.learner.updates - updates) / spent
+        speeds = (trainer.steps - steps) / spent, (trainer.learner.updates - updates) / spent
+        trainer.worker.discard()
+        evaluate(trainer)  # the first one makes its environments
+        began = time.perf_counter()
+        evaluate(trainer)
+        return *speeds, time.perf_counter() - began
 
 
 def memory(config: TrainConfig) -> list[tuple[str, float]]:
@@ -208,7 +220,7 @@ def memory(config: TrainConfig) -> list[tuple[str, float]]:
     with running(config, "fork" if sys.platform == "linux" else "spawn") as (trainer, once):
         once()
         trainer.worker.discard()
-        trainer.worker.call(SceneWorker.evaluate, trainer.learner.actor_weights())
+        evaluate(trainer)
         nearly_empty = proportional_set_size()
         width, scenes = trainer.learner.observation_dim, config.env.num_envs
         observations = torch.randn(scenes, width)
@@ -294,12 +306,14 @@ def main(bench: BenchConfig) -> None:
         print(f"| {name}, {config.tqc.hidden_sizes}, batch {config.tqc.batch_size} | {ms:.2f} |")
     acted = dict(rows)["acting, all together"]
     update = dict(learned)["sample and update"]
-    print("\n| the loop | scene-steps/s | updates/s | busy with its parts |\n|---|---|---|---|")
+    print("\n| the loop | scene-steps/s | updates/s | busy with its parts | evaluation [s] |")
+    print("|---|---|---|---|---|")
     for name, apart in (("in two processes", True), ("taking turns", False)):
-        steps, updates = speed(replace(config, async_collection=apart), bench.seconds)
+        settings = replace(config, async_collection=apart)
+        steps, updates, evaluation = speed(settings, bench.seconds)
         act, learn = steps * acted / 1e3, updates * update / 1e3
         busy = max(act, learn) if apart else act + learn
-        print(f"| {name} | {steps:.0f} | {updates:.0f} | {busy:.0%} |")
+        print(f"| {name} | {steps:.0f} | {updates:.0f} | {busy:.0%} | {evaluation:.1f} |")
     print(f"\n| memory ({config.replay.capacity:,} transitions at most) and latency | |\n|---|---|")
     for name, size in used:
         print(f"| {name} | {size:.0f} MB |")

@@ -1,19 +1,24 @@
 """The episodes that a run is evaluated on while it trains, and how its policies are compared there."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import torch
+from torchrl.envs import EnvBase
 
 from modpush._arguments import checked_arguments
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
+from modpush.evaluation.episodes import Policy, run_episodes
 from modpush.training.config import TrainConfig
+from modpush.training.parts import env_parts
 
-__all__ = ["held_out_scenarios", "held_out_score"]
+__all__ = ["HeldOutEpisodes", "held_out_scenarios", "held_out_score"]
 
 _HELD_OUT_SEED = 20_221_023  # no training run and no evaluation set draws with it
+_ENVS = 8
 
 
 @checked_arguments
@@ -45,6 +50,63 @@ def held_out_scenarios(
         )
         for n in range(config.evaluation_episodes)
     ]
+
+
+class HeldOutEpisodes:
+    """Runs held-out episodes in an environment of its own, which the first call makes.
+
+    Args:
+        config: The run's configuration.
+        parts: Parts given as objects, see `Trainer`.
+        make_env: Makes the environment, see `Trainer`.
+    """
+
+    def __init__(
+        self,
+        config: TrainConfig,
+        parts: Mapping[str, Any] | None,
+        make_env: Callable[..., EnvBase],
+    ) -> None:
+        self._config, self._make_env, self._parts = config, make_env, env_parts(config, parts)
+        self._env: EnvBase | None = None
+        self._scenarios = held_out_scenarios(
+            config,
+            scene=self._parts.get("scene"),
+            pushed_object=self._parts.get("pushed_object"),
+        )
+
+    def run(self, policy: Policy, numbers: Iterable[int] | None = None) -> list[dict[str, Any]]:
+        """Run episodes greedily. Torch's random state is afterwards what it was before.
+
+        Args:
+            policy: Acts on what the environment emits.
+            numbers: Which of the episodes; all of them by default.
+
+        Returns:
+            Number, scene and metrics of each, by number.
+        """
+        if self._env is None:
+            few = min(self._config.env.num_envs, _ENVS)  # each takes memory
+            env_config = replace(self._config.env, recovery=False, num_envs=few)
+            self._env = self._make_env(env_config, **self._parts)
+        chosen = range(len(self._scenarios)) if numbers is None else numbers
+        with torch.random.fork_rng(devices=[]):
+            episodes = run_episodes(
+                self._env,
+                policy,
+                ((number, self._scenarios[number]) for number in chosen),
+                inflation=self._config.env.path_inflation,
+            )
+            rows = [
+                {"episode": e.number, "scene": e.scenario.scene, **e.metrics.to_dict()}
+                for e in episodes
+            ]
+        return sorted(rows, key=lambda row: row["episode"])
+
+    def close(self) -> None:
+        """Free the simulator."""
+        if self._env is not None and not self._env.is_closed:
+            self._env.close()
 
 
 def held_out_score(evaluation: Mapping[str, float]) -> float:

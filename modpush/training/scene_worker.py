@@ -1,7 +1,7 @@
 """The side of training that acts: scenes, exploration, curriculum and evaluation."""
 
 import copy
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +13,6 @@ from torch import Tensor
 from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
 
 from modpush.agents.tqc.build import make_tqc
-from modpush.evaluation.episodes import run_episodes
 from modpush.mdp.curriculum import Curriculum
 from modpush.mdp.push_observation import PushObservation
 from modpush.recipes.config import END_TO_END
@@ -21,7 +20,7 @@ from modpush.recipes.fingerprint import environment_fingerprint
 from modpush.recipes.make_env import make_push_env
 from modpush.training.config import TrainConfig
 from modpush.training.first_actions import FirstActions
-from modpush.training.held_out import held_out_scenarios
+from modpush.training.held_out import HeldOutEpisodes
 from modpush.training.parts import env_parts, learner_parts
 from modpush.training.rollout import Rollout, WorkerSpecs
 
@@ -33,7 +32,6 @@ EnvFactory = Callable[..., EnvBase]
 keys of `PushEnv`."""
 
 _FLAGS = ("done", "terminated")
-_EVALUATION_ENVS = 8
 
 
 class SceneWorker:
@@ -55,19 +53,17 @@ class SceneWorker:
         make_curriculum: Callable[..., Curriculum] = Curriculum,
     ) -> None:
         self.config = config
-        self._make_env, self._env_parts = make_env, env_parts(config, parts)
         self._first_policy = FirstActions(config.env) if config.warm_up else None
         self.curriculum = make_curriculum(config.curriculum, warm_up=config.warm_up)
-        self._env_config = replace(config.env, recovery=False)
         num_envs = config.env.num_envs
         self.greedy_envs = list(range(num_envs - config.greedy_envs, num_envs))
         self.env = make_env(
-            self._env_config,
+            replace(config.env, recovery=False),
             curriculum=self.curriculum,
             evaluated_envs=self.greedy_envs or None,
             seed=config.seed,
             **({"mirrored": True} if config.mirror else {}),
-            **self._env_parts,
+            **env_parts(config, parts),
         )
         agent = make_tqc(
             replace(config.tqc, device="cpu", execution="eager"),
@@ -75,12 +71,7 @@ class SceneWorker:
             **learner_parts(config, parts),
         )
         self.actor, self.explore = agent.actor, agent.exploration_policy
-        self._evaluation_env: EnvBase | None = None
-        self._scenarios = held_out_scenarios(
-            config,
-            scene=self._env_parts.get("scene"),
-            pushed_object=self._env_parts.get("pushed_object"),
-        )
+        self._held_out = HeldOutEpisodes(config, parts, make_env)
         observed = (
             "observation",
             *([config.tqc.image_key] if config.env.encoder == END_TO_END else []),
@@ -219,25 +210,20 @@ class SceneWorker:
             self._sums[i] = 0.0
         return ended
 
-    def evaluate(self, weights: dict[str, NDArray]) -> list[dict[str, Any]]:
-        """Run the held-out episodes greedily; returns a row of metrics for each, by number."""
+    def evaluate(
+        self, weights: dict[str, NDArray], numbers: Iterable[int] | None = None
+    ) -> list[dict[str, Any]]:
+        """Run held-out episodes greedily.
+
+        Args:
+            weights: The actor's weights.
+            numbers: Which of the episodes; all of them by default.
+
+        Returns:
+            A row of metrics for each, by number.
+        """
         self.load_policy(weights)
-        if self._evaluation_env is None:
-            few = min(self.config.env.num_envs, _EVALUATION_ENVS)  # each takes memory
-            self._evaluation_env = self._make_env(
-                replace(self._env_config, num_envs=few), **self._env_parts
-            )
-        episodes = run_episodes(
-            self._evaluation_env,
-            self.actor,
-            enumerate(self._scenarios),
-            inflation=self.config.env.path_inflation,
-        )
-        rows = [
-            {"episode": e.number, "scene": e.scenario.scene, **e.metrics.to_dict()}
-            for e in episodes
-        ]
-        return sorted(rows, key=lambda row: row["episode"])
+        return self._held_out.run(self.actor, numbers)
 
     def get_state(self) -> dict[str, Any]:
         """The curriculum's state."""
@@ -249,6 +235,6 @@ class SceneWorker:
 
     def close(self) -> None:
         """Free the simulators."""
-        for env in (self.env, self._evaluation_env):
-            if env is not None and not env.is_closed:
-                env.close()
+        self._held_out.close()
+        if not self.env.is_closed:
+            self.env.close()

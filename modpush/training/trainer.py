@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from modpush._arguments import checked_arguments
@@ -18,7 +19,7 @@ from modpush._validation import check_value
 from modpush.recipes.make_env import make_push_env
 from modpush.training.config import TrainConfig
 from modpush.training.disk import DiskGuard
-from modpush.training.held_out import held_out_score
+from modpush.training.held_out import HeldOutEpisodes, held_out_score
 from modpush.training.learner import Learner, weights_of
 from modpush.training.log import RunLog
 from modpush.training.parts import check_parts, check_picklable
@@ -55,7 +56,8 @@ class Trainer:
         parts: Parts of your own given as objects, instead of those that the config names:
             those of `make_push_env` (`ENV_PARTS`), `loss`, `actor`, `critic` (see `make_tqc`),
             `sampler`, `similarity` (see `make_replay_buffer`). What is resumed needs the same parts.
-        make_env: Makes the environment, `make_push_env` or a function of yours with its arguments.
+        make_env: Makes the environment, `make_push_env` or a function of yours with its arguments. With
+            `async_collection` both processes call it: the learner's runs half of the held-out episodes.
         start_method: How the worker's process begins, see `ProcessWorker`.
 
     Raises:
@@ -103,9 +105,18 @@ class Trainer:
         clean_leftovers(self.folder.path)
         clean_leftovers(self.folder.checkpoints.folder)
         self.worker = self._make_worker(start_method)
+        self.held_out: HeldOutEpisodes | None = None
+        """Runs this process's share of the held-out episodes, where it has one."""
         try:
             self.specs = self.worker.call(SceneWorker.specs)
             self._begin_learner(resume)
+            config = self.config
+            if (
+                config.async_collection
+                and config.collector == "local"
+                and config.tqc.device == "cpu"
+            ):
+                self.held_out = HeldOutEpisodes(config, self.parts, self.make_env)
         except BaseException:
             self.worker.close()
             raise
@@ -262,6 +273,8 @@ class Trainer:
     def close(self) -> None:
         """End the worker and the logs, and let others write to the folder."""
         self.worker.close()
+        if self.held_out is not None:
+            self.held_out.close()
         self.log.close()
         self.lock.release()
 
@@ -342,10 +355,19 @@ class Trainer:
 
     def _evaluate(self) -> None:
         weights = weights_of(self.learner.averaged_actor)
-        rows = pd.DataFrame(self.worker.call(SceneWorker.evaluate, weights))
+        rows = pd.DataFrame(self.held_out_rows(weights))
         summary = self.log.write_evaluation(self.steps, self.learner.updates, self.minutes(), rows)
         with self.guard(self.folder.last_agent.name):
             save_trained_agent(self, self.folder.last_agent, summary)
         if self.best_evaluation() is self.log.evaluations[-1]:
             with self.guard(self.folder.best_agent.name):
                 save_trained_agent(self, self.folder.best_agent, summary)
+
+    def held_out_rows(self, weights: dict[str, NDArray]) -> list[dict[str, Any]]:
+        """Run the held-out episodes: half of them here, if this process would only wait for them."""
+        if self.held_out is None:
+            return self.worker.call(SceneWorker.evaluate, weights)
+        count = self.config.evaluation_episodes
+        theirs = self.worker.submit(SceneWorker.evaluate, weights, range(count // 2))
+        ours = self.held_out.run(self.learner.averaged_actor, range(count // 2, count))
+        return [*theirs.result(), *ours]

@@ -6,9 +6,9 @@ import pandas as pd
 import pytest
 import torch
 
-from modpush.recipes import load_agent
+from modpush.recipes import load_agent, make_push_env
 from modpush.training import Trainer
-from modpush.training.held_out import held_out_scenarios, held_out_score
+from modpush.training.held_out import HeldOutEpisodes, held_out_scenarios, held_out_score
 from tests.training.conftest import SMOKE
 
 EARLY = {"success": 1.0, "spl": 0.901, "contact_rate": 0.960, "collision_rate": 0.024}
@@ -20,6 +20,41 @@ def test_an_episode_more_does_not_outweigh_contact_and_collisions():
     assert held_out_score(EARLY | {"success": 0.9}) < held_out_score(EARLY)
     assert held_out_score({"success": 1, "spl": 1, "contact_rate": 1, "collision_rate": 0}) == 3
     assert held_out_score({"success": 0, "spl": 0, "contact_rate": 0, "collision_rate": 1}) == -1
+
+
+def test_halves_have_the_rows_of_the_whole_and_draw_nothing(tmp_path):
+    """Another batch, other scenes beside each episode, and an environment that has run before."""
+    config = replace(SMOKE, evaluation_episodes=7)
+    trainer = Trainer(replace(SMOKE, total_steps=96), tmp_path / "run")
+    actor = trainer.learner.averaged_actor
+    episodes = HeldOutEpisodes(config, None, make_push_env)
+    state = torch.get_rng_state()
+    whole = episodes.run(actor)
+    halves = [*episodes.run(actor, range(3)), *episodes.run(actor, range(3, 7))]
+    assert torch.equal(torch.get_rng_state(), state)
+    episodes.close()
+    trainer.close()
+    assert [row["episode"] for row in whole] == list(range(7))
+    assert len({row["path_length"] for row in whole}) == 7
+    pd.testing.assert_frame_equal(pd.DataFrame(whole), pd.DataFrame(halves), check_exact=True)
+
+
+def test_both_processes_run_held_out_episodes_where_there_are_two(tmp_path, monkeypatch):
+    trainer = Trainer(replace(SMOKE, async_collection=True), tmp_path / "run")
+    shares = []
+    submit, run = trainer.worker.submit, trainer.held_out.run
+    monkeypatch.setattr(
+        trainer.worker, "submit", lambda *args: shares.append(args[-1]) or submit(*args)
+    )
+    monkeypatch.setattr(
+        trainer.held_out, "run", lambda *args: shares.append(args[-1]) or run(*args)
+    )
+    trainer._evaluate()
+    trainer.close()
+    assert shares == [range(2), range(2, 4)]
+    rows = pd.read_csv(trainer.folder.evaluations)
+    assert len(rows) == 1
+    assert not rows[["success/free", "success/posts"]].isna().any(axis=None)
 
 
 def held_out_rows(trainer, evaluation):
