@@ -64,8 +64,8 @@ def config_of(bench: BenchConfig, **changes: Any) -> TrainConfig:
     return replace(config, curriculum=curriculum, init_from=bench.agent, progress=False, **changes)
 
 
-def median_ms(function: Callable[[], Any], rounds: int = 60) -> float:
-    for _ in range(5):
+def median_ms(function: Callable[[], Any], rounds: int = 60, first: int = 5) -> float:
+    for _ in range(first):
         function()
     times = []
     for _ in range(rounds):
@@ -200,19 +200,24 @@ def evaluate(trainer: Trainer) -> None:
     trainer.held_out_rows(weights_of(trainer.learner.averaged_actor))
 
 
-def speed(config: TrainConfig, seconds: float) -> tuple[float, float, float]:
-    """Scene-steps/s and updates/s of a run, and seconds of an evaluation."""
+def speed(config: TrainConfig, seconds: float) -> tuple[float, float]:
+    """Scene-steps/s and updates/s of a run."""
     with running(config) as (trainer, once):
         began, steps, updates = time.perf_counter(), trainer.steps, trainer.learner.updates
         while time.perf_counter() - began < seconds:
             once()
         spent = time.perf_counter() - began
-        speeds = (trainer.steps - steps) / spent, (trainer.learner.updates - updates) / spent
-        trainer.worker.discard()
-        evaluate(trainer)  # the first one makes its environments
-        began = time.perf_counter()
-        evaluate(trainer)
-        return *speeds, time.perf_counter() - began
+        return (trainer.steps - steps) / spent, (trainer.learner.updates - updates) / spent
+
+
+def evaluation(config: TrainConfig) -> float:
+    """Seconds of an evaluation with the first weights."""
+    with tempfile.TemporaryDirectory() as folder:
+        trainer = Trainer(config, Path(folder) / "run")
+        evaluate(trainer)  # makes the environments
+        ms = median_ms(lambda: evaluate(trainer), rounds=3, first=0)
+        trainer.close()
+    return ms / 1e3
 
 
 def memory(config: TrainConfig) -> list[tuple[str, float]]:
@@ -310,10 +315,10 @@ def main(bench: BenchConfig) -> None:
     print("|---|---|---|---|---|")
     for name, apart in (("in two processes", True), ("taking turns", False)):
         settings = replace(config, async_collection=apart)
-        steps, updates, evaluation = speed(settings, bench.seconds)
+        steps, updates = speed(settings, bench.seconds)
         act, learn = steps * acted / 1e3, updates * update / 1e3
         busy = max(act, learn) if apart else act + learn
-        print(f"| {name} | {steps:.0f} | {updates:.0f} | {busy:.0%} | {evaluation:.1f} |")
+        print(f"| {name} | {steps:.0f} | {updates:.0f} | {busy:.0%} | {evaluation(settings):.1f} |")
     print(f"\n| memory ({config.replay.capacity:,} transitions at most) and latency | |\n|---|---|")
     for name, size in used:
         print(f"| {name} | {size:.0f} MB |")
