@@ -11,7 +11,7 @@ from typing import Any
 
 from modpush._checks import check_texts
 
-__all__ = ["check_allowed", "find_part", "part_module", "part_name"]
+__all__ = ["check_allowed", "find_part", "modules_named", "part_module", "part_name"]
 
 
 def find_part(who: str, part: Any, known: Mapping[str, Any]) -> Any:
@@ -80,6 +80,16 @@ def part_module(part: Any) -> str | None:
     if not isinstance(part, str) or ":" not in part:
         return None
     return part.partition(":")[0]
+
+
+def modules_named(data: Any) -> set[str]:
+    """The modules of all `"module:name"` in a config as plain data: keys and values, however deep."""
+    if isinstance(data, Mapping):
+        data = [*data, *data.values()]
+    if isinstance(data, (list, tuple)):
+        return set().union(*map(modules_named, data))
+    module = part_module(data)
+    return set() if module is None else {module}
 
 
 def check_allowed(who: str, modules: Iterable[str], allow: Collection[str]) -> None:

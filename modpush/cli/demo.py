@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from torchrl.envs import EnvBase
 from tqdm import tqdm
 
-from modpush._types import AtLeastOne, Count, FilePath, Fraction, Name, Seed
+from modpush._types import AtLeastOne, Count, FilePath, Fraction, Name, Seed, Several
 from modpush._validation import checked
 from modpush.envs import (
     SCENES,
@@ -46,7 +46,7 @@ from modpush.evaluation.pictures import (
     write_video,
 )
 from modpush.evaluation.tables import format_table
-from modpush.recipes.methods import Method, get_method
+from modpush.recipes.methods import Method, get_methods
 
 __all__ = ["DemoConfig", "main", "show_demo"]
 
@@ -76,6 +76,8 @@ class DemoConfig:
     """Seed of the episodes."""
     out: FilePath = Path("runs/demo")
     """Folder to write to."""
+    allow: Several[Name] = ()
+    """Modules that an agent's file may import parts of its author's own from."""
     rendered: bool = True
     """Have SAPIEN render the first policy's video where there is a Vulkan device."""
 
@@ -86,7 +88,7 @@ def show_demo(config: DemoConfig) -> str:
     Returns:
         The table in Markdown.
     """
-    methods = [get_method(policy) for policy in config.policy]
+    methods = get_methods(config.policy, allow=config.allow)
     rendered = config.rendered and find_render_device() is not None
     print("The first run on a machine compiles for about a minute before the arm moves.")
     scenarios = _draw_scenarios(config)

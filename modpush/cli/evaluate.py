@@ -13,6 +13,7 @@ several policies `runs/evaluate/comparison/<set>.md` has metrics over the episod
 and paired t-tests. An interrupted run goes on where it stopped; `--fresh` starts over.
 """
 
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
@@ -27,7 +28,7 @@ from modpush.envs.robot.ur5_2f85 import ToolName
 from modpush.evaluation.report import comparison_report, draw_results, write_tables
 from modpush.evaluation.runner import EvaluationConfig, evaluate
 from modpush.evaluation.sets import EVALUATION_SETS, EvaluationSet, load_set
-from modpush.recipes.methods import Method, get_method
+from modpush.recipes.methods import Method, get_methods
 
 __all__ = ["EvaluateConfig", "evaluate_policies", "main"]
 
@@ -68,8 +69,9 @@ class EvaluateConfig:
 
     @property
     def set_names(self) -> tuple[str, ...]:
-        """The sets asked for, `all` spelled out."""
-        return EVALUATION_SETS if "all" in self.sets else self.sets
+        """The sets asked for, each once, `all` spelled out."""
+        names = [EVALUATION_SETS if name == "all" else (name,) for name in self.sets]
+        return tuple(dict.fromkeys(itertools.chain.from_iterable(names)))
 
 
 def evaluate_policies(config: EvaluateConfig) -> dict[str, dict[str, pd.DataFrame]]:
@@ -77,15 +79,14 @@ def evaluate_policies(config: EvaluateConfig) -> dict[str, dict[str, pd.DataFram
 
     Returns:
         A row for each episode, by set and policy.
+
+    Raises:
+        ValueError: Before an episode is run: if a policy or a set is unknown, or two policies or two sets
+            have the same name.
     """
+    methods = get_methods(config.policy, allow=config.allow, recovery=config.recovery)
     results: dict[str, dict[str, pd.DataFrame]] = {}
-    for name in config.set_names:
-        episodes = load_set(name).first(config.episodes)
-        if config.tool is not None:
-            episodes = episodes.with_tool(config.tool)
-        methods = [
-            get_method(p, allow=config.allow, recovery=config.recovery) for p in config.policy
-        ]
+    for name, episodes in _load_sets(config).items():
         rows = {method.name: _evaluate_one(method, episodes, config) for method in methods}
         report = comparison_report(episodes.name, rows)
         path = config.out / "comparison" / f"{episodes.name}.md"
@@ -98,6 +99,23 @@ def evaluate_policies(config: EvaluateConfig) -> dict[str, dict[str, pd.DataFram
     videos = ", videos" if config.videos else ""
     print(f"Wrote to {config.out}/: tables, a row for each episode, pictures{videos}.")
     return results
+
+
+def _load_sets(config: EvaluateConfig) -> dict[str, EvaluationSet]:
+    """The chosen part of each set, by what the set was asked for as."""
+    sets: dict[str, EvaluationSet] = {}
+    for asked in config.set_names:
+        episodes = load_set(asked).first(config.episodes)
+        if config.tool is not None:
+            episodes = episodes.with_tool(config.tool)
+        for other, known in sets.items():
+            if known.name == episodes.name:
+                raise ValueError(
+                    f"set: {other!r} and {asked!r} are both called {episodes.name!r}, by which results "
+                    "are kept; expected different names."
+                )
+        sets[asked] = episodes
+    return sets
 
 
 def _evaluate_one(

@@ -30,7 +30,7 @@ from modpush.evaluation.results import describe_policy
 from modpush.files import write_text
 from modpush.recipes.fingerprint import environment_fingerprint
 from modpush.recipes.make_env import make_push_env
-from modpush.recipes.methods import Method, get_method
+from modpush.recipes.methods import Method, get_methods
 
 __all__ = ["collect_demonstrations"]
 
@@ -57,17 +57,12 @@ def collect_demonstrations(config: CollectConfig, progress: bool = True) -> Path
     Raises:
         MissingExtraError: If a package of the extra `data` is missing.
         FolderLockedError: If another process writes to the folder.
-        ValueError: If a policy is unknown, the folder holds other demonstrations, or with
-            `only_success` a policy solves too few episodes.
+        ValueError: If a policy is unknown, two have the same name, the folder holds other demonstrations,
+            or with `only_success` a policy solves too few episodes.
     """
     require_extra("collect_demonstrations", "h5py", *(["minari"] * ("minari" in config.formats)))
-    methods = [get_method(name, allow=config.allow) for name in config.policy]
+    methods = get_methods(config.policy, allow=config.allow)
     labels = [method.name for method in methods]
-    if len(set(labels)) < len(labels):
-        raise ValueError(
-            f"collect_demonstrations: policies must have different names, got {labels}; name the "
-            "files or folders differently."
-        )
     spec, spaces = _gym_spec(config)
     with FolderLock(config.out):
         env = make_push_env(config.env, keep_images=True)

@@ -11,3 +11,4 @@ from .make_env import make_push_env as make_push_env
 from .methods import METHODS as METHODS
 from .methods import Method as Method
 from .methods import get_method as get_method
+from .methods import get_methods as get_methods

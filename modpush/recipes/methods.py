@@ -19,7 +19,7 @@ from modpush.planners import DistanceField, OccupancyGrid, PlannerSubgoals
 from modpush.recipes.agent_file import BEST_AGENT, load_agent, shipped_agents
 from modpush.recipes.hub import HUB_PREFIX
 
-__all__ = ["METHODS", "Method", "get_method"]
+__all__ = ["METHODS", "Method", "get_method", "get_methods"]
 
 METHODS = {
     "agent": "the shipped agent for all objects, `any_object`",
@@ -36,7 +36,8 @@ class Method:
     """A policy, the environment that it needs, and where it writes what it plans."""
 
     name: str
-    """Name for tables, pictures and folders."""
+    """Name for tables, pictures and folders: of a run its folder's, of an agent's file that of its folder
+    and its own (`train_last_agent`)."""
     make_policy: Callable[[], TensorDictModuleBase]
     """Makes the policy."""
     make_env: Callable[..., EnvBase]
@@ -77,6 +78,35 @@ def get_method(
         return _with_recovery(method) if default else method
     name = f"{method.name}{'+recovery' if recovery else '_without_recovery'}"
     return replace(_with_recovery(method) if recovery else method, name=name)
+
+
+@checked_arguments
+def get_methods(
+    policies: Sequence[str],
+    *,
+    allow: Sequence[str] = (),
+    recovery: bool | None = None,
+) -> list[Method]:
+    """Look several policies up, whose results are to be told apart by their names.
+
+    Args:
+        policies: What `get_method` takes.
+        allow: See `get_method`.
+        recovery: See `get_method`.
+
+    Raises:
+        ValueError: As `get_method`; or if two of them have the same name.
+    """
+    methods: dict[str, tuple[str, Method]] = {}
+    for policy in policies:
+        method = get_method(policy, allow=allow, recovery=recovery)
+        if method.name in methods:
+            raise ValueError(
+                f"policy: {methods[method.name][0]!r} and {policy!r} are both called {method.name!r}, by "
+                "which results are kept; expected different names, so rename a file or folder."
+            )
+        methods[method.name] = policy, method
+    return [method for _, method in methods.values()]
 
 
 def _hand_written(policy: str) -> Method:
@@ -131,7 +161,7 @@ def _recovery_env(
 
 
 def _find_agent(policy: str) -> tuple[str, str]:
-    """Name and file of an agent."""
+    """Name and file of an agent. A run's files are called alike, so that the folder is in the name."""
     path = Path(policy)
     if policy == "agent":
         return policy, "any_object"
@@ -140,7 +170,7 @@ def _find_agent(policy: str) -> tuple[str, str]:
     if (path / BEST_AGENT).is_file():
         return path.resolve().name, policy
     if path.is_file():
-        return path.stem, policy
+        return f"{path.resolve().parent.name}_{path.stem}", policy
     if policy.startswith(HUB_PREFIX):
         return policy.removeprefix(HUB_PREFIX).replace("/", "_").replace("@", "_"), policy
     raise ValueError(

@@ -96,11 +96,16 @@ class ReproduceConfig:
             if value == getattr(default, name):
                 continue
             if name == "policy_files":
-                value = " ".join(f"{item} {Path(path).name}" for item, path in value.items())
+                value = " ".join(f"{item} {_agent_here(path)}" for item, path in value.items())
             if name == "out" and (value := _below_here(value)) is None:
                 continue
             words.append(f"--{name.replace('_', '-')} {value}")
         return " ".join(words)
+
+
+def _agent_here(path: Path) -> Path:
+    """An agent's name or file as it was given, but without a folder that only this machine has."""
+    return (_below_here(path) or Path(path.name)) if path.is_absolute() else path
 
 
 def _below_here(path: Path) -> Path | None:

@@ -11,6 +11,7 @@ from modpush.reproduction.companion import write_companion
 from modpush.reproduction.config import ReproduceConfig
 from modpush.reproduction.dynamics import write_dynamics
 from modpush.reproduction.example_pictures import write_example_pictures
+from modpush.reproduction.measure import methods_for
 from modpush.reproduction.paper_tables import PAPER_TABLES, write_paper_table
 from modpush.reproduction.runtime import write_runtime
 
@@ -33,9 +34,11 @@ def reproduce(config: ReproduceConfig) -> None:
 
     Raises:
         FileNotFoundError: If one of these is asked for by name and there is no sweep.
-        ValueError: If there is no such agent, or the rows kept are of another one.
+        ValueError: Before an episode is run, if an agent or an object of `policy_files` is unknown; later
+            if the rows kept are of another agent.
     """
     torch.set_num_threads(1)
+    _check_agents(config)
     sweeps = {"ablations": config.sweep, "further": config.further}
     with FolderLock(config.rows):
         for part in config.chosen:
@@ -49,3 +52,15 @@ def reproduce(config: ReproduceConfig) -> None:
                 _WRITERS[part](config)
             write_companion(config)
             print(f"Wrote {config.out / part}.md.")
+
+
+def _check_agents(config: ReproduceConfig) -> None:
+    """Load every agent that the chosen tables are of."""
+    objects = sorted({s.pushed_object for table in PAPER_TABLES.values() for s in table.sections})
+    if unknown := sorted(set(config.policy_files) - set(objects)):
+        raise ValueError(
+            f"ReproduceConfig: policy_files must be of objects of the tables, {objects}, got {unknown}."
+        )
+    if set(config.chosen) & set(PAPER_TABLES):
+        for pushed_object in config.policy_files or objects[:1]:
+            methods_for(config, pushed_object)

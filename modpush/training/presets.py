@@ -142,7 +142,7 @@ TRAIN_PRESETS: dict[str, tuple[str, TrainConfig]] = {
     ),
     "refine": (
         "Further training of a run of `cpu`, with higher weights for contact, collisions and detours.",
-        _refine(_cpu(), "runs/train", 10_000),
+        _refine(_cpu(), "runs/train_cpu", 10_000),
     ),
     "refine_any_object": (
         "The same for a run of `any_object`.",

@@ -8,6 +8,7 @@ from torchrl.objectives import LossModule
 from modpush._state import read_state
 from modpush._validation import from_plain
 from modpush._weights import check_weights
+from modpush.parts import modules_named
 from modpush.recipes.agent_file import load_agent, observed_symmetry, shipped_agents
 from modpush.recipes.config import PushEnvConfig
 from modpush.recipes.fingerprint import fingerprint_differences
@@ -26,7 +27,8 @@ _OF_YAW = {"object_axis", "object_symmetry"}
 def load_initial_weights(learner: Learner, config: TrainConfig, specs: WorkerSpecs) -> None:
     """Put the weights that `config.init_from` names into a learner that has learned nothing.
 
-    Of an agent these are the actor's; of a run or a checkpoint those of the critics, the targets and
+    Of an agent these are the actor's, whose file may name parts from the modules that the run's own
+    config names; of a run or a checkpoint those of the critics, the targets and
     the temperature, too. Optimizer, buffer and curriculum begin anew in either case.
 
     Args:
@@ -49,7 +51,10 @@ def load_initial_weights(learner: Learner, config: TrainConfig, specs: WorkerSpe
                 f"{who}: expected a run's folder, a checkpoint, an agent's file, or a shipped agent "
                 f"({', '.join(shipped_agents())}); there is nothing of that name."
             )
-        agent = load_agent(source)
+        # The caller has named these modules already, as those of parts of this run.
+        own = config.fixed_fields()
+        allow = modules_named([own["env"], own["tqc"], own["replay"]])
+        agent = load_agent(source, allow=sorted(allow))
         symmetry = observed_symmetry(agent.config, agent.parts.get("pushed_object"))
         _check_environment(who, agent.fingerprint, symmetry, config, specs)
         actor = learner.agent.actor

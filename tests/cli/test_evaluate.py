@@ -3,12 +3,13 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
 
 from modpush.cli import EvaluateConfig, evaluate_policies
-from modpush.evaluation.sets import EvaluationSet, load_set
+from modpush.evaluation.sets import EVALUATION_SETS, EvaluationSet, load_set
 
 
 def test_evaluate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -40,6 +41,24 @@ def test_all_stands_for_the_papers_sets() -> None:
     assert names[0] == "free/small_cube"
     assert len(names) == 8
     assert not any(name.startswith(("smoke", "tuning")) for name in names)
+
+
+def test_all_leaves_no_other_set_out() -> None:
+    names = EvaluateConfig(sets=("smoke", "all", "tuning/hard", "free/small_cube")).set_names
+    assert names == ("smoke", *EVALUATION_SETS, "tuning/hard")
+
+
+def test_policies_and_sets_are_looked_up_before_an_episode_is_run(tmp_path: Path) -> None:
+    def refused(message: str, **changes: Any) -> None:
+        with pytest.raises(ValueError, match=message):
+            evaluate_policies(EvaluateConfig(videos=False, out=tmp_path / "out", **changes))
+        assert not (tmp_path / "out").exists()
+
+    refused("nonsense", policy=("scripted",), sets=("smoke", "nonsense"))
+    refused("nobody", policy=("scripted", "nobody"))
+    file = tmp_path / "mine.json.gz"
+    load_set("smoke").first(1).save(file)
+    refused("both called 'smoke'", policy=("scripted",), sets=("smoke", str(file)))
 
 
 def test_a_set_of_ones_own_is_given_as_a_file(tmp_path: Path) -> None:

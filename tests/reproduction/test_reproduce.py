@@ -184,8 +184,12 @@ def test_parts_are_made_in_the_order_of_the_paper() -> None:
         ReproduceConfig(parts=("table4",))
     config = ReproduceConfig(first=3, policy_files={"fragment": Path("runs/f.safetensors")})
     assert config.command("obstacles") == (
-        "modpush reproduce obstacles --first 3 --policy-files fragment f.safetensors"
+        "modpush reproduce obstacles --first 3 --policy-files fragment runs/f.safetensors"
     )
+    absolute = replace(config, policy_files={"fragment": Path.cwd() / "runs" / "f.safetensors"})
+    assert absolute.command("obstacles") == config.command("obstacles")
+    distant = replace(config, policy_files={"fragment": Path("/elsewhere/f.safetensors")})
+    assert distant.command("obstacles").endswith("--policy-files fragment f.safetensors")
     assert config.command("free") == "modpush reproduce free --first 3"
     assert config.command("dynamics") == "modpush reproduce dynamics"
     swept = replace(config, sweep=Path("/elsewhere/mine"))
@@ -194,3 +198,20 @@ def test_parts_are_made_in_the_order_of_the_paper() -> None:
     assert elsewhere.command("dynamics") == "modpush reproduce dynamics"
     beside = replace(config, out=Path("docs/results/mine"))
     assert beside.command("dynamics") == "modpush reproduce dynamics --out docs/results/mine"
+
+
+def test_agents_are_looked_up_before_an_episode_is_run(tmp_path: Path) -> None:
+    def refused(message: str, **changes: Any) -> None:
+        config = ReproduceConfig(
+            parts=("free", "obstacles"), rows=tmp_path / "rows", out=tmp_path / "out", **changes
+        )
+        with pytest.raises(ValueError, match=message):
+            reproduce(config)
+        assert not list(tmp_path.rglob("episodes.csv"))
+
+    refused(
+        "policy_files must be of objects.*got .'fragmnt'",
+        policy_files={"fragmnt": Path("any_object")},
+    )
+    refused("no 'nowhere'", policy_files={"fragment": Path("nowhere")})
+    refused("no 'nowhere'", agent="nowhere")

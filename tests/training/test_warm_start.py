@@ -73,6 +73,18 @@ def test_what_cannot_be_taken_over_is_refused_before_any_work(unbroken, tmp_path
     begin(tmp_path / "run", init_from=str(unbroken), env=replace(fragment, symmetry=4))
 
 
+def test_an_agent_with_parts_of_the_runs_own_modules(tmp_path):
+    reward = replace(SMOKE.env.reward, weights={"tests.own_parts:small_actions": 0.1})
+    config = replace(SMOKE, env=replace(SMOKE.env, reward=reward), total_steps=64)
+    Trainer(config, tmp_path / "run").run()
+    file = tmp_path / "run" / "last_agent.safetensors"
+    with pytest.raises(ValueError, match="imported only if you say so"):
+        begin(tmp_path / "other", init_from=str(file))
+    agent = begin(tmp_path / "more", env=config.env, init_from=str(file))
+    saved = load_agent(file, allow=("tests.own_parts",)).actor.state_dict()
+    assert_equal(saved, agent.actor.state_dict())
+
+
 def test_from_the_command_line(unbroken, tmp_path):
     short = replace(SMOKE, total_steps=16)
     train_agent(RunConfig(train=short, out=tmp_path / "run", init_from=str(unbroken)))
