@@ -93,7 +93,7 @@ def read_sessions(folder: Path) -> list[Session]:
 
 
 def sources_text(
-    command: str, sessions: Iterable[Session], seeds: str, what: str = "episodes"
+    command: str, sessions: Iterable[Session], seeds: str, time: str | None = None
 ) -> str:
     """The lines of a page that say how to make it again.
 
@@ -101,14 +101,15 @@ def sources_text(
         command: The command.
         sessions: When its results were measured.
         seeds: What random numbers depend on.
-        what: What the sessions count.
+        time: What is said of the time; by default the sum of the sessions, for their episodes.
     """
     listed = list(sessions)
     commits = ", ".join(dict.fromkeys(item.commit for item in listed)) or commit()
     machines = "; ".join(dict.fromkeys(item.machine for item in listed)) or machine()
-    minutes = sum(item.seconds for item in listed) / 60
-    count = sum(item.count for item in listed)
+    if time is None:
+        minutes = sum(item.seconds for item in listed) / 60
+        time = f"{minutes:.1f} minutes for {sum(item.count for item in listed)} episodes"
     return (
         f"| command | `{command}` |\n|---|---|\n| commit | {commits} |\n| seed | {seeds} |\n"
-        f"| machine | {machines} |\n| time | {minutes:.1f} minutes for {count} {what} |\n"
+        f"| machine | {machines} |\n| time | {time} |\n"
     )

@@ -152,7 +152,7 @@ def _write_sweep(page: _SweepPage, folder: Path, config: ReproduceConfig) -> Non
     )
     text = _TEXT.format(
         title=page.title,
-        sources=sources_text(command, read_sessions(folder), seeds, "training runs"),
+        sources=sources_text(command, read_sessions(folder), seeds, _time_text(finished)),
         about=about,
         baseline=trials["variant"].iloc[0],
         table=format_table(_as_text(table)),
@@ -160,6 +160,16 @@ def _write_sweep(page: _SweepPage, folder: Path, config: ReproduceConfig) -> Non
         part=page.part,
     )
     write_text(out.with_suffix(".md"), text)
+
+
+def _time_text(finished: pd.DataFrame) -> str:
+    """How long training took. Sessions that were killed have left no record, but each run knows its time."""
+    if "minutes" not in finished:
+        return f"not known, {len(finished)} training runs"
+    hours = finished["minutes"].sum() / 60
+    return (
+        f"{hours:.1f} hours for {len(finished)} training runs, added up over those at the same time"
+    )
 
 
 def _missing_text(trials: pd.DataFrame) -> str:

@@ -163,6 +163,7 @@ def test_a_sweep_becomes_a_page_with_table_and_figure(tmp_path: Path) -> None:
     assert pd.read_csv(config.out / "further.csv")["success"].tolist() == [0.5, 0.75]
     assert "Short further training in the hard scenes" in (config.out / "README.md").read_text()
     assert "| seed | 0 |" in page
+    assert "| time | 0.1 hours for 2 training runs" in page
     assert "All runs are finished." in page
 
     more = [
