@@ -163,7 +163,7 @@ def _write_sweep(page: _SweepPage, folder: Path, config: ReproduceConfig) -> Non
 
 
 def _time_text(finished: pd.DataFrame) -> str:
-    """How long training took. Sessions that were killed have left no record, but each run knows its time."""
+    """How long training took. Killed sessions have left no record, but each run knows its own time."""
     if "minutes" not in finished:
         return f"not known, {len(finished)} training runs"
     hours = finished["minutes"].sum() / 60
