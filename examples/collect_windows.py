@@ -2,7 +2,7 @@
 
     python examples/collect_windows.py                       # 100k windows, the training families
     python examples/collect_windows.py --families maze_wide diagonal_walls_wide random_clutter \
-        --count 6000 --held-out 1.0 --output runs/windows/unseen.safetensors
+        --count 6000 --held-out 1.0 --seed 1 --output runs/windows/unseen.safetensors
 
 Writes one safetensors file with its config. A tenth of the windows are blank, the others have
 something in view. An episode gives the object's own window at its start and, if the random policy

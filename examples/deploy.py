@@ -1,4 +1,4 @@
-"""Push with an exported agent: its policy in onnxruntime, as on a robot without torch.
+"""Push with an exported agent: its policy runs in onnxruntime alone, the environment here is modpush's.
 
     modpush export small_cube --out runs/exported
     python examples/deploy.py runs/exported

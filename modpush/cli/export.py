@@ -5,7 +5,7 @@
 
 Writes `policy` (observation to action), `window_policy` (local window and state to action, encoder
 included) and `card.json`, which says what goes in and comes out. ONNX needs `pip install
-'modpush[export]'`; `examples/deploy.py` pushes with nothing but onnxruntime.
+'modpush[export]'`; `examples/deploy.py` pushes with a policy that runs in onnxruntime alone.
 """
 
 from collections.abc import Sequence

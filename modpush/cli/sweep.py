@@ -50,5 +50,5 @@ def main(arguments: Sequence[str]) -> None:
         sweep, config.out, jobs=config.jobs, ray=config.ray, total_steps=config.total_steps
     )
     columns = ["variant", "seed", "state", "step", "final_success", "best_success"]
-    print(results[columns].to_string(index=False))
+    print(results.reindex(columns=columns).to_string(index=False))
     print(f"Wrote trials.csv, curves.csv and curves.png to {config.out}/.")

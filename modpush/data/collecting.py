@@ -1,5 +1,6 @@
 """`collect_demonstrations`: runs policies and writes what they do as a data set."""
 
+import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, replace
 from functools import partial
@@ -45,7 +46,7 @@ def collect_demonstrations(config: CollectConfig, progress: bool = True) -> Path
     The folder gets `README.md` (the card), `minari/` (a data set for Minari; point
     `MINARI_DATASETS_PATH` there), `trajectory.h5` and `trajectory.json` (ManiSkill's format), and
     `episodes/` with `attempts.csv`, from which a run goes on that was interrupted or that asks for
-    more episodes.
+    more episodes. The data sets hold the policies and the number of episodes that this call asks for.
 
     Args:
         config: What is collected, and to where.
@@ -70,6 +71,12 @@ def collect_demonstrations(config: CollectConfig, progress: bool = True) -> Path
         recorder = RecordingEnv(env, images=config.images)
         try:
             store = DemonstrationStore(config.out, _about(config, fingerprint))
+            if left_out := sorted(set(store.policies()) - set(labels)):
+                warnings.warn(
+                    f"collect_demonstrations: the data sets in {config.out} will hold the policies "
+                    f"{labels} alone; name {left_out} as well, whose episodes are there, to have all.",
+                    stacklevel=3,
+                )
             chosen = [_collect(method, recorder, store, config, progress) for method in methods]
         finally:
             recorder.close()

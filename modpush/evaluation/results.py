@@ -18,10 +18,19 @@ from modpush.evaluation.sealed_rows import append_row, begin_rows, read_rows
 from modpush.evaluation.sets import EvaluationSet
 from modpush.files import read_json, write_json
 
-__all__ = ["COLUMNS", "ResultStore", "describe_policy", "load_trajectory", "policy_hash"]
+__all__ = [
+    "COLUMNS",
+    "SET_FILE",
+    "ResultStore",
+    "describe_policy",
+    "load_trajectory",
+    "policy_hash",
+]
 
 _KIND, _VERSION = "modpush.Results", 2
 _TRAJECTORIES = "trajectories"
+SET_FILE = "set.json.gz"
+"""File in a folder of results that holds the episodes, where these are no set of the package."""
 
 COLUMNS = (
     "episode",

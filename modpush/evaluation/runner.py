@@ -27,8 +27,8 @@ from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.episodes import Episode, Policy, run_episodes
 from modpush.evaluation.ray_workers import run_with_ray
-from modpush.evaluation.results import ResultStore, describe_policy
-from modpush.evaluation.sets import EvaluationSet, load_set
+from modpush.evaluation.results import SET_FILE, ResultStore, describe_policy
+from modpush.evaluation.sets import SET_NAMES, EvaluationSet, load_set
 
 __all__ = ["EnvFactory", "EvaluationConfig", "TrainedAgent", "evaluate"]
 
@@ -137,6 +137,8 @@ def evaluate(
         clean_leftovers(folder)
         clean_leftovers(Path(folder) / "trajectories")
         store = ResultStore(folder, evaluation_set, about, resume=resume)
+        if evaluation_set.name not in SET_NAMES:
+            evaluation_set.save(Path(folder) / SET_FILE)  # nothing else says later what was run
         missing = [(n, evaluation_set.scenarios[n]) for n in store.missing()]
         run = {1: _run_here, "ray": _run_on_cluster}.get(config.workers, _run_in_workers)
         done = store.rows()["success"].tolist()

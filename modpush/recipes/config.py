@@ -52,8 +52,8 @@ class PushEnvConfig:
     """Name of the pushed object, or several, one of which is drawn for each episode. `random_7` has a
     random shape and size, see `random_object`."""
     scene: AtLeastOne[Name] = OBSTACLE_SCENES
-    """Scene families, one of which is drawn for each episode. A curriculum's phases may name others. By
-    default the five of the paper's training, which has no empty scene (Sec. IV-B)."""
+    """Scene families, one of which is drawn for each episode. A curriculum's phases may name others. The
+    preset `paper` has the five of the paper's training, which has no empty scene (Sec. IV-B)."""
     difficulty: FractionSpan = (0.0, 1.0)
     """Range of the scenes' difficulty, drawn from uniformly."""
     distance: GoalDistances = (0.2, 0.6)
@@ -73,8 +73,8 @@ class PushEnvConfig:
     window_outside: Literal["free", "blocked"] = "free"
     """What the local window shows beyond the camera's image."""
     planner: Name = "lazy_theta_star_grid"
-    """Path planner by name, or `module:name`: Lazy Theta* as published by default. `distance_field`
-    finds the shortest paths and is faster."""
+    """Path planner by name, or `module:name`. `lazy_theta_star_grid` is Lazy Theta* as published;
+    `distance_field` finds the shortest paths and is faster."""
     inflation: Literal["circumscribed", "inscribed", "widest"] | NonNegative = "inscribed"
     """How far obstacles are inflated for planning: the radius of the object's circumscribed or inscribed
     circle, the wider of the two that leaves a way ("widest"), or a distance [m]. The paper: half of the

@@ -80,7 +80,10 @@ def check_end(trial: Trial, sweep_folder: Path, process: SpawnProcess) -> None:
     if process.exitcode == _INTERRUPTED:
         raise KeyboardInterrupt
     if process.exitcode:
-        text = trial_error(trial.folder(sweep_folder)) or f"exit status {process.exitcode}"
+        folder = trial.folder(sweep_folder)
+        if not (text := trial_error(folder)):  # killed, for instance where memory ran out
+            text = f"ended with exit status {process.exitcode}"
+            write_text(folder.path / "logs" / _ERROR, text)
         raise TrialFailedError(f"run_sweep: {trial.name}: {text}")
 
 

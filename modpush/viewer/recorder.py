@@ -49,6 +49,8 @@ class Recorder:
         """The video."""
         self._writer: Any = imageio.get_writer(self.path, fps=CONTROL_FREQ, macro_block_size=2)
         self._width = 0
+        self.frames = 0
+        """Number of frames so far. Without any there is no file."""
 
     def add(self, names: Sequence[str], snapshots: Sequence[Snapshot]) -> bool:
         """Add a frame; False if the number of lanes has changed since the first one."""
@@ -57,6 +59,7 @@ class Recorder:
         if frame.shape[1] != self._width:
             return False
         self._writer.append_data(frame)
+        self.frames += 1
         return True
 
     def close(self) -> None:

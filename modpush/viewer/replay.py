@@ -13,8 +13,8 @@ from modpush.envs.robot.kinematics import planar_inverse_kinematics
 from modpush.envs.robot.ur5_2f85 import TOOLS
 from modpush.envs.scenes.objects import get_object
 from modpush.envs.scenes.scenario import Scenario
-from modpush.evaluation.results import load_trajectory
-from modpush.evaluation.sets import EvaluationSet, load_set
+from modpush.evaluation.results import SET_FILE, load_trajectory
+from modpush.evaluation.sets import SET_NAMES, EvaluationSet, load_set
 from modpush.geometry.workspace import WORKSPACE
 from modpush.viewer.lane import FLAGS, Snapshot
 
@@ -30,17 +30,23 @@ class ReplayLane:
         folder: The folder that it wrote for a policy and a set, or that of a policy with a single set.
 
     Raises:
-        ValueError: If the folder holds no episodes, or those of several sets; if its set is not one of
-            the package, or has changed since.
+        ValueError: If the folder holds no episodes, or those of several sets; if its set has
+            changed since.
     """
 
     @checked_arguments
     def __init__(self, folder: Path | str) -> None:
         self.folder = _folder_of_set(Path(folder))
         facts = json.loads((self.folder / _ABOUT).read_text())
-        self.set: EvaluationSet = load_set(facts["set"])
+        own = self.folder / SET_FILE
+        if not own.exists() and facts["set"] not in SET_NAMES:
+            raise ValueError(
+                f"ReplayLane: {self.folder} is of {facts['set']!r}, which is no set of the package, and "
+                f"holds no {SET_FILE}; evaluate it again."
+            )
+        self.set: EvaluationSet = load_set(own if own.exists() else facts["set"])
         """The episodes that were evaluated."""
-        if self.set.digest != facts["episodes"]:
+        if not own.exists() and self.set.digest != facts["episodes"]:
             raise ValueError(f"ReplayLane: {self.folder} is of other episodes than {facts['set']}.")
         self.name = f"{_policy_name(self.folder, facts['set'])}, {facts['set']}"
         self.numbers = sorted(int(p.stem) for p in self.folder.glob("trajectories/*.npz"))

@@ -119,8 +119,8 @@ class Session:
         self.message = ""
         try:
             command()
-        except (ValueError, OSError, RuntimeError) as error:
-            self.message = str(error)
+        except (ValueError, TypeError, ImportError, OSError, RuntimeError) as error:
+            self.message = str(error)  # the page, and what was changed on it, goes on
 
     def step(self) -> None:
         """Take one control step in every lane that still runs."""
@@ -295,7 +295,8 @@ class Session:
         """Finish the video, if one is being recorded."""
         if self.recorder is not None:
             self.recorder.close()
-            self.message = f"Wrote {self.recorder.path}."
+            written = self.recorder.frames > 0
+            self.message = f"Wrote {self.recorder.path}." if written else "No step was recorded."
         self.recorder = None
 
     def close(self) -> None:

@@ -107,7 +107,10 @@ def test_a_run_goes_on_where_it_was_killed_and_takes_more(collected, tmp_path) -
         np.testing.assert_array_equal(old.physics, new.physics)
 
     more = replace(CONFIG, out=folder, episodes=4, policy=("scripted",))
-    collect_demonstrations(more, progress=False)
+    with pytest.warns(
+        UserWarning, match=r"hold the policies \['scripted'\] alone; name \['corridor'\]"
+    ):
+        collect_demonstrations(more, progress=False)
     assert dataset(folder).total_episodes == 4
 
 

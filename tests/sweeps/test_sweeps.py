@@ -13,6 +13,8 @@ import pytest
 import yaml
 
 from modpush.sweeps import Sweep, Variant, load_sweep, run_sweep
+from modpush.sweeps.results import trial_row
+from modpush.sweeps.trial import TrialFailedError, check_end, start_trial
 from modpush.training import TRAIN_PRESETS, RunFolder, Trainer
 from tests.training.test_training import assert_same, numbers
 
@@ -149,6 +151,16 @@ def test_a_trial_that_fails_leaves_the_others_alone(tmp_path: Path) -> None:
     assert again["minutes"].tolist() == pytest.approx(table["minutes"].tolist()[1:])
     assert (tmp_path / "trials.csv").stat().st_mtime_ns > before
     assert (tmp_path / "curves.png").exists()
+
+
+def test_a_trial_that_is_killed_has_failed(tmp_path: Path) -> None:
+    trial = Sweep(preset="smoke", variants=(Variant(name="one"),)).trials()[0]
+    process = start_trial(trial, tmp_path)
+    process.kill()
+    process.join()
+    with pytest.raises(TrialFailedError, match="ended with exit status -9"):
+        check_end(trial, tmp_path, process)
+    assert trial_row(trial, tmp_path)["state"] == "failed"
 
 
 @pytest.mark.slow  # six runs

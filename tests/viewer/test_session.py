@@ -2,12 +2,14 @@
 
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import imageio
 import numpy as np
 import pytest
 
+from modpush._extras import EXTRAS, require_extra
 from modpush.evaluation import evaluate, load_set
 from modpush.evaluation.results import load_trajectory
 from modpush.recipes import load_agent
@@ -206,6 +208,27 @@ def test_a_video_is_written_with_a_frame_a_step(session, tmp_path) -> None:
         assert video.count_frames() == 5
 
 
+def test_a_video_without_a_step_is_no_file(session, tmp_path) -> None:
+    session.set_paused(True)
+    session.start_recording()
+    session.tick()
+    session.stop_recording()
+    assert session.message == "No step was recorded."
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_missing_package_does_not_end_the_page(session, monkeypatch) -> None:
+    def download(name: str) -> None:
+        require_extra("load_agent", "not_there")
+
+    monkeypatch.setitem(EXTRAS, "not_there", "hub")
+    monkeypatch.setattr("modpush.recipes.agent_file.download_agent", download)
+    session.submit(lambda: session.choose_policies("hf://owner/name"))
+    session.tick()
+    assert "modpush[hub]" in session.message
+    assert session.policies == ("agent",)
+
+
 def test_a_video_ends_when_a_lane_is_added(session) -> None:
     session.start_recording()
     session.tick()
@@ -245,6 +268,22 @@ def test_a_replay_finds_the_set_in_a_policy_s_folder(evaluated, tmp_path) -> Non
     shutil.copytree(evaluated, tmp_path / "mine" / "again" / "smoke")
     with pytest.raises(ValueError, match=r"holds several sets, give one of .*again/smoke, .*smoke"):
         Session(PlayConfig(replay=(tmp_path / "mine",)))
+
+
+@pytest.mark.parametrize("tool", [None, "rod"])
+def test_a_set_of_ones_own_or_with_another_tool_is_shown(tool, tmp_path) -> None:
+    episodes = load_set("smoke")
+    episodes = episodes.with_tool(tool) if tool else replace(episodes, name="mine")
+    folder = tmp_path / "agent" / episodes.name
+    evaluate(load_agent("small_cube"), episodes.first(1), folder)
+    session = Session(PlayConfig(replay=(folder,)))
+    assert session.names == [f"agent, {episodes.name}"]
+    run(session, 1000)
+    stored = load_trajectory(folder, 0)
+    assert session.snapshots[0].object_pose == pytest.approx(stored.object_pose[-1])
+    (folder / "set.json.gz").unlink()
+    with pytest.raises(ValueError, match=r"no set of the package, and holds no set\.json"):
+        Session(PlayConfig(replay=(folder,)))
 
 
 def test_a_folder_that_is_no_evaluation_is_an_error(tmp_path) -> None:
