@@ -147,12 +147,17 @@ class ScriptedPusher(TensorDictModuleBase):
         check_dtype(who, repr(contact_key), contact, torch.bool)
         radius = read_key(who, tensordict, radius_key, 1)
         batch = object_pose.shape[:-1]
+        if contact.shape != (*batch, 1):
+            raise ValueError(
+                f"{who}: {contact_key!r} must be {[*batch, 1]}, got {list(contact.shape)}."
+            )
         target, ee_pose, contact, radius = (
             value.reshape(-1, value.shape[-1]) for value in (target, ee_pose, contact, radius)
         )
         position = object_pose.reshape(-1, 3)[:, :2]
-        if not math.isfinite(torch.cat([position, target, ee_pose], -1).sum()):
-            for key, value in zip(self.in_keys, (object_pose, target, ee_pose), strict=False):
+        if not math.isfinite(torch.cat([position, target, ee_pose, radius], -1).sum()):
+            given = (object_pose, target, ee_pose, radius)
+            for key, value in zip([*self.in_keys[:3], radius_key], given, strict=True):
                 check_finite(who, repr(key), value)
         action = scripted_push(position, target, ee_pose, contact, radius, self.config)
         tensordict.set(self.out_keys[0], action.reshape(*batch, 3))

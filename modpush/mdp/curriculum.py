@@ -231,7 +231,7 @@ class Curriculum:
         """Inverse of `state_dict`.
 
         Raises:
-            ValueError: If a field is missing or malformed, or the state is of a curriculum with more
+            ValueError: If a field is missing or malformed, or the state is of a curriculum with other
                 phases or stages.
         """
         who = "Curriculum.load_state_dict"
@@ -245,6 +245,11 @@ class Curriculum:
             raise ValueError(
                 f"{who}: phase and stage must be below the {phases} phases and {stages} stages of "
                 f"this curriculum, got {state['phase']} and {state['stage']}."
+            )
+        if state["stage"] < (first := self.config.phases[state["phase"]].first_stage):
+            raise ValueError(
+                f"{who}: stage must be at least {first}, the first one of phase {state['phase']}, got "
+                f"{state['stage']}."
             )
         self.phase, self.stage, self.steps = state["phase"], state["stage"], state["steps"]
         self._successes = deque(state["successes"], maxlen=self.config.window)

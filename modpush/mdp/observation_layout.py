@@ -42,7 +42,8 @@ class Layout:
                 )
             self.columns[name] = slice(self.width, self.width + value.shape[-1])
             self.width += value.shape[-1]
-        self._shift, self._scale = torch.zeros(self.width), torch.ones(self.width)
+        with torch.inference_mode(False):  # they outlast the mode in which they happen to be made
+            self._shift, self._scale = torch.zeros(self.width), torch.ones(self.width)
         self._functions: list[tuple[slice, Callable[[], Tensor]]] = []
         for name, columns in self.columns.items():
             entry = entries[name]
@@ -56,7 +57,10 @@ class Layout:
     def normalise(self, observation: Tensor) -> Tensor:
         """`(observation - shift) * scale` with those of each column."""
         self._refresh()
-        self._shift, self._scale = self._shift.to(observation), self._scale.to(observation)
+        if self._shift.device != observation.device:
+            with torch.inference_mode(False):
+                self._shift = self._shift.to(observation.device)
+                self._scale = self._scale.to(observation.device)
         return (observation - self._shift) * self._scale
 
     def _refresh(self) -> None:

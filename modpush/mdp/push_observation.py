@@ -177,12 +177,12 @@ class PushObservation(Transform):
                 check_finite("PushObservation", repr(key), value)
 
     def read(self, source: Any) -> Tensor:
-        """The entries before shift and scale, `[..., n]`, in SI units.
+        """The entries before shift and scale, `[..., n]` float32, in SI units.
 
         Args:
             source: Tensordict or dictionary with `in_keys`.
         """
-        return torch.cat(self._read_entries(source), -1)
+        return torch.cat(self._read_entries(source), -1).float()
 
     def _read_entries(self, tensordict: Any) -> list[Tensor]:
         inputs = ObservationInputs(tensordict, self.frame, self._keys, self._corners, self.symmetry)

@@ -143,9 +143,9 @@ class PushReward(Transform):
         if config.normalisation == "constant":
             unit = start.new_tensor([config.path_length, config.approach_distance])
         outcome = StepOutcome(tensordict, next_tensordict, self._keys, unit, config.window_radius)
-        total = torch.zeros_like(start[..., :1])
+        total = torch.zeros_like(start[..., :1], dtype=torch.float32)
         for name, term in self.terms.items():
-            value = term(outcome) * (self._weights[name] * config.scale)
+            value = term(outcome).float() * (self._weights[name] * config.scale)
             _check_shape(name, value, total)
             next_tensordict.set(self._term_keys[name], value)
             total = total + value

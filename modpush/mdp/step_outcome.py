@@ -7,6 +7,7 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
+from modpush._checks import check_dtype
 from modpush._keys import read_key
 
 __all__ = ["StateBefore", "StepOutcome", "measure_lengths"]
@@ -72,6 +73,11 @@ class StepOutcome:
     def _read(self, name: str) -> Tensor:
         return self[self._keys[name]]
 
+    def _read_flag(self, name: str) -> Tensor:
+        flag = self._read(name)
+        check_dtype("PushReward", repr(self._keys[name]), flag, torch.bool)
+        return flag
+
     @property
     def action(self) -> Tensor:
         """The agent's action, `[..., 3]` in [-1, 1]."""
@@ -120,27 +126,27 @@ class StepOutcome:
     @property
     def success(self) -> Tensor:
         """Whether the object is at the goal, `[..., 1]` bool."""
-        return self._read("success")
+        return self._read_flag("success")
 
     @property
     def object_contact(self) -> Tensor:
         """Whether the tool touches the object, `[..., 1]` bool."""
-        return self._read("object_contact")
+        return self._read_flag("object_contact")
 
     @property
     def obstacle_contact(self) -> Tensor:
         """Whether the object touches an obstacle, `[..., 1]` bool."""
-        return self._read("obstacle_contact")
+        return self._read_flag("obstacle_contact")
 
     @property
     def tool_obstacle_contact(self) -> Tensor:
         """Whether the tool or the arm touches an obstacle, `[..., 1]` bool."""
-        return self._read("tool_obstacle_contact")
+        return self._read_flag("tool_obstacle_contact")
 
     @property
     def out_of_bounds(self) -> Tensor:
         """Whether the object left the workspace, `[..., 1]` bool."""
-        return self._read("out_of_bounds")
+        return self._read_flag("out_of_bounds")
 
     @property
     def outside_window(self) -> Tensor:
@@ -161,4 +167,6 @@ def measure_lengths(tensordict: TensorDictBase, keys: Mapping[str, NestedKey]) -
     tip = read_key("PushReward", tensordict, keys["ee_pose"], 3)
     centre = read_key("PushReward", tensordict, keys["object_pose"], 3)
     apart = (tip[..., :2] - centre[..., :2]).norm(dim=-1, keepdim=True)
-    return torch.cat([read_key("PushReward", tensordict, keys["path_length"], 1), apart], -1)
+    return torch.cat(
+        [read_key("PushReward", tensordict, keys["path_length"], 1), apart], -1
+    ).float()

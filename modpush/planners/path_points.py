@@ -44,6 +44,8 @@ def point_along(waypoints: Tensor, distance: Tensor) -> Tensor:
 
 def _point_along(waypoints: Tensor, distance: Tensor) -> Tensor:
     """`point_along` of what is known to be right."""
+    if not waypoints.is_floating_point():
+        waypoints = waypoints.float()
     steps = waypoints[:, 1:] - waypoints[:, :-1]  # [B, P-1, 2]
     lengths = steps.norm(dim=-1)
     ends = lengths.cumsum(-1)
@@ -125,7 +127,7 @@ def points_ahead(paths: Paths, distances: Sequence[float]) -> Tensor:
     count = len(distances)
     waypoints = paths.waypoints.repeat_interleave(count, 0)  # [B * n, P, 2]
     along = waypoints.new_tensor(distances).repeat(len(paths.waypoints))
-    return _point_along(waypoints, along).reshape(-1, count, 2)
+    return _point_along(waypoints, along).reshape(len(paths.waypoints), count, 2)
 
 
 def _check_number(who: str, name: str, value: Any, most: float) -> None:

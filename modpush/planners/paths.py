@@ -90,7 +90,7 @@ class Paths:
                 count[b] = len(path)
                 waypoints[b, : len(path)] = path
                 waypoints[b, len(path) :] = path[-1]
-                length[b] = (path[1:] - path[:-1]).norm(dim=-1).sum() * cell_size
+                length[b] = (path[1:] - path[:-1]).float().norm(dim=-1).sum() * cell_size
         moved = torch.zeros(len(paths), dtype=torch.bool, device=start.device)
         return cls(
             waypoints=waypoints,

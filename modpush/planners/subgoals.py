@@ -165,6 +165,7 @@ class PlannerSubgoals(Transform):
             advance: Push the sub-goal into the history, rather than replace the newest.
         """
         paths, position, goal = self._plan(tensordict)
+        position, goal = position.float(), goal.float()
         lead = position.shape[:-1]
         found = paths.found.reshape(*lead, 1)
         length = (paths.length * self._metres_per_length).reshape(*lead, 1)

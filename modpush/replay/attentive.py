@@ -297,7 +297,8 @@ class AttentiveSampler(Sampler):
         count = check_value(who, "num_samples", state_dict["num_samples"], NonNegativeInteger)
         newest = check_value(who, "newest", state_dict["newest"], NonNegativeInteger | None)
         self.set_query(state_dict["query"])
-        self.k, self._num_samples, self._cursor.last = k, count, newest
+        self.k, self._num_samples = k, count
+        self._cursor.restore(newest)
 
     def dumps(self, path: str | Path) -> None:
         """Write the state into a directory."""

@@ -207,7 +207,11 @@ class CompactStorage(LazyTensorStorage):
         Args:
             data: The entries without their next observations, `[n]`.
             links: From `links_state`.
+
+        Raises:
+            ValueError: If they are of a storage of another capacity.
         """
+        self._check_capacity(links)
         super().set(range(len(data)), data, set_cursor=False)
         self._len = len(data)  # without a cursor it is not counted
         self._load_links(links)
@@ -221,6 +225,13 @@ class CompactStorage(LazyTensorStorage):
             "free_rows": torch.tensor(self._free_rows, dtype=torch.long),
         }
 
+    def _check_capacity(self, links: dict[str, Any]) -> None:
+        if (given := len(links["successor"])) != self.max_size:
+            raise ValueError(
+                f"CompactStorage: the state must be of a storage of {self.max_size} transitions, as this "
+                f"one, got {given}."
+            )
+
     def _load_links(self, state: dict[str, Any]) -> None:
         self._reset_links()  # entries that waited for a successor keep their row in the side table
         self._successor.copy_(state["successor"])
@@ -233,7 +244,12 @@ class CompactStorage(LazyTensorStorage):
         return {**deepcopy(super().state_dict()), "links": self.links_state()}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Restore the data and the links."""
+        """Restore the data and the links.
+
+        Raises:
+            ValueError: If they are of a storage of another capacity.
+        """
+        self._check_capacity(state_dict["links"])
         super().load_state_dict(state_dict)
         self._load_links(state_dict["links"])
 

@@ -63,4 +63,9 @@ class MirrorTransitions(Transform):
             batch.set(observation_key, torch.where(chosen, mirrored, observation))
             batch = batch.exclude(mirrored_key)
         signs = self.signs.to(action)
+        if action.shape[-1:] != signs.shape:
+            raise ValueError(
+                f"MirrorTransitions: {self.action_key!r} must have {len(signs)} components, as many as "
+                f"action_signs, got {list(action.shape)}."
+            )
         return batch.set(self.action_key, torch.where(chosen, action * signs, action))

@@ -15,11 +15,18 @@ class WriteCursor:
     def __init__(self) -> None:
         self.last: int | None = None
         """First coordinate of the entry written last, for storages that keep no cursor."""
+        self._restored = False
+        self._outdated: int | None = None
 
     def note(self, index: Tensor) -> None:
         """Note where entries were written, `[n]` or `[n, ndim]`."""
         if index.numel():
             self.last = int(index[-1].reshape(-1)[0])
+            self._restored = False
+
+    def restore(self, last: int | None) -> None:
+        """Take over `last` of another one. What a storage's cursor says is of before, until it moves."""
+        self.last, self._restored, self._outdated = last, True, None
 
     def newest(self, storage: Storage, count: int | None) -> Tensor | None:
         """Index of the newest entries, the oldest of them first.
@@ -58,4 +65,9 @@ class WriteCursor:
         cursor = storage._last_cursor_index  # shared between processes
         if cursor is None:
             return self.last
+        if self._restored:
+            self._outdated = int(cursor) if self._outdated is None else self._outdated
+            if int(cursor) == self._outdated:
+                return self.last
+            self._restored = False
         return int(cursor)

@@ -97,6 +97,9 @@ def test_what_is_saved_comes_back(tmp_path):
     window = torch.rand(2, 1, 64, 64)
     assert torch.equal(back(window), vae(window))
     assert not back.training
+    assert not back.sample
+    DepthVAE(**TINY, sample=True).save(tmp_path / "new" / "vae.safetensors")
+    assert DepthVAE.from_pretrained(tmp_path / "new" / "vae.safetensors").sample
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["vae.safetensors"]
 
 

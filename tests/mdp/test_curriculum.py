@@ -1,6 +1,7 @@
 """When the episodes get harder, and that they do."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -135,6 +136,11 @@ def test_a_state_of_a_longer_curriculum_is_refused():
         ValueError, match="below the 2 phases and 3 stages of this curriculum, got 0 and 9"
     ):
         Curriculum(SHORT).load_state_dict(state)
+    later = Curriculum(replace(SHORT, phases=(Phase(first_stage=1),)))
+    with pytest.raises(
+        ValueError, match="stage must be at least 1, the first one of phase 0, got 0"
+    ):
+        later.load_state_dict({**later.state_dict(), "stage": 0})
 
 
 @pytest.mark.parametrize(

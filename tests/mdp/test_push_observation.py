@@ -343,3 +343,29 @@ def test_a_pickled_transform_observes_alike():
     copy = pickle.loads(pickle.dumps(observe))
     assert torch.equal(copy(state)["observation"], before)
     assert copy.fingerprint() == observe.fingerprint()
+
+
+def test_whole_numbers_are_scaled_and_doubles_become_single():
+    count = Entry(lambda inputs: inputs["count"], scale=0.1)
+    stored = TensorDict({"count": torch.tensor([[7], [-3]])}, [2])
+    observed = PushObservation(entries=[("count", count)])(stored)["observation"]
+    torch.testing.assert_close(observed, torch.tensor([[0.7], [-0.3]]))
+    flag = Entry(lambda inputs: inputs["count"] > 0)
+    assert PushObservation(entries=[("flag", flag)])(stored)["observation"].tolist() == [
+        [1.0],
+        [0.0],
+    ]
+    state = make_state()
+    double = state.apply(lambda x: x.double() if x.is_floating_point() else x)
+    expected = PushObservation("path")(state)["observation"]
+    torch.testing.assert_close(PushObservation("path")(double)["observation"], expected)
+
+
+def test_what_is_laid_out_in_inference_mode_serves_outside():
+    weight = torch.ones(2, requires_grad=True)
+    own = Entry(lambda inputs: inputs.goal * weight, shift=lambda: torch.full((2,), 0.25))
+    observe = PushObservation(entries=[("own", own)])
+    with torch.inference_mode():
+        observe(make_state())
+    observe(make_state())["observation"].sum().backward()
+    assert weight.grad.isfinite().all()

@@ -299,3 +299,18 @@ def test_a_partial_reset_begins_anew_in_that_scene_only():
     apart = (td["ee_pose"][:, :2] - td["object_pose"][:, :2]).norm(dim=-1)
     torch.testing.assert_close(td["reward_start"][1, 1], apart[1])
     env.close()
+
+
+@pytest.mark.parametrize("name", ["success", "object_contact", "out_of_bounds"])
+def test_flags_that_are_no_bools_are_refused(name):
+    stored = transition()
+    stored["next", name] = stored["next", name].to(torch.uint8)
+    with pytest.raises(TypeError, match=f"PushReward: '{name}' must be a torch.bool tensor"):
+        PushReward(RewardConfig())(stored)
+
+
+def test_poses_in_double_precision_give_the_same_reward():
+    stored = transition().apply(lambda x: x.double() if x.is_floating_point() else x)
+    reward = PushReward(RewardConfig())(stored)["next", "reward"]
+    assert reward.dtype == torch.float32
+    torch.testing.assert_close(reward, reward_of()["reward"])

@@ -10,7 +10,7 @@ import torch
 from tensordict import TensorDict
 from torchrl.data import LazyTensorStorage, ReplayBuffer
 from torchrl.envs import Compose, ParallelEnv, SerialEnv, TransformedEnv, check_env_specs
-from torchrl.envs.transforms import ExcludeTransform, RenameTransform
+from torchrl.envs.transforms import DTypeCastTransform, ExcludeTransform, RenameTransform
 
 from modpush.envs import PushEnv
 from modpush.envs.scenes.obstacle import Obstacle
@@ -29,6 +29,7 @@ from modpush.planners import (
     points_ahead,
 )
 from modpush.planners.connected import are_connected
+from modpush.planners.path_points import point_along
 from tests.planners.table_scene import TableEnv
 
 SMALL = Camera(height=64, width=64)
@@ -280,6 +281,33 @@ def test_points_ahead_by_hand():
     assert found.tolist() == [[[10.0, 0.0], [30.0, 5.0], [30.0, 20.0]]]
     with pytest.raises(ValueError, match="distances must be a finite number >= 0, got -1"):
         points_ahead(straight_and_bent(), (-1.0,))
+    assert points_ahead(straight_and_bent(), ()).shape == (1, 0, 2)
+
+
+def test_cells_as_whole_numbers_make_a_path():
+    cells = [torch.tensor([[0, 0], [3, 4]]), None]
+    paths = Paths.from_waypoints(cells, torch.tensor([[0, 0], [7, 7]]))
+    assert paths.length.tolist() == [5.0, math.inf]
+    assert paths.waypoints.dtype == torch.float32
+    whole = point_along(torch.tensor([[[0, 0], [6, 8]]]), torch.tensor([5]))
+    assert whole.tolist() == [[3.0, 4.0]]
+
+
+def test_poses_in_double_precision_are_planned_in_single():
+    env = TransformedEnv(
+        PushEnv(1),
+        Compose(
+            DTypeCastTransform(
+                torch.float32,
+                torch.float64,
+                in_keys=["object_pose", "goal_position", "ee_pose"],
+            ),
+            OccupancyGrid(),
+            PlannerSubgoals("distance_field"),
+        ),
+    )
+    check_env_specs(env)
+    env.close()
 
 
 def test_points_ahead_are_written_and_kept_where_there_is_no_path():

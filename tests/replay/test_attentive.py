@@ -1,5 +1,6 @@
 """The attentive sampler: what it keeps, how uniform it draws, and TorchRL's own checks."""
 
+import copy
 import pickle
 from functools import partial
 
@@ -21,7 +22,14 @@ from torchrl.data import (
 )
 from torchrl.data.replay_buffers.scheduler import LinearScheduler
 
-from modpush.replay import AttentiveSampler, LatentSimilarity, cosine, negative_l2
+from modpush.replay import (
+    AttentiveSampler,
+    LatentSimilarity,
+    ReplayConfig,
+    cosine,
+    make_replay_buffer,
+    negative_l2,
+)
 
 WIDTH = 4
 
@@ -618,3 +626,32 @@ def test_a_buffer_that_was_saved_with_another_sampler_is_refused(tmp_path):
         buffer.loads(tmp_path)
     with pytest.raises(ValueError, match=r"the state must hold \['k', .*\], got \[\]"):
         buffer.sampler.load_state_dict(other.sampler.state_dict())
+
+
+@pytest.mark.parametrize("storage", ["tensor", "compact"])
+@pytest.mark.parametrize("where", ["state_dict", "files"])
+def test_a_buffer_that_was_written_to_takes_a_state_s_newest_entry_over(storage, where, tmp_path):
+    def numbered(count, first):
+        value = torch.arange(first, first + count).float()[:, None]
+        flags = torch.zeros(count, 1, dtype=torch.bool)
+        after = {"observation": value + 0.5, "reward": value, "done": flags, "terminated": flags}
+        return TensorDict({"observation": value, "action": value, "next": after}, [count])
+
+    config = ReplayConfig(capacity=100, batch_size=8, storage=storage, similarity="negative_l2")
+    buffer = make_replay_buffer(config)
+    buffer.extend(numbered(60, 0))
+    if where == "files":
+        buffer.dumps(tmp_path)
+    else:
+        state = copy.deepcopy(buffer.state_dict())
+    buffer.extend(numbered(30, 500))
+    if where == "files":
+        buffer.loads(tmp_path)
+    else:
+        buffer.load_state_dict(state)
+    sampler = buffer.sampler
+    for _ in range(2):
+        assert sampler._queries(buffer.storage)[0, 0] == 59
+        assert sampler._cursor.age(buffer.storage, torch.tensor([59, 58, 0])).tolist() == [0, 1, 59]
+    buffer.extend(numbered(2, 700))
+    assert sampler._queries(buffer.storage)[0, 0] == 701

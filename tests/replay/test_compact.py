@@ -242,3 +242,21 @@ def test_reading_one_transition_changes_nothing(index):
         one["next", "observation"], ordinary.storage.get(index)["next", "observation"]
     )
     assert_same_contents(compact, ordinary)
+
+
+@pytest.mark.parametrize("capacity", [50, 200])
+@pytest.mark.parametrize("where", ["state_dict", "files"])
+def test_a_state_of_another_capacity_is_refused_and_changes_nothing(capacity, where, tmp_path):
+    buffer, _ = pair(100)
+    buffer.extend(trajectories(2, 20, 10))
+    other, _ = pair(capacity)
+    other.extend(trajectories(2, 10, 10, seed=1))
+    before = other[:].clone()
+    buffer.dumps(tmp_path)
+    load, given = {
+        "files": (other.loads, tmp_path),
+        "state_dict": (other.load_state_dict, buffer.state_dict()),
+    }[where]
+    with pytest.raises(ValueError, match=f"storage of {capacity} transitions, .*, got 100"):
+        load(given)
+    assert (other[:] == before).all()

@@ -105,3 +105,10 @@ def test_a_missing_mirror_image_is_named():
         MirrorTransitions()(transitions().exclude("mirrored_observation"))
     with pytest.raises(ValueError, match="fraction"):
         MirrorTransitions(fraction=1.5)
+
+
+def test_an_action_of_another_width_is_refused():
+    batch = transitions()
+    batch["action"] = batch["action"][:, :1]
+    with pytest.raises(ValueError, match=r"'action' must have 3 components.*got \[64, 1\]"):
+        MirrorTransitions()(batch)

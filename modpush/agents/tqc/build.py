@@ -1,7 +1,9 @@
 """A TQC agent in one call: networks, loss, target updater and optimizer from one config."""
 
+import pickle
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import torch
 from tensordict.nn import TensorDictModule, TensorDictSequential
@@ -54,6 +56,16 @@ class TQCAgent:
     three optimizers, and cheaper."""
     update: TQCUpdate
     """One optimisation step on a batch, run as `config.execution` says."""
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "TQCAgent":
+        # Part by part, the parameters that loss, actor and optimizer share would be copied for each.
+        try:
+            return pickle.loads(pickle.dumps(self))
+        except (AttributeError, TypeError, pickle.PicklingError) as error:
+            raise TypeError(
+                f"TQCAgent: an agent with {type(self.loss).__name__} cannot be copied, since that cannot "
+                f"be pickled ({error}); make another one and load the loss's state_dict."
+            ) from error
 
 
 @checked_arguments

@@ -1,9 +1,10 @@
 """`TQCLoss`: TorchRL's results at little more than the cost of their matrix products."""
 
+import pickle
 import warnings
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
-from typing import Any, NoReturn
+from typing import Any, NoReturn, Self
 
 import torch
 from tensordict import TensorDictBase
@@ -18,6 +19,7 @@ from torchrl.objectives.sac import compute_rsample_log_prob
 from torchrl.objectives.utils import ValueEstimators
 from torchrl.objectives.value import TD0Estimator, ValueEstimatorBase
 
+from modpush._checks import check_dtype
 from modpush._keys import read_key
 from modpush._types import Fraction
 from modpush._validation import check_value
@@ -173,6 +175,13 @@ class TQCLoss(_TorchRLTQCLoss):
         loss = self._reduce_loss(loss, tensordict=tensordict, weights=weights)
         return loss, {"log_prob": log_prob.detach()}
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        # TensorDictParams copies itself without the memo, so that what the loss and its networks share
+        # would be copied for each. The memo lets an optimizer that is copied along follow.
+        other = pickle.loads(pickle.dumps(self))
+        memo.update(zip(map(id, self.parameters()), other.parameters(), strict=True))
+        return other
+
     @torch.no_grad()
     def compute_target(self, tensordict: TensorDictBase) -> Tensor:
         """Truncated Bellman targets in ascending order, `[*B, N * n - N * dropped]`."""
@@ -187,6 +196,7 @@ class TQCLoss(_TorchRLTQCLoss):
         value = truncate_atoms(atoms, num_dropped) - self._alpha * log_prob.unsqueeze(-1)
         reward = _to_ndim(next_tensordict.get(self.tensor_keys.reward), value.ndim)
         terminated = _to_ndim(next_tensordict.get(self.tensor_keys.terminated), value.ndim)
+        check_dtype("TQCLoss", repr(self.tensor_keys.terminated), terminated, torch.bool)
         gamma = estimator.gamma.to(reward.device)
         steps = tensordict.get(estimator.tensor_keys.steps_to_next_obs, None)
         if steps is not None:  # n-step returns, as `MultiStepTransform` writes them

@@ -57,7 +57,7 @@ def make_actor(
         to [-20, 2] before the exponential.
 
     Raises:
-        ValueError: If the action is not a bounded vector.
+        ValueError: If the action is not a vector of real numbers between finite limits.
     """
     _check_action_spec("make_actor", action_spec)
     latent_dim = 0 if encoder is None else int(encoder.latent_dim)  # type: ignore[arg-type]
@@ -76,7 +76,7 @@ def make_actor(
         out_keys=[action_key],
         spec=action_spec.to(device) if device is not None else action_spec,
         distribution_class=TanhNormal,
-        distribution_kwargs={"low": action_spec.space.low, "high": action_spec.space.high},
+        distribution_kwargs=dict(zip(("low", "high"), _limits(action_spec), strict=True)),
     )
 
 
@@ -104,7 +104,7 @@ def make_deterministic_actor(
         An actor that writes `param`, the action before tanh, and the action.
 
     Raises:
-        ValueError: If the action is not a bounded vector.
+        ValueError: If the action is not a vector of real numbers between finite limits.
     """
     _check_action_spec("make_deterministic_actor", action_spec)
     network = ReluMLP(observation_dim, action_spec.shape[-1], hidden_sizes, device=device)
@@ -114,7 +114,7 @@ def make_deterministic_actor(
         out_keys=[action_key],
         spec=action_spec.to(device) if device is not None else action_spec,
         distribution_class=TanhDelta,
-        distribution_kwargs={"low": action_spec.space.low, "high": action_spec.space.high},
+        distribution_kwargs=dict(zip(("low", "high"), _limits(action_spec), strict=True)),
     )
 
 
@@ -123,6 +123,19 @@ def _check_action_spec(who: str, action_spec: Bounded) -> None:
         raise ValueError(
             f"{who}: action_spec must be a Bounded spec of shape [A], got {action_spec}."
         )
+    low, high = _limits(action_spec)
+    right = action_spec.dtype.is_floating_point and bool((low < high).all())
+    if not (right and low.isfinite().all() and high.isfinite().all()):
+        raise ValueError(
+            f"{who}: action_spec must be of real numbers with finite limits, the lower ones below the "
+            f"higher ones, got {action_spec.dtype} from {low.tolist()} to {high.tolist()}."
+        )
+
+
+def _limits(action_spec: Bounded) -> tuple[Tensor, Tensor]:
+    """The limits in the networks' dtype, which the action has then, too."""
+    low, high = action_spec.space.low, action_spec.space.high
+    return low.to(torch.get_default_dtype()), high.to(torch.get_default_dtype())
 
 
 @checked_arguments

@@ -73,7 +73,8 @@ def relu_mlp(
     so is the output.
 
     Args:
-        inputs: Inputs of the first layer, concatenated there, the same for all networks, `[P, d_i]`.
+        inputs: Inputs of the first layer, concatenated there, the same for all networks, `[P, d_i]`;
+            computed with in the weights' dtype.
         weights: One `[N, out_l, in_l]` per layer.
         biases: One `[N, out_l]` per layer.
 
@@ -83,6 +84,7 @@ def relu_mlp(
     parameters = [tensor for layer in zip(weights, biases, strict=True) for tensor in layer]
     if autocast_enabled(inputs[0]):
         return _layers(inputs, weights, biases)[-1]
+    inputs = [x.to(weights[0].dtype) for x in inputs]
     if torch.is_grad_enabled():
         return _ReluMLP.apply(len(inputs), *inputs, *parameters)
     x = _first_layer_input(inputs, parameters[0])

@@ -127,6 +127,7 @@ class DepthVAE(Encoder):
             "latent_dim": self.latent_dim,
             "encoder_widths": list(self.encoder_widths),
             "decoder_widths": list(self.decoder_widths),
+            "sample": self.sample,
         }
 
     @classmethod

@@ -1,20 +1,30 @@
 """`make_tqc`: agents from a config."""
 
+import copy
+import math
+import pickle
 import warnings
+from dataclasses import replace
 
 import pytest
 import torch
 from tensordict import TensorDict
 from torchrl.collectors import Collector
-from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
+from torchrl.data import (
+    Bounded,
+    Composite,
+    LazyTensorStorage,
+    TensorDictReplayBuffer,
+    Unbounded,
+)
 from torchrl.envs import GymEnv, SerialEnv, TransformedEnv
 from torchrl.envs.transforms import RewardSum
 from torchrl.objectives import SoftUpdate
 from torchrl.objectives import TQCLoss as TorchRLTQCLoss
 from torchrl.trainers.algorithms import SACTrainer
 
-from modpush.agents import TQCConfig, TQCLoss, make_tqc
-from tests.agents.tqc.tqc_builders import make_pendulum_batch
+from modpush.agents import TQCConfig, TQCLoss, make_tqc, make_tqc_from_specs
+from tests.agents.tqc.tqc_builders import make_loss, make_pendulum_batch
 
 SMALL = TQCConfig(hidden_sizes=(16, 12), batch_size=8)
 
@@ -162,3 +172,62 @@ def test_a_missing_observation_lists_what_there_is(env):
     message = r"observation_key 'state' not found, the env has \['observation'\]"
     with pytest.raises(ValueError, match=message):
         make_tqc(SMALL, env, observation_key="state")
+
+
+@pytest.mark.parametrize(
+    "twin_of", [copy.deepcopy, lambda agent: pickle.loads(pickle.dumps(agent))]
+)
+def test_a_copied_agent_trains_as_the_original(env, twin_of):
+    torch.manual_seed(0)
+    agent = make_tqc(SMALL, env)
+    batch = make_pendulum_batch(8)
+    twin = twin_of(agent)
+    for one in (agent, twin):
+        torch.manual_seed(1)
+        for _ in range(3):
+            one.update(batch.clone())
+    for name, value in agent.loss.state_dict().items():
+        torch.testing.assert_close(twin.loss.state_dict()[name], value)
+    for mine, other in zip(agent.actor.parameters(), twin.actor.parameters(), strict=True):
+        torch.testing.assert_close(other, mine)
+        assert other is not mine
+
+
+def test_an_agent_whose_loss_cannot_be_copied_says_so(env):
+    agent = make_tqc(replace(SMALL, loss="sac"), env)
+    with pytest.raises(TypeError, match=r"an agent with .*Loss cannot be copied"):
+        copy.deepcopy(agent)
+
+
+def test_a_loss_and_an_optimizer_that_are_copied_together_stay_together():
+    loss = make_loss(TQCLoss)
+    optimizer = torch.optim.Adam(loss.parameters(), lr=0.1)
+    twin, other = copy.deepcopy((loss, optimizer))
+    mine = {id(p) for p in twin.parameters()}
+    assert {id(p) for group in other.param_groups for p in group["params"]} == mine
+    assert not mine & {id(p) for p in loss.parameters()}
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        (Bounded(-math.inf, math.inf, (3,)), "finite limits"),
+        (Bounded(torch.tensor([-1.0, 0.0]), torch.tensor([1.0, 0.0])), "below the higher ones"),
+        (Bounded(0, 3, (3,), dtype=torch.int64), r"real numbers .*torch.int64 from \[0.0"),
+    ],
+)
+@pytest.mark.parametrize("loss", ["tqc", "td3"])
+def test_actions_without_limits_are_refused(spec, message, loss):
+    with pytest.raises(ValueError, match=message):
+        make_tqc_from_specs(replace(SMALL, loss=loss), Composite(observation=Unbounded(4)), spec)
+
+
+def test_observations_and_actions_in_double_precision():
+    observation = Composite(observation=Unbounded(3, dtype=torch.float64))
+    spec = Bounded(-2, 1, (1,), dtype=torch.float64)
+    agent = make_tqc_from_specs(SMALL, observation, spec)
+    batch = make_pendulum_batch(8)
+    double = batch.apply(lambda x: x.double() if x.is_floating_point() else x)
+    result = agent.update(double)
+    assert all(value.isfinite().all() for value in result.values())
+    assert agent.actor(double[:, None])["action"].shape == (8, 1, 1)

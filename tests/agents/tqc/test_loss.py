@@ -143,6 +143,15 @@ def test_deepcopy_and_pickle_are_independent():
         torch.testing.assert_close(run(twin), before)
 
 
+def test_flags_that_are_no_bools_are_refused():
+    batch = make_batch(4)
+    batch["next", "terminated"] = batch["next", "terminated"].to(torch.uint8)
+    with pytest.raises(
+        TypeError, match=r"'terminated' must be a torch.bool tensor, got torch.uint8"
+    ):
+        make_loss(TQCLoss)(batch)
+
+
 def test_moving_to_double_and_back():
     loss = make_loss(TQCLoss)
     single = run(loss)
