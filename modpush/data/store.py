@@ -101,7 +101,12 @@ class DemonstrationStore:
         Raises:
             ValueError: If a row is damaged; the message says which.
         """
-        rows = read_rows(self._csv, COLUMNS, integers=["number", "seed"])
+        rows = read_rows(
+            self._csv,
+            COLUMNS,
+            integers=["number", "seed"],
+            texts=["policy", "scene", "pushed_object"],
+        )
         rows = rows.drop_duplicates(["policy", "number"], ignore_index=True)
         return rows.sort_values(["policy", "number"], ignore_index=True)
 

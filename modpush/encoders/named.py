@@ -12,7 +12,7 @@ from modpush.encoders.networks.ray_scan import RayScan
 from modpush.encoders.vae.model import DepthVAE
 from modpush.parts import find_part
 
-__all__ = ["ENCODERS", "make_encoder"]
+__all__ = ["ENCODERS", "make_encoder", "names_a_file"]
 
 ENCODERS: dict[str, Callable[[], nn.Module | None]] = {
     "vae": DepthVAE.from_pretrained,
@@ -21,6 +21,12 @@ ENCODERS: dict[str, Callable[[], nn.Module | None]] = {
     "none": lambda: None,
 }
 """What makes each encoder, by name: the shipped `DepthVAE`, `RayScan`, `ConvEncoder`, or none."""
+
+
+def names_a_file(encoder: str | Path) -> bool:
+    """Whether a text or path stands for the file of a `DepthVAE`, be it there or not."""
+    text = str(encoder)
+    return text.endswith(".safetensors") or "/" in text or Path(text).is_file()
 
 
 def make_encoder(who: str, encoder: Any) -> nn.Module | None:
@@ -41,7 +47,13 @@ def make_encoder(who: str, encoder: Any) -> nn.Module | None:
     """
     if encoder is None:
         return None
-    if isinstance(encoder, str | Path) and encoder not in ENCODERS and Path(encoder).is_file():
+    if isinstance(encoder, str | Path) and encoder not in ENCODERS and names_a_file(encoder):
+        if not Path(encoder).is_file():
+            raise ValueError(
+                f"{who}: encoder must be a file that is there, one of {sorted(ENCODERS)} or "
+                f"'module:name', got {str(encoder)!r}, which is not in {Path.cwd()}. An agent's "
+                "environment can be given the encoder as a part, parts={'encoder': ...}."
+            )
         return DepthVAE.from_pretrained(encoder)
     text = str(encoder) if isinstance(encoder, Path) else encoder
     found = find_part(f"{who}: encoder", text, ENCODERS)

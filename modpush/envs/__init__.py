@@ -6,17 +6,25 @@ Importing this package registers `ClutterPush-v1` (ManiSkill), `ClutterPushState
 Names are imported on first use; `__init__.pyi` lists them.
 """
 
+from typing import Any
+
 import gymnasium
 import lazy_loader
 from gymnasium.envs.registration import WrapperSpec, registry
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
+# Gymnasium's wrapper ends episodes, as whoever makes the environment says; within there is no limit.
+_LIMIT: dict[str, Any] = {"max_episode_steps": 200, "kwargs": {"max_episode_steps": None}}
 if "ClutterPushState-v1" not in registry:
-    gymnasium.register("ClutterPushState-v1", entry_point="modpush.envs.gym_env:PushGymEnv")
+    gymnasium.register(
+        "ClutterPushState-v1", entry_point="modpush.envs.gym_env:PushGymEnv", **_LIMIT
+    )
 if "modpush/Push-v0" not in registry:
     # A name, which Gymnasium imports when the environment is made: this package knows no recipe.
-    gymnasium.register("modpush/Push-v0", entry_point="modpush.recipes.gym_env:PaperGymEnv")
+    gymnasium.register(
+        "modpush/Push-v0", entry_point="modpush.recipes.gym_env:PaperGymEnv", **_LIMIT
+    )
 if "ClutterPush-v1" not in registry:
     gymnasium.register(
         "ClutterPush-v1",

@@ -12,10 +12,11 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from modpush._checks import check_dtype
-from modpush.envs.outcome import GOAL_THRESHOLD
+from modpush.envs.outcome import GOAL_THRESHOLD, is_out_of_bounds
 from modpush.envs.robot.ur5_2f85 import TOOLS
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.envs.specs import ACTION_SIZE
+from modpush.geometry.workspace import Rectangle
 
 __all__ = [
     "check_action",
@@ -157,16 +158,17 @@ def scenes_to_reset(tensordict: TensorDictBase | None, num_envs: int) -> list[in
     return torch.nonzero(mask).flatten().tolist()
 
 
-def check_scenarios(scenarios: Sequence[Scenario], count: int) -> None:
+def check_scenarios(scenarios: Sequence[Scenario], count: int, bounds: Rectangle) -> None:
     """Check the episodes' starts that a reset is given.
 
     Args:
         scenarios: Must hold a `Scenario` for each scene being reset, which is not solved already.
         count: Number of scenes being reset.
+        bounds: Lower and upper corner of where the object may be [m].
 
     Raises:
-        ValueError: If there are more or fewer, or an object starts at its goal: TorchRL refuses an
-            episode that has ended before its first step.
+        ValueError: If there are more or fewer, or an object starts at its goal or out of bounds: TorchRL
+            refuses an episode that has ended before its first step.
         TypeError: If something else is among them.
     """
     who = "PushEnv.reset"
@@ -184,6 +186,12 @@ def check_scenarios(scenarios: Sequence[Scenario], count: int) -> None:
             raise ValueError(
                 f"{who}: scenarios[{index}] must start more than {GOAL_THRESHOLD} m from its goal, "
                 f"got {distance:.3g} m: it would have ended before its first step."
+            )
+        position = np.array([scenario.object_pose[:2]])
+        if is_out_of_bounds(position, bounds)[0]:
+            raise ValueError(
+                f"{who}: scenarios[{index}] must start within {bounds}, got {position[0].tolist()}: it "
+                "would have ended before its first step."
             )
 
 

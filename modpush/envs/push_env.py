@@ -216,7 +216,7 @@ class PushEnv(EnvBase):
             check_alone(scenarios=scenarios, seed=seed)
             return self.set_state(state, indices)
         if scenarios is not None:
-            check_scenarios(scenarios, len(indices))
+            check_scenarios(scenarios, len(indices), self.bounds)
         restart_generators(self._rngs, indices, seed)
         if scenarios is None:
             scenarios = [
@@ -261,7 +261,7 @@ class PushEnv(EnvBase):
     @property
     def scenarios(self) -> list[Scenario]:
         """What the present episodes started from, one for each scene."""
-        self._check_open("scenarios")
+        self._check_open("scenarios", started=True)
         return [self._batch.scenario(i) for i in range(self.batch_size[0])]
 
     @property

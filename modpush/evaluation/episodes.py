@@ -188,7 +188,9 @@ def run_episodes(
             td = policy(td)
         idle = [i for i, log in enumerate(logs) if log is None]
         if idle:
-            td["action"][idle] = 0.0  # nobody looks at what they do any more
+            action = td["action"].clone()  # the policy may hold on to its own tensor
+            action[idle] = 0.0  # nobody looks at what they do any more
+            td["action"] = action
         td = env.step(td)
         ended = _record(td, logs, path_key, target_key, on_step)
         td = step_mdp(td)

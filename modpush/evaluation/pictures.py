@@ -2,11 +2,13 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.drawing import draw_top_view
 from modpush.envs.scenes.objects import PushedObject, get_object
 from modpush.envs.scenes.scenario import Scenario
@@ -31,6 +33,7 @@ def draw_episode(
     step: int | None = None,
     caption: str = "",
     objects: Mapping[str, PushedObject] | None = None,
+    conditions: EpisodeConditions | None = None,
 ) -> Picture:
     """An episode up to a step: start red, goal green, first planned path magenta, arm black.
 
@@ -40,6 +43,7 @@ def draw_episode(
         step: Number of control steps since reset; None for the last.
         caption: Text at the top.
         objects: Objects of your own by name, as in `PushEnv.pushed_objects`.
+        conditions: Tool and map that are drawn; by default the 2F-85, and the circumscribed circle.
 
     Returns:
         `[H, W, 3]` uint8 RGB.
@@ -50,6 +54,9 @@ def draw_episode(
     object_poses = trajectory.object_pose[: step + 1]
     tool_poses = trajectory.ee_pose[: step + 1]
     targets = trajectory.target
+    conditions = conditions or EpisodeConditions()
+    pushed = get_object(scenario.pushed_object, objects)
+    inscribed = conditions.inflation == "inscribed"
     return draw_top_view(
         scenario,
         object_poses[-1].tolist(),
@@ -58,8 +65,9 @@ def draw_episode(
         ee_path=tool_poses.astype(np.float64),
         planned_path=trajectory.planned_path.astype(np.float64),
         subgoal=targets[min(step, len(targets) - 1)].tolist() if len(targets) else None,
-        inflation=get_object(scenario.pushed_object, objects).radius,
+        inflation=pushed.inscribed_radius if inscribed else pushed.radius,
         caption=caption,
+        tool=conditions.tool,
         objects=objects,
     )
 
@@ -69,13 +77,12 @@ def draw_frames(
     trajectory: Trajectory,
     *,
     every: int = 1,
-    caption: str = "",
-    objects: Mapping[str, PushedObject] | None = None,
+    **options: Any,
 ) -> Iterable[Picture]:
     """A picture of every so many steps, and of the last one; arguments as in `draw_episode`."""
     last = len(trajectory.object_pose) - 1
     for step in [*range(0, last, every), last]:
-        yield draw_episode(scenario, trajectory, step=step, caption=caption, objects=objects)
+        yield draw_episode(scenario, trajectory, step=step, **options)
 
 
 def join_clips(clips: Sequence[Sequence[Picture]]) -> list[Picture]:

@@ -3,12 +3,14 @@
 import functools
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from modpush._arguments import checked_arguments
 from modpush._atomic import make_folder
 from modpush._types import NonNegativeInteger
+from modpush.envs.scenes.objects import PushedObject
 from modpush.evaluation.pictures import (
     contact_sheet,
     draw_episode,
@@ -64,6 +66,7 @@ def draw_results(
     *,
     pictures: NonNegativeInteger = 24,
     videos: bool = True,
+    objects: Mapping[str, PushedObject] | None = None,
 ) -> None:
     """Draw failed and solved episodes, spread over the set, and a video of each scene family.
 
@@ -76,9 +79,11 @@ def draw_results(
         policy: Name of the policy, for the captions.
         pictures: Largest number of failed episodes that are drawn; half as many solved ones are.
         videos: Whether to write the videos.
+        objects: Objects of your own by name, as in `PushEnv.pushed_objects`.
     """
     check_rows("draw_results", {"all": rows})
     folder = Path(folder)
+    look: Any = {"objects": objects, "conditions": episodes.conditions}
     load = functools.partial(load_trajectory, folder)
     for name, solved, most in (("failures", False, pictures), ("successes", True, pictures // 2)):
         chosen = rows[rows["success"] == solved]
@@ -91,6 +96,7 @@ def draw_results(
                 load(row.episode),
                 caption=f"{row.episode} {row.scene}: {'solved' if solved else 'failed'}, "
                 f"{row.steps} steps{', out of bounds' if row.out_of_bounds else ''}",
+                **look,
             )
             for row in chosen.itertuples()
         ]
@@ -99,7 +105,10 @@ def draw_results(
     for scene, frame in rows.groupby("scene") if videos else ():
         number = int(frame["episode"].iloc[0])
         frames = draw_frames(
-            episodes.scenarios[number], load(number), caption=f"{policy}: {scene}, #{number}"
+            episodes.scenarios[number],
+            load(number),
+            caption=f"{policy}: {scene}, #{number}",
+            **look,
         )
         write_video(folder / "videos" / f"{scene}.mp4", frames)
 

@@ -1,12 +1,13 @@
 """Per-episode results on disk: a row as soon as an episode ends, so that a run can go on later."""
 
+import functools
 from collections.abc import Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from tensordict.nn import TensorDictModuleBase
+from tensordict.nn import TensorDictModule, TensorDictModuleBase
 from torch import nn
 
 from modpush._arguments import checked_arguments
@@ -42,6 +43,7 @@ COLUMNS = (
 )
 """Columns of `episodes.csv`, which has a checksum of each row besides. `policy` is `policy_hash` of
 what acted."""
+_TEXTS = ("scene", "pushed_object", "policy")
 
 
 class ResultStore:
@@ -141,7 +143,7 @@ class ResultStore:
         Raises:
             ValueError: If a row is damaged; the message says which.
         """
-        rows = read_rows(self.csv, COLUMNS, integers=["episode"])
+        rows = read_rows(self.csv, COLUMNS, integers=["episode"], texts=_TEXTS)
         rows = rows.sort_values("episode", ignore_index=True)
         rows = rows[rows["episode"] < len(self.evaluation_set)]
         return rows.drop_duplicates("episode", ignore_index=True)
@@ -170,6 +172,8 @@ def describe_policy(policy: Any, label: str = "") -> dict[str, Any]:
         "class": f"{type(policy).__module__}:{type(policy).__qualname__}",
         "label": label,
     }
+    if (function := _function_of(policy)) is not None:
+        described["function"] = function
     if isinstance(policy, nn.Module) and policy.state_dict():
         described["weights"] = weights_hash(policy)
     if isinstance(policy, TensorDictModuleBase):
@@ -177,6 +181,17 @@ def describe_policy(policy: Any, label: str = "") -> dict[str, Any]:
     if (config := getattr(policy, "config", None)) is not None:
         described["config"] = repr(config)
     return described
+
+
+def _function_of(policy: Any) -> str | None:
+    """What tells a function, or a module around one, from another; None for anything else."""
+    if isinstance(policy, functools.partial):
+        given = [*map(repr, policy.args), *(f"{k}={v!r}" for k, v in policy.keywords.items())]
+        return f"{_function_of(policy.func)}({', '.join(given)})"
+    if isinstance(policy, TensorDictModule):
+        policy = policy.module
+    code = getattr(policy, "__code__", None)  # of a lambda the line tells more than the name
+    return f"{policy.__module__}:{policy.__qualname__}:{code.co_firstlineno}" if code else None
 
 
 def policy_hash(described: Mapping[str, Any]) -> str:

@@ -51,13 +51,16 @@ def append_row(path: Path, columns: Sequence[str], row: Mapping[str, Any]) -> No
             raise
 
 
-def read_rows(path: Path, columns: Sequence[str], integers: Iterable[str] = ()) -> pd.DataFrame:
+def read_rows(
+    path: Path, columns: Sequence[str], integers: Iterable[str] = (), texts: Iterable[str] = ()
+) -> pd.DataFrame:
     """All rows, without their checksums; a last one that was cut off is left out.
 
     Args:
         path: The file.
         columns: Columns that it must have.
         integers: Columns that must hold whole numbers >= 0.
+        texts: Columns of text, which stays text where it looks like a number or a missing value.
 
     Raises:
         ValueError: If the file has other columns or a row is damaged, with the number of its line.
@@ -72,7 +75,13 @@ def read_rows(path: Path, columns: Sequence[str], integers: Iterable[str] = ()) 
                 "Delete the line to have its episode run anew."
             )
     content = b"\n".join([",".join(columns).encode(), *(row for row, _, _ in rows), b""])
-    table = pd.read_csv(io.BytesIO(content))
+    texts = set(texts)
+    table = pd.read_csv(
+        io.BytesIO(content),
+        dtype={name: str for name in columns if name in texts},
+        keep_default_na=False,
+        na_values={name: ["", "nan"] for name in columns if name not in texts},
+    )
     for name in integers if len(table) else ():
         if table[name].dtype.kind != "i" or (table[name] < 0).any():
             raise ValueError(f"{path}: {name} must be whole numbers >= 0.")

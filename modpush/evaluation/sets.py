@@ -119,6 +119,8 @@ class EvaluationSet:
             "conditions": asdict(self.conditions),
             "episodes": [s.to_dict() for s in self.scenarios],
         }
+        if self.digest != data_hash(content["episodes"]):  # the first part of a larger set
+            content["digest"] = self.digest
         write_packed_json(path, content, _KIND, self.version)
 
 
@@ -148,6 +150,7 @@ def load_set(name: str | Path) -> EvaluationSet:
         name=content["name"],
         scenarios=tuple(Scenario.from_dict(episode) for episode in content["episodes"]),
         conditions=EpisodeConditions.from_dict(content["conditions"]),
+        digest=content.get("digest", ""),
     )
 
 

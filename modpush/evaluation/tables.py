@@ -210,7 +210,8 @@ def format_table(table: pd.DataFrame, how: TableFormat = "markdown") -> str:
     cells = [[_cell(value) for value in row] for row in flat.itertuples(index=False)]
     names = [str(name) for name in flat.columns]
     if how == "markdown":
-        table_rows = [names, ["---"] * len(names), *cells]
+        texts = [[cell.replace("|", r"\|") for cell in line] for line in [names, *cells]]
+        table_rows = [texts[0], ["---"] * len(names), *texts[1:]]
         return "".join(f"| {' | '.join(line)} |\n" for line in table_rows)
     head, *body = (" & ".join(map(_escape, line)) + r" \\" for line in [names, *cells])
     columns = "l" * table.index.nlevels + "r" * len(table.columns)
@@ -225,6 +226,6 @@ def _cell(value: object) -> str:
 
 
 def _escape(text: str) -> str:
-    for character in "_%&#":
+    for character in "_%&#${}":
         text = text.replace(character, f"\\{character}")
     return text.replace("±", r"$\pm$").replace("–", "--")

@@ -154,6 +154,7 @@ def _window_policy(
                     "metres_per_pixel": transform.camera.cell_size,
                     "height_shown_as_1": transform.max_height,
                     "outside": transform.outside,
+                    "upright": transform.upright,
                 }
             case Encode():
                 encoder = transform.encoder
@@ -183,7 +184,7 @@ def _planning(agent: Agent, transforms: Sequence[Transform]) -> dict[str, Any]:
                 )
             case PlannerSubgoals():
                 found["subgoals"] = {
-                    "planner": agent.config.planner,
+                    "planner": _planner_name(agent),
                     "mode": transform.mode,
                     "fraction": transform.fraction,
                     "lookahead": transform.lookahead,
@@ -191,6 +192,15 @@ def _planning(agent: Agent, transforms: Sequence[Transform]) -> dict[str, Any]:
                     "ahead": transform.ahead,
                 }
     return found
+
+
+def _planner_name(agent: Agent) -> str:
+    planner = agent.parts.get("planner", agent.config.planner)
+    return (
+        planner
+        if isinstance(planner, str)
+        else f"{type(planner).__module__}:{type(planner).__name__}"
+    )
 
 
 def _recovery(transforms: Sequence[Transform]) -> dict[str, Any] | None:

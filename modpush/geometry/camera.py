@@ -75,8 +75,14 @@ class Camera:
 
         Returns:
             `[..., 2]` (u, v) [px], a tensor or an array as `position` is.
+
+        Raises:
+            ValueError: If a shape does not fit, or a point is not below the camera.
         """
         _check_points("Camera.project", "position", position, z)
+        below = z < self.z
+        if not (below if isinstance(below, bool) else below.all()):
+            raise ValueError(f"Camera.project: z must be below the camera, at {self.z} m, got {z}.")
         u0, v0 = self.principal_point
         scale = self.focal_length / (self.z - z)
         u = u0 - (position[..., 1] - self.y) * scale
@@ -108,7 +114,7 @@ def _check_points(who: str, name: str, points: Points, z: float | Points) -> Non
             raise ValueError(f"{who}: {name} must be [..., 2], got {list(points.shape)}.")
     else:
         check_real(who, name, points, 2)
-    if isinstance(z, float | int) and math.isfinite(z):
+    if isinstance(z, float | int | np.number) and math.isfinite(z):
         return
     if not isinstance(z, type(points)):
         kind = type(points).__name__

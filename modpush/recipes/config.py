@@ -21,6 +21,7 @@ from modpush._types import (
 )
 from modpush._validation import checked
 from modpush.encoders import ENCODERS
+from modpush.encoders.named import names_a_file
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES, SCENES, TIGHT_SCENES
 from modpush.envs.scenes.objects import OBJECTS, random_object_seed
 from modpush.envs.scenes.scenario import GoalDistances
@@ -149,7 +150,7 @@ class PushEnvConfig:
         for name in self.scene:
             _check_name("scene", name, {*SCENES, *TIGHT_SCENES})
         _check_name("planner", self.planner, PLANNERS)
-        if not Path(self.encoder).is_file():
+        if self.encoder_file is None:  # a file is read when the environment is made
             # An encoder that only a critic can train would stay as it is, random.
             names = {*ENCODERS, END_TO_END} - {"conv"}
             _check_name("encoder", self.encoder, names)
@@ -158,6 +159,12 @@ class PushEnvConfig:
                 f"PushEnvConfig: latent_dim is for the encoder 'rays', got {self.latent_dim} with "
                 f"{self.encoder!r}."
             )
+
+    @property
+    def encoder_file(self) -> Path | None:
+        """The file that `encoder` names, be it there or not; None where it names something else."""
+        known = self.encoder in {*ENCODERS, END_TO_END}
+        return Path(self.encoder) if not known and names_a_file(self.encoder) else None
 
     @property
     def path_inflation(self) -> Literal["circumscribed", "inscribed"]:

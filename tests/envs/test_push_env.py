@@ -546,6 +546,19 @@ def test_torchrl_s_video_recorder_records_it(tmp_path) -> None:
     assert torch.load(video).float().std() > 10
 
 
+def test_an_episode_that_starts_out_of_bounds_is_refused_and_changes_nothing():
+    env = PushEnv(2)
+    with pytest.raises(RuntimeError, match=r"PushEnv.scenarios: call reset first"):
+        _ = env.scenarios
+    env.reset(seed=0)
+    before = env.scenarios
+    outside = replace(before[1], object_pose=(0.9, 0.0, 0.0), tool_pose=(0.7, 0.0, 0.0))
+    with pytest.raises(ValueError, match=r"scenarios\[1\] must start within .*got \[0.9, 0.0\]"):
+        env.reset(scenarios=[before[0], outside])
+    assert env.scenarios == before
+    env.close()
+
+
 def test_an_episode_that_starts_at_its_goal_is_refused():
     env = PushEnv(2)
     env.reset(seed=0)

@@ -9,7 +9,7 @@ from modpush.agents import ScriptedPusher
 from modpush.envs import PushEnv
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.evaluation.episodes import Trajectory, run_episodes
-from modpush.evaluation.sets import EvaluationSet
+from modpush.evaluation.sets import EvaluationSet, load_set
 from modpush.planners import DistanceField, OccupancyGrid, PlannerSubgoals
 from tests.evaluation.conftest import make_env, make_episode
 
@@ -184,3 +184,18 @@ def test_another_workspace_than_the_sets_is_refused() -> None:
     ):
         next(iter(run_episodes(env, ScriptedPusher(), [(0, sample_scenario(rng, env.scenario))])))
     env.close()
+
+
+def test_a_policy_s_own_tensors_stay_what_they_are(env: EnvBase) -> None:
+    """Of three scenes one has no second episode; the policy gives all the same memory."""
+    own = torch.tensor([-1.0, 0.5, 0.0])
+
+    def act(td: TensorDictBase) -> TensorDictBase:
+        return td.set("action", own.expand(3, 3))
+
+    scenarios = load_set("free/small_cube").scenarios[:4]
+    episodes = {e.number: e for e in run_episodes(env, act, enumerate(scenarios))}
+    assert own.tolist() == [-1.0, 0.5, 0.0]
+    again = {e.number: e for e in run_episodes(env, act, enumerate(scenarios[3:], 3))}
+    np.testing.assert_array_equal(episodes[3].trajectory.ee_pose, again[3].trajectory.ee_pose)
+    assert len(episodes[3].trajectory.contacts) > 10

@@ -1,5 +1,7 @@
 """An object and a scene of one's own, from sampling to pictures."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -14,6 +16,7 @@ from modpush.envs.scenes.layouts import get_scene
 from modpush.evaluation import EvaluationConfig, EvaluationSet, evaluate
 from modpush.evaluation.episodes import run_episodes
 from modpush.evaluation.pictures import draw_episode, draw_frames
+from modpush.evaluation.report import draw_results
 from modpush.evaluation.shortest import shortest_path
 from modpush.geometry import Label, box, centered
 from modpush.planners import OccupancyGrid
@@ -111,3 +114,22 @@ def test_gymnasium_draws_an_object_of_ones_own() -> None:
     pose = env.env.scenarios[0].object_pose
     env.close()
     assert_an_l_is_drawn(picture, np.array(pose))
+
+
+def test_results_with_an_object_of_ones_own_are_drawn(tmp_path) -> None:
+    mine = EvaluationSet(name="mine", scenarios=drawn(L_SHAPE, 2))
+
+    def make(num_envs: int, objects) -> PushEnv:
+        return PushEnv(num_envs, pushed_object=L_SHAPE, max_episode_steps=3)
+
+    conditions = EpisodeConditions(max_episode_steps=3)
+    mine = replace(mine, conditions=conditions)
+    rows = evaluate(
+        ScriptedPusher(),
+        mine,
+        tmp_path,
+        make_env=make,
+        config=EvaluationConfig(num_envs=2, progress=False),
+    )
+    draw_results(rows, mine, tmp_path, "scripted", videos=False, objects={"l_shape": L_SHAPE})
+    assert (tmp_path / "failures.png").stat().st_size > 1000

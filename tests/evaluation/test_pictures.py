@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.drawing import TopView, draw_top_view
 from modpush.envs.scenes.objects import get_object
 from modpush.evaluation.pictures import (
@@ -81,3 +82,19 @@ def test_files(tmp_path: Path) -> None:
     while capture.read()[0]:
         frames += 1
     assert frames == 3
+
+
+def test_pictures_show_the_tool_and_the_map_of_the_set() -> None:
+    def shown(**conditions: str) -> np.ndarray:
+        return draw_episode(SLOT, EPISODE.trajectory, conditions=EpisodeConditions(**conditions))
+
+    plain = draw_episode(SLOT, EPISODE.trajectory)
+    assert (shown() == plain).all()
+    rod = shown(tool="rod")
+    x, y, yaw = EPISODE.trajectory.ee_pose[-1]
+    beside = (x - 0.02 * np.sin(yaw), y + 0.02 * np.cos(yaw))  # within the gripper, outside the rod
+    across = (x + 0.02 * np.cos(yaw), y + 0.02 * np.sin(yaw))
+    changed = [colour_at(rod, p) != colour_at(plain, p) for p in (beside, across)]
+    assert sum(changed) == 1
+    rim = (np.array([205, 206, 208]) == shown(inflation="inscribed")).all(-1).sum()
+    assert rim < 0.8 * (np.array([205, 206, 208]) == plain).all(-1).sum()

@@ -1,3 +1,4 @@
+import functools
 import os
 import resource
 import shutil
@@ -12,6 +13,7 @@ import numpy as np
 import pandas as pd
 import psutil
 import pytest
+from tensordict import TensorDict
 from tensordict.nn import TensorDictModule
 from torch import nn
 
@@ -23,6 +25,7 @@ from modpush.evaluation.results import COLUMNS, ResultStore, describe_policy, po
 from modpush.evaluation.runner import EvaluationConfig, evaluate
 from modpush.evaluation.sealed_rows import append_row
 from modpush.evaluation.sets import EvaluationSet, load_set
+from modpush.evaluation.tables import compare
 from tests.evaluation.conftest import make_env, make_episode
 
 MADE, OTHER = {"class": "made"}, {"class": "other"}
@@ -302,3 +305,41 @@ def test_drawn_actions_are_another_run_than_greedy_ones(
     drawn = replace(QUIET, deterministic=False)
     with pytest.raises(ValueError, match=r"holds another run.*deterministic"):
         evaluate(ScriptedPusher(), free.first(1), tmp_path, make_env=make_env, config=drawn)
+
+
+def go_left(td: TensorDict) -> TensorDict:
+    return td.set("action", td["ee_pose"].new_tensor([0.0, 0.5, 0.0]).expand(*td.shape, 3).clone())
+
+
+def go_right(td: TensorDict) -> TensorDict:
+    return td.set("action", -go_left(td)["action"])
+
+
+def test_two_functions_are_two_policies(tmp_path: Path, free: EvaluationSet) -> None:
+    evaluate(go_left, free.first(1), tmp_path, make_env=make_env, config=QUIET)
+    for other in (go_right, functools.partial(go_left), lambda td: go_left(td)):
+        assert describe_policy(other) != describe_policy(go_left)
+        with pytest.raises(ValueError, match="holds another run"):
+            evaluate(other, free.first(1), tmp_path, make_env=make_env, config=QUIET)
+    modules = [
+        TensorDictModule(f, in_keys=["ee_pose"], out_keys=["action"]) for f in (go_left, go_right)
+    ]
+    assert describe_policy(modules[0]) != describe_policy(modules[1])
+
+
+def test_text_stays_text_whatever_it_looks_like(tmp_path: Path, free: EvaluationSet) -> None:
+    scenario = replace(free.scenarios[0], scene="None", pushed_object="small_cube")
+    mine = EvaluationSet(name="mine", scenarios=[scenario, replace(scenario, scene="007")])
+    store = ResultStore(tmp_path, mine, MADE)
+    for number, scenario in enumerate(mine.scenarios):
+        store.write(make_episode(number, scenario))
+    assert store.rows()["scene"].tolist() == ["None", "007"]
+    assert compare(store.rows(), store.rows())["difference"].abs().max() == 0
+
+
+def test_the_first_part_of_a_set_comes_back_from_its_file(
+    tmp_path: Path, free: EvaluationSet
+) -> None:
+    part = free.first(2)
+    part.save(tmp_path / "part.json.gz")
+    assert load_set(tmp_path / "part.json.gz") == part

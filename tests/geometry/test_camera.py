@@ -86,3 +86,11 @@ def test_precision_is_kept():
 def test_impossible_cameras_are_refused(fields, message):
     with pytest.raises(ValueError, match=f"Camera: {message}"):
         Camera(**fields)
+
+
+def test_heights_are_numbers_below_the_camera():
+    camera, point = Camera(), torch.tensor([[0.5, 0.1]])
+    torch.testing.assert_close(camera.project(point, np.float32(0.1)), camera.project(point, 0.1))
+    for z in (camera.z, 2.0, torch.tensor([2.0])):
+        with pytest.raises(ValueError, match=r"Camera.project: z must be below the camera, at"):
+            camera.project(point, z)

@@ -10,7 +10,7 @@ from torchrl.data import Bounded
 
 from modpush.agents.tqc.encoder import make_trained_encoder
 from modpush.agents.tqc.networks import make_actor
-from modpush.encoders import RayScan
+from modpush.encoders import DepthVAE, RayScan
 from modpush.files import read_tensors, write_tensors
 from modpush.mdp import PATH_AHEAD_ENTRIES, PushObservation, RewardConfig, StuckRecovery
 from modpush.recipes import (
@@ -255,3 +255,22 @@ def test_other_sub_goals_are_another_environment(fingerprint, change, name):
     assert difference.startswith(f"{name}: trained with")
     earlier = {key: value for key, value in fingerprint.items() if key != "subgoals"}
     assert fingerprint_differences(earlier, now) == []  # files from before say nothing of it
+
+
+def test_an_agent_whose_encoder_is_a_file_loads_anywhere(tmp_path, monkeypatch):
+    (tmp_path / "here").mkdir()
+    (tmp_path / "there").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    DepthVAE(32).save("mine.safetensors")
+    config = PushEnvConfig.preset("cpu", num_envs=1, encoder="mine.safetensors")
+    env = make_push_env(config)
+    width = env.observation_spec["observation"].shape[-1]
+    known = environment_fingerprint(env)
+    save("agent.safetensors", config, width=width, observation_dim=width, fingerprint=known)
+    env.close()
+    encoder = DepthVAE.from_pretrained("mine.safetensors")
+    monkeypatch.chdir(tmp_path / "there")
+    agent = load_agent("../here/agent.safetensors")
+    with pytest.raises(ValueError, match=r"'mine.safetensors', which is not in .*there.*parts="):
+        agent.make_env()
+    load_agent("../here/agent.safetensors", parts={"encoder": encoder}).make_env().close()

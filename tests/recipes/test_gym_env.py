@@ -180,3 +180,17 @@ def test_a_preset_whose_fields_are_all_given_is_that_of_make_push_env(preset) ->
     assert grids[0].margins == grids[1].margins
     env.close()
     expected.close()
+
+
+@pytest.mark.parametrize("name", ["modpush/Push-v0", "ClutterPushState-v1"])
+@pytest.mark.parametrize("limit", [None, 4, 205])
+def test_gymnasium_ends_episodes_where_it_is_asked_to(name, limit) -> None:
+    options = {"encoder": "none"} if name == "modpush/Push-v0" else {}
+    env = gym.make(name, scene="free", max_episode_steps=limit, **options)
+    env.reset(seed=0)
+    steps, ended = 0, False
+    while not ended and steps < 210:
+        *_, terminated, truncated, _ = env.step(np.zeros(3, np.float32))
+        ended, steps = terminated or truncated, steps + 1
+    env.close()
+    assert (steps, terminated) == (limit or 200, False)

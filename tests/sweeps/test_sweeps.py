@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 import yaml
 
+from modpush.encoders import DepthVAE
 from modpush.sweeps import Sweep, Variant, load_sweep, run_sweep
 from modpush.sweeps.results import trial_row
 from modpush.sweeps.trial import TrialFailedError, check_end, start_trial
@@ -202,17 +203,19 @@ def test_trials_of_ray_end_as_those_in_turn_do(tmp_path: Path) -> None:
         assert_same(*map(numbers, paths))
 
 
-def test_the_ablations_are_as_many_runs_as_their_file_says() -> None:
+def test_the_ablations_are_as_many_runs_as_their_file_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     sweep = load_sweep(ROOT / "examples" / "sweeps" / "ablations.yaml")
-    groups = dict.fromkeys(variant.group for variant in sweep.variants)
-    # The autoencoders of the group `latent` must be trained first.
-    trained = sweep.of_groups(set(groups) - {"latent", "all"})
-    trials = trained.trials()
-    assert len(trials) == 3 * 37
+    monkeypatch.chdir(ROOT)  # the autoencoders are named by paths in the repository
+    trials = sweep.trials()
+    assert len(trials) == 3 * 40
     assert {trial.config.total_steps for trial in trials} == {100_000}
     configs = [trial.config for trial in trials if trial.seed == 0]
     assert len({repr(config) for config in configs}) == len(configs)  # no variant changes nothing
-    with pytest.raises(
-        ValueError, match=r"variant 'latent_8': .*encoder must be one of .*or a file"
-    ):
+    for size in (8, 16, 64):
+        (latent,) = {t.config.env.encoder for t in trials if t.variant.name == f"latent_{size}"}
+        assert DepthVAE.from_pretrained(latent).latent_dim == size
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError, match=r"variant 'latent_8': env.encoder must be a file that is"):
         sweep.of_groups(["latent"]).trials()

@@ -191,7 +191,7 @@ OBJECTS: dict[str, PushedObject] = {
 """The shipped objects by name. Source: paper Sec. V; sizes and mass as in the authors' code."""
 
 
-_RANDOM = re.compile(r"random_(\d{1,9})")
+_RANDOM = re.compile(r"random_(0|[1-9]\d{0,8})")
 
 
 @functools.lru_cache(maxsize=1024)
