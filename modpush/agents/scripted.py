@@ -110,7 +110,9 @@ class ScriptedPusher(TensorDictModuleBase):
         ee_pose_key: Key of the pose of the tool's tip, `[B, 3]` [m, m, rad], base frame.
         contact_key: Key of the contact between tool and object, `[B, 1]` bool.
         object_radius_key: Key of the object's circumscribed radius, `[B, 1]` [m].
-        action_key: Key of the action, `[B, 3]`, written.
+        action_key: Key of the action, `[B, 3]`, written: base frame, as `PushEnv` takes it. What
+            `make_push_env` makes takes it with `action_frame="base"`; the preset `cpu` acts in the
+            path's frame. `get_method("scripted")` has an environment that fits.
     """
 
     @checked_arguments

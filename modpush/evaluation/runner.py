@@ -90,8 +90,8 @@ def evaluate(
     """Run what is missing of a set, and return a row for each of its episodes.
 
     Args:
-        policy: What acts: a `Policy`, or a `TrainedAgent`, which knows its environment. With several
-            workers it is pickled.
+        policy: What acts: a `Policy`; or a `TrainedAgent` or what `modpush.recipes.get_method` returns,
+            which know their environment. With several workers it is pickled.
         evaluation_set: The episodes, or what `load_set` takes: a name or a file.
         folder: Folder that results are kept in, see `ResultStore`.
         make_env: Makes the environment, transforms included; needed unless an agent is given, whose
@@ -112,6 +112,14 @@ def evaluate(
         FolderLockedError: If another process writes to the folder; the message says which.
     """
     config = config or EvaluationConfig()
+    if hasattr(policy, "make_policy"):  # a `Method`
+        make_env = make_env or policy.make_env
+        config = replace(
+            config,
+            path_key=config.path_key or policy.path_key,
+            target_key=config.target_key or policy.target_key,
+        )
+        policy = policy.make_policy()
     if not isinstance(evaluation_set, EvaluationSet):
         evaluation_set = load_set(evaluation_set)
     if make_env is None:

@@ -13,6 +13,8 @@ from modpush._validation import check_value
 
 __all__ = ["Paths", "check_paths"]
 
+_NEAR = 2.0
+"""Distance along each axis at which a path may begin from where it was asked to [px]: planners round."""
 _DTYPES = {
     "count": torch.int64,
     "length": torch.float32,
@@ -106,18 +108,27 @@ class Paths:
         return Paths(**{name: value.to(device) for name, value in vars(self).items()})
 
 
-def check_paths(who: str, paths: Any, batch: int) -> Paths:
+def check_paths(
+    who: str,
+    paths: Any,
+    batch: int,
+    start: Tensor | None = None,
+    goal: Tensor | None = None,
+) -> Paths:
     """Check what a planner returned, before anything is computed from it.
 
     Args:
         who: Which planner, for the error messages.
         paths: What it returned.
         batch: Number of scenes that it was asked for.
+        start: Where paths were to begin, `[B, 2]` (u, v) [px]; None to leave that unchecked.
+        goal: Where they were to end, the same.
 
     Raises:
         TypeError: If it is not a `Paths`, or a field is of another dtype.
-        ValueError: If a field has another shape, a waypoint is not finite, or a length is not
-            finite although a path was found.
+        ValueError: If a field has another shape, a waypoint is not finite, a length is not finite
+            although a path was found, or a path that was found begins or ends elsewhere and does not say
+            that its end was moved.
     """
     if not isinstance(paths, Paths):
         raise TypeError(f"{who}: plan must return modpush.planners.Paths, got {type(paths)}.")
@@ -135,4 +146,18 @@ def check_paths(who: str, paths: Any, batch: int) -> Paths:
         raise ValueError(f"{who}: a waypoint is not finite; fill up with the path's last point.")
     if not paths.length[paths.found].isfinite().all():
         raise ValueError(f"{who}: the length of a path that was found is not finite.")
+    for name, end, asked, moved in (
+        ("begin", 0, start, paths.start_moved),
+        ("end", -1, goal, paths.goal_moved),
+    ):
+        if asked is None:
+            continue
+        given = paths.waypoints[:, end]
+        wrong = paths.found & ~moved & ((given - asked).abs().amax(-1) > _NEAR)
+        if wrong.any():
+            b = int(wrong.nonzero()[0])
+            raise ValueError(
+                f"{who}: the path of scene {b} must {name} at (u, v) = {asked[b].tolist()} px, got "
+                f"{given[b].tolist()}; are u, along a row, and v exchanged, or is it reversed?"
+            )
     return paths

@@ -143,7 +143,7 @@ class PlannerSubgoals(Transform):
             check_finite(who, repr(self.goal_position_key), goal)
             raise
         if not isinstance(self.planner, GridPlanner):
-            check_paths(type(self.planner).__name__, paths, len(start))
+            check_paths(type(self.planner).__name__, paths, len(start), start, end)
         return paths, position, goal
 
     def _subgoal(self, paths: Paths) -> Tensor:

@@ -193,6 +193,8 @@ def _describe(part: Any) -> dict[str, str]:
     try:
         return {"name": part_name("save_agent", part, {})}
     except ValueError:
+        if isinstance(part, Mapping):  # terms of the reward by name
+            return {"was": f"a mapping of {sorted(map(str, part))}"}
         return {"was": f"an object of {type(part).__module__}:{type(part).__qualname__}"}
 
 

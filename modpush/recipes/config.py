@@ -43,7 +43,7 @@ class PushEnvConfig:
     """What `make_push_env` stacks on a `PushEnv`: scenes, planner, encoder, observation and reward.
 
     The defaults are the paper's; where the paper says nothing, or they differ from it, the field's
-    text says so. Parts of your own are given as `"module:name"`.
+    text says so. Parts of your own are given as `"module:name"`, or as objects to `make_push_env`.
     """
 
     num_envs: Scenes = 8

@@ -36,6 +36,11 @@ def read_entries(storage: Storage, index: Tensor, key: NestedKey) -> Tensor:
                 f"{type(backing).__name__}."
             )
         column = backing.get(key, None)  # spares gathering the other keys
+        if is_tensor_collection(column):
+            raise TypeError(
+                f"AttentiveSampler: key {key!r} must be of one tensor, got a group of "
+                f"{sorted(map(str, column.keys(True, True)))}."
+            )
     if column is not None:
         if len(coordinates) == 1:
             values = column.index_select(0, coordinates[0])

@@ -193,7 +193,9 @@ class Trainer:
                 while self.steps < self.config.total_steps:
                     if self.interrupted:
                         self._save_as_it_is(pending)
-                        raise KeyboardInterrupt
+                        raise KeyboardInterrupt(
+                            f"Stopped; a checkpoint is in {self.folder.path}. Go on with resume=True."
+                        )
                     pending = self._iterate(pending, bar)
         except CollectionEndedError:
             self.save()

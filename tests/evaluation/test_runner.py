@@ -21,11 +21,18 @@ from modpush._folder_lock import FolderLock, FolderLockedError
 from modpush._hash import weights_hash
 from modpush.agents import ScriptedPusher
 from modpush.envs import EpisodeConditions, PushEnv
-from modpush.evaluation.results import COLUMNS, ResultStore, describe_policy, policy_hash
+from modpush.evaluation.results import (
+    COLUMNS,
+    ResultStore,
+    describe_policy,
+    load_trajectory,
+    policy_hash,
+)
 from modpush.evaluation.runner import EvaluationConfig, evaluate
 from modpush.evaluation.sealed_rows import append_row
 from modpush.evaluation.sets import EvaluationSet, load_set
 from modpush.evaluation.tables import compare
+from modpush.recipes import get_method
 from tests.evaluation.conftest import make_env, make_episode
 
 MADE, OTHER = {"class": "made"}, {"class": "other"}
@@ -325,6 +332,12 @@ def test_two_functions_are_two_policies(tmp_path: Path, free: EvaluationSet) -> 
         TensorDictModule(f, in_keys=["ee_pose"], out_keys=["action"]) for f in (go_left, go_right)
     ]
     assert describe_policy(modules[0]) != describe_policy(modules[1])
+
+
+def test_a_method_brings_its_environment(tmp_path: Path, free: EvaluationSet) -> None:
+    rows = evaluate(get_method("scripted"), free.first(2), tmp_path, config=QUIET)
+    assert rows["success"].all()
+    assert len(load_trajectory(tmp_path, 0).planned_path) > 1
 
 
 def test_text_stays_text_whatever_it_looks_like(tmp_path: Path, free: EvaluationSet) -> None:

@@ -725,3 +725,29 @@ def test_at_a_partial_reset_only_those_scenes_are_searched_for_a_way(margins_env
     assert searched[0] == 1
     for key in ("occupancy", "map_choice", "path_length"):
         assert torch.equal(after[key][0], before[key][0]), key
+
+
+class Straight:
+    """A planner that may exchange rows and columns, or ends, as somebody's own might."""
+
+    def __init__(self, mistake=None):
+        self.mistake = mistake
+
+    def plan(self, occupancy, start, goal):
+        ends = torch.stack([start, goal], 1)
+        if self.mistake == "reversed":
+            ends = ends.flip(1)
+        if self.mistake == "exchanged":
+            ends = ends.flip(2)
+        return Paths.from_waypoints(list(ends), start)
+
+
+@pytest.mark.parametrize("mistake", ["reversed", "exchanged"])
+def test_a_path_that_begins_elsewhere_is_refused(mistake):
+    env = make_env(2, planner=Straight())
+    assert env.reset()["path_found"].all()
+    env = make_env(2, planner=Straight(mistake))
+    with pytest.raises(
+        ValueError, match=r"Straight: the path of scene 0 must begin at \(u, v\) = "
+    ):
+        env.reset()

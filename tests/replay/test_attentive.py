@@ -655,3 +655,12 @@ def test_a_buffer_that_was_written_to_takes_a_state_s_newest_entry_over(storage,
         assert sampler._cursor.age(buffer.storage, torch.tensor([59, 58, 0])).tolist() == [0, 1, 59]
     buffer.extend(numbered(2, 700))
     assert sampler._queries(buffer.storage)[0, 0] == 701
+
+
+def test_a_key_of_a_group_is_refused_with_what_is_in_it():
+    buffer = TensorDictReplayBuffer(
+        storage=LazyTensorStorage(50), sampler=AttentiveSampler(key="agent", k=2), batch_size=4
+    )
+    buffer.extend(TensorDict({"agent": {"state": torch.rand(20, 3)}}, [20]))
+    with pytest.raises(TypeError, match=r"key 'agent' must be of one tensor, got .*\['state'\]"):
+        buffer.sample()
