@@ -60,7 +60,11 @@ def test_a_file_of_an_autoencoder_is_read(tmp_path, form):
     ("encoder", "error", "message"),
     [
         ("vaes", ValueError, "test: encoder: there is no 'vaes', expected one of"),
-        ("nowhere.safetensors", ValueError, "there is no 'nowhere.safetensors'"),
+        (
+            "nowhere.safetensors",
+            ValueError,
+            "must be a file that is there, .*'nowhere.safetensors'",
+        ),
         (nn.Linear(2, 2), TypeError, "test: encoder must be a module with an int `latent_dim`"),
         (lambda: 3, TypeError, "got int with latent_dim=None and window_size=64"),
     ],
