@@ -14,7 +14,7 @@ from gymnasium.envs.registration import WrapperSpec, registry
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
-# Gymnasium's wrapper ends episodes, as whoever makes the environment says; within there is no limit.
+# Gymnasium's TimeLimit ends episodes after as many steps as `gymnasium.make` is told, nothing else does.
 _LIMIT: dict[str, Any] = {"max_episode_steps": 200, "kwargs": {"max_episode_steps": None}}
 if "ClutterPushState-v1" not in registry:
     gymnasium.register(

@@ -112,29 +112,9 @@ def evaluate(
         FolderLockedError: If another process writes to the folder; the message says which.
     """
     config = config or EvaluationConfig()
-    if hasattr(policy, "make_policy"):  # a `Method`
-        make_env = make_env or policy.make_env
-        config = replace(
-            config,
-            path_key=config.path_key or policy.path_key,
-            target_key=config.target_key or policy.target_key,
-        )
-        policy = policy.make_policy()
     if not isinstance(evaluation_set, EvaluationSet):
         evaluation_set = load_set(evaluation_set)
-    if make_env is None:
-        if not hasattr(policy, "make_env"):
-            raise ValueError(
-                "evaluate: make_env is needed for a policy that is not an agent of load_agent, got "
-                f"{type(policy).__name__}."
-            )
-        make_env = functools.partial(_agent_env, policy)
-        config = replace(
-            config,
-            path_key=config.path_key or "path",
-            target_key=config.target_key or "subgoal",
-        )
-    acting: Policy = getattr(policy, "policy", policy)
+    acting, make_env, config = _with_environment(policy, make_env, config)
     check_callable("evaluate", "policy", acting)
     about = describe_policy(acting, label)
     if not config.deterministic:  # such actions differ from the greedy ones, and between seeds
@@ -163,6 +143,27 @@ def evaluate(
                 bar.set_postfix(success=f"{sum(done) / len(done):.3f}", refresh=False)
                 bar.update()
         return store.rows()
+
+
+def _with_environment(
+    policy: Any, make_env: EnvFactory | None, config: EvaluationConfig
+) -> tuple[Policy, EnvFactory, EvaluationConfig]:
+    """What acts, what makes its environment, and the settings with the keys that it writes."""
+    if hasattr(policy, "make_policy"):  # a `Method`
+        make_env, keys = make_env or policy.make_env, (policy.path_key, policy.target_key)
+        policy = policy.make_policy()
+    elif make_env is None and hasattr(policy, "make_env"):  # a `TrainedAgent`
+        make_env, keys = functools.partial(_agent_env, policy), ("path", "subgoal")
+    elif make_env is None:
+        raise ValueError(
+            "evaluate: make_env is needed for a policy that is neither an agent of load_agent nor a "
+            f"method of get_method, got {type(policy).__name__}."
+        )
+    else:
+        keys = (None, None)
+    path_key, target_key = config.path_key or keys[0], config.target_key or keys[1]
+    config = replace(config, path_key=path_key, target_key=target_key)
+    return getattr(policy, "policy", policy), make_env, config
 
 
 def _finished(

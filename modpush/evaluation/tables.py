@@ -225,7 +225,11 @@ def _cell(value: object) -> str:
     return str(value)
 
 
+_LATEX = str.maketrans(
+    {character: f"\\{character}" for character in "_%&#${}"}
+    | {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\~{}", "±": r"$\pm$", "–": "--"}
+)
+
+
 def _escape(text: str) -> str:
-    for character in "_%&#${}":
-        text = text.replace(character, f"\\{character}")
-    return text.replace("±", r"$\pm$").replace("–", "--")
+    return text.translate(_LATEX)

@@ -282,7 +282,9 @@ def make_conditioned_env(num_envs: int, objects: object, conditions: EpisodeCond
 
 
 def test_a_policy_without_an_environment_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="make_env is needed for a policy that is not an agent"):
+    with pytest.raises(
+        ValueError, match="make_env is needed for a policy that is neither an agent"
+    ):
         evaluate(ScriptedPusher(), "smoke", tmp_path)
 
 

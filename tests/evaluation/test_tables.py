@@ -130,3 +130,9 @@ def test_standard_deviations_are_printed_for_what_the_paper_prints_them() -> Non
         assert len(figures.contact_rate_std) == len(figures.path_length_std) == 2
         assert {*figures.significant} <= {"contact_rate", "collision_rate", "path_length"}
     assert PAPER["free/small_cube"].episodes == 500
+
+
+def test_names_are_escaped_in_latex_and_markdown() -> None:
+    table = pd.DataFrame({"value": ["1"]}, index=[r"a_b^2~{c}|\d"])
+    assert r"a\_b\^{}2\~{}\{c\}|\textbackslash{}d & 1" in format_table(table, "latex")
+    assert r"a_b^2~{c}\|\d | 1 |" in format_table(table)

@@ -74,7 +74,7 @@ def relu_mlp(
 
     Args:
         inputs: Inputs of the first layer, concatenated there, the same for all networks, `[P, d_i]`;
-            computed with in the weights' dtype.
+            converted to the weights' dtype.
         weights: One `[N, out_l, in_l]` per layer.
         biases: One `[N, out_l]` per layer.
 
