@@ -52,6 +52,9 @@ class RunConfig:
     `train.env.reward.weights`."""
     resume: bool = False
     """Resume the run in the folder from its newest checkpoint."""
+    threads: Count = 1
+    """Threads of torch in the learner's process. Updates of large networks and batches, as in `paper`,
+    are faster with two or more; small ones are not. Sums are rounded differently with another number."""
 
 
 def train_agent(run: RunConfig) -> dict[str, float]:
@@ -83,6 +86,7 @@ def train_agent(run: RunConfig) -> dict[str, float]:
         config = replace(config, env=replace(config.env, reward=reward))
     trainer = Trainer(config, run.out, resume=run.resume, start_method=start_method)
     folder = trainer.folder
+    torch.set_num_threads(run.threads)  # after the fork, which needs a process of one thread
 
     try:
         best = trainer.run()

@@ -4,9 +4,11 @@ import subprocess
 import sys
 
 import pytest
+import torch
 import yaml
 
 from modpush.cli import train
+from modpush.training.learner import Learner
 from modpush.training.run_folder import RunFolder
 
 TERM = """
@@ -45,3 +47,22 @@ def test_an_interrupt_says_whether_there_is_a_checkpoint(
         train.main(["smoke", "--out", str(tmp_path / "run")])
     expected = "a checkpoint is in" if with_checkpoint else "before the first checkpoint"
     assert expected in capsys.readouterr().out
+
+
+def test_updates_run_on_as_many_threads_as_asked_for(tmp_path, monkeypatch) -> None:
+    seen = set()
+    learn = Learner.learn
+
+    def counted(learner: Learner, before: int, now: int) -> None:
+        seen.add(torch.get_num_threads())
+        learn(learner, before, now)
+
+    monkeypatch.setattr(Learner, "learn", counted)
+    before = torch.get_num_threads()
+    try:
+        train.main(
+            ["smoke", "--out", str(tmp_path / "run"), "--train.total-steps", "96", "--threads", "2"]
+        )
+    finally:
+        torch.set_num_threads(before)
+    assert seen == {2}
