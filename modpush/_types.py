@@ -35,6 +35,7 @@ __all__ = [
     "NonNegative",
     "NonNegativeInteger",
     "NonNegativeLength",
+    "OneOrMoreNames",
     "PartName",
     "PixelCount",
     "Point",
@@ -63,6 +64,11 @@ def _ordered(value: Any) -> Any:
     if isinstance(value, Set):
         raise PydanticCustomError("tuple_type", "a tuple")
     return value
+
+
+def _one_text(value: Any) -> Any:
+    """A text as a tuple that holds it."""
+    return (value,) if isinstance(value, str) else value
 
 
 _NUMBER = BeforeValidator(_plain_number)
@@ -142,3 +148,5 @@ Several = Annotated[tuple[T, ...], Strict(False), ORDERED]
 """Any number of something."""
 AtLeastOne = Annotated[tuple[T, ...], Strict(False), Field(min_length=1), ORDERED]
 """One of something or more."""
+OneOrMoreNames = Annotated[AtLeastOne[Name], BeforeValidator(_one_text)]
+"""Names; a single one may be given without a tuple around it."""

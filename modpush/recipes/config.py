@@ -14,6 +14,7 @@ from modpush._types import (
     Name,
     NonNegative,
     NonNegativeInteger,
+    OneOrMoreNames,
     Positive,
     PositiveFraction,
     Scenes,
@@ -52,9 +53,10 @@ class PushEnvConfig:
     pushed_object: Name | AtLeastOne[Name] = "small_cube"
     """Name of the pushed object, or several, one of which is drawn for each episode. `random_7` has a
     random shape and size, see `random_object`."""
-    scene: AtLeastOne[Name] = OBSTACLE_SCENES
-    """Scene families, one of which is drawn for each episode. A curriculum's phases may name others. The
-    preset `paper` has the five of the paper's training, which has no empty scene (Sec. IV-B)."""
+    scene: OneOrMoreNames = OBSTACLE_SCENES
+    """Scene families, one of which is drawn for each episode; a single one may be given as text. A
+    curriculum's phases may name others. The preset `paper` has the five of the paper's training, which
+    has no empty scene (Sec. IV-B)."""
     difficulty: FractionSpan = (0.0, 1.0)
     """Range of the scenes' difficulty, drawn from uniformly."""
     distance: GoalDistances = (0.2, 0.6)

@@ -43,6 +43,12 @@ def test_an_encoder_that_nothing_would_train_is_refused():
         PushEnvConfig(encoder="conv")
 
 
+def test_a_single_scene_may_be_given_as_text():
+    assert PushEnvConfig(scene="slot") == PushEnvConfig(scene=("slot",))
+    with pytest.raises(ValueError, match=r"scene must be one of .*'slot'.* got 'slit'"):
+        PushEnvConfig(scene="slit")
+
+
 def test_a_latent_size_is_for_rays():
     with pytest.raises(ValueError, match="latent_dim is for the encoder 'rays', got 8 with 'vae'"):
         PushEnvConfig(latent_dim=8)
