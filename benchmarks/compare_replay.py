@@ -4,13 +4,10 @@
     python benchmarks/compare_replay.py --seeds 1 --steps 20000 --encoder rays
 
 Each run takes turns in one process, so that a core is a run; `--jobs` of them run at a time. Finished
-runs are not repeated. Writes `runs/compare_replay/<sampler>_<seed>/` and, to `--out`, a table of the
-evaluations and the curves as one picture.
+runs are not repeated, interrupted ones go on. Writes `runs/compare_replay/`, a sweep's folder for each
+encoder and number of steps, and to `--out` a table of the evaluations and the curves as one picture.
 """
 
-import subprocess
-import sys
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -18,9 +15,8 @@ from typing import Literal
 import pandas as pd
 import tyro
 
+from modpush.sweeps import Sweep, Variant, run_sweep
 from modpush.training.curve import draw_curve
-
-TRAIN = (sys.executable, "-m", "modpush", "train")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,32 +39,31 @@ class CompareConfig:
     """Folder of the table and the picture."""
 
 
-def run(folder: Path, sampler: str, seed: int, config: CompareConfig) -> None:
-    arguments = ["cpu", "--out", folder, "--train.no-async-collection", "--train.no-progress"]
-    arguments += ["--train.replay.sampler", sampler, "--train.seed", seed]
-    arguments += ["--train.total-steps", config.steps, "--train.env.encoder", config.encoder]
-    arguments += ["--train.evaluate-every", 25_000, "--train.no-save-buffer"]
-    arguments += ["--train.checkpoint-every", config.steps, "--train.evaluation-episodes", 60]
-    subprocess.run([*TRAIN, *map(str, arguments)], check=True)
-
-
 def main(config: CompareConfig) -> None:
-    groups: dict[str, list[Path]] = {name: [] for name in config.samplers}
-    with ThreadPoolExecutor(config.jobs) as pool:
-        jobs = []
-        for seed in range(config.seeds):
-            for sampler, folders in groups.items():
-                folder = config.runs / f"{sampler}_{seed}"
-                folders.append(folder)
-                if not (folder / "curve.png").exists():
-                    jobs.append(pool.submit(run, folder, sampler, seed, config))
-        for job in jobs:
-            job.result()
-    draw_curve(groups, config.out / "replay_curves.png", against="step")
+    sweep = Sweep(
+        preset="cpu",
+        overrides={
+            "async_collection": False,
+            "total_steps": config.steps,
+            "env.encoder": config.encoder,
+            "evaluate_every": 25_000,
+            "evaluation_episodes": 60,
+        },
+        seeds=tuple(range(config.seeds)),
+        variants=tuple(
+            Variant(name=name, overrides={"replay.sampler": name}) for name in config.samplers
+        ),
+    )
+    folder = config.runs / f"{config.encoder}_{config.steps}"
+    run_sweep(sweep, folder, jobs=config.jobs)
+    runs = {
+        name: [folder / name / f"seed_{seed}" for seed in sweep.seeds] for name in config.samplers
+    }
+    draw_curve(runs, config.out / "replay_curves.png", against="step")
     tables = [
-        pd.read_csv(folder / "evaluations.csv").assign(sampler=name, seed=seed)
-        for name, folders in groups.items()
-        for seed, folder in enumerate(folders)
+        pd.read_csv(path / "evaluations.csv").assign(sampler=name, seed=seed)
+        for name, paths in runs.items()
+        for seed, path in zip(sweep.seeds, paths, strict=True)
     ]
     table = pd.concat(tables)
     table.drop(columns="minutes").to_csv(config.out / "replay_curves.csv", index=False)

@@ -58,7 +58,8 @@ def speeds(folder: Path) -> str:
 
 def table_of(name: str, table: pd.DataFrame, rows: int) -> list[str]:
     """Lines of a Markdown table."""
-    chosen = sorted({round(i * (len(table) - 1) / max(rows - 1, 1)) for i in range(rows)})
+    last = len(table) - 1
+    chosen = sorted({last, *(round(i * last / (rows - 1)) for i in range(rows - 1))})
     return [
         f"| {name} | " + " | ".join(form.format(table[c].iloc[i]) for c, form in COLUMNS.items())
         for i in chosen

@@ -45,6 +45,9 @@ def seed_table(folders: tuple[Path, ...]) -> pd.DataFrame:
         seeds = pd.concat(
             summarize({str(folder): pd.read_csv(folder / name)}) for folder in folders
         )
+        if seeds["episodes"].nunique() > 1:
+            counts = seeds["episodes"].tolist()
+            raise ValueError(f"folders: all must have as many episodes of {name}, got {counts}.")
         line: dict[str, object] = {
             "set": name.removesuffix(".csv.gz"),
             "episodes": int(seeds["episodes"].iloc[0]),

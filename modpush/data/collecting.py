@@ -151,7 +151,8 @@ def _collect(
             left = [n for n in range(max(tried, default=0)) if n not in tried]  # by a kill
             if len(kept) >= config.episodes and not left:
                 return kept.head(config.episodes)
-            _check_tries(method.name, len(rows), len(kept), config)
+            if len(kept) < config.episodes:
+                _check_tries(method.name, len(rows), len(kept), config)
             numbers = left or _next_numbers(len(tried), config.episodes - len(kept), config)
             if env is None:
                 env = _with_policy_view(method, recorder, config.objects)
@@ -163,11 +164,11 @@ def _next_numbers(first: int, missing: int, config: CollectConfig) -> range:
     """Numbers of the starts to run next."""
     if config.only_success:  # some may fail; scenes that have nothing to do cost the same
         missing = max(missing, config.env.num_envs)
-    return range(first, first + missing)
+    return range(first, min(first + missing, MAX_NUMBER))
 
 
 def _check_tries(name: str, tried: int, kept: int, config: CollectConfig) -> None:
-    if tried >= min(_TRIES * config.episodes + 20, MAX_NUMBER - config.episodes):
+    if tried >= min(_TRIES * config.episodes + 20, MAX_NUMBER):
         raise ValueError(
             f"collect_demonstrations: {name!r} reached the goal in {kept} of {tried} episodes, which "
             f"is too few to find {config.episodes}; ask for fewer, or easier scenes (env.difficulty)."
@@ -200,7 +201,8 @@ def _run(
         rows[number] = row
 
     starts = ((number, _start(config, number)) for number in numbers)
-    for episode in run_episodes(env, policy, starts, on_step=note_row):
+    inflation = config.env.path_inflation
+    for episode in run_episodes(env, policy, starts, inflation=inflation, on_step=note_row):
         number = episode.number
         seed = episode_seed(config.seed, number)
         found = recorder.demonstration(rows[number], policy=method.name, number=number, seed=seed)

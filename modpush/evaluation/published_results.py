@@ -7,7 +7,7 @@ import pandas as pd
 
 from modpush.evaluation.tables import METRICS
 
-__all__ = ["PAPER", "PaperFigures", "beside_paper"]
+__all__ = ["PAPER", "PaperFigures", "beside_paper", "printed_spl"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,21 +125,33 @@ PAPER = {
 `hard/small_cube` with further episodes of the same distribution."""
 
 _MEASURED_AS = {
-    "success": ("success", "success"),
-    "spl_authors_agent": ("spl", None),
-    "spl_authors_controller": (None, "spl"),
-    "contact_rate_at_end": ("contact_rate", "contact_rate"),
-    "collision_rate": ("collision_rate", "collision_rate"),
-    "path_length": ("path_length", "path_length"),
+    "success": "success",
+    "contact_rate_at_end": "contact_rate",
+    "collision_rate": "collision_rate",
+    "path_length": "path_length",
 }
-"""The paper's figures of agent and controller that are measured as this metric is."""
+"""The paper's figures but for SPL that are measured as this metric is."""
+
+
+def printed_spl(evaluation_set: str, *, of_controller: bool) -> str:
+    """Our metric that measures SPL as the authors measured a printed one.
+
+    Among obstacles each of the paper's methods is measured by the path of its own planner, in free space
+    both by that of Lazy Theta* (paper Sec. V-B).
+
+    Args:
+        evaluation_set: Name of the set.
+        of_controller: Whether the printed figure is the controller's, not the agent's.
+    """
+    staircase = of_controller and not evaluation_set.startswith("free/")
+    return "spl_authors_controller" if staircase else "spl_authors_agent"
 
 
 def beside_paper(summary: pd.DataFrame, evaluation_set: str) -> pd.DataFrame:
     """A summary's means beside the paper's, cell by cell.
 
-    The paper's figures stand where they are measured alike: its SPL beside that by the authors' path of
-    the same method, its contact rate beside that of the looks at the steps' ends.
+    The paper's figures stand where they are measured alike: its SPL as `printed_spl` says, its contact
+    rate beside that of the looks at the steps' ends.
 
     Args:
         summary: What `summarize` returned.
@@ -153,11 +165,12 @@ def beside_paper(summary: pd.DataFrame, evaluation_set: str) -> pd.DataFrame:
     table = summary[list(METRICS)].T.rename_axis("metric")
     table.columns.name = None
     figures = PAPER.get(evaluation_set.partition("+")[0])
-    names = [_MEASURED_AS.get(metric, (None, None)) for metric in METRICS]
     for column, which in (("paper_controller", 1), ("paper_agent", 0)):
-        pairs = [getattr(figures, str(pair[which]), None) for pair in names]
+        as_there = {**_MEASURED_AS, printed_spl(evaluation_set, of_controller=which == 1): "spl"}
+        pairs = [getattr(figures, as_there.get(metric, ""), None) for metric in METRICS]
         table[column] = [float("nan") if pair is None else pair[which] for pair in pairs]
     if figures is not None and figures.retrained is not None:
-        retrained = figures.retrained
-        table["paper_retrained"] = [retrained.get(str(agent), float("nan")) for agent, _ in names]
+        as_there = {**_MEASURED_AS, printed_spl(evaluation_set, of_controller=False): "spl"}
+        retrained = [figures.retrained.get(as_there.get(metric, "")) for metric in METRICS]
+        table["paper_retrained"] = [float("nan") if v is None else v for v in retrained]
     return table

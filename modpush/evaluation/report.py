@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from modpush._arguments import checked_arguments
@@ -87,7 +88,8 @@ def draw_results(
     load = functools.partial(load_trajectory, folder)
     for name, solved, most in (("failures", False, pictures), ("successes", True, pictures // 2)):
         chosen = rows[rows["success"] == solved]
-        chosen = chosen.iloc[:: max(1, len(chosen) // max(1, most))].head(most)
+        spread = np.linspace(0, len(chosen) - 1, min(len(chosen), most)).round().astype(int)
+        chosen = chosen.iloc[spread]
         path = folder / f"{name}.png"
         path.unlink(missing_ok=True)
         drawn = [

@@ -81,7 +81,8 @@ def paired_t_test(first: ArrayLike, second: ArrayLike) -> PairedTest:
 
     Returns:
         The test. NaN with fewer than two pairs. Where all differences are the same, t and effect
-        are 0 or infinite.
+        are 0 or infinite, and p is that of the sign test, which for values of 0 and 1 is McNemar's
+        exact one.
 
     Raises:
         ValueError: If the shapes differ, or the values are not `[N]` and finite.
@@ -100,7 +101,7 @@ def paired_t_test(first: ArrayLike, second: ArrayLike) -> PairedTest:
     deviation = float(np.std(a - b, ddof=1))
     if deviation <= 1e-12 * max(1.0, abs(mean)):  # no spread but rounding
         size = math.copysign(math.inf, mean) if abs(mean) > 1e-12 else 0.0
-        p = 0.0 if size else 1.0
+        p = 0.5 ** (n - 1) if size else 1.0
         return PairedTest(count=n, difference=mean, t=size, p=p, effect_size=size)
     test = stats.ttest_rel(a, b)
     return PairedTest(

@@ -139,7 +139,7 @@ def _write_sweep(page: _SweepPage, folder: Path, config: ReproduceConfig) -> Non
     out = config.out / page.part
     write_text(out.with_suffix(".csv"), table.to_csv())
     write_text(out.with_suffix(".tex"), format_table(_as_text(table), "latex"))
-    draw_sweep(curves, out.with_suffix(".png"))
+    draw_sweep(curves, out.with_suffix(".png"), baseline=str(trials["variant"].iloc[0]))
     for path in paths:
         write_text(config.out / f"{page.part}_{path.name}", path.read_text())
     command = f"modpush sweep {page.sweep} --out runs/{folder.name}; {config.command(page.part)}"
@@ -148,7 +148,7 @@ def _write_sweep(page: _SweepPage, folder: Path, config: ReproduceConfig) -> Non
     steps = sorted(trials["total_steps"].unique())
     about = page.about.format(
         steps=" or ".join(f"{value:,}".replace(",", " ") for value in steps),
-        minutes=trials["minutes"].mean() if "minutes" in trials else math.nan,
+        minutes=finished["minutes"].mean() if "minutes" in finished else math.nan,
     )
     text = _TEXT.format(
         title=page.title,

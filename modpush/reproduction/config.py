@@ -20,12 +20,12 @@ PARTS = tuple(part for part in get_args(Part) if part != "all")
 
 
 _MATTERS: dict[str, tuple[str, ...]] = {
-    "free": ("agent", "recovery", "first"),
-    "obstacles": ("agent", "recovery", "first", "policy_files"),
-    "hard": ("agent", "recovery", "first"),
-    "examples": ("agent", "recovery", "first"),
-    "runtime": ("agent", "recovery", "seed"),
-    "dynamics": ("agent", "recovery", "seed", "dynamics_episodes"),
+    "free": ("agent", "recovery", "first", "policy_files", "allow"),
+    "obstacles": ("agent", "recovery", "first", "policy_files", "allow"),
+    "hard": ("agent", "recovery", "first", "policy_files", "allow"),
+    "examples": ("agent", "recovery", "first", "allow"),
+    "runtime": ("agent", "recovery", "seed", "policy_files", "allow"),
+    "dynamics": ("agent", "recovery", "seed", "dynamics_episodes", "allow"),
     "ablations": ("sweep",),
     "further": ("further",),
 }
@@ -88,19 +88,32 @@ class ReproduceConfig:
         the current folder. A sweep's folder is named as below `runs`, wherever it lies.
         """
         words = ["modpush reproduce", part]
-        default = ReproduceConfig()
         for name in (*_MATTERS[part], "out"):
-            value = getattr(self, name)
-            if name in ("sweep", "further"):
-                value = Path("runs") / value.name
-            if value == getattr(default, name):
-                continue
-            if name == "policy_files":
-                value = " ".join(f"{item} {_agent_here(path)}" for item, path in value.items())
-            if name == "out" and (value := _below_here(value)) is None:
-                continue
-            words.append(f"--{name.replace('_', '-')} {value}")
+            value = self._argument(name, part)
+            if value:
+                words.append(f"--{name.replace('_', '-')} {value}")
         return " ".join(words)
+
+    def _argument(self, name: str, part: str) -> str:
+        """A field's value as `command` writes it; empty where it is the default or left out."""
+        value = getattr(self, name)
+        if name in ("sweep", "further"):
+            value = Path("runs") / value.name
+        if value == getattr(ReproduceConfig(), name):
+            return ""
+        if name == "policy_files":  # only `obstacles` has other objects than the small cube
+            return " ".join(
+                f"{item} {_agent_here(path)}"
+                for item, path in value.items()
+                if part == "obstacles" or item == "small_cube"
+            )
+        if name == "agent":
+            return str(_agent_here(Path(value)))
+        if name == "allow":
+            return " ".join(value)
+        if name == "out":
+            return str(_below_here(value) or "")
+        return str(value)
 
 
 def _agent_here(path: Path) -> Path:

@@ -11,7 +11,7 @@ import pandas as pd
 from torchrl.envs import EnvBase
 from tqdm import tqdm
 
-from modpush._provenance import Session, sources_text
+from modpush._provenance import sources_text
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES
 from modpush.envs.scenes.objects import OBJECTS, PushedObject
@@ -156,12 +156,12 @@ def write_dynamics(config: ReproduceConfig) -> None:
     """Measure the agent for each value, and write `dynamics.md`, `.csv` and `.png`."""
     changes = [Change(quantity=q, value=v) for q, about in QUANTITIES.items() for v in about.values]
     method = agent_method(config)
-    sessions: dict[str, list[Session]] = {}
+    measured: dict[str, Measured] = {}
     tables = []
     for change in tqdm(changes, desc="dynamics", unit="value", disable=not config.progress):
-        measured = _measure(change, method, config)
-        sessions[change.name] = measured.sessions
-        cells = make_cells({AGENT: measured.rows})
+        if change.name not in measured:
+            measured[change.name] = _measure(change, method, config)
+        cells = make_cells({AGENT: measured[change.name].rows})
         about = {"quantity": change.quantity, "value": change.value, "nominal": change.nominal}
         tables.append(cells.drop(columns=["method", "pair"]).assign(**about))
     table = pd.concat(tables, ignore_index=True)
@@ -169,7 +169,7 @@ def write_dynamics(config: ReproduceConfig) -> None:
     _draw(table, config.out / "dynamics.png")
     sources = sources_text(
         config.command("dynamics"),
-        [s for several in sessions.values() for s in several],
+        [session for item in measured.values() for session in item.sessions],
         f"{config.seed}; no evaluation set",
     )
     text = _TEXT.format(sources=sources, count=config.dynamics_episodes, table=_as_text(table))
@@ -204,8 +204,8 @@ def _as_text(table: pd.DataFrame) -> str:
                 "quantity": QUANTITIES[str(quantity)].title,
                 "value": f"{value:g}{mark}",
                 "success": f"{success['mean']:.3f} [{success['low']:.3f}, {success['high']:.3f}]",
-                "contact": f"{cells.loc['contact_rate', 'mean']:.3f}",
-                "collision": f"{cells.loc['collision_rate', 'mean']:.3f}",
+                "contact": cells.loc["contact_rate", "mean"],
+                "collision": cells.loc["collision_rate", "mean"],
                 "SPL": f"{spl['mean']:.3f}",
             }
         )

@@ -103,19 +103,21 @@ def measure_policy(
         forget_sessions(folder)
     before = 0 if config.fresh else _count(folder)
     began = time.perf_counter()
-    rows = evaluate(
-        policy,
-        episodes,
-        folder,
-        make_env=make_env,
-        label=label,
-        config=EvaluationConfig(
-            num_envs=config.num_envs, workers=config.workers, progress=config.progress, **keys
-        ),
-        resume=not config.fresh,
-    )
-    if (new := _count(folder) - before) > 0:
-        add_session(folder, new, time.perf_counter() - began)
+    try:
+        rows = evaluate(
+            policy,
+            episodes,
+            folder,
+            make_env=make_env,
+            label=label,
+            config=EvaluationConfig(
+                num_envs=config.num_envs, workers=config.workers, progress=config.progress, **keys
+            ),
+            resume=not config.fresh,
+        )
+    finally:  # rows of an interrupted run are kept as well
+        if (new := _count(folder) - before) > 0:
+            add_session(folder, new, time.perf_counter() - began)
     return Measured(rows=rows, folder=folder, sessions=read_sessions(folder))
 
 

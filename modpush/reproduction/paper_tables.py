@@ -202,11 +202,12 @@ def _cell(metric: str, cell: pd.Series) -> str:
 
 
 def _section_text(section: Section, display: pd.DataFrame, tests: pd.DataFrame, count: int) -> str:
+    forms = {"difference": "{:+.3f}", "t": "{:.2f}", "p": "{:.2g}", "effect_size": "{:+.2f}"}
     shown = tests.assign(
-        difference=[f"{value:+.3f}" for value in tests["difference"]],
-        t=[f"{value:.2f}" for value in tests["t"]],
-        p=[f"{value:.2g}" for value in tests["p"]],
-        effect_size=[f"{value:+.2f}" for value in tests["effect_size"]],
+        **{
+            name: ["–" if np.isnan(value) else form.format(value) for value in tests[name]]
+            for name, form in forms.items()
+        }
     ).rename(columns={"count": "pairs", "effect_size": "d"})
     columns = ["metric", "pairs", "difference", "t", "p", "d", "verdict"]
     whole = len(load_set(section.evaluation_set))
@@ -221,7 +222,8 @@ def _section_text(section: Section, display: pd.DataFrame, tests: pd.DataFrame, 
 
 
 def _test_verdicts(tests: pd.DataFrame) -> pd.DataFrame:
-    """The tests' verdicts in the columns of `judge`."""
+    """The tests' verdicts in the columns of `judge`; there is none with fewer than two pairs."""
+    tests = tests[tests["count"] > 1]
     return pd.DataFrame(
         {
             "method": tests["first"],

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from modpush.evaluation.published_results import PAPER, PaperFigures
+from modpush.evaluation.published_results import PAPER, PaperFigures, printed_spl
 from modpush.reproduction.cells import SHOWN
 from modpush.reproduction.verdicts import against_printed
 
@@ -27,15 +27,13 @@ def stands_for(metric: str, row: str, metrics: Sequence[str], evaluation_set: st
 
     Args:
         metric: The printed metric.
-        row: Name of the printed row. Among obstacles the authors measured each method's SPL by the path
-            of its own planner, in free space both by that of Lazy Theta* (paper Sec. V-B).
+        row: Name of the printed row.
         metrics: Our columns.
         evaluation_set: The paper's set.
     """
-    staircase = row == _CONTROLLER and evaluation_set != "free/small_cube"
     as_there = {
         "contact_rate": "contact_rate_at_end",
-        "spl": f"spl_authors_{'controller' if staircase else 'agent'}",
+        "spl": printed_spl(evaluation_set or "", of_controller=row == _CONTROLLER),
     }.get(metric, metric)
     return as_there if as_there in metrics else metric
 

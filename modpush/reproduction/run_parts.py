@@ -1,6 +1,7 @@
 """Makes the chosen parts one after the other, and the page over them."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import torch
 
@@ -48,6 +49,8 @@ def reproduce(config: ReproduceConfig) -> None:
                 continue
             if part in PAPER_TABLES:
                 write_paper_table(part, config)
+            elif part == "examples" and "obstacles" in config.chosen:
+                _WRITERS[part](replace(config, fresh=False))  # of episodes that were just run
             else:
                 _WRITERS[part](config)
             write_companion(config)

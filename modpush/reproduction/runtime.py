@@ -10,7 +10,6 @@ import matplotlib
 import numpy as np
 import pandas as pd
 import torch
-from tensordict import TensorDict
 from torchrl.envs import EnvBase, set_exploration_type
 from torchrl.envs.utils import ExplorationType, step_mdp
 from tqdm import tqdm
@@ -52,7 +51,7 @@ def write_runtime(config: ReproduceConfig) -> None:
     began = time.perf_counter()
     methods = methods_for(config, _OBJECT)
     actor = agent_method(replace(config, recovery=False)).make_policy()
-    lines: list[dict[str, Any]] = [{"method": AGENT, "part": "network", **_network_times(actor)}]
+    lines: list[dict[str, Any]] = []
     makers = {name: (method.make_env, method.make_policy()) for name, method in methods.items()}
     makers["simulation"] = (_bare_env, ScriptedPusher())
     count = 0
@@ -61,6 +60,8 @@ def write_runtime(config: ReproduceConfig) -> None:
     ):
         env = make_env(1, (_OBJECT,))
         try:
+            if name == AGENT:
+                lines.append({"method": AGENT, "part": "network", **_network_times(actor, env)})
             for scene in _SCENES:
                 scenarios = _scenarios(config.seed, scene)
                 count += len(scenarios)
@@ -86,10 +87,9 @@ def _scenarios(seed: int, scene: str) -> list[Scenario]:
 
 
 @torch.no_grad()
-def _network_times(policy: Any) -> dict[str, float]:
-    """Times of the policy's network for one observation."""
-    width = next(p for p in policy.parameters() if p.ndim == 2).shape[1]
-    td = TensorDict({"observation": torch.zeros(1, width)}, batch_size=[1])
+def _network_times(policy: Any, env: EnvBase) -> dict[str, float]:
+    """Times of the policy's network for one observation of its environment."""
+    td = env.reset().select(*policy.in_keys)
     times = []
     with set_exploration_type(ExplorationType.DETERMINISTIC):
         for _ in range(_WARM_UP + _CALLS):
@@ -139,24 +139,25 @@ def _statistics(times: np.ndarray) -> dict[str, float]:
     }
 
 
-def _median(table: pd.DataFrame, method: str, part: str) -> float:
+def _over_scenes(table: pd.DataFrame, method: str, part: str) -> float:
+    """Mean of the scenes' medians, weighted by their steps [ms]."""
     own = table[(table["method"] == method) & (table["part"] == part)]
     return float(np.average(own["cpu_ms"], weights=own["steps"]))
 
 
 def _text(table: pd.DataFrame, sources: str) -> str:
-    network = _median(table, AGENT, "network")
+    network = _over_scenes(table, AGENT, "network")
     beside = pd.DataFrame(
         [
             ("action prediction of the network", network, _PRINTED["network"]),
             (
                 "simulation of the action",
-                _median(table, "simulation", "environment"),
+                _over_scenes(table, "simulation", "environment"),
                 _PRINTED["simulation"],
             ),
             (
                 "whole step: simulation, depth image, path, encoder, observation, network",
-                _median(table, AGENT, "step"),
+                _over_scenes(table, AGENT, "step"),
                 sum(_PRINTED.values()),
             ),
         ],
@@ -205,8 +206,8 @@ _TEXT = """# Computing times
 
 {sources}
 CPU time of one thread, one scene at a time; medians over the steps of three episodes in each of
-eight scenes. Other programs on the machine change CPU time less than wall time, which is in
-`runtime.csv` with the 95th percentiles.
+eight scenes, in the first table their mean over the scenes. Other programs on the machine change
+CPU time less than wall time, which is in `runtime.csv` with the 95th percentiles.
 
 {beside}
 The paper's times are of an i7-6800K with an Nvidia 2070, in PyBullet, and it does not say whether

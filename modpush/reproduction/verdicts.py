@@ -14,17 +14,22 @@ __all__ = ["LOWER_IS_BETTER", "RULES", "Verdict", "against_method", "against_pri
 Verdict = Literal["ahead", "level", "behind"]
 LEVEL = 0.05
 """Significance level of all tests."""
+_FEWEST = 30
+"""Number of episodes from which on a mean is judged against a printed one: bootstrapped intervals of
+fewer are too narrow, most of all where nearly all values are 0 or 1."""
 LOWER_IS_BETTER = ("collision_rate", "path_length")
 """Metrics of which less is better; of all others more is."""
-RULES = """
+RULES = f"""
 1. Against a method that was measured here on the same episodes: ahead or behind where the two-sided
    paired t-test rejects equal means at 0.05, else level.
 2. Against a printed success rate: ahead or behind where Fisher's exact test of the numbers of
    successes, ours and those that the printed rate stands for, gives p < 0.05, else level.
 3. Against another printed figure: ahead or behind where the 95 % interval of our mean leaves it out,
    else level. The printed figure's own uncertainty is not known, so that these verdicts are a little
-   bolder than tests would be.
-4. Path lengths are not judged against printed ones: they depend on the episodes that were drawn.
+   bolder than tests would be. Where all our values are the same, as many as are 3 of their number
+   might have been 0 or 1 instead.
+4. Not judged against printed figures are means over fewer than {_FEWEST} episodes but success rates, and
+   path lengths, which depend on the episodes that were drawn.
 """
 """The rules in Markdown, as the companion page prints them."""
 
@@ -72,9 +77,21 @@ def against_printed(
         ours, theirs = round(float(cell["mean"]) * count), round(printed * printed_runs)
         table = [[ours, count - ours], [theirs, printed_runs - theirs]]
         apart = stats.fisher_exact(table).pvalue < LEVEL
+    elif cell["count"] < _FEWEST:
+        return None
     else:
-        apart = not cell["low"] <= printed <= cell["high"]
+        low, high = _interval(cell)
+        apart = not low <= printed <= high
     return _signed(metric, difference) if apart else "level"
+
+
+def _interval(cell: pd.Series) -> tuple[float, float]:
+    """A figure's interval; where all values are the same, by the rule of three."""
+    mean, low, high = float(cell["mean"]), float(cell["low"]), float(cell["high"])
+    if low == high:
+        share = 3 / float(cell["count"])
+        return mean - share * mean, mean + share * (1 - mean)
+    return low, high
 
 
 def _signed(metric: str, difference: float) -> Verdict:

@@ -16,7 +16,7 @@ __all__ = ["draw_sweep"]
 _COLUMNS = 3
 
 
-def draw_sweep(curves: pd.DataFrame, path: Path, metric: str = "success") -> None:
+def draw_sweep(curves: pd.DataFrame, path: Path, baseline: str, metric: str = "success") -> None:
     """Draw a metric of the held-out evaluations against the environment steps.
 
     Each panel has the variants of a group and, in black, the sweep's first variant: the mean over the
@@ -24,10 +24,10 @@ def draw_sweep(curves: pd.DataFrame, path: Path, metric: str = "success") -> Non
 
     Args:
         curves: What `sweep_curves` returned, with at least one row.
+        baseline: Name of the sweep's first variant, which may have no evaluation yet.
         path: The picture's file.
         metric: The column to draw.
     """
-    baseline = curves["variant"].iloc[0]
     groups = dict.fromkeys(curves.loc[curves["variant"] != baseline, "group"]) or {"": None}
     rows, columns = math.ceil(len(groups) / _COLUMNS), min(_COLUMNS, len(groups))
     figure, axes = plt.subplots(
@@ -36,7 +36,9 @@ def draw_sweep(curves: pd.DataFrame, path: Path, metric: str = "success") -> Non
     for axis in axes.flat[len(groups) :]:
         axis.axis("off")
     for axis, group in zip(axes.flat, groups, strict=False):
-        _draw_variant(axis, curves[curves["variant"] == baseline], baseline, "black", metric)
+        first = curves[curves["variant"] == baseline]
+        if len(first):
+            _draw_variant(axis, first, baseline, "black", metric)
         chosen = curves[(curves["group"] == group) & (curves["variant"] != baseline)]
         for number, (variant, table) in enumerate(chosen.groupby("variant", sort=False)):
             _draw_variant(axis, table, str(variant), f"C{number}", metric)

@@ -77,5 +77,5 @@ def write_results(trials: Sequence[Trial], folder: Path) -> pd.DataFrame:
     write_text(folder / "trials.csv", results.to_csv(index=False))
     if len(curves):
         write_text(folder / "curves.csv", curves.to_csv(index=False))
-        draw_sweep(curves, folder / "curves.png")
+        draw_sweep(curves, folder / "curves.png", baseline=trials[0].variant.name)
     return results

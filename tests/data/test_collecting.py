@@ -16,12 +16,14 @@ from modpush.data import (
     CollectConfig,
     Demonstration,
     collect_demonstrations,
+    collecting,
     replay_demonstration,
 )
 from modpush.data.collecting import _start
 from modpush.data.config import episode_seed
 from modpush.envs import PushEnv
 from modpush.evaluation.sets import SET_NAMES, load_set
+from modpush.evaluation.shortest import shortest_path
 from modpush.recipes import PushEnvConfig
 from tests.data.conftest import CONFIG, ENV
 
@@ -112,6 +114,39 @@ def test_a_run_goes_on_where_it_was_killed_and_takes_more(collected, tmp_path) -
     ):
         collect_demonstrations(more, progress=False)
     assert dataset(folder).total_episodes == 4
+
+
+def test_a_hole_is_filled_where_more_is_there_than_asked_for(
+    collected, tmp_path, monkeypatch
+) -> None:
+    folder = tmp_path / "run"
+    shutil.copytree(collected, folder)
+    lines = (folder / "attempts.csv").read_text().splitlines(keepends=True)
+    (folder / "attempts.csv").write_text("".join([*lines[:2], *lines[3:]]))  # without number 1
+    monkeypatch.setattr(collecting, "_TRIES", -20)  # as if many had been tried
+    collect_demonstrations(replace(CONFIG, out=folder, episodes=1), progress=False)
+    assert sorted((folder / "attempts.csv").read_text().splitlines(keepends=True)) == sorted(lines)
+    assert dataset(folder).total_episodes == 2
+
+
+def test_spl_is_by_the_map_that_the_starts_are_drawn_with(tmp_path) -> None:
+    env = replace(
+        ENV,
+        difficulty=(1.0, 1.0),
+        scene="diagonal_walls",
+        inflation="inscribed",
+        max_episode_steps=5,
+    )
+    config = CollectConfig(policy=("scripted",), episodes=2, env=env, out=tmp_path / "run")
+    collect_demonstrations(config, progress=False)
+    rows = pd.read_csv(config.out / "attempts.csv", index_col="number")
+    differs = []
+    for number in range(2):
+        start = _start(config, number)
+        expected = shortest_path(start, inflation="inscribed")[1]
+        assert rows.loc[number, "shortest_length"] == pytest.approx(expected)
+        differs.append(abs(shortest_path(start)[1] - expected) > 0.01)
+    assert any(differs)
 
 
 def test_another_run_s_folder_is_refused_before_anything_is_run(collected, tmp_path) -> None:

@@ -62,7 +62,11 @@ def test_paired_t_test_without_spread() -> None:
     same = paired_t_test([1.0, 0.0, 1.0], [1.0, 0.0, 1.0])
     assert (same.t, same.p, same.effect_size) == (0.0, 1.0, 0.0)
     shifted = paired_t_test([1.5, 2.5], [1.0, 2.0])
-    assert (shifted.t, shifted.p) == (math.inf, 0.0)
+    assert (shifted.t, shifted.p) == (math.inf, 0.5)
+    for count in (2, 5, 6, 40):  # episodes that one method alone solves
+        alone = paired_t_test([1.0] * count, [0.0] * count)
+        assert alone.p == pytest.approx(stats.binomtest(count, count).pvalue)
+        assert alone.significant() == (count >= 6)
     assert math.isnan(paired_t_test([1.0], [2.0]).p)
     assert not paired_t_test([], []).significant()
 

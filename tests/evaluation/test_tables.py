@@ -105,6 +105,12 @@ def test_the_papers_figures_stand_beside_ours() -> None:
     assert table.loc["spl"].isna().sum() == 2
     free = beside_paper(summarize({"corridor": A}), "free/small_cube")
     assert np.isnan(free.loc["collision_rate", "paper_agent"])
+    # In free space the authors measured both methods by Lazy Theta*.
+    assert free.loc["spl_authors_agent", ["paper_controller", "paper_agent"]].tolist() == [
+        0.918,
+        0.928,
+    ]
+    assert np.isnan(free.loc["spl_authors_controller", "paper_controller"])
     assert beside_paper(summarize({"corridor": A}), "smoke")["paper_agent"].isna().all()
 
 

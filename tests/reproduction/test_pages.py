@@ -9,6 +9,7 @@ from modpush.evaluation.sets import EvaluationSet, load_set
 from modpush.reproduction.ablations import ablation_table
 from modpush.reproduction.cells import make_cells, make_tests
 from modpush.reproduction.example_pictures import choose_examples
+from modpush.reproduction.paper_tables import PAPER_TABLES, _section_text, _test_verdicts
 from modpush.reproduction.printed import judge, printed_rows
 
 
@@ -64,12 +65,23 @@ def test_the_tests_are_those_of_scipy_over_the_pair() -> None:
         make_tests({"agent": AGENT, "corridor": CORRIDOR.head(3)})
 
 
+def test_what_no_pair_solved_is_left_open() -> None:
+    tests = make_tests({"agent": AGENT, "corridor": CORRIDOR.assign(success=False)})
+    section = PAPER_TABLES["free"].sections[0]
+    text = _section_text(section, pd.DataFrame({"method": ["agent"]}).set_index("method"), tests, 4)
+    assert "| contact_rate | 0 | – | – | – | – | level |" in text
+    judged = _test_verdicts(tests)
+    assert set(judged["metric"]) == {"success", "spl"}
+
+
 def test_printed_figures_stand_beside_what_is_measured_as_there() -> None:
+    # Fifteen times the same: fewer than 30 episodes that both solved would not be judged.
+    many = {name: pd.concat([frame] * 15, ignore_index=True) for name, frame in ROWS.items()}
     as_there = {
         name: frame.assign(
             spl_authors_agent=0.4, spl_authors_controller=0.6, contact_rate_at_end=0.1
         )
-        for name, frame in ROWS.items()
+        for name, frame in many.items()
     }
     judged = judge(make_cells(as_there), "obstacles/fragment")
     assert set(judged["versus"]) == {
@@ -89,9 +101,10 @@ def test_printed_figures_stand_beside_what_is_measured_as_there() -> None:
     # In free space the controller's staircase would be no way to be longer than: it was Lazy Theta*'s.
     free = judge(make_cells(as_there), "free/small_cube").set_index(["method", "versus", "metric"])
     assert free.loc[("agent", "paper: controller", "spl"), "ours"] == "spl_authors_agent"
-    plain = judge(make_cells(ROWS), "obstacles/fragment")
+    assert set(judge(make_cells(ROWS), "obstacles/fragment")["metric"]) == {"success"}
+    plain = judge(make_cells(many), "obstacles/fragment")
     assert {"spl", "contact_rate"} <= set(plain["ours"])
-    assert judge(make_cells(ROWS), None).empty
+    assert judge(make_cells(many), None).empty
     retrained = printed_rows("obstacles/fragment")[2].figures
     assert list(retrained.values()) == [0.959, 0.984, 0.01, 0.83, 0.58]
 

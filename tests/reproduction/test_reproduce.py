@@ -36,7 +36,7 @@ def test_a_table_is_written_resumed_and_listed(tmp_path: Path) -> None:
     assert cells.loc[("agent", "spl"), "mean"] == pytest.approx(rows["spl"].mean())
     companion = (config.out / "README.md").read_text()
     assert "[free](free.md)" in companion
-    assert "\n4. Path lengths are not judged against printed ones" in companion
+    assert "\n4. Not judged against printed figures are means over fewer than 30" in companion
     assert "Not there yet: Table III" in companion
     assert "| `modpush reproduce free --first 2` |" in companion
     assert "**Only the first episodes were run: 2 of 500 of `free/small_cube`.**" in companion
@@ -193,6 +193,12 @@ def test_parts_are_made_in_the_order_of_the_paper() -> None:
     assert distant.command("obstacles").endswith("--policy-files fragment f.safetensors")
     assert config.command("free") == "modpush reproduce free --first 3"
     assert config.command("dynamics") == "modpush reproduce dynamics"
+    own = replace(config, policy_files={"small_cube": Path("any_object")}, allow=("mine", "ours"))
+    for part in ("free", "hard", "runtime"):
+        assert "--policy-files small_cube any_object --allow mine ours" in own.command(part)
+    assert own.command("examples") == "modpush reproduce examples --first 3 --allow mine ours"
+    trained = replace(ReproduceConfig(), agent=str(Path.cwd() / "runs" / "train"))
+    assert trained.command("free") == "modpush reproduce free --agent runs/train"
     swept = replace(config, sweep=Path("/elsewhere/mine"))
     assert swept.command("ablations") == "modpush reproduce ablations --sweep runs/mine"
     elsewhere = replace(config, out=Path("/elsewhere"))

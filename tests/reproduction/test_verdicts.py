@@ -47,6 +47,19 @@ def test_against_another_printed_figure_the_interval_decides() -> None:
     assert against_printed("path_length", cell(0.5, 0.4, 0.6), 0.9, 1000) is None
 
 
+def test_few_episodes_prove_nothing_against_a_printed_figure() -> None:
+    nine = cell(0.9, 0.89, 0.91, 29)
+    assert against_printed("contact_rate", nine, 0.5, 1000) is None
+    assert against_printed("success", nine, 0.2, 1000) == "ahead"  # by a test that counts episodes
+    # No collision in any of 30 or 1000 episodes: by the rule of three up to 0.1 and 0.003.
+    none = cell(0.0, 0.0, 0.0, 30)
+    assert against_printed("collision_rate", none, 0.065, 1000) == "level"
+    assert against_printed("collision_rate", none, 0.2, 1000) == "ahead"
+    assert against_printed("collision_rate", cell(0.0, 0.0, 0.0), 0.008, 1000) == "ahead"
+    assert against_printed("contact_rate", cell(1.0, 1.0, 1.0), 0.998, 1000) == "level"
+    assert against_printed("contact_rate", cell(1.0, 1.0, 1.0), 0.990, 1000) == "ahead"
+
+
 def test_the_lists_hold_every_verdict_on_an_agent_once() -> None:
     base = {"table": "free", "section": "Small cube", "low": 0.0, "high": 1.0}
     lines = [
