@@ -67,7 +67,7 @@ def egocentric_window(
     Args:
         depth: `[B, H, W]` float32 along the optical axis [m]. Where it is zero, negative or NaN,
             nothing was seen, which counts as table.
-        segmentation: `[B, H, W]` uint8, values as in `modpush.planners`; None if nothing has to be
+        segmentation: `[B, H, W]` uint8, values as in `modpush.geometry.Label`; None if nothing has to be
             removed.
         pose: `[B, 3]` (x, y, yaw) of the window's frame in the base frame [m, rad].
         size: Side of the window [px].

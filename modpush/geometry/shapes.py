@@ -25,7 +25,7 @@ class Primitive:
 
     Raises:
         ValueError: If a size is not positive, a number is not finite, there is no such kind, or a
-            prism's outline is not convex and counter-clockwise.
+            prism's outline is not convex and counter-clockwise or does not have its half extents.
     """
 
     kind: Kind
@@ -49,10 +49,22 @@ class Primitive:
             raise ValueError(f"Primitive: the sizes of a {self.kind} must be > 0, got {sizes}.")
         if self.kind == "prism":
             _check_outline(self.outline)
+            extents = _half_extents(self.outline)
+            if not np.allclose(self.size[:2], extents, rtol=1e-6, atol=1e-9):
+                raise ValueError(
+                    f"Primitive: the first two sizes of a prism must be its outline's half extents "
+                    f"{extents}, got {self.size[:2]}; `prism` takes them from the outline."
+                )
 
     def rotation(self) -> NDArray[np.float64]:
         """Rotation from the primitive's axes to the body's, `[3, 3]`."""
         return rpy_matrix(self.rpy)
+
+
+def _half_extents(outline: tuple[tuple[float, float], ...]) -> tuple[float, float]:
+    """Largest distances from the origin along x and y [m]."""
+    half_x, half_y = (max(abs(vertex[axis]) for vertex in outline) for axis in (0, 1))
+    return half_x, half_y
 
 
 def _check_outline(outline: tuple[tuple[float, float], ...]) -> None:
@@ -148,10 +160,9 @@ def prism(
 ) -> Primitive:
     """An upright prism of full height [m] over a convex, counter-clockwise outline [m]."""
     _check_outline(outline)
-    half_x, half_y = (max((abs(vertex[axis]) for vertex in outline), default=0) for axis in (0, 1))
     return Primitive(
         kind="prism",
-        size=(half_x, half_y, height / 2),
+        size=(*_half_extents(outline), height / 2),
         position=position,
         outline=outline,
         color=color,

@@ -35,19 +35,26 @@ class BlankLatent:
 
     def __init__(self, encoder: nn.Module) -> None:
         self.encoder = encoder
-        # Walking through the modules at every observation would take longer than the observation.
-        weights: list[Tensor] = [*encoder.parameters(), *encoder.buffers()]
-        self._versioned = [weight for weight in weights if not weight.is_inference()]
+        self._find_weights()
         self._versions: list[int] = []
-        # Fused optimizers change weights without a new version, but then all that they train.
-        parameters: list[Tensor] = list(encoder.parameters())
-        trained = [weight for weight in parameters if weight.requires_grad]
-        self._last = (trained or parameters or weights or [torch.empty(0)])[-1]
         self._last_before = torch.empty(0)
         self._latent: Tensor | None = None
 
+    def _find_weights(self) -> None:
+        encoder = self.encoder
+        # Walking through the modules at every observation would take longer than the observation.
+        weights: list[Tensor] = [*encoder.parameters(), *encoder.buffers()]
+        self._versioned = [weight for weight in weights if not weight.is_inference()]
+        # Fused optimizers change weights without a new version, but then all that they train.
+        parameters: list[Tensor] = list(encoder.parameters())
+        self._has_parameters = bool(parameters)
+        trained = [weight for weight in parameters if weight.requires_grad]
+        self._last = (trained or parameters or weights or [torch.empty(0)])[-1]
+
     def __call__(self) -> Tensor:
         """The latent, `[d]`; the same tensor until the weights change."""
+        if not self._has_parameters:
+            self._find_weights()  # moving a module puts others in the places of its buffers
         versions = [weight._version for weight in self._versioned]
         if self._latent is None or versions != self._versions or not self._last_is_as_before():
             self._latent, self._versions = self._encode(), versions

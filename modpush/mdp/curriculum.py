@@ -17,7 +17,9 @@ from modpush._types import (
 )
 from modpush._validation import check_value, checked
 from modpush.envs.outcome import GOAL_THRESHOLD
+from modpush.envs.scenes.layouts import SCENES, TIGHT_SCENES
 from modpush.envs.scenes.scenario import GoalDistance, GoalDistances, ScenarioConfig
+from modpush.parts import part_module
 
 __all__ = ["Curriculum", "CurriculumConfig", "Phase"]
 
@@ -35,6 +37,15 @@ class Phase:
     environment's own scenes."""
     first_stage: NonNegativeInteger = 0
     """Stage that the phase begins with, counted from 0."""
+
+    def __post_init__(self) -> None:
+        """Check the names, so that nothing fails when the phase begins; no module is imported."""
+        known = {*SCENES, *TIGHT_SCENES}
+        for name in self.scenes:
+            if name not in known and part_module(name) is None:
+                raise ValueError(
+                    f"Phase: scenes must be of {sorted(known)} or 'module:name', got {name!r}."
+                )
 
 
 @checked

@@ -21,7 +21,8 @@ __all__ = ["CurriculumScenes"]
 class CurriculumScenes(Transform):
     """Draws a `PushEnv`'s episodes from a curriculum, and tells the curriculum how they end.
 
-    An episode that began before the present stage does not count for it. The curriculum replaces
+    An episode that began before the present stage does not count for it, and none counts twice where its
+    scene is reset later than it ends. The curriculum replaces
     scenes, difficulty and distance of the environment's `scenario`; the rest stays, also when a new
     `scenario` is set later. The curriculum's state is part of the environment's `state_dict`.
 
@@ -92,14 +93,16 @@ class CurriculumScenes(Transform):
         return self._write_level(tensordict_reset)
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        self.curriculum.count_steps(next_tensordict.batch_size.numel())
+        stepped = tensordict.get("_step", None)  # TorchRL's mask of the scenes that still run
+        count = next_tensordict.batch_size.numel() if stepped is None else int(stepped.sum())
+        self.curriculum.count_steps(count)
         done = read_key("CurriculumScenes", next_tensordict, self.done_key)
         ended = done.flatten().nonzero().flatten().tolist()
         if ended:
             success = read_key("CurriculumScenes", next_tensordict, self.success_key)
             successes = success.flatten().tolist()
         for i in ended:
-            if self._began_at.get(i) == self.curriculum.level:
+            if self._began_at.pop(i, None) == self.curriculum.level:
                 scene = self._env.scenarios[i].scene
                 evaluated = self.evaluated_envs is None or i in self.evaluated_envs
                 self.curriculum.record(successes[i], scene, evaluated=evaluated)

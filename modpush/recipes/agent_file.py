@@ -81,9 +81,12 @@ class Agent:
                 shows the policy other values than those it was trained on; the message says which.
         """
         if missing := {kind: was for kind, was in self.missing.items() if kind not in options}:
+            named = ", ".join(f"{kind!r}: ..." for kind in missing if kind != "make_env")
+            given = [f"parts={{{named}}}"] if named else []
+            given += ["make_env=..."] if "make_env" in missing else []
             raise ValueError(
                 f"Agent.make_env: this agent was trained with parts of its user's own, {missing}; "
-                f"give them to load_agent as parts={{{', '.join(f'{k!r}: ...' for k in missing)}}}."
+                f"give them to load_agent as {' and '.join(given)}."
             )
         num_envs = self.config.num_envs if num_envs is None else num_envs
         kinds = set(ENV_PARTS) - ({"encoder"} if self.config.encoder == END_TO_END else set())

@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 from torch import nn
@@ -105,7 +105,7 @@ def make_push_env(
             From `"latent"` the encoder's latent of an empty window is subtracted.
         reward_terms: Reward terms of your own by name; give each a weight in `config.reward`.
         inflation: How far obstacles are inflated for planning instead of what the config says, see
-            `OccupancyGrid`.
+            `PushEnvConfig.inflation`.
         curriculum: Says which episodes are drawn.
         evaluated_envs: Scenes whose episodes count for promotion, see `CurriculumScenes`.
         max_waypoints: Number of waypoints of `path`, which is emitted if it is not 0, see
@@ -122,6 +122,14 @@ def make_push_env(
             mirrored, or observation and action have different frames.
     """
     config = config or PushEnvConfig()
+    if (
+        inflation is not None
+    ):  # by which is also decided whether an episode that is drawn has a path
+        config = replace(config, inflation=inflation)
+    if isinstance(encoder, str) and encoder == END_TO_END:
+        config, encoder = replace(config, encoder=END_TO_END), None
+    elif encoder is not None and config.encoder == END_TO_END:
+        config = replace(config, encoder="none")
     if mirrored and config.action_frame not in (None, config.frame):
         raise ValueError(
             f"make_push_env: mirrored needs actions in the observation's frame {config.frame!r}, got "
@@ -136,7 +144,7 @@ def make_push_env(
         OccupancyGrid(
             object_radius_key="object_radius",
             inscribed_radius_key="object_inscribed_radius",
-            inflation=config.inflation if inflation is None else inflation,
+            inflation=config.inflation,
             bounds=None if config.path_margin is None else _workspace(base),
             margin=_path_margins(config, base),
         ),

@@ -104,8 +104,9 @@ class CompactStorage(LazyTensorStorage):
         rows = data.unsqueeze(0) if single else data
         slots = torch.arange(self.max_size)[cursor].reshape(-1) if single else _slots(cursor, self)
         self._check_keys(rows)
-        # A write longer than the storage overwrites itself; only its end remains.
-        rows, slots = rows[-self.max_size :], slots[-self.max_size :]
+        if len(rows) > self.max_size:  # it would overwrite itself; only its end remains
+            rows, slots = rows[-self.max_size :], slots[-self.max_size :]
+            cursor, data = slots, rows
         if self.initialized:
             self._unlink(slots)
         super().set(cursor, data.exclude(*self._next_keys), set_cursor=set_cursor)
@@ -236,7 +237,7 @@ class CompactStorage(LazyTensorStorage):
         self._reset_links()  # entries that waited for a successor keep their row in the side table
         self._successor.copy_(state["successor"])
         self._predecessor.copy_(state["predecessor"])
-        self._side = [table.clone() for table in state["side"]]
+        self._side = [table.clone().to(self.device) for table in state["side"]]
         self._free_rows = state["free_rows"].tolist()
 
     def state_dict(self) -> dict[str, Any]:

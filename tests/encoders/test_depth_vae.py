@@ -11,6 +11,7 @@ from torch.distributions import Bernoulli, Independent, Normal, kl_divergence
 
 from modpush.encoders import DepthVAE, VAELoss, shipped_weights, vae_quality
 from modpush.encoders.vae.loss import bernoulli_entropy
+from modpush.encoders.vae.quality import encode_all
 from tests.encoders.scenes import CUBE, moved, window_of
 
 TINY = {"latent_dim": 5, "encoder_widths": (2, 3, 4, 5), "decoder_widths": (5, 4, 3, 2)}
@@ -223,3 +224,13 @@ def test_measuring_leaves_frozen_parts_frozen():
     assert vae.training
     assert not frozen.training
     assert sum(not module.training for module in vae.modules()) == 1
+
+
+def test_encoding_all_windows_changes_nothing_in_the_encoder():
+    vae = DepthVAE(**TINY).train()
+    before = {name: value.clone() for name, value in vae.state_dict().items()}
+    windows = torch.rand(4, 1, 64, 64)
+    latents = encode_all(vae, windows.__getitem__, 4)
+    assert vae.training
+    assert all(torch.equal(value, before[name]) for name, value in vae.state_dict().items())
+    torch.testing.assert_close(latents[:1], encode_all(vae, windows[:1].__getitem__, 1))

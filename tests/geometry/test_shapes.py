@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -33,6 +34,10 @@ def test_rotations_are_about_fixed_axes_as_in_urdf():
         (lambda: box(0.1, 0.1, 0.1, (0.0, math.inf, 0.0)), r"position\[1\] must be finite"),
         (lambda: prism((), 0.1), "needs 3 corners"),
         (lambda: prism(SQUARE[:2], 0.1), "needs 3 corners"),
+        (
+            lambda: replace(prism(SQUARE, 0.1), outline=[(2 * x, y) for x, y in SQUARE]),
+            "must be its outline's half extents",
+        ),
         (lambda: prism(SQUARE[::-1], 0.1), "convex and counter-clockwise"),
         (lambda: prism((*SQUARE, (0.0, 0.0)), 0.1), "convex and counter-clockwise"),
         (lambda: prism((*SQUARE, *SQUARE), 0.1), "convex and counter-clockwise"),

@@ -6,8 +6,9 @@ import pytest
 import torch
 from torch import nn
 
-from modpush.encoders import DepthVAE
+from modpush.encoders import DepthVAE, RayScan
 from modpush.mdp import PushObservation, latent_entry
+from modpush.mdp.blank_latent import BlankLatent
 from tests.mdp.test_push_observation import make_state
 
 
@@ -117,3 +118,14 @@ def test_an_encoder_on_a_gpu_is_asked_there():
     assert entry.shift().is_cuda
     observe = PushObservation(entries=[("latent", entry)])
     assert observed(observe, torch.zeros(2, 3)).shape == (2, 3)
+
+
+def test_it_follows_an_encoder_that_has_buffers_alone():
+    encoder = RayScan().eval()
+    blank = BlankLatent(encoder)
+    assert blank().device.type == "cpu"
+    encoder.to("meta")  # which has other buffers in the places of those before
+    assert blank._last.device.type == "cpu"
+    with pytest.raises((RuntimeError, NotImplementedError)):
+        blank()  # asks the encoder where it is now, which has no values to give
+    assert blank._last.device.type == "meta"

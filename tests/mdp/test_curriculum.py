@@ -161,6 +161,12 @@ def test_bad_configs_are_refused(field, message):
         CurriculumConfig(**field)
 
 
+def test_scenes_of_a_later_phase_are_checked_at_once() -> None:
+    with pytest.raises(ValueError, match=r"Phase: scenes must be of .*'slot'.* got 'slott'"):
+        Phase(scenes=("free", "slott"))
+    assert Phase(scenes=("no_such_module:family",)).scenes  # imported when the phase begins
+
+
 def test_a_first_distance_at_which_an_episode_has_succeeded_is_refused() -> None:
     with pytest.raises(ValueError, match=r"distances must be greater than 0.05 m.*got 0.05"):
         CurriculumConfig(distances=(0.05, 0.6))

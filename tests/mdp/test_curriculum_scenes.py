@@ -157,3 +157,19 @@ def test_scenes_that_there_are_not_are_refused() -> None:
     ):
         env.reset()
     env.close()
+
+
+def test_an_episode_counts_once_however_late_its_scene_is_reset():
+    curriculum = Curriculum(SHORT)
+    env = TransformedEnv(
+        PushEnv(2, depth=None, max_episode_steps=3, seed=0), CurriculumScenes(curriculum)
+    )
+    td = env.reset()
+    for _ in range(6):  # both episodes are over after three
+        td = env.step(td.set("action", torch.zeros(2, 3)))["next"]
+    assert curriculum.state_dict()["successes"] == [False, False]
+    before = curriculum.steps
+    td.set("_step", torch.tensor([True, False]))  # as TorchRL's rollouts leave out what is done
+    env.step(td.set("action", torch.zeros(2, 3)))
+    assert curriculum.steps == before + 1
+    env.close()

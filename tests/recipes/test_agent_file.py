@@ -14,6 +14,7 @@ from modpush.encoders import DepthVAE, RayScan
 from modpush.files import read_tensors, write_tensors
 from modpush.mdp import PATH_AHEAD_ENTRIES, PushObservation, RewardConfig, StuckRecovery
 from modpush.recipes import (
+    Agent,
     PushEnvConfig,
     environment_fingerprint,
     load_agent,
@@ -182,6 +183,19 @@ def test_parts_given_as_objects_are_remembered_as_far_as_they_can_be(tmp_path):
         "tests.own_parts:one_post"
     ] * 2
     env.close()
+
+
+def test_what_is_missing_is_named_as_load_agent_takes_it(tmp_path):
+    agent = Agent(
+        actor=make_actor(55, Bounded(-1.0, 1.0, (3,)), (16, 8)),
+        config=RAYS,
+        metadata={},
+        missing={"make_env": "a lambda", "planner": "an object"},
+    )
+    with pytest.raises(ValueError, match=r"as parts=\{'planner': \.\.\.\} and make_env=\.\.\.\."):
+        agent.make_env()
+    with pytest.raises(ValueError, match=r"load_agent as make_env=\.\.\.\."):
+        replace(agent, missing={"make_env": "a lambda"}).make_env()
 
 
 def test_a_truncated_agent_is_refused(saved):

@@ -231,3 +231,26 @@ def test_every_episode_that_is_drawn_has_a_path():
 def test_an_unknown_argument_is_refused_with_all_there_are():
     with pytest.raises(TypeError, match=r"make_push_env: .*'keep_image'; .*'keep_images'.*'oob'"):
         make_push_env(RAYS, keep_image=True)
+
+
+def test_the_inflation_that_is_given_also_decides_which_episodes_are_drawn():
+    config = replace(RAYS, scene="diagonal_walls", inflation="inscribed")
+    env = make_push_env(config, inflation="circumscribed", seed=0)
+    assert env.base_env.scenario.path_inflation == "circumscribed"
+    with pytest.raises(ValueError, match="In 'diagonal_walls' a path needs path_inflation='inscr"):
+        env.reset()  # instead of episodes without a path
+    env.close()
+    env = make_push_env(replace(config, inflation="circumscribed"), inflation="widest", seed=0)
+    assert env.reset()["path_found"].all()
+    env.close()
+
+
+def test_an_encoder_that_is_given_takes_the_place_of_one_trained_end_to_end():
+    config = replace(RAYS, encoder="end_to_end")
+    for encoder, keys in (("none", set()), ("rays", {"latent"}), ("end_to_end", {"window"})):
+        env = make_push_env(config, encoder=encoder)
+        assert {"latent", "window"} & set(env.observation_spec.keys()) == keys, encoder
+        env.close()
+    env = make_push_env(RAYS, encoder="end_to_end")
+    assert "window" in env.observation_spec.keys()
+    env.close()

@@ -260,3 +260,19 @@ def test_a_state_of_another_capacity_is_refused_and_changes_nothing(capacity, wh
     with pytest.raises(ValueError, match=f"storage of {capacity} transitions, .*, got 100"):
         load(given)
     assert (other[:] == before).all()
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_of_a_write_longer_than_the_storage_the_end_remains(threads):
+    data = trajectories(1, 5500, episode=7, width=64)[0]
+    storage = CompactStorage(1000)
+    before = torch.get_num_threads()
+    torch.set_num_threads(threads)  # with several, torch writes to a slot twice in any order
+    try:
+        storage.set(torch.arange(5500) % 1000, data)
+    finally:
+        torch.set_num_threads(before)
+    assert_links_are_consistent(storage)
+    stored = storage.get(torch.arange(4500, 5500) % 1000)
+    for key in data.keys(True, True):
+        assert torch.equal(stored[key], data[4500:][key]), key

@@ -1,6 +1,7 @@
 """How well a latent represents the windows: reconstruction, active values, and probes."""
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
 
 import torch
@@ -119,7 +120,9 @@ def encode_all(
 ) -> Tensor:
     """Latents `[count, d]`, encoded in batches; arguments as in `vae_quality`."""
     starts = range(0, count, _BATCH)
-    return torch.cat([encoder(windows(slice(s, min(s + _BATCH, count)))) for s in starts])
+    mode = evaluating(encoder) if isinstance(encoder, nn.Module) else nullcontext()
+    with mode:
+        return torch.cat([encoder(windows(slice(s, min(s + _BATCH, count)))) for s in starts])
 
 
 def r_squared(predicted: Tensor, true: Tensor) -> float:

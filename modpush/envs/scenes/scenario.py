@@ -22,6 +22,7 @@ from modpush._types import (
 )
 from modpush._validation import checked, from_plain
 from modpush.envs.outcome import GOAL_THRESHOLD
+from modpush.envs.robot.control import MotionConfig
 from modpush.envs.scenes.layouts import SceneFn, get_scene
 from modpush.envs.scenes.objects import Circle, PushedObject, get_object
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
@@ -104,7 +105,7 @@ class ScenarioConfig:
     )
     """Distance from start to goal, a number or a range drawn from uniformly [m]."""
     low: Point = WORKSPACE.low
-    """Lower corner of the workspace [m]."""
+    """Lower corner of the workspace, which lies within the tool's (`MotionConfig`) [m]."""
     high: Point = WORKSPACE.high
     """Upper corner of the workspace [m]."""
     max_start_radius: Length = 0.80
@@ -162,6 +163,15 @@ class ScenarioConfig:
             )
         if not all(lo < hi for lo, hi in zip(self.low, self.high, strict=True)):
             raise ValueError(f"ScenarioConfig: low must be < high, got {self.low} and {self.high}.")
+        tool = Rectangle(MotionConfig.low, MotionConfig.high)
+        inside = (lo >= least for lo, least in zip(self.low, tool.low, strict=True))
+        if not (
+            all(inside) and all(hi <= most for hi, most in zip(self.high, tool.high, strict=True))
+        ):
+            raise ValueError(
+                f"ScenarioConfig: low and high must lie within the tool's workspace, {tool.low} to "
+                f"{tool.high}, got {self.low} and {self.high}."
+            )
 
     def bounds(self, margin: float = BOUNDS_MARGIN) -> Rectangle:
         """Where the object's centre may be before an episode ends, base frame [m]."""

@@ -59,6 +59,10 @@ class CpuScene:
             name: (np.array(body.inertia) / body.mass, np.array(body.cmass_local_pose.q))
             for name, body in self._bodies.items()
         }
+        # To a micrometre: in the middle but for roundings is in the middle.
+        self._height_of_mass = {
+            name: round(float(body.cmass_local_pose.p[2]), 6) for name, body in self._bodies.items()
+        }
         # SAPIEN builds a camera that changes its scene anew, with the shaders that are set then.
         self._camera_scenes: list[sapien.Scene] = []
         self._no_force = np.zeros(len(self.joints), dtype=np.float32)
@@ -135,7 +139,8 @@ class CpuScene:
         wanted, (unit, axes) = scenario.dynamics, self._unit_inertia[item.name]
         body.mass = wanted.mass
         body.inertia = unit * wanted.mass
-        body.cmass_local_pose = sapien.Pose([*wanted.center_of_mass, 0.0], axes)
+        center = [*wanted.center_of_mass, self._height_of_mass[item.name]]
+        body.cmass_local_pose = sapien.Pose(center, axes)
         material = self._objects.material
         material.static_friction = material.dynamic_friction = wanted.friction
         self._pushed_body = body

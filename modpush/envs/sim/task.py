@@ -231,7 +231,8 @@ class ClutterPushEnv(BaseEnv):
 
     def step(self, action: Any) -> Any:
         """Take ManiSkill's step, after refusing actions that are not finite."""
-        if action is not None and not torch.isfinite(torch.as_tensor(action)).all():
+        values = action.get("action") if isinstance(action, dict) else action
+        if values is not None and not torch.isfinite(torch.as_tensor(values)).all():
             raise ValueError(f"ClutterPushEnv.step: action must be finite, got {action}.")
         return super().step(action)
 
@@ -246,10 +247,12 @@ class ClutterPushEnv(BaseEnv):
         }
 
     def _get_obs_extra(self, info: dict[str, Any]) -> dict[str, Tensor]:
+        seen = {"goal_position": self._goal.float(), "ee_pose": self.ee_pose.float()}
+        if not self.obs_mode_struct.use_state:  # images must show the rest, as in ManiSkill's tasks
+            return seen
         return {
             "object_pose": self.object_pose.float(),
-            "goal_position": self._goal.float(),
-            "ee_pose": self.ee_pose.float(),
+            **seen,
             **{key: info[key].float()[:, None] for key in CONTACT_KEYS[:3]},
         }
 

@@ -5,15 +5,17 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from mani_skill.envs.utils.observations import parse_obs_mode_to_struct
 
 import modpush.envs  # noqa: F401 (registers the task)
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES, SCENES
-from modpush.envs.scenes.objects import OBJECTS
+from modpush.envs.scenes.objects import OBJECTS, PushedObject
 from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.scenario import Dynamics, ScenarioConfig
 from modpush.envs.sim.obstacle_bodies import DYNAMIC_MASS
 from modpush.envs.sim.rendering import NO_RENDERER, find_render_device
 from modpush.envs.sim.task import ClutterPushEnv
+from modpush.geometry import box, centered
 from tests.envs.sim.test_agent import scenario
 
 PUSH_X = np.array([1.0, 0.0, 0.0], np.float32)
@@ -149,6 +151,21 @@ def test_randomised_dynamics_reach_physics() -> None:
     task.close()
 
 
+def test_the_centre_of_mass_of_unequal_parts_keeps_its_height() -> None:
+    parts = centered(box(0.06, 0.06, 0.02), box(0.02, 0.02, 0.06, (0.0, 0.0, 0.04)))
+    task = ClutterPushEnv(
+        obs_mode="none", pushed_object=PushedObject(name="pawn", parts=parts, symmetry=4)
+    )
+    task.reset(seed=0)
+    body = task.objects.actors["pawn"]._bodies[0]
+    masses = [0.06 * 0.06 * 0.02, 0.02 * 0.02 * 0.06]
+    heights = [part.position[2] for part in parts]
+    expected = np.average(heights, weights=masses)
+    assert expected < -0.01
+    assert body.cmass_local_pose.p == pytest.approx([0, 0, expected], abs=1e-5)
+    task.close()
+
+
 def test_dynamic_obstacles_give_way_and_fixed_ones_do_not() -> None:
     block = (Obstacle((0.05, 0.05, 0.05), (0.60, 0.0, 0.0)),)
     moved = {}
@@ -259,6 +276,22 @@ def test_nan_actions_are_refused(task) -> None:
     task.reset(seed=0)
     with pytest.raises(ValueError, match="action must be finite"):
         task.step(np.array([np.nan, 0, 0], np.float32))
+    named = {"control_mode": task.control_mode, "action": np.array([np.nan, 0, 0], np.float32)}
+    with pytest.raises(ValueError, match="action must be finite"):
+        task.step(named)
+    before = task.ee_pose
+    task.step({**named, "action": PUSH_X})  # ManiSkill's way to name the control mode
+    assert (task.ee_pose - before)[0, 0] > 0.01
+
+
+def test_images_are_not_beside_what_they_should_show(monkeypatch) -> None:
+    task = ClutterPushEnv(obs_mode="state_dict")
+    info = task.reset(seed=0)[1]
+    assert {"object_pose", "object_contact"} <= task._get_obs_extra(info).keys()
+    task._obs_mode = "rgbd"
+    task.obs_mode_struct = parse_obs_mode_to_struct("rgbd")
+    assert task._get_obs_extra(info).keys() == {"goal_position", "ee_pose"}
+    task.close()
 
 
 @pytest.mark.parametrize(
