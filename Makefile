@@ -13,7 +13,7 @@ endif
 
 setup: $(STAMP)
 
-# torch first and by its pinned version: a looser request for it would fetch the CUDA build.
+# torch first and by its pinned version, so that nothing asks for another one (constraints.txt).
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet -c constraints.txt torch==$$(sed -n 's/^torch==//p' constraints.txt)

@@ -1,6 +1,6 @@
 """Train an agent from Python: change what the preset says, train, and push with the result.
 
-    python examples/train.py                    # about an hour on two CPU cores
+    python examples/train.py                    # 15 to 30 minutes on two CPU cores
     python examples/train.py --preset smoke     # everything once, in some seconds; learns nothing
 
 The folder gets the config, logs, evaluations on held-out episodes, checkpoints and the best agent.

@@ -5,6 +5,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+import numba
 import torch
 
 _threads_forbidden = False
@@ -40,11 +41,15 @@ def run_batch(
     """
     # Numba is not asked how many threads it has: that alone starts them, and puts torch's number
     # back to all cores.
-    alone = batch == 1 or _threads_forbidden or torch.get_num_threads() == 1
+    threads = torch.get_num_threads()
+    alone = batch == 1 or _threads_forbidden or threads == 1
     if alone or not _threads_in_use.acquire(blocking=False):
         few(batch, *arguments)
         return
     try:
+        numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
+        if torch.get_num_threads() != threads:
+            torch.set_num_threads(threads)
         many(batch, *arguments)
     finally:
         _threads_in_use.release()

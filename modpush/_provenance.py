@@ -50,6 +50,9 @@ def commit() -> str:
         return done.stdout.strip()
 
     try:
+        git(
+            "ls-files", "--error-unmatch", "modpush/__init__.py"
+        )  # not another project's environment
         changed = "+" if git("status", "--porcelain", "--untracked-files=no", "modpush") else ""
         return git("rev-parse", "--short=10", "HEAD") + changed
     except (OSError, subprocess.CalledProcessError):

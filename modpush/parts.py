@@ -11,7 +11,18 @@ from typing import Any
 
 from modpush._checks import check_texts
 
-__all__ = ["check_allowed", "find_part", "modules_named", "part_module", "part_name"]
+__all__ = [
+    "ModulesRefusedError",
+    "check_allowed",
+    "find_part",
+    "modules_named",
+    "part_module",
+    "part_name",
+]
+
+
+class ModulesRefusedError(ValueError):
+    """A file names parts in modules that its reader has not agreed to import."""
 
 
 def find_part(who: str, part: Any, known: Mapping[str, Any]) -> Any:
@@ -99,7 +110,7 @@ def check_allowed(who: str, modules: Iterable[str], allow: Collection[str]) -> N
 
     Raises:
         TypeError: If `allow` is not of texts.
-        ValueError: If a module is neither in `allow` nor inside a package that is.
+        ModulesRefusedError: If a module is neither in `allow` nor inside a package that is.
     """
     check_texts(who, "allow", allow)
     allowed = ("modpush", *allow)
@@ -107,7 +118,7 @@ def check_allowed(who: str, modules: Iterable[str], allow: Collection[str]) -> N
         {m for m in modules if not any(m == a or m.startswith(f"{a}.") for a in allowed)}
     )
     if refused:
-        raise ValueError(
+        raise ModulesRefusedError(
             f"{who}: the file names parts in {refused}, which are imported only if you say so: "
             f"pass allow={tuple(refused)!r}, or the parts themselves; on the command line, "
             f"--allow {' '.join(refused)}."

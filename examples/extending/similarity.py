@@ -14,7 +14,7 @@ from torch import Tensor
 from modpush import Trainer
 from modpush.training import TRAIN_PRESETS
 
-GOAL_DISTANCE = 47
+GOAL_DISTANCE = 41
 """Column of `goal_distance` in the observation, see `PushObservation.columns`."""
 
 

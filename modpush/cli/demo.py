@@ -1,6 +1,7 @@
 """Watch a trained agent push different objects, beside the corridor controller.
 
-All scene families are shown, and four objects in turn.
+Twelve scene families are shown, and four objects in turn. `--scenes` takes others as well, such as the
+paper's hard ones, `diagonal_walls` and `maze`.
 
     modpush demo                                 # what `make demo` runs
     modpush demo --episodes 8 --scenes slot posts

@@ -93,6 +93,9 @@ def train_agent(run: RunConfig) -> dict[str, float]:
     finally:
         if folder.evaluations.exists():
             draw_curve([folder.path], folder.curve)
+    if not best:
+        print(f"{folder.path}: nothing was evaluated yet.")
+        return best
     print(
         f"Best on the held-out episodes: success {best['success']:.3f}, SPL {best['spl']:.3f}, contact "
         f"{best['contact_rate']:.3f}, collisions {best['collision_rate']:.3f}, after {best['step']} "

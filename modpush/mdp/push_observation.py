@@ -138,7 +138,8 @@ class PushObservation(Transform):
         """The columns of each entry in the observation, by name.
 
         Raises:
-            RuntimeError: Before the transform was put on an environment or applied once.
+            RuntimeError: Before the environment's first reset or the first reading of its
+                `observation_spec`, or before the transform was applied once.
         """
         return self._known_layout.columns
 
@@ -146,7 +147,8 @@ class PushObservation(Transform):
         """What the columns mean, as plain data for JSON: see `fingerprint_differences`.
 
         Raises:
-            RuntimeError: Before the transform was put on an environment or applied once.
+            RuntimeError: Before the environment's first reset or the first reading of its
+                `observation_spec`, or before the transform was applied once.
         """
         entries = self._known_layout.describe()
         return {"frame": self.frame, "raw": self.raw, "entries": entries}
@@ -155,8 +157,8 @@ class PushObservation(Transform):
     def _known_layout(self) -> Layout:
         if self._layout is None:
             raise RuntimeError(
-                "PushObservation: the columns are known once the transform was put on an "
-                "environment or applied to a tensordict."
+                "PushObservation: the columns are known after the environment's first reset, once its "
+                "observation_spec was read, or once the transform was applied to a tensordict."
             )
         return self._layout
 

@@ -183,7 +183,7 @@ class PushEnvConfig:
         Args:
             name: `"paper"` is what the paper prints, and what the class gives without arguments.
                 `"authors"` is what the authors' code does where it differs from the paper. `"cpu"`
-                is what the shipped agent learned with, in minutes on two CPU cores.
+                is what the shipped agents' environments are based on, learned in some tens of minutes.
             **overrides: Fields to set differently.
 
         Raises:

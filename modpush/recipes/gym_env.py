@@ -35,7 +35,7 @@ class PaperGymEnv(SingleSceneEnv):
     contacts as Python bools.
 
     Args:
-        preset: `"cpu"`, with which the shipped agent learned, `"paper"` or `"authors"`, see
+        preset: `"cpu"`, on which the shipped agents' are based, `"paper"` or `"authors"`, see
             `PushEnvConfig.preset`.
         render_mode: None, or `"rgb_array"` for a drawn top view, which needs no renderer.
         **options: Fields of `PushEnvConfig` to set differently (`scene="slot"`, `encoder="rays"`,

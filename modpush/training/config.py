@@ -1,5 +1,6 @@
 """Everything that defines a training run."""
 
+import math
 from dataclasses import asdict, field, replace
 from typing import Any, Literal
 
@@ -132,8 +133,13 @@ class TrainConfig:
 
     @property
     def sampled_from(self) -> float:
-        """Number of transitions that one sample draws from."""
-        return self.tqc.batch_size * (self.replay.k if self.replay.sampler == "attentive" else 1)
+        """Largest number of transitions that one sample draws from."""
+        if self.replay.sampler != "attentive":
+            return self.tqc.batch_size
+        k = max(self.replay.k, self.replay.k_end or 0)
+        queries = self.filled_replay().num_queries or 1
+        share, remainder = divmod(self.tqc.batch_size, queries)  # rounded up for each query
+        return remainder * math.ceil(k * (share + 1)) + (queries - remainder) * math.ceil(k * share)
 
     @property
     def warm_up(self) -> int:

@@ -1,5 +1,6 @@
 """The critics of a training run, to look at what they expect."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -51,13 +52,22 @@ def load_critics(folder: str | Path, env: EnvBase) -> Critics:
 
     Raises:
         ValueError: If the folder has no checkpoint, the run's networks were given as objects, which no
-            file can name, or they do not fit the environment.
+            file can name, they do not fit the environment, the critics read an encoder that was trained
+            with them, or the loss has none.
     """
     newest = RunFolder(folder).checkpoints.latest()
     if newest is None:
         raise ValueError(f"load_critics: {folder} holds no checkpoint.")
     state = read_state(newest, CHECKPOINT_KIND, CHECKPOINT_VERSION)
-    agent = make_tqc(from_plain(TrainConfig, state["config"]).tqc, env)
+    config = replace(from_plain(TrainConfig, state["config"]).tqc, device="cpu", execution="eager")
+    if config.encoder is not None:
+        raise ValueError(
+            f"load_critics: the critics in {newest} read the latent of an encoder that was trained with "
+            "them, which cannot be looked at alone."
+        )
+    agent = make_tqc(config, env)
+    if not hasattr(agent.loss, "qvalue_network_params"):
+        raise ValueError(f"load_critics: the loss of {newest} has no critics of TorchRL's name.")
     check_weights(f"load_critics: {newest}", agent.loss.state_dict(), state["loss"])
     agent.loss.load_state_dict(state["loss"])
     for stacked, critic in zip(

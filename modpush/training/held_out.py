@@ -27,7 +27,8 @@ def held_out_scenarios(
 ) -> list[Scenario]:
     """Episodes to evaluate on during training: never trained on, and the same in every run.
 
-    Difficulty and distance are those of the environment's config, whatever the curriculum draws.
+    Difficulty and distance are those of the environment's config, whatever the curriculum draws; mass,
+    friction and centre of mass are the nominal ones also where training draws them.
 
     Args:
         config: The run's configuration.

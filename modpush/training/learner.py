@@ -1,11 +1,13 @@
 """The side of training that learns: agent, replay buffer and updates."""
 
 import math
+import random
 from collections import defaultdict
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
@@ -51,7 +53,10 @@ class Learner:
         parts: Mapping[str, Any] | None,
         folder: Path,
     ) -> None:
+        # NumPy's and Python's for samplers that draw from them, such as TorchRL's prioritized one.
         torch.manual_seed(config.seed)
+        np.random.seed(config.seed % 2**32)  # noqa: NPY002
+        random.seed(config.seed)
         self.config, self.folder = config, folder
         self.observation_dim: int = specs.observation["observation"].shape[-1]
         self.agent = make_tqc_from_specs(
@@ -151,7 +156,12 @@ class Learner:
         count, self.pending_updates = int(self.pending_updates), self.pending_updates % 1.0
         for _ in range(count):
             batch = self.buffer.sample()
-            result = self.agent.update(batch.to(self.config.tqc.device))
+            try:
+                result = self.agent.update(batch.to(self.config.tqc.device))
+            except ValueError as error:
+                if all(value.isfinite().all() for value in batch.values(True, True)):
+                    raise
+                raise self._not_finite(str(error), batch, now) from error
             self.updates += 1
             if self._average is not None:
                 self._average.update_parameters(self.agent.actor)
@@ -164,19 +174,23 @@ class Learner:
                 continue
             value = float(entry)
             if not math.isfinite(value):
-                path = self.folder / "non_finite_batch.pt"
-                where = f"the batch is in {path}"
-                try:
-                    torch.save(batch.to_dict(), path)
-                except (OSError, RuntimeError) as error:  # torch's writer raises RuntimeError
-                    where = f"the batch could not be saved ({error})"
-                raise NonFiniteLossError(
-                    f"Trainer: {name} is {value} at update {self.updates}, step {step}; {where}, "
-                    "the newest checkpoint is from before."
-                )
+                raise self._not_finite(f"{name} is {value}", batch, step)
             self.metrics[f"learner/{name}"].append(value)
         if "similarity" in batch.keys():
             self.metrics["learner/similarity"].append(float(batch["similarity"].mean()))
+
+    def _not_finite(self, what: str, batch: TensorDictBase, step: int) -> NonFiniteLossError:
+        """The error of a batch, which is saved for inspection."""
+        path = self.folder / "non_finite_batch.pt"
+        where = f"the batch is in {path}"
+        try:
+            torch.save(batch.to_dict(), path)
+        except (OSError, RuntimeError) as error:  # torch's writer raises RuntimeError
+            where = f"the batch could not be saved ({error})"
+        return NonFiniteLossError(
+            f"Trainer: {what} at update {self.updates}, step {step}; {where}, the newest checkpoint "
+            "is from before."
+        )
 
 
 def weights_of(actor: TensorDictModule) -> dict[str, NDArray]:

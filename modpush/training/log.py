@@ -1,5 +1,6 @@
 """A run's log: TorchRL's loggers, and one table each of the training and of the evaluations."""
 
+import shutil
 from typing import Any
 
 import pandas as pd
@@ -28,7 +29,8 @@ class RunLog:
     """Writes the log's tables, and sends the same numbers to TorchRL's loggers.
 
     The rows are kept in memory and in the checkpoints; the tables are written anew with every row, so
-    that nothing is missing once a full disk has space again.
+    that nothing is missing once a full disk has space again. TorchRL's loggers begin anew with
+    `begin`, so that they hold the same rows.
 
     Args:
         config: The run's configuration, which names TorchRL's loggers.
@@ -47,11 +49,22 @@ class RunLog:
         """Rows of the training log."""
         self.evaluations: list[dict[str, float]] = []
         """Rows of the evaluations' table."""
+        self._names = config.loggers
         self._loggers: list[Any] = []
-        with guard("the log of TorchRL's loggers"):
-            for name in config.loggers:
-                path = str(folder.path / "logs" / name)
-                self._loggers.append(get_logger(name, logger_name=path, experiment_name="train"))
+
+    def begin(self) -> None:
+        """Write a checkpoint's rows, or none; what the folder holds beyond them is dropped."""
+        self.write_tables()
+        with self._guard("the log of TorchRL's loggers"):
+            for name in self._names:
+                path = self.folder.path / "logs" / name
+                shutil.rmtree(path, ignore_errors=True)
+                logger = get_logger(name, logger_name=str(path), experiment_name="train")
+                self._loggers.append(logger)
+        for row in self.rows:
+            self._send(int(row["step"]), {name: row[name] for name in row if name != "step"})
+        for row in self.evaluations:
+            self._send(int(row["step"]), _as_sent(row))
 
     def write(self, step: int, row: dict[str, float]) -> None:
         """Write a row of the training log."""
@@ -73,7 +86,7 @@ class RunLog:
         line = {"step": step, "updates": updates, "minutes": round(minutes, 3), **summary}
         self.evaluations.append(line)
         self.write_tables()
-        self._send(step, {f"evaluation/{name}": value for name, value in summary.items()})
+        self._send(step, _as_sent(line))
         return summary
 
     def write_tables(self) -> None:
@@ -101,3 +114,9 @@ class RunLog:
                 writer = getattr(logger.experiment, "close", None)
                 if writer is not None:
                     writer()
+
+
+def _as_sent(evaluation: dict[str, float]) -> dict[str, float]:
+    """A row of the evaluations' table as TorchRL's loggers get it."""
+    about = ("step", "updates", "minutes")
+    return {f"evaluation/{name}": value for name, value in evaluation.items() if name not in about}

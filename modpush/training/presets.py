@@ -59,7 +59,7 @@ def _any_object() -> TrainConfig:
             add=("object_support",),
             randomize_dynamics=True,
         ),
-        evaluation_episodes=144,  # twelve of each object
+        evaluation_episodes=144,  # twelve objects, drawn for each episode
     )
 
 

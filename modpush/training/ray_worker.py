@@ -256,7 +256,8 @@ class RayWorker(Worker):
     """Has the scenes act in collectors on a Ray cluster, each an actor with a CPU of its own.
 
     A collector that ends is begun again by Ray, with new episodes, and collects anew what it had not
-    given yet; so that each rollout is given once.
+    given yet; so that each rollout is given once. That first one is of the actions from before the first
+    update, since the policy comes with what is asked for next.
 
     Args:
         config: The run's configuration, with `num_collectors`.

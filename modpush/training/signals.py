@@ -52,11 +52,19 @@ def _handled_by(handler: Callable[..., None]) -> Iterator[None]:
     before = {}
     if threading.current_thread() is threading.main_thread():
         for name in _SIGNALS:
-            if hasattr(signal, name):
-                number = getattr(signal, name)
-                before[number] = signal.signal(number, handler)
+            number = getattr(signal, name, None)
+            if number is None or _is_ignored_for_good(number):
+                continue
+            before[number] = signal.signal(number, handler)
     try:
         yield
     finally:
         for number, previous in before.items():
             signal.signal(number, previous)
+
+
+def _is_ignored_for_good(number: int) -> bool:
+    """Whether `nohup` has the process outlive its terminal, or the handler is none of Python's."""
+    present = signal.getsignal(number)
+    hang_up = getattr(signal, "SIGHUP", None)
+    return present is None or (number == hang_up and present == signal.SIG_IGN)

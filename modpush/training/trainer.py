@@ -159,8 +159,8 @@ class Trainer:
         elif resume:
             load_trainer_state(self, self.folder.checkpoints.load())
         if config.init_from and not self.steps:
-            load_initial_weights(self.learner, config, self.specs)
-        self.log.write_tables()
+            load_initial_weights(self.learner, config, self.specs, self.parts)
+        self.log.begin()
         with self.guard(self.folder.config.name):
             self.folder.write_config(config)
         self._began = time.perf_counter() - self.seconds

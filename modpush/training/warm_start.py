@@ -1,5 +1,6 @@
 """Beginning a run with weights that are trained already."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -8,10 +9,11 @@ from torchrl.objectives import LossModule
 from modpush._state import read_state
 from modpush._validation import from_plain
 from modpush._weights import check_weights
-from modpush.parts import modules_named
+from modpush.parts import ModulesRefusedError, modules_named
 from modpush.recipes.agent_file import load_agent, observed_symmetry, shipped_agents
 from modpush.recipes.config import PushEnvConfig
 from modpush.recipes.fingerprint import fingerprint_differences
+from modpush.recipes.make_env import ENV_PARTS
 from modpush.training.checkpoints import CHECKPOINT_KIND, CHECKPOINT_VERSION, Checkpoints
 from modpush.training.config import TrainConfig
 from modpush.training.learner import Learner
@@ -24,18 +26,22 @@ _OF_YAW = {"object_axis", "object_symmetry"}
 """Entries of the observation that depend on the object's symmetry."""
 
 
-def load_initial_weights(learner: Learner, config: TrainConfig, specs: WorkerSpecs) -> None:
+def load_initial_weights(
+    learner: Learner, config: TrainConfig, specs: WorkerSpecs, parts: Mapping[str, Any]
+) -> None:
     """Put the weights that `config.init_from` names into a learner that has learned nothing.
 
     Of an agent these are the actor's, whose file may name parts from the modules that the run's own
     config names; of a run or a checkpoint those of the critics, the targets and
-    the temperature, too. Optimizer, buffer and curriculum begin anew in either case.
+    the temperature, too. Discount, target entropy, the temperature's bounds, optimizer, buffer and
+    curriculum are the run's own in either case.
 
     Args:
         learner: The learner.
         config: The run's configuration.
         specs: What the run's environment observes. It must mean the same as in the run that the
             weights are from; the reward may be another.
+        parts: Parts given as objects, see `Trainer`.
 
     Raises:
         ValueError: If there are no such weights, they are of another architecture, or the environment
@@ -54,21 +60,39 @@ def load_initial_weights(learner: Learner, config: TrainConfig, specs: WorkerSpe
         # The caller has named these modules already, as those of parts of this run.
         own = config.fixed_fields()
         allow = modules_named([own["env"], own["tqc"], own["replay"]])
-        agent = load_agent(source, allow=sorted(allow))
+        given = {kind: part for kind, part in parts.items() if kind in (*ENV_PARTS, "actor")}
+        try:
+            agent = load_agent(source, parts=given, allow=sorted(allow))
+        except ModulesRefusedError as error:
+            raise ValueError(
+                f"{who}: it was trained with parts that this run does not have; name them in this "
+                f"run's config, or give them to the Trainer as parts. ({error})"
+            ) from error
         symmetry = observed_symmetry(agent.config, agent.parts.get("pushed_object"))
-        _check_environment(who, agent.fingerprint, symmetry, config, specs)
+        _check_environment(who, agent.fingerprint, symmetry, config, specs, parts)
         actor = learner.agent.actor
         check_weights(who, actor.state_dict(), agent.actor.state_dict())
         actor.load_state_dict(agent.actor.state_dict())
-        _copy_actor_to_its_target(learner.agent.loss)
+        _copy_to_targets(learner.agent.loss)
         return
     state = read_state(checkpoint, CHECKPOINT_KIND, CHECKPOINT_VERSION)
     trained_in = from_plain(PushEnvConfig, state["config"]["env"])
-    symmetry = observed_symmetry(trained_in)
-    _check_environment(who, state["fingerprint"], symmetry, config, specs)
+    symmetry = observed_symmetry(trained_in, parts.get("pushed_object"))
+    _check_environment(who, state["fingerprint"], symmetry, config, specs, parts)
     loss = learner.agent.loss
-    check_weights(who, loss.state_dict(), state["loss"])
-    loss.load_state_dict(state["loss"])
+    own, given = loss.state_dict(), _weights_in(state["loss"])
+    check_weights(who, _weights_in(own), given)
+    loss.load_state_dict({**own, **given})
+
+
+def _weights_in(state: Mapping[str, Any]) -> dict[str, Any]:
+    """What a loss's `state_dict` holds of networks and temperature, without its settings."""
+    kinds = {name: name.partition(".")[0] for name in state}
+    return {
+        name: value
+        for name, value in state.items()
+        if kinds[name].endswith("_params") or kinds[name] == "log_alpha"
+    }
 
 
 def _find_checkpoint(path: Path) -> Path | None:
@@ -84,7 +108,12 @@ def _find_checkpoint(path: Path) -> Path | None:
 
 
 def _check_environment(
-    who: str, stored: Any, symmetry: int | None, config: TrainConfig, specs: WorkerSpecs
+    who: str,
+    stored: Any,
+    symmetry: int | None,
+    config: TrainConfig,
+    specs: WorkerSpecs,
+    parts: Mapping[str, Any],
 ) -> None:
     """Refuse weights that were trained to read another observation."""
     own = {name: value for name, value in specs.fingerprint.items() if name != "reward"}
@@ -92,7 +121,7 @@ def _check_environment(
     if differences := fingerprint_differences(given, own):
         raise ValueError(f"{who}: trained in another environment. " + "; ".join(differences))
     entries = {entry["name"] for entry in own.get("observation", {}).get("entries", ())}
-    now = observed_symmetry(config.env)
+    now = observed_symmetry(config.env, parts.get("pushed_object"))
     if entries & _OF_YAW and symmetry != now:
         raise ValueError(
             f"{who}: trained with objects that count as looking the same at {symmetry} yaw angles, "
@@ -100,8 +129,9 @@ def _check_environment(
         )
 
 
-def _copy_actor_to_its_target(loss: LossModule) -> None:
-    children = dict(loss.named_children())
-    target: Any = children.get("target_actor_network_params")
-    if target is not None:
-        target.data.update_(loss.actor_network_params.data)
+def _copy_to_targets(loss: LossModule) -> None:
+    """Have the targets of actor and encoder begin as these, whose weights have just been loaded."""
+    children: dict[str, Any] = dict(loss.named_children())
+    for name in ("actor_network_params", "encoder_params"):
+        if f"target_{name}" in children:
+            children[f"target_{name}"].data.update_(children[name].data)

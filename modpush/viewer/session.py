@@ -224,21 +224,39 @@ class Session:
             raise ValueError(f"Session: policies must be one or two, got {len(policies)}.")
         check_value("Session.choose_policies", "policies", policies, tuple[str, ...])
         scenario = self.snapshots[0].scenario
-        self._make_lanes(policies)
-        self._start([scenario] * len(self.lanes), self.seed)
+        before = self.lanes, self.policies
+        made = self._make_lanes(policies)
+        try:
+            self._start([scenario] * len(self.lanes), self.seed)
+        except BaseException:
+            self.lanes, self.policies = before
+            for lane in made:
+                lane.close()
+            raise
+        for lane in before[0]:
+            if lane not in self.lanes:
+                lane.close()
 
-    def _make_lanes(self, policies: tuple[str, ...]) -> None:
+    def _make_lanes(self, policies: tuple[str, ...]) -> list[Lane]:
+        """Take lanes for these policies; returns those that were made, none where one cannot be."""
         # Lanes that are there already are kept: an environment takes a second to make.
         kept = list(zip(self.policies, self.lanes, strict=bool(self.policies)))
         lanes: list[Lane] = []
-        for policy in policies:
-            found = next((pair for pair in kept if pair[0] == policy), None)
-            if found is not None:
-                kept.remove(found)
-            lanes.append(make_lane(policy, self.config.allow) if found is None else found[1])
-        for _, lane in kept:
-            lane.close()
+        made: list[Lane] = []
+        try:
+            for policy in policies:
+                found = next((pair for pair in kept if pair[0] == policy), None)
+                if found is None:
+                    made.append(make_lane(policy, self.config.allow))
+                else:
+                    kept.remove(found)
+                lanes.append(made[-1] if found is None else found[1])
+        except BaseException:
+            for lane in made:
+                lane.close()
+            raise
         self.lanes, self.policies = lanes, tuple(policies)
+        return made
 
     @checked_arguments
     def move_goal(self, x: Coordinate, y: Coordinate) -> None:

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from modpush.mdp import PushObservation
+from modpush.recipes import make_push_env
 from modpush.training import TRAIN_PRESETS
 from tests.examples import EXAMPLES, load_example
 from tests.training.conftest import SMOKE
@@ -54,6 +56,12 @@ def test_depth_camera(tmp_path: Path) -> None:
 
 def test_similarity(tmp_path: Path) -> None:
     assert -0.5 < run("similarity", tmp_path) <= 0.0
+    env = make_push_env(SMOKE.env)
+    env.reset()
+    observed = next(t for t in env.transform if isinstance(t, PushObservation))
+    column = load_example("extending.similarity").GOAL_DISTANCE
+    assert observed.columns["goal_distance"] == slice(column, column + 1)
+    env.close()
 
 
 def test_loss(tmp_path: Path) -> None:

@@ -1,5 +1,8 @@
 """One planner or map, shared by several threads."""
 
+import os
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier
 
@@ -107,3 +110,22 @@ def test_weights_of_one_thread_stay_its_own():
 
     weights = [torch.ones(30, 48, 48), heavy, heavy.flip(2), heavy.transpose(1, 2).contiguous()]
     assert_threads_get_the_same(call, [(weight,) for weight in weights])
+
+
+def test_torch_keeps_its_number_of_threads_where_there_are_more_cores():
+    code = """
+import numba, torch
+from modpush.planners import inflate
+torch.set_num_threads(2)
+for _ in range(2):
+    inflate(torch.zeros(8, 32, 32, dtype=torch.bool), 2.0)
+    print(torch.get_num_threads(), numba.get_num_threads())
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "NUMBA_NUM_THREADS": "4"},
+    )
+    assert done.stdout.split() == ["2", "2", "2", "2"]

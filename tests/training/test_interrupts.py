@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import psutil
 import pytest
@@ -16,6 +17,7 @@ import torch
 from modpush._folder_lock import FolderLock, FolderLockedError
 from modpush.training import Trainer, check_run_folder
 from modpush.training.run_folder import RunFolder
+from modpush.training.signals import interrupts_noted
 from tests.damage import damages
 from tests.full_disk import full_disk
 from tests.test_files import Poison
@@ -65,6 +67,15 @@ def test_steps_that_wait_for_their_returns_are_kept(tmp_path, n_steps):
     assert_same(numbers(tmp_path / "unbroken"), numbers(tmp_path / "run"))
 
 
+@pytest.fixture
+def hang_up():
+    """SIGHUP as it is outside of `nohup`."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.usefixtures("hang_up")
 @pytest.mark.parametrize(
     "name", [SIGNALS[0], *(pytest.param(name, marks=pytest.mark.slow) for name in SIGNALS[1:])]
 )
@@ -80,6 +91,18 @@ def test_a_signal_to_all_processes_ends_a_run_with_a_checkpoint(unbroken, tmp_pa
     assert_same(numbers(unbroken), numbers(folder))
 
 
+def test_under_nohup_a_run_outlives_its_terminal(hang_up):
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # what nohup does before it begins a program
+    run = SimpleNamespace(interrupted=False)
+    with interrupts_noted(run):
+        os.kill(os.getpid(), signal.SIGHUP)
+        assert not run.interrupted
+        os.kill(os.getpid(), signal.SIGTERM)
+        assert run.interrupted
+    assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+
+
+@pytest.mark.usefixtures("hang_up")
 def test_every_signal_writes_a_checkpoint_and_is_left_alone_outside_a_run(tmp_path):
     numbers_of_signals = [getattr(signal, name) for name in SIGNALS]
     before = [signal.getsignal(number) for number in numbers_of_signals]

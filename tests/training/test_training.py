@@ -1,6 +1,7 @@
 """A training run from end to end: what it leaves, and what it survives."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import psutil
 import pytest
@@ -224,6 +226,10 @@ def test_a_checkpoint_of_another_config_says_which_fields_differ(unbroken):
         ({"replay": replace(SMOKE.replay, batch_size=8)}, "batch_size must be tqc.batch_size"),
         ({"tqc": replace(SMOKE.tqc, learning_starts=63)}, "learning_starts must be >= 64"),
         (
+            {"replay": replace(SMOKE.replay, k_end=8, k_annealing_samples=10)},
+            "learning_starts must be >= 128",
+        ),
+        (
             {"mirror": True, "env": replace(SMOKE.env, encoder="end_to_end")},
             "mirror must be False with env.encoder='end_to_end'",
         ),
@@ -256,6 +262,38 @@ def test_a_loss_that_is_not_finite_stops_the_run_and_keeps_the_batch(tmp_path):
         trainer.run()
     batch = torch.load(tmp_path / "run" / "non_finite_batch.pt")
     assert batch["observation"].shape == (16, trainer.learner.observation_dim)
+
+
+def test_a_batch_that_holds_nan_stops_the_run_and_is_kept(tmp_path):
+    trainer = Trainer(SMOKE, tmp_path / "run")
+    store = trainer.learner.store
+
+    def spoiled(rollout):
+        rollout.transitions["next", "reward"][:] = np.nan
+        return store(rollout)
+
+    trainer.learner.store = spoiled
+    with pytest.raises(
+        NonFiniteLossError, match=r"NaN .* under \('next', 'reward'\).*step 80"
+    ) as error:
+        trainer.run()
+    assert "skip_done_states" not in str(error.value)
+    batch = torch.load(tmp_path / "run" / "non_finite_batch.pt")
+    assert batch["next"]["reward"].isnan().all()
+
+
+def test_torchs_loggers_hold_the_rows_of_the_tables_once(unbroken, tmp_path):
+    folder = shutil.copytree(unbroken, tmp_path / "run")
+    with (folder / "logs" / "csv" / "train" / "scalars" / "speed" / "steps.csv").open("a") as file:
+        file.write("240,1.0\n")  # of a stretch that was lost
+    Trainer(replace(SMOKE, total_steps=240), folder, resume=True).run()
+    steps = pd.read_csv(folder / "log.csv")["step"].tolist()
+    logged = folder / "logs" / "csv" / "train" / "scalars"
+    for name in ("speed/steps.csv", "updates.csv"):
+        assert pd.read_csv(logged / name, header=None)[0].tolist() == steps
+    assert len(pd.read_csv(logged / "evaluation" / "success.csv", header=None)) == len(
+        pd.read_csv(folder / "evaluations.csv")
+    )
 
 
 def test_a_checkpoint_that_cannot_be_written_leaves_the_one_before(tmp_path):

@@ -8,14 +8,15 @@ import torch
 
 from modpush import load_agent
 from modpush.cli.train import RunConfig, train_agent
-from modpush.training import Trainer
+from modpush.training import Trainer, load_critics
 from modpush.training.run_folder import RunFolder
+from tests.own_parts import one_post
 from tests.training.conftest import SMOKE
 
 
 def begin(folder, **changes):
     """A trainer that has learned nothing yet, closed again."""
-    trainer = Trainer(replace(SMOKE, seed=5, **changes), folder)
+    trainer = Trainer(replace(SMOKE, **{"seed": 5, **changes}), folder)
     trainer.close()
     return trainer.learner.agent
 
@@ -110,3 +111,50 @@ def test_a_run_without_its_buffer_fills_one_before_it_learns_on(unbroken, tmp_pa
     assert len(resumed.learner.buffer) == 96
     table = pd.read_csv(tmp_path / "run" / "evaluations.csv")
     assert table["step"].tolist() == [96, 192]
+
+
+def test_the_runs_own_settings_stay(unbroken, tmp_path):
+    tqc = replace(SMOKE.tqc, gamma=0.5, target_entropy=-7.0, min_alpha=0.001, max_alpha=2.0)
+    agent = begin(tmp_path / "run", init_from=str(unbroken), tqc=tqc)
+    state = RunFolder(unbroken).checkpoints.load()["loss"]
+    loss = agent.loss
+    assert loss.value_estimator.gamma.item() == 0.5
+    assert float(loss.target_entropy) == -7.0
+    assert loss.max_log_alpha.exp().item() == pytest.approx(2.0)
+    assert torch.equal(loss.log_alpha, state["log_alpha"])
+    for name, value in loss.state_dict().items():
+        if "_params." in name:
+            assert torch.equal(value, state[name]), name
+
+
+def test_an_agent_with_parts_given_as_objects(tmp_path):
+    parts = {"scene": one_post}
+    Trainer(replace(SMOKE, total_steps=64), tmp_path / "run", parts=parts).run()
+    file = tmp_path / "run" / "last_agent.safetensors"
+    config = replace(SMOKE, init_from=str(file))
+    with pytest.raises(ValueError, match=r"parts that this run does not have; .* as parts"):
+        Trainer(config, tmp_path / "without")
+    trainer = Trainer(config, tmp_path / "with", parts=parts)
+    trainer.close()
+    saved = load_agent(file, parts=parts).actor.state_dict()
+    assert_equal(saved, trainer.learner.agent.actor.state_dict())
+
+
+def test_the_target_of_a_trained_encoder_begins_as_the_encoder(tmp_path):
+    changes = {
+        "env": replace(SMOKE.env, encoder="end_to_end", window_size=32),
+        "tqc": replace(SMOKE.tqc, encoder="tests.own_parts:SmallConv"),
+    }
+    trainer = Trainer(replace(SMOKE, total_steps=64, **changes), tmp_path / "run")
+    trainer.run()
+    file = tmp_path / "run" / "last_agent.safetensors"
+    loss = begin(tmp_path / "second", init_from=str(file), seed=9, **changes).loss
+    state = loss.state_dict()
+    names = [name for name in state if name.startswith("encoder_params.")]
+    assert names
+    for name in names:
+        assert torch.equal(state[name], state[f"target_{name}"]), name
+    env = load_agent(file, allow=("tests",)).make_env(2)
+    with pytest.raises(ValueError, match="an encoder that was trained with them"):
+        load_critics(tmp_path / "run", env)
+    env.close()

@@ -14,6 +14,7 @@ from modpush.evaluation import evaluate, load_set
 from modpush.evaluation.results import load_trajectory
 from modpush.recipes import load_agent
 from modpush.viewer import PlayConfig, Session
+from modpush.viewer.lane import PolicyLane
 
 
 @pytest.fixture(scope="module")
@@ -98,6 +99,30 @@ def test_a_command_that_fails_says_why_and_changes_nothing(session) -> None:
     session.tick()
     assert "no 'no/such/agent', expected one of" in session.message
     assert session.policies == ("agent",)
+    lanes = session.lanes
+    session.submit(lambda: session.choose_policies("scripted", "no/such/agent"))
+    session.tick()
+    assert session.lanes is lanes
+    session.tick()
+    assert session.snapshots
+
+
+def test_a_policy_that_cannot_begin_leaves_the_lanes_as_they_were(session, monkeypatch) -> None:
+    lanes, snapshots = session.lanes, session.snapshots
+    closed = []
+
+    def start(lane: PolicyLane, *_: object) -> None:
+        monkeypatch.setattr(lane, "close", lambda: closed.append(lane))
+        raise ValueError("cannot begin")
+
+    with monkeypatch.context() as context:
+        context.setattr(PolicyLane, "start", start)
+        session.submit(lambda: session.choose_policies("scripted"))
+        session.tick()
+    assert session.message == "cannot begin"
+    assert (session.lanes, session.policies) == (lanes, ("agent",))
+    assert len(session.snapshots) == len(snapshots)
+    assert len(closed) == 1
 
 
 def test_of_the_moves_of_one_drag_only_the_last_is_carried_out(session) -> None:

@@ -300,16 +300,18 @@ class TQCLoss(_TorchRLTQCLoss):
         for key in self.in_keys:
             value = tensordict.get(key, None)
             if value is not None and value.is_floating_point() and not value.isfinite().all():
-                _raise_not_finite(key, value)
+                _raise_not_finite(key, value, self.tensor_keys.reward)
 
 
 def _to_ndim(x: Tensor, ndim: int) -> Tensor:
     return x.reshape(*x.shape, *(1,) * (ndim - x.ndim))
 
 
-def _raise_not_finite(key: object, value: Tensor) -> NoReturn:
+def _raise_not_finite(key: NestedKey, value: Tensor, reward: NestedKey) -> NoReturn:
     row = (~value.isfinite()).nonzero()[0].tolist()
+    hint = ""
+    if isinstance(key, tuple) and key[0] == "next" and key != unravel_key(("next", reward)):
+        hint = " If only the next states of terminal transitions do, pass skip_done_states=True."
     raise ValueError(
-        f"TQCLoss: the batch holds NaN or infinite values under {key!r}, first at index {row}. "
-        "If only the next states of terminal transitions do, pass skip_done_states=True."
+        f"TQCLoss: the batch holds NaN or infinite values under {key!r}, first at index {row}.{hint}"
     )
