@@ -50,9 +50,8 @@ def commit() -> str:
         return done.stdout.strip()
 
     try:
-        git(
-            "ls-files", "--error-unmatch", "modpush/__init__.py"
-        )  # not another project's environment
+        # Not those of another project, whose environment modpush is installed in.
+        git("ls-files", "--error-unmatch", "modpush/__init__.py")
         changed = "+" if git("status", "--porcelain", "--untracked-files=no", "modpush") else ""
         return git("rev-parse", "--short=10", "HEAD") + changed
     except (OSError, subprocess.CalledProcessError):

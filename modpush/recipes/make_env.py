@@ -122,9 +122,8 @@ def make_push_env(
             mirrored, or observation and action have different frames.
     """
     config = config or PushEnvConfig()
-    if (
-        inflation is not None
-    ):  # by which is also decided whether an episode that is drawn has a path
+    # It also decides whether an episode that is drawn has a path.
+    if inflation is not None:
         config = replace(config, inflation=inflation)
     if isinstance(encoder, str) and encoder == END_TO_END:
         config, encoder = replace(config, encoder=END_TO_END), None

@@ -107,7 +107,7 @@ class ReproduceConfig:
                 for item, path in value.items()
                 if part == "obstacles" or item == "small_cube"
             )
-        if name == "agent":
+        if name == "agent" and Path(value).is_absolute():
             return str(_agent_here(Path(value)))
         if name == "allow":
             return " ".join(value)

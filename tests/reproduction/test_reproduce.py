@@ -199,6 +199,8 @@ def test_parts_are_made_in_the_order_of_the_paper() -> None:
     assert own.command("examples") == "modpush reproduce examples --first 3 --allow mine ours"
     trained = replace(ReproduceConfig(), agent=str(Path.cwd() / "runs" / "train"))
     assert trained.command("free") == "modpush reproduce free --agent runs/train"
+    hub = replace(ReproduceConfig(), agent="hf://owner/name")
+    assert hub.command("free") == "modpush reproduce free --agent hf://owner/name"
     swept = replace(config, sweep=Path("/elsewhere/mine"))
     assert swept.command("ablations") == "modpush reproduce ablations --sweep runs/mine"
     elsewhere = replace(config, out=Path("/elsewhere"))
