@@ -54,7 +54,7 @@ def test_other_frames_widths_and_scales_differ_and_rounding_does_not():
 
 
 def test_before_there_is_an_observation_nothing_is_known():
-    with pytest.raises(RuntimeError, match="known after the environment.s first reset"):
+    with pytest.raises(RuntimeError, match="known after the environment's first reset"):
         _ = PushObservation().columns
 
 
