@@ -41,6 +41,7 @@ class BlankLatent:
         self._latent: Tensor | None = None
 
     def _find_weights(self) -> None:
+        """Note the tensors that tell whether the encoder has changed."""
         encoder = self.encoder
         # Walking through the modules at every observation would take longer than the observation.
         weights: list[Tensor] = [*encoder.parameters(), *encoder.buffers()]

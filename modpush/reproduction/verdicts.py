@@ -26,10 +26,10 @@ RULES = f"""
    successes, ours and those that the printed rate stands for, gives p < 0.05, else level.
 3. Against another printed figure: ahead or behind where the 95 % interval of our mean leaves it out,
    else level. The printed figure's own uncertainty is not known, so that these verdicts are a little
-   bolder than tests would be. Where all our values are the same, as many as are 3 of their number
-   might have been 0 or 1 instead.
-4. Not judged against printed figures are means over fewer than {_FEWEST} episodes but success rates, and
-   path lengths, which depend on the episodes that were drawn.
+   bolder than tests would be. Where all our values are equal, the interval is
+   that of the rule of three: of n values 3 more could have been 0 or 1.
+4. Path lengths are not judged against printed ones: they depend on the episodes that were drawn. Nor
+   are means over fewer than {_FEWEST} episodes, but for success rates.
 """
 """The rules in Markdown, as the companion page prints them."""
 

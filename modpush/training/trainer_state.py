@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from torchrl.checkpoint import GlobalRNGState
 
-from modpush.recipes.agent_file import save_agent
+from modpush.recipes.agent_file import observed_symmetry, save_agent
 from modpush.recipes.fingerprint import fingerprint_differences
 from modpush.replay.attentive import AttentiveSampler
 from modpush.replay.state import buffer_state, load_buffer_state
@@ -35,6 +35,7 @@ def trainer_state(
     return {
         "config": trainer.config.fixed_fields(),
         "fingerprint": trainer.specs.fingerprint,
+        "symmetry": observed_symmetry(trainer.config.env, trainer.parts.get("pushed_object")),
         "loss": dict(learner.agent.loss.state_dict()),
         "average": learner.average_state(),
         "optimizer": learner.agent.optimizer.state_dict(),

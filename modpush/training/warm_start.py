@@ -13,7 +13,6 @@ from modpush.parts import ModulesRefusedError, modules_named
 from modpush.recipes.agent_file import load_agent, observed_symmetry, shipped_agents
 from modpush.recipes.config import PushEnvConfig
 from modpush.recipes.fingerprint import fingerprint_differences
-from modpush.recipes.make_env import ENV_PARTS
 from modpush.training.checkpoints import CHECKPOINT_KIND, CHECKPOINT_VERSION, Checkpoints
 from modpush.training.config import TrainConfig
 from modpush.training.learner import Learner
@@ -57,10 +56,11 @@ def load_initial_weights(
                 f"{who}: expected a run's folder, a checkpoint, an agent's file, or a shipped agent "
                 f"({', '.join(shipped_agents())}); there is nothing of that name."
             )
-        # The caller has named these modules already, as those of parts of this run.
+        # The caller has named these modules already, or imported them, as those of parts of this run.
         own = config.fixed_fields()
-        allow = modules_named([own["env"], own["tqc"], own["replay"]])
-        given = {kind: part for kind, part in parts.items() if kind in (*ENV_PARTS, "actor")}
+        allow = modules_named([own["env"], own["tqc"], own["replay"]]) | _modules_of(parts)
+        # The rest of its environment is the file's own, with which this run's is compared.
+        given = {kind: parts[kind] for kind in ("actor", "encoder") if kind in parts}
         try:
             agent = load_agent(source, parts=given, allow=sorted(allow))
         except ModulesRefusedError as error:
@@ -68,7 +68,15 @@ def load_initial_weights(
                 f"{who}: it was trained with parts that this run does not have; name them in this "
                 f"run's config, or give them to the Trainer as parts. ({error})"
             ) from error
-        symmetry = observed_symmetry(agent.config, agent.parts.get("pushed_object"))
+        trained_with = agent.parts.get("pushed_object")
+        if (was := agent.missing.get("pushed_object")) is not None:  # no file can name it
+            if "pushed_object" not in parts:
+                raise ValueError(
+                    f"{who}: it was trained with {was} as pushed_object; give it to the Trainer as "
+                    "parts={'pushed_object': ...}."
+                )
+            trained_with = parts["pushed_object"]
+        symmetry = observed_symmetry(agent.config, trained_with)
         _check_environment(who, agent.fingerprint, symmetry, config, specs, parts)
         actor = learner.agent.actor
         check_weights(who, actor.state_dict(), agent.actor.state_dict())
@@ -77,12 +85,22 @@ def load_initial_weights(
         return
     state = read_state(checkpoint, CHECKPOINT_KIND, CHECKPOINT_VERSION)
     trained_in = from_plain(PushEnvConfig, state["config"]["env"])
-    symmetry = observed_symmetry(trained_in, parts.get("pushed_object"))
+    symmetry = state.get("symmetry", observed_symmetry(trained_in))  # earlier checkpoints lack it
     _check_environment(who, state["fingerprint"], symmetry, config, specs, parts)
     loss = learner.agent.loss
     own, given = loss.state_dict(), _weights_in(state["loss"])
     check_weights(who, _weights_in(own), given)
     loss.load_state_dict({**own, **given})
+
+
+def _modules_of(parts: Mapping[str, Any]) -> set[str]:
+    """Modules of parts given as objects, alone or several of a kind."""
+    objects: list[Any] = []
+    for part in parts.values():
+        several = part.values() if isinstance(part, Mapping) else part
+        objects += [*several] if isinstance(part, Mapping | list | tuple) else [part]
+    texts = modules_named([item for item in objects if isinstance(item, str)])
+    return texts | {item.__module__ for item in objects if hasattr(item, "__module__")}
 
 
 def _weights_in(state: Mapping[str, Any]) -> dict[str, Any]:

@@ -36,7 +36,8 @@ def test_a_table_is_written_resumed_and_listed(tmp_path: Path) -> None:
     assert cells.loc[("agent", "spl"), "mean"] == pytest.approx(rows["spl"].mean())
     companion = (config.out / "README.md").read_text()
     assert "[free](free.md)" in companion
-    assert "\n4. Not judged against printed figures are means over fewer than 30" in companion
+    assert "\n4. Path lengths are not judged against printed ones" in companion
+    assert "are means over fewer than 30 episodes" in companion
     assert "Not there yet: Table III" in companion
     assert "| `modpush reproduce free --first 2` |" in companion
     assert "**Only the first episodes were run: 2 of 500 of `free/small_cube`.**" in companion

@@ -8,6 +8,7 @@ import torch
 
 from modpush import load_agent
 from modpush.cli.train import RunConfig, train_agent
+from modpush.envs.scenes.objects import OBJECTS
 from modpush.training import Trainer, load_critics
 from modpush.training.run_folder import RunFolder
 from tests.own_parts import one_post
@@ -138,6 +139,23 @@ def test_an_agent_with_parts_given_as_objects(tmp_path):
     trainer.close()
     saved = load_agent(file, parts=parts).actor.state_dict()
     assert_equal(saved, trainer.learner.agent.actor.state_dict())
+
+
+def test_an_object_that_is_given_counts_for_the_run_that_it_is_given_to(unbroken, tmp_path):
+    parts = {"pushed_object": OBJECTS["fragment"]}
+    for source in (unbroken, unbroken / "last_agent.safetensors"):
+        with pytest.raises(ValueError, match=r"looking the same at 4 yaw angles.*of this run at 1"):
+            Trainer(replace(SMOKE, init_from=str(source)), tmp_path / "run", parts=parts)
+    Trainer(replace(SMOKE, total_steps=64), tmp_path / "fragment", parts=parts).run()
+    own = tmp_path / "fragment"
+    for source in (own, own / "last_agent.safetensors"):
+        config = replace(SMOKE, init_from=str(source))
+        Trainer(config, tmp_path / source.name / "more", parts=parts).close()
+        refused = (
+            "looking the same at 1 yaw angles.*of this run at 4|give it to the Trainer as parts"
+        )
+        with pytest.raises(ValueError, match=refused):
+            Trainer(config, tmp_path / source.name / "other")
 
 
 def test_the_target_of_a_trained_encoder_begins_as_the_encoder(tmp_path):

@@ -164,9 +164,9 @@ class ScenarioConfig:
         if not all(lo < hi for lo, hi in zip(self.low, self.high, strict=True)):
             raise ValueError(f"ScenarioConfig: low must be < high, got {self.low} and {self.high}.")
         tool = Rectangle(MotionConfig.low, MotionConfig.high)
-        inside = (lo >= least for lo, least in zip(self.low, tool.low, strict=True))
         if not (
-            all(inside) and all(hi <= most for hi, most in zip(self.high, tool.high, strict=True))
+            all(lo >= least for lo, least in zip(self.low, tool.low, strict=True))
+            and all(hi <= most for hi, most in zip(self.high, tool.high, strict=True))
         ):
             raise ValueError(
                 f"ScenarioConfig: low and high must lie within the tool's workspace, {tool.low} to "
