@@ -3,8 +3,8 @@
     modpush collect --policy agent corridor --episodes 1000 --only-success
     modpush collect --policy scripted --env.scene free --env.difficulty 0 0.5 --images
 
-Writes both data sets and a card to `runs/demonstrations/`. An interrupted run goes on where it stopped,
-and one that asks for more episodes adds them. It needs `pip install 'modpush[data]'`.
+Writes both data sets and a card to `runs/demonstrations/`. An interrupted run continues where it
+stopped, and one that asks for more episodes adds them. It needs `pip install 'modpush[data]'`.
 """
 
 from collections.abc import Sequence

@@ -18,7 +18,7 @@ __all__ = ["SUBCOMMANDS", "run_command"]
 
 SUBCOMMANDS = {
     "demo": "Watch a trained agent push different objects, beside the corridor controller.",
-    "train": "Train an agent: environment and learner in a process each, on two cores.",
+    "train": "Train an agent: environment and learner each in their own process, on two cores.",
     "evaluate": "Evaluate policies on the evaluation sets: tables beside the paper's, pictures, videos.",
     "reproduce": "Reproduce the paper's tables and figures: ours beside the printed ones, with tests.",
     "sweep": "Train variants and seeds of a configuration, one after the other or with Ray Tune.",

@@ -8,8 +8,8 @@ paper's hard ones, `diagonal_walls` and `maze`.
     modpush demo --policy scripted               # a simpler pusher, along the planner's sub-goals
 
 Writes `runs/demo/`: `table.md`, one picture for each family and `demo.mp4`, top views of the same
-episodes side by side; magenta are the first planned path and the present sub-goal. With a Vulkan
-device there is `arm.mp4`, too: the first policy's episodes rendered by SAPIEN.
+episodes side by side, with the first planned path and the present sub-goal in magenta. With a Vulkan
+device it also writes `arm.mp4`: the first policy's episodes rendered by SAPIEN.
 """
 
 import contextlib
@@ -68,7 +68,7 @@ class DemoConfig:
     scenes: AtLeastOne[Name] = field(default_factory=lambda: tuple(SCENES))
     """Scene families to show."""
     episodes: Count = 4
-    """Number of episodes of each family; the first one is in the video."""
+    """Number of episodes of each family; the first one is shown in the video."""
     pushed_object: AtLeastOne[Name] = ("small_cube", "large_cube", "small_cylinder", "fragment")
     """Names of the objects that are pushed, one after the other."""
     difficulty: Fraction = 0.3
@@ -78,9 +78,9 @@ class DemoConfig:
     out: FilePath = Path("runs/demo")
     """Folder to write to."""
     allow: Several[Name] = ()
-    """Modules that an agent's file may import parts of its author's own from."""
+    """Modules from which an agent's file may import its author's own parts."""
     rendered: bool = True
-    """Have SAPIEN render the first policy's video where there is a Vulkan device."""
+    """Have SAPIEN render the first policy's video if there is a Vulkan device."""
 
 
 def show_demo(config: DemoConfig) -> str:

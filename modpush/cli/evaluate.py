@@ -10,7 +10,7 @@
 For each policy and set `runs/evaluate/<policy>/<set>/` gets `episodes.csv` (a row for each episode),
 `table.md`, `.tex` and `.csv`, `failures.png`, `successes.png` and a video for each family. With
 several policies `runs/evaluate/comparison/<set>.md` has metrics over the episodes that all solved,
-and paired t-tests. An interrupted run goes on where it stopped; `--fresh` starts over.
+and paired t-tests. An interrupted run continues where it stopped; `--fresh` starts over.
 """
 
 import itertools
@@ -42,28 +42,28 @@ class EvaluateConfig:
     `corridor`, `corridor_faithful`, `scripted`, a training run's folder, or an agent's file. Several
     are compared with each other."""
     sets: Annotated[AtLeastOne[Name], tyro.conf.arg(name="set")] = ("smoke",)
-    """Evaluation sets or files, or `all` for the sets but `smoke` and those to tune on."""
+    """Evaluation sets by name or file, or `all` for all sets except `smoke` and the tuning sets."""
     tool: ToolName | None = None
-    """Tool to run the sets with instead of their own, for instance `rod`, which the paper's authors' code
-    has; results are kept as those of `<set>+<tool>`."""
+    """Tool to use instead of the sets' own, for instance `rod`, the tool in the code of the paper's
+    authors; results are stored under `<set>+<tool>`."""
     recovery: bool | None = None
-    """Whether policies that have come to rest before the goal move on as `StuckRecovery` says. By default
-    what an agent's config says, and no for hand-written policies; otherwise results are kept as those
-    of `<policy>+recovery` or `<policy>_without_recovery`."""
+    """Whether `StuckRecovery` takes over when a policy has come to rest before the goal. By default
+    this is what an agent's config says, and no for hand-written policies; results of the other
+    choice are stored under `<policy>+recovery` or `<policy>_without_recovery`."""
     episodes: Count | None = None
-    """Number of episodes to run of each set, from its first on; all by default."""
+    """Number of episodes to run of each set, starting with its first; all by default."""
     num_envs: Scenes = 8
-    """Number of scenes that a process steps together."""
+    """Number of scenes that each process steps together."""
     workers: Count | Literal["ray"] = 1
     """Number of processes, or `ray` for all CPUs of a Ray cluster."""
     pictures: NonNegativeInteger = 24
-    """Largest number of failed episodes that are drawn; half as many solved ones are."""
+    """Maximum number of failed episodes to draw; at most half as many solved ones are drawn, too."""
     videos: bool = True
     """Whether to write a video for each family."""
     fresh: bool = False
     """Start over instead of resuming an interrupted run."""
     allow: Several[Name] = ()
-    """Modules that an agent's file may import parts of its author's own from."""
+    """Modules from which an agent's file may import its author's own parts."""
     out: FilePath = Path("runs/evaluate")
     """Folder to write to."""
 

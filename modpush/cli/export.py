@@ -4,7 +4,7 @@
     modpush export runs/train --format onnx torch_export --out runs/exported
 
 Writes `policy` (observation to action), `window_policy` (local window and state to action, encoder
-included) and `card.json`, which says what goes in and comes out. ONNX needs `pip install
+included) and `card.json`, which describes inputs and outputs. ONNX needs `pip install
 'modpush[export]'`; `examples/deploy.py` pushes with a policy that runs in onnxruntime alone.
 """
 
@@ -25,7 +25,7 @@ __all__ = ["ExportConfig", "main"]
 
 @checked
 class ExportConfig:
-    """What is exported, and to where."""
+    """What is exported, and where it is written."""
 
     agent: tyro.conf.Positional[Name] = "small_cube"
     """Name of a shipped agent, an agent's file, a training run's folder, or hf://owner/name."""
@@ -34,7 +34,7 @@ class ExportConfig:
     out: FilePath = Path("runs/exported")
     """Folder to write to."""
     allow: Several[Name] = ()
-    """Modules that the agent's file may import parts of its author's own from."""
+    """Modules from which an agent's file may import its author's own parts."""
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -6,8 +6,8 @@
     modpush reproduce free --first 20 --out /tmp/paper --rows /tmp/rows     # a few minutes
 
 Each part gets a page, `<part>.md`, and beside it LaTeX, CSV and pictures; `README.md` lists the pages
-and where the agent is ahead, level and behind. Rows and trajectories are kept, so that an interrupted
-run goes on where it stopped; `--fresh` runs everything anew.
+and where the agent is ahead, level or behind. Rows and trajectories are stored, so that an interrupted
+run continues where it stopped; `--fresh` runs everything anew.
 """
 
 from collections.abc import Sequence

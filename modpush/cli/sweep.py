@@ -1,14 +1,14 @@
-"""Train variants and seeds of a configuration, some at a time or with Ray Tune.
+"""Train variants and seeds of a configuration, several at a time or with Ray Tune.
 
     modpush sweep examples/sweeps/ablations.yaml --out runs/ablations --jobs 2
     modpush sweep examples/sweeps/ablations.yaml --out runs/ablations --groups replay encoder
     modpush sweep examples/sweeps/smoke.yaml --out /tmp/sweep --ray
 
-The file names a training preset, what all runs change in it, the seeds, and the variants by the dotted
-names of `modpush train`. The folder gets a training run's folder for every variant and seed, and
-`trials.csv` (last and best evaluation of each), `curves.csv` and `curves.png`. Started again, it goes
-on where it was. A run keeps two CPUs busy, or one with `async_collection: false` among the overrides,
-with the same results. Ray needs `pip install 'modpush[ray]'`.
+The file names a training preset, the overrides common to all runs, the seeds, and the variants, with
+fields by their dotted names in `modpush train`. The folder gets a training run's folder for every
+variant and seed, and `trials.csv` (last and best evaluation of each), `curves.csv` and `curves.png`.
+Started again, the sweep continues where it stopped. A run keeps two CPUs busy, or one with
+`async_collection: false` among the overrides, with the same results. Ray needs `pip install 'modpush[ray]'`.
 """
 
 from collections.abc import Sequence
@@ -33,13 +33,13 @@ class SweepConfig:
     out: FilePath = Path("runs/sweep")
     """Folder to write to."""
     groups: Several[Name] = ()
-    """Groups of variants to run, beside the first variant; all by default."""
+    """Groups of variants to run in addition to the first variant; all by default."""
     total_steps: Count | None = None
     """Environment steps of each run, instead of what the file says."""
     jobs: Count = 1
     """Number of runs at a time."""
     ray: bool = False
-    """Let Ray Tune run as many at a time as there are CPUs for."""
+    """Let Ray Tune run as many runs at a time as there are CPUs for."""
 
 
 def main(arguments: Sequence[str]) -> None:

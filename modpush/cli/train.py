@@ -1,12 +1,12 @@
-"""Train an agent: environment and learner in a process each, on two cores.
+"""Train an agent: environment and learner each in their own process, on two cores.
 
     modpush train cpu --out runs/train            # the first part of `make train`, some tens of minutes
-    modpush train cpu --out runs/train --resume   # go on after an interrupt
+    modpush train cpu --out runs/train --resume   # continue after an interrupt
     modpush train refine --init-from runs/train --out runs/refine   # the second part: more careful
     modpush train smoke --out /tmp/smoke          # everything once, in some seconds
     modpush train cpu --out runs/rays --train.env.encoder rays --train.seed 1
-    modpush train cpu --out runs/more --init-from runs/train   # begin with another run's weights
-    modpush train cpu --out runs/calm --reward-term my_lab:large_actions 0.2   # a term of your own
+    modpush train cpu --out runs/more --init-from runs/train   # start from another run's weights
+    modpush train cpu --out runs/calm --reward-term my_lab:large_actions 0.2   # your own term
     modpush train cpu --out runs/wide --collector ray --num-collectors 8   # on a Ray cluster
 
 The folder gets `config.yaml`, `log.csv`, `evaluations.csv` (greedy, on held-out episodes), `curve.png`,
@@ -42,19 +42,20 @@ class RunConfig:
     out: FilePath = Path("runs/train")
     """Folder of the run."""
     init_from: Name | None = None
-    """The same as `train.init_from`: begin with the weights of an agent or a run."""
+    """The same as `train.init_from`: start from the weights of an agent or a run."""
     collector: Literal["local", "ray"] | None = None
-    """The same as `train.collector`: "ray" has the scenes act on a Ray cluster."""
+    """The same as `train.collector`: with "ray" the scenes act on a Ray cluster."""
     num_collectors: Count | None = None
     """The same as `train.num_collectors`."""
     reward_term: Mapping[str, float] = field(default_factory=dict)
-    """Weights of reward terms of your own, each as "module:function" and a number; they become part of
+    """Weights of your own reward terms, each as "module:function" and a number; they are added to
     `train.env.reward.weights`."""
     resume: bool = False
     """Resume the run in the folder from its newest checkpoint."""
     threads: Count = 1
-    """Threads of torch in the learner's process. Updates of large networks and batches, as in `paper`,
-    are faster with two or more; small ones are not. Sums are rounded differently with another number."""
+    """Number of torch's threads in the learner's process. Updates of large networks and batches, as
+    in `paper`, are faster with two or more; small ones are not. Sums are rounded differently with
+    another number."""
 
 
 def train_agent(run: RunConfig) -> dict[str, float]:

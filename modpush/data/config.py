@@ -41,27 +41,27 @@ class CollectConfig:
     """Policies to record: `agent`, `corridor`, `corridor_faithful`, `scripted`, a training run's
     folder, or an agent's file. Each of their episodes is labelled with the policy's name."""
     episodes: Annotated[Count, Le(MAX_NUMBER)] = 100
-    """Number of episodes to keep of each policy."""
+    """Number of episodes to keep for each policy."""
     only_success: bool = False
-    """Keep only episodes that reach the goal; others are run in place of those that do not."""
+    """Keep only episodes that reach the goal; failed ones are replaced by further episodes."""
     images: bool = False
-    """Keep depth and segmentation images, too, in the Minari data set (some 2 kB for each step)."""
+    """Also store depth and segmentation images in the Minari data set (some 2 kB per step)."""
     formats: AtLeastOne[Format] = ("minari", "maniskill")
     """Formats to write."""
     env: PushEnvConfig = field(default_factory=lambda: PushEnvConfig.preset("cpu", num_envs=8))
-    """Environment whose observations, actions and rewards are recorded. Policies that observe or act
-    otherwise see what they were made for; their actions are turned into this environment's."""
+    """Environment whose observations, actions and rewards are recorded. Policies made for another
+    environment observe their own; their actions are turned into the axes of this one."""
     seed: Annotated[NonNegativeInteger, Le(3000)] = 0
-    """Seed of the starts. Those of two seeds are different, and none is in an evaluation set."""
+    """Seed of the starts. Different seeds have different starts, and none is in an evaluation set."""
     name: Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_]+$")] = "push"
     """Name of the data set: letters, digits and underscores. Minari calls it `modpush/<name>-v0`."""
     licence: Name = "MIT"
-    """Licence that the card names."""
+    """Licence that the card states."""
     allow: Several[Name] = ()
-    """Modules that an agent's file may import parts of its author's own from."""
+    """Modules from which an agent's file may import its author's own parts."""
     out: FilePath = Path("runs/demonstrations")
-    """Folder to write to. A run that was interrupted, or that asks for more, goes on with what it
-    holds."""
+    """Folder to write to. A run that was interrupted, or that asks for more episodes, continues
+    with what it holds."""
 
     def __post_init__(self) -> None:
         """Refuse what a flat observation cannot hold, and policies that are named twice."""

@@ -52,23 +52,24 @@ class Phase:
 class CurriculumConfig:
     """Curriculum from short pushes to long ones; the defaults are the paper's (Sec. IV-B).
 
-    The paper prints the first and the last distance, 0.06 and 0.6 m. What lies between, and when the
-    next stage begins, it does not say.
+    The paper gives the first and the last distance, 0.06 and 0.6 m, but neither the distances between
+    them nor when the next stage begins.
     """
 
     distances: AtLeastOne[GoalDistance] = _DISTANCES
     """Distances from start to goal [m]: stage s draws from [distances[s - 2], distances[s]]. Those
-    between the first and the last are the authors' code's."""
+    between the first and the last are from the authors' code."""
     final_distance: GoalDistances = (0.2, 0.6)
-    """Range of the distance from start to goal in the last stage [m]: the paper's of its evaluation."""
+    """Range of the distance from start to goal in the last stage [m]: by default that of the
+    paper's evaluation."""
     phases: AtLeastOne[Phase] = (Phase(),)
     """Phases, one after the other; each ends with the last stage. By default there is one, with the
     environment's own scenes."""
     promotion: Literal["success", "steps", "off"] = "success"
-    """When the next stage begins: "success" (enough episodes of this stage succeeded), "steps" (at
-    given numbers of environment steps, as in the authors' code), or "off" (no curriculum: training
-    begins with the last stage of the last phase and stays there). The paper gives no rule. By success,
-    no stage begins before the one before is learned, however fast that is."""
+    """When the next stage begins: "success" (enough episodes of this stage succeeded), "steps"
+    (after given numbers of environment steps, as in the authors' code), or "off" (no curriculum:
+    training begins with the last stage of the last phase and stays there). The paper gives no rule.
+    With "success" no stage begins before the previous one is learned, however fast that is."""
     threshold: PositiveFraction = 0.7
     """Success rate over the last `window` episodes at which the next stage begins."""
     window: Count = 40
@@ -113,9 +114,9 @@ class Curriculum:
 
     Args:
         config: Stages, phases and when the next stage begins.
-        warm_up: Environment steps at the beginning that somebody else than the agent acts in. Their
-            episodes have the distances of the final stage and the present phase's scenes, and do not
-            count for the next stage.
+        warm_up: Number of environment steps at the beginning in which another policy acts instead of the
+            agent. Their episodes have the distances of the final stage and the present phase's scenes,
+            and do not count towards the next stage.
     """
 
     @checked_arguments
@@ -144,7 +145,7 @@ class Curriculum:
 
     @property
     def warming_up(self) -> bool:
-        """Whether somebody else than the agent acts, so that episodes that begin now do not count."""
+        """Whether another policy acts instead of the agent, so that episodes begun now do not count."""
         return self.steps < self.warm_up
 
     @property

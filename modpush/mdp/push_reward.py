@@ -36,15 +36,15 @@ def _paper_weights() -> dict[str, float]:
 class RewardConfig:
     """Reward of a step: a weighted sum of terms; the defaults are the paper's (Sec. IV-B, eq. 2 to 5).
 
-    The printed collision part (eq. 3) gives a step one of -10 and -5; here a step that earns both
+    The paper's collision part (eq. 3) gives a step either -10 or -5; here a step to which both apply
     gets their sum.
     """
 
     weights: Mapping[Name, Finite] = field(default_factory=_paper_weights)
-    """Weight of each term, by its name in `REWARD_TERMS` or as "module:name" for a term of your own.
-    A term without a weight, or with weight 0, is not computed."""
+    """Weight of each term, by its name in `REWARD_TERMS`, or as "module:name" for your own term. A
+    term without a weight, or with weight 0, is not computed."""
     scale: Positive = 1.0
-    """Factor of the weighted sum. The entropy temperature (`TQCConfig.alpha_init`) has to fit it."""
+    """Factor of the weighted sum. The entropy temperature (`TQCConfig.alpha_init`) has to match it."""
     normalisation: Literal["initial", "constant"] = "initial"
     """Divide the path length and the tool's distance from the object by their values at reset
     ("initial", the paper), or by `path_length` and `approach_distance` ("constant")."""
@@ -59,15 +59,15 @@ class RewardConfig:
 class PushReward(Transform):
     """Replaces the reward by a weighted sum of terms, and writes each of them for the log.
 
-    Path length and approach distance at reset stand in the tensordict, so that partial resets,
+    Path length and approach distance at reset are stored in the tensordict, so that partial resets,
     copies and workers are right by construction. A reward belongs to the step that led to it: it is
     written in `"next"`, from what `"next"` holds after the step, the root before it, and the
     action at the root.
 
     Args:
         config: Weights, scale and normalisation.
-        terms: Terms of your own, or `"module:name"` of them, by name, beside or instead of
-            `REWARD_TERMS`; each needs a weight in the config.
+        terms: Your own terms by name, as functions or as `"module:name"`, in addition to those of
+            `REWARD_TERMS` or in place of them; each needs a weight in the config.
         object_pose_key: Read, `[..., 3]` (x, y, yaw) [m, rad].
         ee_pose_key: Read, `[..., 3]` (x, y, yaw) of the tool's tip [m, rad].
         path_length_key: Read, `[..., 1]` [m].
@@ -83,7 +83,7 @@ class PushReward(Transform):
             length and distance from tip to object at reset [m].
 
     Raises:
-        ValueError: If a weight has no term, or a term of yours no weight.
+        ValueError: If a weight has no term, or one of your terms has no weight.
         KeyError: If a key that is read is missing.
     Source: Sec. IV-B, eq. 2 to 5.
     """

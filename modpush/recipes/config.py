@@ -43,53 +43,56 @@ END_TO_END = "end_to_end"
 class PushEnvConfig:
     """What `make_push_env` stacks on a `PushEnv`: scenes, planner, encoder, observation and reward.
 
-    The defaults are the paper's; where the paper says nothing, or they differ from it, the field's
-    text says so. Parts of your own are given as `"module:name"`, or as objects to `make_push_env`.
+    The defaults are the paper's. Where the paper gives no value, or a default differs from it, the
+    field's description says so. Your own parts are given as `"module:name"`, or as objects to
+    `make_push_env`.
     """
 
     num_envs: Scenes = 8
-    """Number of scenes stepped together. The paper gives none and the authors' code steps one; several
-    share the cost of a call."""
+    """Number of scenes stepped together, which share the cost of a call. The paper gives no number;
+    the authors' code steps one."""
     pushed_object: Name | AtLeastOne[Name] = "small_cube"
     """Name of the pushed object, or several, one of which is drawn for each episode. `random_7` has a
     random shape and size, see `random_object`."""
     scene: OneOrMoreNames = OBSTACLE_SCENES
-    """Scene families, one of which is drawn for each episode; a single one may be given as text. A
-    curriculum's phases may name others. The preset `paper` has the five of the paper's training, which
-    has no empty scene (Sec. IV-B)."""
+    """Scene families, one of which is drawn for each episode; a single one may be given as a
+    string. A curriculum's phases may name others. The preset `paper` has the five of the paper's
+    training, which has no empty scene (Sec. IV-B)."""
     difficulty: FractionSpan = (0.0, 1.0)
-    """Range of the scenes' difficulty, drawn from uniformly."""
+    """Range from which the difficulty of the scenes is drawn uniformly."""
     distance: GoalDistances = (0.2, 0.6)
-    """Range of the distance from start to goal [m]; the paper's of its evaluation (Sec. V-B)."""
+    """Range of the distance from start to goal [m]; by default that of the paper's evaluation (Sec.
+    V-B)."""
     frame: Frame = "object"
-    """Axes in which the agent observes, and of the local window."""
+    """Axes of the observation and of the local window."""
     action_frame: Frame | None = "base"
-    """Axes in which the agent acts; None for those in which it observes."""
+    """Axes of the actions; None for those of the observation."""
     encoder: Name = "vae"
     """Encoder of the local window: `vae` (the shipped one), `rays`, `none`, the file of a trained
     `DepthVAE`, or `module:name`. With `end_to_end` the window itself is emitted as bytes, for the
     encoder of the learner (`tqc.encoder`), which is trained with the agent."""
     latent_dim: Annotated[Count, Le(65_536)] | None = None
-    """Number of values in the latent, for the encoder `rays`; its default is 32."""
+    """Number of values in the latent, only for the encoder `rays`, whose default is 32."""
     window_size: Annotated[Count, Le(4096)] = 64
-    """Side of the window for `end_to_end` [px]; other encoders say which size they take."""
+    """Side of the window for `end_to_end` [px]; other encoders define their own size."""
     window_outside: Literal["free", "blocked"] = "free"
     """What the local window shows beyond the camera's image."""
     planner: Name = "lazy_theta_star_grid"
     """Path planner by name, or `module:name`. `lazy_theta_star_grid` is Lazy Theta* as published;
     `distance_field` finds the shortest paths and is faster."""
     inflation: Literal["circumscribed", "inscribed", "widest"] | NonNegative = "inscribed"
-    """How far obstacles are inflated for planning: the radius of the object's circumscribed or inscribed
-    circle, the wider of the two that leaves a way ("widest"), or a distance [m]. The paper: half of the
-    object's diameter, which its authors' code takes as half the cube's side, its inscribed circle's
-    radius. At other yaw angles a corner may then touch."""
+    """How far obstacles are inflated for planning: by the radius of the object's circumscribed or
+    inscribed circle, by the larger of the two that leaves a path ("widest"), or by a distance [m].
+    The paper inflates by half of the object's diameter, which its authors' code takes as half the
+    cube's side, the radius of its inscribed circle. At other yaw angles a corner may then touch an
+    obstacle."""
     path_margin: NonNegative | None = None
-    """How far planned paths may leave the workspace [m], and where that leaves no way, as far as
-    `ScenarioConfig.path_margin`, with which every episode that is drawn has one. None lets them lead
+    """How far planned paths may leave the workspace [m]. Where this leaves no path, the limit is
+    `ScenarioConfig.path_margin`, within which every drawn episode has one. None lets paths lead
     wherever the camera sees (the paper), also where an episode ends."""
     subgoal_lags: AtLeastOne[NonNegativeInteger] = (1, 5)
-    """Ages of the past sub-goals that are observed [steps]. The paper's table of observations has 1 and
-    5, its text 0 and 1; its authors' code does what the table says."""
+    """Ages of the past sub-goals that are observed [steps]. The paper's table of observations has 1
+    and 5, its text 0 and 1; its authors' code follows the table."""
     subgoal_mode: SubgoalMode = "fraction"
     """How the sub-goal is chosen on the path, see `PlannerSubgoals`."""
     subgoal_fraction: PositiveFraction = 0.2
@@ -97,45 +100,47 @@ class PushEnvConfig:
     subgoal_lookahead: NonNegative = 0.2
     """Distance along the path at which the sub-goal lies, for the mode `lookahead` [m]."""
     path_ahead: Several[Positive] = ()
-    """Distances along the path at which points of it are computed [m], for the entry `path_ahead`. Unlike
-    the sub-goal they also lie beyond the next corner."""
+    """Distances along the path of the points for the entry `path_ahead` [m]. Unlike the sub-goal,
+    these points may lie beyond the next corner."""
     entries: Several[Name] = ()
-    """Entries of the observation in their order, by name or `module:name`; empty takes those of the
-    frame. Without an encoder there is no `latent` among them."""
+    """Entries of the observation in order, by name or `module:name`; empty for the default entries
+    of the frame. Without an encoder they do not include `latent`."""
     leave_out: Several[Name] = ()
-    """Entries of the observation that are left out, for ablations."""
+    """Entries to leave out of the observation, for ablations."""
     add: Several[Name] = ()
-    """Entries that are added to the observation, by name or `module:name`."""
+    """Entries to add to the observation, by name or `module:name`."""
     symmetry: NonNegativeInteger | None = None
-    """Number of yaw angles in which every object counts as looking the same in the observation; None
-    takes each object's own. An agent that was trained with one object keeps that object's number."""
+    """Number of yaw angles at which every object is taken to look the same in the observation; None
+    uses each object's own number. An agent that was trained with one object keeps that object's
+    number."""
     reward: RewardConfig = field(default_factory=RewardConfig)
-    """Weights, scale and normalisation of the reward. A term of your own is a weight by the name
+    """Weights, scale and normalisation of the reward. The weight of your own term has the name
     `module:name`."""
     raw: bool = False
-    """Observe SI units instead of values scaled to order 1. The paper mentions no scaling and its
+    """Observe SI units instead of values scaled to order 1. The paper mentions no scaling, and its
     authors' code has none. With SI units the angles, of some radians, would decide the cosine by
     which attentive replay chooses."""
     max_episode_steps: Count = 200
-    """Control steps after which an episode is truncated. The paper gives none; the authors' code has
-    200."""
+    """Control steps after which an episode is truncated. The paper gives no number; the authors'
+    code uses 200."""
     oob: Literal["truncate", "terminate"] = "truncate"
-    """What happens when the object leaves the workspace, on which the paper is silent. Since every step
-    costs, a policy that is still bad would do best to end its episode with the terminal penalty, where
-    "truncate" counts the steps that would have followed."""
+    """What happens when the object leaves the workspace, which the paper does not specify. Since
+    every step has a cost, a policy that is still bad would do best to end its episode with the
+    terminal penalty; with "truncate" the steps that would have followed count as well."""
     tool: Literal["2f85", "rod"] = "2f85"
     """Tool of the arm: the closed gripper, or the rod of the authors' code."""
     sim_freq: Annotated[Count, Le(100_000)] = 120
-    """Physics steps per second [Hz]. The paper gives none; the authors' code has 240, in another
-    simulator. The scripted pusher solves 99 to 100 % of its episodes at both here."""
+    """Physics steps per second [Hz]. The paper gives no rate; the authors' code uses 240, in
+    another simulator. Here the scripted pusher solves 99 to 100 % of its episodes at 120 and at
+    240."""
     depth: Name = "analytic"
     """Depth camera: `analytic`, `sapien` (rendered), or `module:name`."""
     randomize_dynamics: bool = False
     """Draw the object's mass, friction and centre of mass for each episode."""
     recovery: bool = False
-    """Append `StuckRecovery`, which `Agent.policy` follows where tool and object have come to rest before
-    the goal. Training goes without it: neither the scenes nor the held-out episodes have it. The paper
-    has nothing like it."""
+    """Append `StuckRecovery`, which `Agent.policy` follows when tool and object have come to rest
+    before the goal. Training ignores this field: neither its scenes nor its held-out episodes have
+    the recovery. The paper has nothing like it."""
 
     def __post_init__(self) -> None:
         """Check the names of the library's own parts.
@@ -183,7 +188,7 @@ class PushEnvConfig:
         Args:
             name: `"paper"` is what the paper prints, and what the class gives without arguments.
                 `"authors"` is what the authors' code does where it differs from the paper. `"cpu"`
-                is what the shipped agents' environments are based on, learned in some tens of minutes.
+                is the basis of the shipped agents' environments, learned in some tens of minutes.
             **overrides: Fields to set differently.
 
         Raises:

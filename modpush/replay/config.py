@@ -38,7 +38,7 @@ class ReplayConfig:
     k: Candidates = 4
     """Attentive sampling: number of candidates drawn per transition that is kept."""
     k_end: Candidates | None = None
-    """Attentive sampling: value that k is annealed to, linearly; None keeps k as it is."""
+    """Attentive sampling: value to which k is annealed linearly; None keeps k constant."""
     k_annealing_samples: NonNegativeInteger = 0
     """Attentive sampling: number of samples over which k is annealed."""
     similarity: str = "cosine"
@@ -52,16 +52,17 @@ class ReplayConfig:
     priority_beta: NonNegative = 0.4
     """Prioritized sampling: exponent of the importance weights."""
     storage: Literal["tensor", "memmap", "compact"] = "tensor"
-    """Where transitions are held: in memory, on disk, or in memory with each observation once."""
+    """Where transitions are stored: in memory, on disk, or in memory with each observation only
+    once."""
     observation_key: Name = "observation"
-    """Key of the observation that samplers compare and the compact storage holds once."""
+    """Key of the observation that samplers compare and that the compact storage holds only once."""
     extra_observation_keys: Several[Name] = ()
-    """Further observation keys that the compact storage holds once, such as "window"."""
+    """Further observation keys that the compact storage holds only once, such as "window"."""
     n_steps: Count = 1
     """Number of steps whose rewards are summed before the target bootstraps. Above 1, fill the
     buffer with `extend_rollout`."""
     gamma: Fraction = 0.98
-    """Discount factor per step of the rewards in between; must be the loss's."""
+    """Discount factor per step of the summed rewards; must equal the loss's."""
     prefetch: NonNegativeInteger = 0
     """Number of batches that are prepared ahead in threads."""
     device: Device = "cpu"

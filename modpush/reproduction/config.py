@@ -37,23 +37,23 @@ class ReproduceConfig:
     """Parts of the paper, the agents, and where results are kept."""
 
     parts: tyro.conf.Positional[AtLeastOne[Part]] = ("all",)
-    """Parts to reproduce: `free` (free space), `obstacles` (five families, four objects), `hard` (hard
-    scenes), `examples` (pictures of episodes), `runtime`, `dynamics` (dynamics that the agent was not
-    trained with), `ablations` and `further` (training further in the hard scenes; both from a sweep that
-    has been run), or `all` of them."""
+    """Parts to reproduce: `free` (free space), `obstacles` (five families, four objects), `hard`
+    (hard scenes), `examples` (pictures of episodes), `runtime` (computing times), `dynamics`
+    (dynamics with which the agent was not trained), `ablations` and `further` (further training in
+    the hard scenes), both from a sweep that has been run, or `all` of them."""
     agent: Name = "small_cube"
     """Agent that is evaluated everywhere, unchanged: the name of a shipped one, a training run's folder,
     or an agent's file."""
     recovery: bool | None = None
-    """Whether agents that have come to rest before the goal move on as `StuckRecovery` says; by default
-    what their configs say."""
+    """Whether `StuckRecovery` takes over when an agent has come to rest before the goal; by default
+    what the agents' configs say."""
     policy_files: Mapping[Name, FilePath] = field(default_factory=dict)
-    """Further agents by the object that they were trained with, for the paper's retrained row: pairs of
-    object and agent's file."""
+    """Further agents, by the object with which they were trained, for the paper's retrained row:
+    pairs of object and agent's file."""
     first: Count | None = None
-    """Number of episodes to run of each set, from its first on; all by default."""
+    """Number of episodes to run of each set, starting with its first; all by default."""
     num_envs: Scenes = 8
-    """Number of scenes that a process steps together."""
+    """Number of scenes that each process steps together."""
     workers: Count | Literal["ray"] = 1
     """Number of processes, or `ray` for all CPUs of a Ray cluster."""
     seed: Seed = 20_261_122
@@ -65,15 +65,15 @@ class ReproduceConfig:
     further: FilePath = Path("runs/hard_further")
     """Folder of the sweep that `further` reads."""
     rows: FilePath = Path("runs/reproduce")
-    """Folder that rows and trajectories are kept in, so that only missing episodes run."""
+    """Folder in which rows and trajectories are stored, so that only missing episodes run."""
     out: FilePath = Path("docs/results/paper")
-    """Folder that pages, tables and pictures are written to."""
+    """Folder to which pages, tables and pictures are written."""
     fresh: bool = False
-    """Run all episodes anew instead of going on with the rows that are there."""
+    """Run all episodes anew instead of continuing with the stored rows."""
     progress: bool = True
     """Show progress bars."""
     allow: Several[Name] = ()
-    """Modules that an agent's file may import parts of its author's own from."""
+    """Modules from which an agent's file may import its author's own parts."""
 
     @property
     def chosen(self) -> tuple[Part, ...]:

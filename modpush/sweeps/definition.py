@@ -24,10 +24,10 @@ _NAME = re.compile(r"[\w+-][\w.+-]*")
 
 @checked
 class Variant:
-    """A training configuration, as what it changes in the sweep's."""
+    """A training configuration, given by its differences from the sweep's."""
 
     name: Name
-    """Letters, digits and `_.+-`: the variant's runs are kept in a folder of this name."""
+    """Name of the variant and of the folder that holds its runs: letters, digits and `_.+-`."""
     group: Name = "all"
     """Question that the variant answers; those of a group share a panel of the figure."""
     overrides: Mapping[Name, Any] = field(default_factory=dict)
@@ -71,11 +71,11 @@ class Sweep:
     """
 
     preset: Name = "cpu"
-    """Training preset that everything else changes, a name in `TRAIN_PRESETS`."""
+    """Training preset to which all overrides apply, a name in `TRAIN_PRESETS`."""
     overrides: Mapping[Name, Any] = field(default_factory=dict)
     """Fields of `TrainConfig` that differ from the preset in all variants, by their dotted names."""
     variants: AtLeastOne[Variant]
-    """What is compared. The first one is what the others are compared with."""
+    """Variants to compare; the others are compared with the first one."""
     seeds: AtLeastOne[Seed] = (0,)
     """Seeds with which every variant is trained."""
 

@@ -29,56 +29,59 @@ _MAY_CHANGE = {
 class TrainConfig:
     """A training run; the defaults are the paper's.
 
-    All numbers of steps are environment steps, summed over the scenes. Of those below, the paper prints
-    `total_steps` alone.
+    All numbers of steps are environment steps, summed over the scenes. Of these numbers the paper gives
+    only `total_steps`.
     """
 
     env: PushEnvConfig = field(default_factory=PushEnvConfig)
-    """Environment that the agent is trained in."""
+    """Environment in which the agent is trained."""
     tqc: TQCConfig = field(default_factory=TQCConfig)
-    """Learning algorithm; its `updates_per_step` and `learning_starts` pace the run."""
+    """Learning algorithm; its `updates_per_step` and `learning_starts` set the pace of the run."""
     replay: ReplayConfig = field(default_factory=ReplayConfig)
-    """Replay buffer; its batch size must be the learner's."""
+    """Replay buffer; its batch size must equal the learner's."""
     curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
-    """Which episodes are drawn as the agent gets better."""
+    """Which episodes are drawn as the agent improves."""
     actor_average: Fraction = 0.0
-    """Decay per update of a moving average of the actor's weights, which is evaluated and saved; with
-    0.999 it is over some thousand updates. The scenes act with the newest weights. With 0 (the paper)
-    these are evaluated, too."""
+    """Decay per update of a moving average of the actor's weights, which is evaluated and saved;
+    0.999 averages over about a thousand updates. The scenes act with the newest weights. With 0
+    (the paper) the newest weights are evaluated and saved, too."""
     zero_init_latent: bool = False
-    """Start with zero weights for the latent, and for the path's points of the entry `path_ahead`, in the
-    first layer of actor and critics, so that what is learned in free space, where paths are straight,
-    holds among obstacles until they are used."""
+    """Initialise the first layer of actor and critics with zero weights for the latent and for the
+    points of the entry `path_ahead`, so that what is learned in free space, where paths are
+    straight, holds among obstacles until these inputs are used."""
     mirror: bool = False
-    """Learn from mirror images: a random half of each batch is mirrored at the x axis of the agent's
-    frame, with `env.frame="path"` the line from the object to the sub-goal. Needs entries that can be
-    mirrored, which `joint_position` cannot."""
+    """Learn from mirror images: a random half of each batch is mirrored at the x axis of the
+    agent's frame (with `env.frame="path"`, the line from the object to the sub-goal). It needs
+    entries that can be mirrored; `joint_position` cannot."""
     init_from: Name | None = None
-    """Begin with weights that are trained already, and act with them from the first step: of a shipped
-    agent by its name or of an agent's file those of the actor; of a run's folder or one of its
-    checkpoints those of critics, targets and temperature as well. None for random weights."""
+    """Start from trained weights, and act with them from the first step. A shipped agent, given by
+    its name, or an agent's file provides the weights of the actor. A run's folder or one of its
+    checkpoints provides those of critics, targets and temperature as well. None for random weights."""
     first_actions: Literal["random", "scripted"] = "random"
-    """Who acts for the first `tqc.learning_starts` steps. On this the paper is silent; its authors' code
-    acts at random. `"scripted"` is `ScriptedPusher`, with some noise, pushing along the planner's
-    sub-goals over all distances, so that the first updates see what reaching the goal is worth."""
+    """Who acts for the first `tqc.learning_starts` steps, which the paper does not specify; its
+    authors' code acts at random. `"scripted"` is `ScriptedPusher` with some noise, which pushes
+    along the planner's sub-goals over all distances, so that the first updates see what reaching
+    the goal is worth."""
     total_steps: Count = 7_000_000
     """Environment steps after which the run ends."""
     rollout_length: Count = 8
-    """Steps of each scene between two exchanges of transitions and weights."""
+    """Number of steps of each scene between two exchanges of transitions and weights."""
     async_collection: bool = True
-    """Step the environment in a process of its own while the learner learns. Without it the two take
+    """Step the environment in its own process while the learner learns. Otherwise the two take
     turns in one process, with the same results."""
     collector: Literal["local", "ray"] = "local"
-    """Where the scenes act: "local" on this machine, see `async_collection`, or "ray" in the collectors
-    of a Ray cluster, which TorchRL's `Collector(backend="ray")` drives. With "local" a run has the same
-    numbers whenever it is repeated; with "ray" they depend on which collector is done first."""
+    """Where the scenes act: "local" on this machine (see `async_collection`), or "ray" in the
+    collectors of a Ray cluster, driven by TorchRL's `Collector(backend="ray")`. A run with "local"
+    gives the same numbers whenever it is repeated; with "ray" they depend on the order in which the
+    collectors finish."""
     num_collectors: Count = 1
-    """Number of collectors with "ray", each with `env.num_envs` scenes, a CPU and some 700 MB."""
+    """Number of collectors with "ray", each with `env.num_envs` scenes, one CPU and some 700 MB of
+    memory."""
     greedy_envs: NonNegativeInteger = 0
-    """Number of scenes that act without exploration noise; promotion in the curriculum depends on their
-    successes. With 0 (the paper) all scenes act with noise, and promotion depends on the successes of
-    all of them: the noise frees a policy that would stand still, so that these flatter it. The
-    evaluations have no noise in either case."""
+    """Number of scenes that act without exploration noise; promotion in the curriculum depends on
+    their successes. With 0 (the paper) all scenes act with noise and promotion depends on all of
+    them. Noise frees a policy that would stand still, so that these successes overestimate the
+    policy. Evaluations have no noise in either case."""
     evaluate_every: Count = 25_000
     """Environment steps between greedy evaluations on the held-out episodes."""
     evaluation_episodes: Count = 120
@@ -89,12 +92,12 @@ class TrainConfig:
     checkpoint_every: Count = 50_000
     """Environment steps between checkpoints."""
     keep_checkpoints: Count = 2
-    """Number of newest checkpoints that are kept."""
+    """Number of checkpoints that are kept, the newest ones."""
     save_buffer: bool = True
-    """Keep the replay buffer in the checkpoints. Without it checkpoints are of some megabytes, with all
-    else that a run depends on. A resumed run then acts for `tqc.learning_starts` steps, which count,
-    with the policy that it has, before updates go on with what these brought; so that its numbers
-    are not those of an uninterrupted run."""
+    """Store the replay buffer in the checkpoints. Without it a checkpoint has some megabytes and
+    holds everything else that a run depends on. A resumed run then first acts for
+    `tqc.learning_starts` steps, which count, with the policy that it has, and continues its updates
+    with these transitions; its numbers are not those of an uninterrupted run."""
     loggers: Several[Literal["csv", "tensorboard"]] = ("csv",)
     """TorchRL loggers that are written to, beside the run's own tables."""
     progress: bool = True

@@ -19,7 +19,7 @@ CONTROL_FREQ = 15
 
 @checked
 class PlayConfig:
-    """What the page starts with; all but address and folders can be changed on the page."""
+    """Initial settings of the page; all but the address and the folders can be changed on it."""
 
     policy: Annotated[
         tuple[Name, ...], Strict(False), Field(min_length=1, max_length=2), ORDERED
@@ -28,7 +28,7 @@ class PlayConfig:
     corridor, corridor_faithful, scripted, hand, a shipped agent's name, an agent's file, a training
     run's folder, or hf://owner/name."""
     scene: Name = "slot"
-    """Scene family that episodes are drawn from."""
+    """Scene family from which episodes are drawn."""
     pushed_object: Name = "small_cube"
     """Name of the pushed object."""
     difficulty: Fraction = 0.3
@@ -39,18 +39,18 @@ class PlayConfig:
         tyro.conf.Positional[tuple[Path, ...]], Strict(False), Field(max_length=2), ORDERED
     ] = ()
     """One or two folders that an evaluation wrote for a policy, whose episodes are shown instead of
-    running policies. Where it ran several sets, the set's folder in it."""
+    running policies. If the evaluation ran several sets, give the folder of one of them."""
     paused: bool = False
     """Start paused."""
     host: Name = "127.0.0.1"
-    """Address to listen on; the default is reached from this machine only. The page has no password:
-    whoever reaches it can use it."""
+    """Address to listen on; the default can be reached from this machine only. The page has no
+    password: anyone who reaches it can use it."""
     port: Annotated[int, Field(ge=0, le=65535)] = 8080
     """Port to listen on; if it is taken, the next free one is used and printed."""
     out: Path = Path("runs/play")
-    """Folder that recorded videos are written to."""
+    """Folder to which recorded videos are written."""
     allow: Several[Name] = ()
-    """Modules that an agent's file may import parts of its author's own from."""
+    """Modules from which an agent's file may import its author's own parts."""
 
     def __post_init__(self) -> None:
         """Check the names."""

@@ -43,7 +43,7 @@ class CorridorConfig:
 
     At the prior's kappa of 3.37 it is reached 13 degrees off, the paper's 0.6 only 21 degrees off;
     the authors' own code ran at a kappa of 50, where 0.6 is reached 5 degrees off. What either
-    does to success and contact on the tuning sets is in `docs/evaluation.md`."""
+    does to success and contact on the tuning sets is in `docs/results/baseline/README.md`."""
     approach_gain: NonNegative = 1.0
     """Speed towards the object while the tool goes round it from afar, 1 is full speed."""
     retreat_gain: NonNegative = 0.1

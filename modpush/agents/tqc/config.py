@@ -29,21 +29,21 @@ Preset = Literal["paper", "cpu", "gpu"]
 class TQCConfig:
     """Everything that defines a TQC agent; the defaults are the paper's (Sec. IV-B, V).
 
-    The paper prints the networks' sizes, batch size and exploration noise. The rest is as in its authors'
-    code and in the implementation that this uses, sb3-contrib's.
+    The paper gives the sizes of the networks, the batch size and the exploration noise. The rest is as
+    in its authors' code and in sb3-contrib, which that code uses.
     """
 
     loss: Name = "tqc"
-    """Loss: "tqc", TorchRL's "sac" or "td3", or "module:name" of a loss factory. Fields that the loss
-    does not know are without effect: quantiles for "sac" and "td3", the temperature for "td3"."""
+    """Loss: "tqc", TorchRL's "sac" or "td3", or "module:name" of a loss factory. Fields that do not
+    apply to the loss have no effect: quantiles with "sac" and "td3", the temperature with "td3"."""
     actor: Name = "mlp"
     """Network of the actor: "mlp" (for the loss "td3" that is "deterministic_mlp"),
     "deterministic_mlp", or "module:name" of an actor factory."""
     critic: Name = "mlp"
     """Network of each critic: "mlp", or "module:name" of a critic factory."""
     encoder: PartName | None = None
-    """Image encoder that the critics' loss trains: "module:name" of a class or function that makes
-    one, such as "modpush.encoders:ConvEncoder". None trains no encoder."""
+    """Image encoder that the critics' loss trains: "module:name" of a class or of a function that
+    makes one, such as "modpush.encoders:ConvEncoder". None trains no encoder."""
     image_key: Name = "window"
     """Key of the images that this encoder reads, as bytes or as floats in [0, 1]."""
     hidden_sizes: AtLeastOne[Count] = (512, 256, 128)

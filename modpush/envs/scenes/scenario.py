@@ -1,4 +1,4 @@
-"""What an episode starts from, and what episodes are drawn from, as plain data."""
+"""The start of an episode, and the settings from which starts are drawn, as plain data."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, field
@@ -59,7 +59,7 @@ class Scenario:
     scene: Name
     """Name of the scene family, by which `get_scene` finds it again."""
     difficulty: Fraction
-    """Difficulty that the layout was made with, in [0, 1]."""
+    """Difficulty for which the layout was made, in [0, 1]."""
     obstacles: Annotated[Several[Obstacle], MaxLen(MAX_OBSTACLES)]
     """Layout of the obstacles."""
     pushed_object: Name
@@ -89,7 +89,7 @@ class Scenario:
 
 @checked
 class ScenarioConfig:
-    """What to draw episodes from."""
+    """Settings from which episodes are drawn."""
 
     scene: Name | SceneFn | Several[Name | SceneFn] = "free"
     """Scene family, by name, by `"module:function"` or as a function, or several of them, one of
@@ -98,29 +98,30 @@ class ScenarioConfig:
     """Pushed object, by name, by `"module:name"` or as a `PushedObject`, or several of them, one of
     which is drawn for each episode."""
     difficulty: Fraction | FractionSpan = (0.0, 1.0)
-    """Difficulty of the scene in [0, 1], a number or a range drawn from uniformly."""
+    """Difficulty of the scene in [0, 1]: a number, or a range from which it is drawn uniformly."""
     distance: GoalDistance | GoalDistances = (
         0.2,
         0.6,
     )
-    """Distance from start to goal, a number or a range drawn from uniformly [m]."""
+    """Distance from start to goal [m]: a number, or a range from which it is drawn uniformly."""
     low: Point = WORKSPACE.low
-    """Lower corner of the workspace, which lies within the tool's (`MotionConfig`) [m]."""
+    """Lower corner of the workspace, which must lie within the tool's (`MotionConfig`) [m]."""
     high: Point = WORKSPACE.high
     """Upper corner of the workspace [m]."""
     max_start_radius: Length = 0.80
-    """Largest distance of a start from the robot's axis: beyond, the tool could not stand behind the
-    object [m]."""
+    """Largest distance of a start from the robot's axis [m]; beyond it, the tool could not stand
+    behind the object."""
     max_goal_radius: Length = 0.82
     """Largest distance of a goal from the robot's axis [m]."""
     clearance: NonNegativeLength = 0.06
-    """Least distance of start and goal from obstacles, surface to surface [m]."""
+    """Smallest distance of start and goal from obstacles, surface to surface [m]."""
     path_margin: NonNegativeLength = 0.04
     """Largest distance by which the object's path to the goal may leave the workspace [m]; at 5 cm an
     episode ends."""
     path_inflation: Circle = "circumscribed"
-    """By which of the object's circles obstacles are inflated where it is decided whether a path to the
-    goal exists. `inscribed` lets through what an object fits through at some angles only."""
+    """Circle of the object by whose radius obstacles are inflated to decide whether a path to the
+    goal exists. With `inscribed`, passages count that the object fits through at some yaw angles
+    only."""
     tool_distance: FractionSpan = (0.08, 0.14)
     """Range of the distance from the object's centre to the tool's tip at the start [m]."""
     randomize_dynamics: bool = False
