@@ -20,7 +20,7 @@ def read_key(who: str, tensordict: TensorDictBase, key: NestedKey, *last: int) -
         last: Its last dimensions; none for an entry of any kind.
 
     Raises:
-        KeyError: If there is none, with the keys there are.
+        KeyError: If there is none; the message lists the keys.
         TypeError: With `last`, if it is no tensor of real numbers.
         ValueError: If its last dimensions are others.
     """
@@ -44,7 +44,7 @@ def check_spec_has(who: str, spec: "TensorDictBase", keys: Iterable[NestedKey]) 
         keys: What is read.
 
     Raises:
-        KeyError: If a key is not in the spec, with the keys there are.
+        KeyError: If a key is not in the spec; the message lists the keys.
     """
     missing = [key for key in keys if spec.get(key, None) is None]
     if missing:

@@ -1,4 +1,4 @@
-"""Parts of one's own: given by name, by `"module:name"`, or as the object itself.
+"""Your own parts: given by name, by `"module:name"`, or as the object itself.
 
 Every place that takes a part (a scene, a planner, an encoder, a reward term, ...) looks it up with
 `find_part`, so that the three ways work everywhere alike. Text is what a configuration file and the
@@ -35,7 +35,7 @@ def find_part(who: str, part: Any, known: Mapping[str, Any]) -> Any:
         known: The parts that the library brings, by name.
 
     Raises:
-        ValueError: If there is no part of that name, with those there are; if the module cannot be
+        ValueError: If there is no part of that name (the known ones are listed), if the module cannot be
             imported, or has no such attribute.
     """
     if not isinstance(part, str):

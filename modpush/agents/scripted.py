@@ -24,11 +24,11 @@ class ScriptedPusherConfig:
     tool_radius: Length = 0.034
     """Circumscribed radius of the tool's tip [m]."""
     margin: NonNegative = 0.012
-    """Distance kept between tool and object while going round the object [m]."""
+    """Distance between tool and object while the tool goes around the object [m]."""
     approach_angle: HalfTurn = 0.15
     """Largest angle off the line from target through object at which the tool closes in [rad]."""
     push_angle: HalfTurn = 0.7
-    """Largest angle off that line at which the tool goes on pushing while in contact [rad]."""
+    """Largest angle off that line at which the tool continues to push while in contact [rad]."""
     steer_gain: Finite = 1.5
     """Correction of the pushing direction, as a multiple of the angle off the line."""
     push_speed: PositiveFraction = 0.7
@@ -136,7 +136,7 @@ class ScriptedPusher(TensorDictModuleBase):
         """Write the action.
 
         Raises:
-            KeyError: If a key is missing; the message lists those there are.
+            KeyError: If a key is missing; the message lists the keys.
             TypeError: If one is no tensor of real numbers.
             ValueError: If one is of another width, or a pose is not finite.
         """

@@ -8,7 +8,8 @@ The file names a training preset, the overrides common to all runs, the seeds, a
 fields by their dotted names in `modpush train`. The folder gets a training run's folder for every
 variant and seed, and `trials.csv` (last and best evaluation of each), `curves.csv` and `curves.png`.
 Started again, the sweep continues where it stopped. A run keeps two CPUs busy, or one with
-`async_collection: false` among the overrides, with the same results. Ray needs `pip install 'modpush[ray]'`.
+`async_collection: false` among the overrides, with the same results. Ray
+needs `pip install 'modpush[ray]'`.
 """
 
 from collections.abc import Sequence

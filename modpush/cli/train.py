@@ -118,7 +118,7 @@ def main(arguments: Sequence[str]) -> None:
         train_agent(run)
     except KeyboardInterrupt:
         if RunFolder(run.out).checkpoints.latest() is None:
-            print("\nStopped before the first checkpoint; begin again with the same command.")
+            print("\nStopped before the first checkpoint; start again with the same command.")
         else:
-            print(f"\nStopped; a checkpoint is in {run.out}. Go on with --resume.")
+            print(f"\nStopped; a checkpoint is in {run.out}. Continue with --resume.")
         raise

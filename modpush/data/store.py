@@ -1,4 +1,4 @@
-"""`DemonstrationStore`: a folder of recorded episodes that a killed run goes on with."""
+"""`DemonstrationStore`: a folder of recorded episodes with which a killed run continues."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import fields

@@ -1,4 +1,4 @@
-"""The encoders by name, and encoders of one's own."""
+"""The encoders by name, and your own encoders."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -39,7 +39,7 @@ class PushGymEnv(SingleSceneEnv):
         **kwargs: Further arguments of `PushEnv`, without `num_envs`.
 
     Raises:
-        TypeError: For unknown arguments, with the list of those there are.
+        TypeError: For unknown arguments; the message lists the known ones.
         ValueError: For `num_envs`, and for values out of range.
     """
 

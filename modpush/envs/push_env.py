@@ -58,7 +58,7 @@ class PushEnv(EnvBase):
         segmentation            `[B, 1, 256, 256]` what each pixel shows: 0 table, 1 pushed object,
                                 uint8              2 obstacle, 3 robot
         object_pose             `[B, 3]` float32   pose of the pushed object
-        goal_position           `[B, 2]` float32   where the object's centre is to go
+        goal_position           `[B, 2]` float32   goal of the object's centre
         ee_pose                 `[B, 3]` float32   pose of the tool's tip
         joint_position          `[B, 6]` float32   angles of the arm's joints
         object_radius           `[B, 1]` float32   circumscribed radius of the object's footprint
@@ -75,7 +75,7 @@ class PushEnv(EnvBase):
         obstacle_displacement   `[B, 24]` float32  how far each obstacle has moved since reset (only with
                                                    `dynamic_obstacles=True`)
         success                 `[B, 1]` bool      the object's centre is within 5 cm of the goal
-        out_of_bounds           `[B, 1]` bool      it is more than 5 cm outside the workspace
+        out_of_bounds           `[B, 1]` bool      that centre is more than 5 cm outside the workspace
         reward                  `[B, 1]` float32   1 on success, else 0
         terminated              `[B, 1]` bool      success (and out of bounds with `oob="terminate"`)
         truncated               `[B, 1]` bool      step limit, or out of bounds
@@ -83,18 +83,18 @@ class PushEnv(EnvBase):
         ======================= ================== =====================================================
 
     `reset(tensordict, scenarios=None, seed=None, state=None)` starts new episodes in the scenes where
-    the key `"_reset"` is True, or in all without that key. With `scenarios` they start from those, one
-    for each of these scenes, instead of drawing them. With `seed` their random numbers start anew, those
-    of scene `i` from `seed + i`, as `set_seed` does for all scenes. With `state` they are put into a
-    state of `get_state`, through transforms too; TorchRL refuses one whose episode is done.
+    the key `"_reset"` is True, or in all scenes without that key. With `scenarios` they start from
+    these, one for each scene to reset, instead of being drawn. With `seed` their random numbers start
+    anew, those of scene `i` from `seed + i`, as `set_seed` does for all scenes. With `state` they are put
+    into a state of `get_state`, also through transforms; TorchRL refuses a state whose episode is done.
 
     Args:
         num_envs: Number of scenes.
-        scenario: What episodes are drawn from; or give fields of `ScenarioConfig` one by one
+        scenario: Settings from which episodes are drawn; or give fields of `ScenarioConfig` one by one
             (`scene="slot"`, `pushed_object="fragment"`, `difficulty=0.5`, ...). It may be replaced
             (`env.scenario = ...`), which takes effect at the next reset.
-        depth: `"analytic"` (cast at the known shapes, needs no renderer), `"sapien"` (rendered), a
-            `DepthCamera` of your own (class, function that makes it, or `"module:name"`), or None for
+        depth: `"analytic"` (rays cast at the known shapes, needs no renderer), `"sapien"` (rendered),
+            your own `DepthCamera` (class, function that makes it, or `"module:name"`), or None for
             no images. `cast` gives the analytic values with every camera.
         arm_in_depth: Show the arm in the image, as a real camera would. The paper sets the arm's
             pixels to background, which also hides what lies under it; the default leaves it out.
@@ -112,8 +112,8 @@ class PushEnv(EnvBase):
         device: `"cpu"` or a CUDA device.
 
     Raises:
-        TypeError: For unknown arguments, with the list of those there are.
-        ValueError: For unknown names, with the list of those there are, and for values out of range.
+        TypeError: For unknown arguments; the message lists the known ones.
+        ValueError: For unknown names (the message lists the known ones), and for values out of range.
         RuntimeError: If a renderer or a CUDA device is needed and there is none.
     """
 
@@ -168,7 +168,7 @@ class PushEnv(EnvBase):
 
     @property
     def scenario(self) -> ScenarioConfig:
-        """What episodes are drawn from, from the next reset on."""
+        """Settings from which episodes are drawn, from the next reset on."""
         return self._scenario
 
     @scenario.setter

@@ -1,4 +1,4 @@
-"""Per-episode results on disk: a row as soon as an episode ends, so that a run can go on later."""
+"""Per-episode results on disk: a row as soon as an episode ends, so that a run can continue later."""
 
 import functools
 from collections.abc import Mapping
@@ -57,7 +57,7 @@ class ResultStore:
         evaluation_set: What is run.
         policy: What runs, as plain data that tells one policy and its settings from another, see
             `describe_policy`.
-        resume: Go on with what the folder holds; False starts over and drops it.
+        resume: Continue with what the folder holds; False starts over and drops it.
 
     Raises:
         ValueError: If the folder holds results of another set, version or policy, its CSV has

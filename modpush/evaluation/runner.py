@@ -99,7 +99,7 @@ def evaluate(
         label: Text that tells this policy's settings from others, where neither weights nor a
             `config` do.
         config: How episodes are run.
-        resume: Go on with what the folder holds.
+        resume: Continue with what the folder holds.
 
     Returns:
         Columns `COLUMNS` of `modpush.evaluation.results`, sorted by episode.
@@ -301,5 +301,5 @@ def _check_alive(workers: Sequence[Any]) -> None:
     if any(codes):
         raise RuntimeError(
             f"evaluate: a worker ended early, exit codes {codes}; its own message is above. "
-            "Finished episodes are kept; run again to go on."
+            "Finished episodes are kept; run again to continue."
         )

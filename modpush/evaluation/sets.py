@@ -132,7 +132,7 @@ def load_set(name: str | Path) -> EvaluationSet:
         name: One of `SET_NAMES`, or the path of a file that `EvaluationSet.save` wrote.
 
     Raises:
-        ValueError: If there is no such set, with the list of those there are; or if the file is
+        ValueError: If there is no such set (the message lists the known ones), or if the file is
             damaged, no evaluation set, or of another version.
     """
     if isinstance(name, str) and name in RECIPES:
@@ -163,7 +163,7 @@ def generate_set(name: str, episodes: Sequence[NonNegativeInteger] | None = None
         episodes: Numbers of the episodes; None for all.
 
     Raises:
-        ValueError: If there is no such set, with the list of those there are.
+        ValueError: If there is no such set; the message lists the known ones.
     """
     if name not in RECIPES:
         raise ValueError(f"generate_set: name must be one of {list(SET_NAMES)}, got {name!r}.")

@@ -198,7 +198,7 @@ def format_table(table: pd.DataFrame, how: TableFormat = "markdown") -> str:
 
     Raises:
         TypeError: If the table is no data frame.
-        ValueError: If there is no such format, with the list of those there are.
+        ValueError: If there is no such format; the message lists the known ones.
     """
     if how not in get_args(TableFormat):
         raise ValueError(

@@ -47,7 +47,7 @@ def check_frame(who: str, frame: str) -> None:
     """Check a frame's name.
 
     Raises:
-        ValueError: If there is no such frame, with those there are.
+        ValueError: If there is no such frame; the known ones are listed.
     """
     if frame not in get_args(Frame):
         raise ValueError(f"{who}: frame must be one of {get_args(Frame)}, got {frame!r}.")

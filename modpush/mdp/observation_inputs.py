@@ -62,7 +62,7 @@ class ObservationInputs:
         """The value under any key of the tensordict.
 
         Raises:
-            KeyError: If there is none; the message lists the keys that there are.
+            KeyError: If there is none; the message lists the keys.
         """
         return read_key("PushObservation", self._tensordict, key)
 

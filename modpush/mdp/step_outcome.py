@@ -27,7 +27,7 @@ class StateBefore:
         """The value under any key.
 
         Raises:
-            KeyError: If there is none; the message lists the keys that there are.
+            KeyError: If there is none; the message lists the keys.
         """
         return read_key("PushReward, before the step", self._tensordict, key)
 
@@ -64,7 +64,7 @@ class StepOutcome:
         """The value under any key after the step; the action is that of the step.
 
         Raises:
-            KeyError: If there is none; the message lists the keys that there are.
+            KeyError: If there is none; the message lists the keys.
         """
         if key == self._keys["action"]:
             return self.before[key]

@@ -1,4 +1,4 @@
-"""`StuckRecovery`: what to do where a policy has come to rest before the goal."""
+"""`StuckRecovery`: how to continue when a policy has come to rest before the goal."""
 
 import math
 
@@ -22,19 +22,19 @@ _STATE = 7
 
 
 class StuckRecovery(Transform):
-    """Notices that tool and object have come to rest, and says how to go on for some steps.
+    """Detects that tool and object have come to rest, and requests actions for some steps.
 
     A greedy policy whose action moves nothing, for instance with the tool against an obstacle, sees the
-    same observation again and takes the same action until the episode's time is over. After `patience`
+    same observation again and takes the same action until the time limit. After `patience`
     steps in which neither tool nor object has gone farther than `tolerance`, this transform asks for an
     action at full speed for `duration` steps: the first time along -x and turning to the left; each
     further time in an episode turned by the golden angle and turning the other way. Nothing about it is
     random. In the path's frame -x leads back from the object.
 
-    It only writes what it asks for; `recovering(policy)` is the policy that follows it. It can be
-    appended to any environment whose actions are a motion in x and y and a turn.
+    The transform only writes the requested action; `recovering(policy)` is the policy that follows it.
+    It can be appended to any environment whose actions are a motion in x and y and a turn.
 
-    All that it remembers stands in the tensordict, so that partial resets, copies and workers are right
+    All that it remembers is in the tensordict, so that partial resets, copies and workers are right
     by construction.
 
     Args:

@@ -14,7 +14,7 @@ __all__ = ["Planner"]
 class Planner(ABC):
     """Implement `plan`: a path for each of a batch of maps.
 
-    `PlannerSubgoals` makes a transform of it. It passes checked arguments and checks what comes back.
+    `PlannerSubgoals` uses it in a transform: it passes checked arguments and checks the result.
 
     Args:
         cell_size: Metres per pixel; lengths are given in pixels times this.

@@ -1,4 +1,4 @@
-"""A field of shortest ways to one goal, built once and read again as the object moves."""
+"""A field of shortest paths to one goal, built once and read again as the object moves."""
 
 from modpush._batching import run_batch
 from modpush.planners.grid_planner import GridPlanner
@@ -11,10 +11,10 @@ __all__ = ["DistanceField"]
 
 
 class DistanceField(GridPlanner):
-    """Exact paths to a goal that stays, on a map that stays, for an object that moves.
+    """Exact paths of a moving object to a fixed goal on a fixed map.
 
     The first query of a scene that has no straight line to its goal builds the field: the shortest
-    ways from every corner to the goal. Every later query only looks for the first corner of its
+    paths from every corner to the goal. Every later query only looks for the first corner of its
     path. A changed map or goal is noticed by comparison and the field is built anew, scene by scene,
     so that the paths are always those of `LazyThetaStar`. A map with more than 2048 corners is
     searched over the grid at each query, as in `LazyThetaStar`.

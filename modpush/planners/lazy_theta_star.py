@@ -18,8 +18,8 @@ class LazyThetaStar(GridPlanner):
 
     `nodes="grid"` is the published search over the whole grid, from vertex to neighbouring vertex,
     with two corrections, without which its paths were up to 28 % too long. First, a vertex whose
-    assumed parent turns out not to be visible gets a longer way than it was queued with; it goes
-    back into the queue instead of being expanded too early. Second, paths run over the cells'
+    assumed parent turns out not to be visible gets a longer path than it was queued with; it
+    returns to the queue instead of being expanded too early. Second, paths run over the cells'
     corners, where shortest paths bend, rather than over their centres. What it finds is within 1.1 %
     of the optimum on the maps of `benchmarks/bench_planners.py`.
 

@@ -1,4 +1,4 @@
-"""The planners by name, and planners of one's own."""
+"""The planners by name, and your own planners."""
 
 from collections.abc import Callable
 from functools import partial

@@ -39,10 +39,10 @@ class OccupancyGrid(Transform):
     everything else does where it is higher than `min_height`, and is inflated. A map is inflated
     again only when the cells before inflation change, scene by scene.
 
-    What stands where object or robot hide the view is remembered from the step before, in
-    `blocked_key`; without a segmentation it is not known what hides the view, and nothing is. Only what
-    is lower than the object can hide behind it. If a later transform drops
-    that key, nothing is remembered and such cells count as free while they are hidden.
+    Obstacles that object or robot hide are remembered from the step before, in `blocked_key`. Without a
+    segmentation nothing is remembered, since it is not known what hides the view. Only obstacles lower
+    than the object can hide behind it. If a later transform drops that key, nothing is remembered
+    either, and hidden cells count as free.
 
     Args:
         object_radius: Radius of the circle around the object's footprint [m]; the default is the
@@ -51,17 +51,17 @@ class OccupancyGrid(Transform):
             small cube's.
         inflation: By how much obstacles are inflated. `"circumscribed"`: by `object_radius`, so that
             the object has room at any yaw. `"inscribed"`: by `inscribed_radius`, half the side of a
-            square object. `"widest"`: by `object_radius` as long as that leaves a way from the object
+            square object. `"widest"`: by `object_radius` as long as that leaves a path from the object
             to its goal, and from then on until the episode's end by `inscribed_radius`. A number: by
-            so much [m].
+            this distance [m].
         bounds: Lower and upper corner (x, y) of the workspace in the robot's base frame [m]; cells
             whose centre lies outside are blocked. By default none are.
-        margin: By how much the workspace is made smaller (or larger, if negative) for that [m]. Of
-            several the first counts as long as it leaves a way from the object to its goal, and from
-            then on until the episode's end the next. With `"widest"` each radius is tried with all of
+        margin: By how much `bounds` are shrunk (or, if negative, enlarged) [m]. Of several margins the
+            first is used as long as it leaves a path from the object to its goal, and from then on until
+            the episode's end the next. With `"widest"` each radius is tried with all of
             them.
         camera: The camera and its grid.
-        min_height: What is lower does not block [m].
+        min_height: Height below which obstacles do not block [m].
         upright: See `OccupancyMap`.
         object_radius_key: Read `object_radius` from here instead, `[..., 1]` float [m].
         inscribed_radius_key: Read `inscribed_radius` from here instead, `[..., 1]` float [m].
@@ -75,7 +75,7 @@ class OccupancyGrid(Transform):
         blocked_key: Written and read back, `[..., H, 8 * ceil(W / 64)]` uint8: cells before
             inflation, as bits.
         choice_key: Written and read back for `"widest"` and for several margins, `[..., 1]` uint8: how
-            many maps have left no way in this episode, 0 for the first radius and margin.
+            many maps have left no path in this episode, 0 for the first radius and margin.
 
     Raises:
         ValueError: If a radius is negative or not finite, `inflation` is unknown, there is no margin, or

@@ -55,7 +55,7 @@ class Paths:
     def from_waypoints(
         cls, paths: Sequence[Tensor | None], start: Tensor, cell_size: float = 1.0
     ) -> "Paths":
-        """Pack paths of different lengths: what a planner of your own needs to return.
+        """Pack paths of different lengths, as your own planner has to return them.
 
         Args:
             paths: For each scene its waypoints `[P_b, 2]` [px], P_b >= 2, or None if there is none.

@@ -29,18 +29,19 @@ class PlannerSubgoals(Transform):
     """Plans from the object to the goal at every step and writes the path's length and a sub-goal.
 
     Everything that outlasts a step is in the tensordict, under `history_key`, so that copies, workers,
-    partial resets and stored data need no care. The planner may remember maps, but only to save work.
+    partial resets and stored data need no special treatment. The planner may remember maps, but only
+    to save time.
 
-    Where there is no path, length and sub-goal of the step before are kept and `path_found` is False;
+    If there is no path, length and sub-goal of the step before are kept and `path_found` is False;
     at a reset they are the straight distance and the goal. A start or goal that is not free is not an
     error, see `Paths`.
 
     Args:
-        planner: A planner, see `Planner`; or text that stands for one: a name in `PLANNERS` or
-            `"module:name"`. `"distance_field"` is the fastest while map and goal stand still.
+        planner: A planner, see `Planner`; or a string that names one: a name in `PLANNERS` or
+            `"module:name"`. `"distance_field"` is the fastest while map and goal stay the same.
         camera: The camera and its grid; the same as `OccupancyGrid`'s.
-        mode: `"fraction"`: the sub-goal lies after a fraction of the path's length; `"lookahead"`: a
-            distance along the path, but not past its first corner.
+        mode: `"fraction"`: the sub-goal lies at a fraction of the path's length; `"lookahead"`: at a
+            distance along the path, but not beyond its first corner.
         fraction: Fraction of the path's length, in (0, 1].
         lookahead: Distance along the path [m].
         lags: Ages of the past sub-goals that are written [steps]; before that many steps of an

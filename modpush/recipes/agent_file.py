@@ -64,8 +64,8 @@ class Agent:
 
     @property
     def policy(self) -> TensorDictModuleBase:
-        """The policy for the environment of `make_env`: the actor, which with `config.recovery` gives way
-        to `StuckRecovery` where tool and object have come to rest.
+        """The policy for the environment of `make_env`: the actor; with `config.recovery`,
+        `StuckRecovery` takes over when tool and object have come to rest.
         """
         return recovering(self.actor) if self.config.recovery else self.actor
 
@@ -85,8 +85,8 @@ class Agent:
             given = [f"parts={{{named}}}"] if named else []
             given += ["make_env=..."] if "make_env" in missing else []
             raise ValueError(
-                f"Agent.make_env: this agent was trained with parts of its user's own, {missing}; "
-                f"give them to load_agent as {' and '.join(given)}."
+                f"Agent.make_env: this agent was trained with its user's own parts, {missing}; "
+                f"pass them to load_agent as {' and '.join(given)}."
             )
         num_envs = self.config.num_envs if num_envs is None else num_envs
         kinds = set(ENV_PARTS) - ({"encoder"} if self.config.encoder == END_TO_END else set())
@@ -221,7 +221,7 @@ def load_agent(
 ) -> Agent:
     """A trained agent: one that is shipped, by its name, a file of `save_agent`, a run's, one on the Hub.
 
-    A file may name parts of its author's own, `"module:name"`. They are imported only from modules
+    A file may name its author's own parts, `"module:name"`. They are imported only from modules
     that the caller names in `allow`, since importing runs code; or the caller gives the parts.
 
     Args:
@@ -234,7 +234,7 @@ def load_agent(
         allow: Modules and packages that parts may be imported from.
 
     Raises:
-        ValueError: If there is no such agent, with the list of those that are shipped; if the file
+        ValueError: If there is no such agent; the message lists the shipped ones; if the file
             is damaged, not an agent, names modules that are not allowed, or its weights do not fit
             its config or are not finite.
     """

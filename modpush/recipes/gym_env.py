@@ -43,7 +43,7 @@ class PaperGymEnv(SingleSceneEnv):
             `make_push_env` as objects, or further arguments of `PushEnv`.
 
     Raises:
-        TypeError: For unknown arguments, with the list of those there are.
+        TypeError: For unknown arguments; the message lists the known ones.
         ValueError: For `num_envs`, an unknown preset, and values out of range.
     """
 

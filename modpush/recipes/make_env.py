@@ -93,25 +93,25 @@ def make_push_env(
     emits what `StuckRecovery` writes as well.
 
     Args:
-        config: What is stacked; the paper's environment by default.
-        encoder: Encoder of the window instead of what the config names: a name, `"module:name"`, or
+        config: Configuration of the stack; the paper's environment by default.
+        encoder: Encoder of the window instead of the config's: a name, `"module:name"`, or
             a module.
-        planner: Path planner instead of what the config names: a name, `"module:name"`, or an
+        planner: Path planner instead of the config's: a name, `"module:name"`, or an
             object.
-        scene: Scene families instead of what the config names, see `PushEnv`.
-        pushed_object: Objects instead of what the config names, see `PushEnv`.
-        depth: Depth camera instead of what the config names, see `PushEnv`.
-        entries: Entries of the observation instead of what the config names, see `PushObservation`.
-            From `"latent"` the encoder's latent of an empty window is subtracted.
-        reward_terms: Reward terms of your own by name; give each a weight in `config.reward`.
-        inflation: How far obstacles are inflated for planning instead of what the config says, see
+        scene: Scene families instead of the config's, see `PushEnv`.
+        pushed_object: Objects instead of the config's, see `PushEnv`.
+        depth: Depth camera instead of the config's, see `PushEnv`.
+        entries: Entries of the observation instead of the config's, see `PushObservation`.
+            The encoder's latent of an empty window is subtracted from the entry `"latent"`.
+        reward_terms: Your own reward terms by name; give each a weight in `config.reward`.
+        inflation: How far obstacles are inflated for planning instead of the config's, see
             `PushEnvConfig.inflation`.
-        curriculum: Says which episodes are drawn.
+        curriculum: Curriculum that decides which episodes are drawn.
         evaluated_envs: Scenes whose episodes count for promotion, see `CurriculumScenes`.
         max_waypoints: Number of waypoints of `path`, which is emitted if it is not 0, see
             `PlannerSubgoals`.
-        keep_images: Emit depth, segmentation, occupancy and window, too.
-        mirrored: Emit `mirrored_observation` `[B, n]`, too, see `MirroredObservation`.
+        keep_images: Also emit depth, segmentation, occupancy and window.
+        mirrored: Also emit `mirrored_observation` `[B, n]`, see `MirroredObservation`.
         seed: Seed of the first scene, see `PushEnv`.
         **options: Further arguments of `PushEnv`, which override those of the config. A `scenario`
             takes the place of the config's scene, object, difficulty, distance and dynamics.

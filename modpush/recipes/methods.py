@@ -61,14 +61,14 @@ def get_method(
     Args:
         policy: A name in `METHODS`, a shipped agent's name, a training run's folder, an agent's file, or
             `"hf://owner/name"`.
-        allow: Modules that an agent's file may import parts of its author's own from.
+        allow: Modules from which an agent's file may import its author's own parts.
         recovery: Whether the policy does what `StuckRecovery` asks for where it has come to rest before
             the goal. None: what an agent's config says, and no otherwise. A method that differs from
             that has a name that says so.
 
     Raises:
-        ValueError: If there is no such policy, with those there are; if the file is not an agent, or
-            names modules that are not allowed.
+        ValueError: If there is no such policy (the known ones are listed), or if the file is not an
+            agent or names modules that are not allowed.
     """
     if policy in METHODS and policy != "agent":
         method, default = _hand_written(policy), False

@@ -31,7 +31,7 @@ class MirrorTransitions(Transform):
             mirrored scene, see `modpush.mdp.MirroredObservation`.
 
     Raises:
-        KeyError: In a call, if a key is missing, with those there are.
+        KeyError: In a call, if a key is missing; the known ones are listed.
     """
 
     @checked_arguments

@@ -24,7 +24,7 @@ def read_entries(storage: Storage, index: Tensor, key: NestedKey) -> Tensor:
 
     Raises:
         TypeError: If the storage holds something else than tensordicts.
-        KeyError: If there is no such key, with those there are.
+        KeyError: If there is no such key; the known ones are listed.
     """
     coordinates = tuple(index.unbind(-1))
     backing = getattr(storage, "_storage", None)

@@ -40,7 +40,7 @@ class KeepTransition:
         """The same transitions with these keys only; nothing is copied.
 
         Raises:
-            KeyError: If one is missing; the message lists those there are.
+            KeyError: If one is missing; the message lists the keys.
         """
         check_instance("KeepTransition", "data", data, TensorDictBase)
         for key in self.keys:

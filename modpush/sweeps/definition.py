@@ -97,7 +97,7 @@ class Sweep:
         """The first variant, and those of some groups; all variants where none is named.
 
         Raises:
-            ValueError: If there is no such group, with the list of those there are.
+            ValueError: If there is no such group; the message lists the known ones.
         """
         check_texts("Sweep.of_groups", "groups", groups)
         chosen = set(groups)

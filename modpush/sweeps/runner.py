@@ -35,7 +35,7 @@ def run_sweep(
 ) -> pd.DataFrame:
     """Train what is missing of a sweep, and write its results.
 
-    A run that was killed or that failed goes on from its newest checkpoint, without one from the
+    A run that was killed or that failed continues from its newest checkpoint, without one from the
     beginning; one that is finished is left alone. The folder gets a run's folder for every trial,
     `<variant>/seed_<seed>`, and `trials.csv`, `curves.csv` and `curves.png`, which are written anew
     after every trial.
@@ -89,7 +89,7 @@ def run_sweep(
         names = ", ".join(f"{row.variant}/seed_{row.seed}" for row in failed.itertuples())
         raise RuntimeError(
             f"run_sweep: {len(failed)} of {len(trials)} trials failed: {names}; see logs/error.txt "
-            "in their folders. Run again to have them go on from their newest checkpoints, or delete a "
+            "in their folders. Run again to continue them from their newest checkpoints, or delete a "
             "run's folder to begin it anew."
         )
     return results

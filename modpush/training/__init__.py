@@ -1,4 +1,4 @@
-"""Training runs: environment and learner in a process each, evaluated, logged and resumable.
+"""Training runs: environment and learner each in their own process, evaluated, logged and resumable.
 
 Names are imported on first use; `__init__.pyi` lists them.
 """

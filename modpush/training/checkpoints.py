@@ -80,7 +80,7 @@ class Checkpoints:
         for damaged, reason in errors:
             damaged.rename(damaged.with_name(f"{damaged.name}.damaged"))
             warnings.warn(
-                f"Checkpoints: {reason} It was renamed to {damaged.name}.damaged; the run goes on "
+                f"Checkpoints: {reason} It was renamed to {damaged.name}.damaged; the run continues "
                 f"from the one before, {path.name}.",
                 stacklevel=2,
             )

@@ -26,7 +26,7 @@ class DiskGuard:
             if what not in self._failing:
                 warnings.warn(
                     f"Trainer: {what} could not be written ({error}); the one before stays, training "
-                    "goes on. It is tried again whenever it is due.",
+                    "continues. It is tried again whenever it is due.",
                     stacklevel=3,
                 )
             self._failing.add(what)

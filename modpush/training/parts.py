@@ -1,4 +1,4 @@
-"""Parts of one's own in a training run."""
+"""Your own parts in a training run."""
 
 import pickle
 from collections.abc import Mapping

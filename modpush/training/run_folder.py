@@ -67,7 +67,7 @@ def check_run_folder(path: str | Path, config: TrainConfig, *, resume: bool) -> 
     Args:
         path: The folder.
         config: The run's configuration.
-        resume: Go on with what the folder holds; a run that was killed before its first checkpoint
+        resume: Continue with what the folder holds; a run that was killed before its first checkpoint
             begins anew.
 
     Raises:

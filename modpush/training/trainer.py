@@ -1,4 +1,4 @@
-"""The training loop: scenes act while the learner learns from what they did before."""
+"""The training loop: scenes act while the learner learns from their previous transitions."""
 
 import functools
 import time
@@ -45,20 +45,21 @@ __all__ = ["Trainer"]
 class Trainer:
     """One training run in a folder.
 
-    The worker is always one rollout ahead: while the learner learns from one, the scenes act in the
-    next with the weights from before. Taking turns in one process has the very same order, so that
-    both ways learn alike.
+    The worker is always one rollout ahead: while the learner learns from one, the scenes collect the
+    next with the weights from before. Taking turns in one process has the same order and the same
+    results.
 
     Args:
-        config: What is trained and how.
+        config: Configuration of the run.
         folder: Folder that the run writes to; new or empty unless the run is resumed.
-        resume: Go on from the folder's newest checkpoint that is whole.
-        parts: Parts of your own given as objects, instead of those that the config names:
-            those of `make_push_env` (`ENV_PARTS`), `loss`, `actor`, `critic` (see `make_tqc`),
-            `sampler`, `similarity` (see `make_replay_buffer`). What is resumed needs the same parts.
-        make_env: Makes the environment, `make_push_env` or a function of yours with its arguments. With
-            `async_collection` both processes call it: the learner's runs half of the held-out episodes.
-        start_method: How the worker's process begins, see `ProcessWorker`.
+        resume: Continue from the newest intact checkpoint in the folder.
+        parts: Your own parts as objects, instead of those that the config names: those of
+            `make_push_env` (`ENV_PARTS`), `loss`, `actor`, `critic` (see `make_tqc`), `sampler`,
+            `similarity` (see `make_replay_buffer`). A resumed run needs the same parts.
+        make_env: Function that makes the environment: `make_push_env` or your own with its arguments.
+            With `async_collection` both processes call it, since the learner's process runs half of the
+            held-out episodes.
+        start_method: How the worker's process is started, see `ProcessWorker`.
 
     Raises:
         FolderLockedError: If another process writes to the folder.
@@ -169,8 +170,9 @@ class Trainer:
     def run(self) -> dict[str, float]:
         """Train until `total_steps`, or until SIGINT (Ctrl-C), SIGTERM or SIGHUP.
 
-        A signal ends the run after the present rollout, with a checkpoint from which it goes on as if
-        nothing had been. A second signal ends it at once; it goes on from the checkpoint before.
+        A signal ends the run after the present rollout, with a checkpoint from which it continues
+        as if it had not been interrupted. A second signal ends it at once; it then continues from the
+        previous checkpoint.
 
         Returns:
             The best evaluation (`held_out_score`), a row of `evaluations.csv`; empty before the first.
@@ -194,7 +196,7 @@ class Trainer:
                     if self.interrupted:
                         self._save_as_it_is(pending)
                         raise KeyboardInterrupt(
-                            f"Stopped; a checkpoint is in {self.folder.path}. Go on with resume=True."
+                            f"Stopped; a checkpoint is in {self.folder.path}. Continue with resume=True."
                         )
                     pending = self._iterate(pending, bar)
         except CollectionEndedError:
@@ -218,7 +220,7 @@ class Trainer:
         return self.collect()
 
     def _save_as_it_is(self, pending: Pending[Rollout] | Done[Rollout]) -> None:
-        """Write a checkpoint from which the run goes on as if nothing had been.
+        """Write a checkpoint from which the run continues as if uninterrupted.
 
         The scenes do not begin anew. A simulator's state cannot be written to the last bit, so the
         actions since they last did are saved, and repeated when the run is resumed. Those on a Ray

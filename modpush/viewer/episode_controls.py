@@ -26,7 +26,7 @@ class TimeControls:
             speed = panel.gui.add_dropdown("Speed", _SPEEDS, initial_value="1")
             speed.on_update(self._set_speed)
             panel.field(
-                panel.gui.add_checkbox("Go on after the end", session.go_on), session.set_go_on
+                panel.gui.add_checkbox("Continue after the end", session.go_on), session.set_go_on
             )
             self._record = panel.button("Record a video", self._toggle_recording)
 

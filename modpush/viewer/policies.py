@@ -27,7 +27,7 @@ def make_lane(policy: str, allow: Collection[str] = ()) -> PolicyLane:
 
     Args:
         policy: One of `POLICIES`, or what `load_agent` takes.
-        allow: Modules that an agent's file may import parts of its author's own from.
+        allow: Modules from which an agent's file may import its author's own parts.
 
     Raises:
         ValueError: If there is no such policy, the file is not an agent, or names modules that are not

@@ -86,7 +86,7 @@ def test_a_signal_to_all_processes_ends_a_run_with_a_checkpoint(unbroken, tmp_pa
     os.killpg(process.pid, getattr(signal, name))
     output, _ = process.communicate(timeout=120)
     assert process.returncode == 130, output
-    assert "Go on with --resume" in output
+    assert "Continue with --resume" in output
     train(folder, replace(SMOKE, async_collection=True), resume=True)
     assert_same(numbers(unbroken), numbers(folder))
 
@@ -127,7 +127,7 @@ def test_a_damaged_checkpoint_is_left_for_the_one_before(unbroken, copied):
     older, newest = RunFolder(copied).checkpoints.paths()
     newest.write_bytes(newest.read_bytes()[:-1])
     with pytest.warns(
-        UserWarning, match=rf"{newest.name} is cut short.*goes on from.*{older.name}"
+        UserWarning, match=rf"{newest.name} is cut short.*continues from.*{older.name}"
     ):
         train(copied, resume=True)
     assert_same(numbers(unbroken), numbers(copied))
@@ -175,7 +175,7 @@ def test_poison_in_a_run_folder_is_not_executed(copied, tmp_path):
     for place in (copied / "checkpoints" / "prefetch.pkl", copied / "checkpoints" / "other.pickle"):
         place.write_bytes(pickle.dumps(Poison(mark)))
     torch.save({"x": Poison(mark)}, newest)
-    with pytest.warns(UserWarning, match="goes on from the one before"):
+    with pytest.warns(UserWarning, match="continues from the one before"):
         Trainer(SMOKE, copied, resume=True).close()
     assert not mark.exists()
 

@@ -140,7 +140,7 @@ def test_ctrl_c_writes_a_checkpoint_that_can_be_resumed(tmp_path):
     process.send_signal(signal.SIGINT)
     output, _ = process.communicate(timeout=120)
     assert process.returncode == 130, output
-    assert "Go on with --resume" in output
+    assert "Continue with --resume" in output
     steps = newest_step(folder)
     assert steps > SMOKE.checkpoint_every  # written because of the interrupt
     train(folder, replace(SMOKE, total_steps=steps + 32), resume=True)

@@ -30,7 +30,7 @@ class CorridorConfig:
     """
 
     rules: Literal["mended", "faithful"] = "mended"
-    """Whether the mistakes in the authors' code are mended, or kept as they are."""
+    """Whether the mistakes in the authors' code are corrected (`mended`) or kept (`faithful`)."""
     prior_strength: NonNegative = 5.84
     """Parameter R0 of the prior on (mu, kappa): length of the sum of the unit vectors that it stands
     for."""
@@ -41,9 +41,9 @@ class CorridorConfig:
     inversion: Finite = 0.4
     """Value of psi_relocate from which on the tool goes round the object instead of pushing it.
 
-    At the prior's kappa of 3.37 it is reached 13 degrees off, the paper's 0.6 only 21 degrees off;
-    the authors' own code ran at a kappa of 50, where 0.6 is reached 5 degrees off. What either
-    does to success and contact on the tuning sets is in `docs/results/baseline/README.md`."""
+    At the prior's kappa of 3.37 the default is reached at a deviation of 13 degrees, the paper's 0.6
+    only at 21 degrees; the authors' code ran at a kappa of 50, where 0.6 is reached at 5 degrees.
+    `docs/results/baseline/README.md` compares success and contact on the tuning sets."""
     approach_gain: NonNegative = 1.0
     """Speed towards the object while the tool goes round it from afar, 1 is full speed."""
     retreat_gain: NonNegative = 0.1
@@ -65,7 +65,7 @@ class CorridorConfig:
     """Width of the outer zone around obstacles, in circumscribed radii of the object."""
     touch_zone: NonNegative = 1.0
     """Distance from an obstacle at which the object touches it, in circumscribed radii of the
-    object; less where the controller's `touch_radius_key` says so."""
+    object; less if the controller's `touch_radius_key` gives a smaller one."""
     zone_costs: Annotated[tuple[Positive, Positive, Positive], Strict(False), ORDERED] = (
         1.0,
         50.0,
@@ -84,7 +84,7 @@ class CorridorConfig:
     tool_clearance: NonNegative = 0.03
     """Distance that the tool's centre keeps from obstacles on its way behind the object [m]."""
     path_step: Count = 20
-    """Number of points of the path by which the target is ahead of the object where the look-ahead
+    """Number of points of the path by which the target is ahead of the object if the look-ahead
     finds no better one."""
     max_angles: Annotated[Count, Le(1_000_000)] = 200
     """Largest number of angles of successful pushes that are remembered."""

@@ -18,7 +18,7 @@ def find_depth_camera(depth: str | DepthCameraFactory) -> DepthCameraFactory:
     """What makes a depth camera, by name, by `"module:name"`, or passed through.
 
     Raises:
-        ValueError: If there is no such camera, with those there are; or if it cannot be called.
+        ValueError: If there is no such camera (the known ones are listed), or if it cannot be called.
     """
     found: DepthCameraFactory = find_part("PushEnv: depth", depth, DEPTH_CAMERAS)
     if not callable(found):

@@ -296,7 +296,7 @@ def get_scene(scene: str | SceneFn) -> tuple[str, SceneFn]:
         which it is found again; that of one which cannot be imported is the function's own.
 
     Raises:
-        ValueError: If there is no such family, with those there are; or if it is no function.
+        ValueError: If there is no such family (the known ones are listed), or if it is no function.
     """
     known = {**SCENES, **TIGHT_SCENES}
     found = find_part("scene", scene, known)

@@ -64,8 +64,9 @@ class PushedObject:
     mass: Annotated[Positive, Ge(1e-3), Le(1e3)] = 1.0
     """Mass [kg]."""
     symmetry: Annotated[int, Ge(-1), Le(360)] = -1
-    """Number of yaw angles that look alike: 4 for a square footprint, 0 for a disc (all of them). -1
-    computes it from the parts; a smaller one may be given where they differ in what is not seen."""
+    """Number of yaw angles at which the object looks the same: 4 for a square footprint, 0 for a disc
+    (all of them). -1 computes it from the parts; a smaller number may be given if the parts differ in
+    a way that is not visible."""
     tip_height: Annotated[Positive, Le(1)] | None = None
     """Height of the tool's tip over the table while this object is pushed [m]; None takes 2 cm, or half
     the height of a flat object, but never under 1.2 cm."""
@@ -243,7 +244,7 @@ def get_object(
             shipped ones.
 
     Raises:
-        ValueError: If there is no such object, with those there are; or if it is no `PushedObject`.
+        ValueError: If there is no such object (the known ones are listed), or if it is no `PushedObject`.
     """
     known = OBJECTS if objects is None else {**OBJECTS, **objects}
     seed = random_object_seed(name) if isinstance(name, str) and name not in known else None

@@ -34,7 +34,7 @@ def build_batch(
         **task: Further arguments of `ClutterPushEnv`.
 
     Raises:
-        ValueError: If there is no such depth camera, with those there are.
+        ValueError: If there is no such depth camera; the known ones are listed.
         RuntimeError: If a renderer or a CUDA device is needed and there is none.
     """
     camera = None if depth is None else find_depth_camera(depth)

@@ -65,7 +65,7 @@ class ClutterPushEnv(BaseEnv):
         **kwargs: Arguments of ManiSkill's `BaseEnv`: `obs_mode`, `render_mode`, `sim_backend`, ...
 
     Raises:
-        ValueError: For unknown scenes or objects, with the list of those there are; for two objects
+        ValueError: For unknown scenes or objects (the message lists the known ones), for two objects
             of one name; for several scenes without CUDA.
         RuntimeError: If pictures are asked for and there is no renderer.
     """
