@@ -1,4 +1,4 @@
-"""Replacing files whole or not at all."""
+"""Replacing files atomically."""
 
 import os
 import socket

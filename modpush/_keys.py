@@ -21,7 +21,7 @@ def read_key(who: str, tensordict: TensorDictBase, key: NestedKey, *last: int) -
 
     Raises:
         KeyError: If there is none; the message lists the keys.
-        TypeError: With `last`, if it is no tensor of real numbers.
+        TypeError: With `last`, if it is not a tensor of real numbers.
         ValueError: If its last dimensions are others.
     """
     value = tensordict.get(key, None)

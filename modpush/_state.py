@@ -15,7 +15,7 @@ __all__ = ["read_state", "write_state"]
 
 
 def write_state(path: Path | str, state: Any, kind: str, version: int) -> None:
-    """Write a nested state as one safetensors file, whole or not at all.
+    """Write a nested state as one safetensors file, atomically.
 
     Args:
         path: The file; its folder is made.

@@ -33,7 +33,7 @@ def checked(*, kw_only: bool = True) -> Callable[[type[T]], type[T]]: ...
 def checked(cls: type[T] | None = None, *, kw_only: bool = True) -> Any:
     """Make a frozen dataclass of a class, which checks its fields when one is made.
 
-    True is no number and "3" is not 3; a whole number does for a float, a list for a tuple.
+    True is not a number and "3" is not 3; a whole number does for a float, a list for a tuple.
 
     Args:
         cls: The class, as a decorator gets it.
@@ -68,7 +68,7 @@ def checked(cls: type[T] | None = None, *, kw_only: bool = True) -> Any:
 
 
 def from_plain(kind: type[T], data: Any) -> T:
-    """A configuration or plain data from what `asdict` made of it, after a way through JSON or YAML.
+    """A configuration or plain data from the result of `asdict`, also after JSON or YAML.
 
     Args:
         kind: A class that `checked` made.

@@ -1,4 +1,4 @@
-"""The one way in which files are written and read: whole or not at all, and sealed by a checksum.
+"""The one way in which files are written and read: atomically, and sealed by a checksum.
 
 Each file carries a seal, `<kind> v<version> sha256:<64 digits>`, at a place where its format allows
 for text. The digits are the SHA-256 of the whole file with zeros in their place, so that no change
@@ -62,7 +62,7 @@ _DTYPES = {
 
 
 def write_text(path: Path | str, text: str) -> None:
-    """Write a text file without a seal, whole or not at all."""
+    """Write a text file without a seal, atomically."""
     with replacing(path) as unfinished:
         unfinished.write_text(text)
 
@@ -138,7 +138,7 @@ def read_arrays(path: Path | str, kind: str, version: int) -> dict[str, NDArray[
 def write_tensors(
     path: Path | str, tensors: Mapping[str, Tensor], kind: str, version: int, config: Any
 ) -> None:
-    """Write a safetensors file with a config, whole or not at all.
+    """Write a safetensors file with a config, atomically.
 
     Unlike `safetensors.torch.save_file` it copies no tensor of the CPU's memory, and reports a full
     disk as an `OSError`.

@@ -29,7 +29,7 @@ def find_part(who: str, part: Any, known: Mapping[str, Any]) -> Any:
     """The part that a name, a `"module:name"` or an object stands for.
 
     Args:
-        who: What asks for the part, for error messages: `"make_push_env: planner"`.
+        who: Name of the caller, for error messages: `"make_push_env: planner"`.
         part: A name in `known`; `"module:name"`, which is imported (`name` may have dots); or
             anything that is not text, which is returned as it is.
         known: The parts that the library brings, by name.
@@ -63,7 +63,7 @@ def part_name(who: str, part: Any, known: Mapping[str, Any]) -> str:
     """The text by which `find_part` finds this part again, for configuration files.
 
     Args:
-        who: What asks, for error messages.
+        who: Name of the caller, for error messages.
         part: A part; text is checked and returned.
         known: The parts that the library brings, by name.
 

@@ -100,7 +100,7 @@ def _unit(angle: Tensor) -> Tensor:
 class ScriptedPusher(TensorDictModuleBase):
     """The scripted pusher as a policy without state.
 
-    It takes no account of obstacles: it pushes straight at its target. Give it a planner's sub-goals
+    It ignores obstacles and pushes straight towards its target. Give it a planner's sub-goals
     (`target_key="subgoal"`) to push along a path.
 
     Args:
@@ -110,9 +110,9 @@ class ScriptedPusher(TensorDictModuleBase):
         ee_pose_key: Key of the pose of the tool's tip, `[B, 3]` [m, m, rad], base frame.
         contact_key: Key of the contact between tool and object, `[B, 1]` bool.
         object_radius_key: Key of the object's circumscribed radius, `[B, 1]` [m].
-        action_key: Key of the action, `[B, 3]`, written: base frame, as `PushEnv` takes it. What
-            `make_push_env` makes takes it with `action_frame="base"`; the preset `cpu` acts in the
-            path's frame. `get_method("scripted")` has an environment that fits.
+        action_key: Key of the action, `[B, 3]`, written: base frame, as `PushEnv` takes it. Environments
+            of `make_push_env` take it with `action_frame="base"`; the preset `cpu` acts in the path's
+            frame. `get_method("scripted")` has a suitable environment.
     """
 
     @checked_arguments
@@ -137,7 +137,7 @@ class ScriptedPusher(TensorDictModuleBase):
 
         Raises:
             KeyError: If a key is missing; the message lists the keys.
-            TypeError: If one is no tensor of real numbers.
+            TypeError: If one is not a tensor of real numbers.
             ValueError: If one is of another width, or a pose is not finite.
         """
         who = "ScriptedPusher"

@@ -45,11 +45,11 @@ def collect_demonstrations(config: CollectConfig, progress: bool = True) -> Path
 
     The folder gets `README.md` (the card), `minari/` (a data set for Minari; point
     `MINARI_DATASETS_PATH` there), `trajectory.h5` and `trajectory.json` (ManiSkill's format), and
-    `episodes/` with `attempts.csv`, from which a run goes on that was interrupted or that asks for
-    more episodes. The data sets hold the policies and the number of episodes that this call asks for.
+    `episodes/` with `attempts.csv`, from which a run that was interrupted, or that asks for more
+    episodes, continues. The data sets hold the policies and the number of episodes of this call.
 
     Args:
-        config: What is collected, and to where.
+        config: What to collect, and where to write it.
         progress: Show a progress bar.
 
     Returns:
@@ -120,7 +120,7 @@ def _about(config: CollectConfig, fingerprint: dict[str, Any]) -> dict[str, Any]
 
 
 def _plain(value: Any) -> Any:
-    """The same after a way through JSON: tuples are lists."""
+    """The same after a round trip through JSON: tuples are lists."""
     if isinstance(value, dict):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

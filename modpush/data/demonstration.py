@@ -84,7 +84,7 @@ class Demonstration:
         return bool(self.flags["success"][-1])
 
     def save(self, path: Path) -> None:
-        """Write as a compressed `.npz` with a checksum, whole or not at all."""
+        """Write as a compressed `.npz` with a checksum, atomically."""
         arrays: dict[str, NDArray[Any]] = {}
         for field in fields(self):
             value = getattr(self, field.name)

@@ -26,7 +26,7 @@ _PACKAGES = ("minari", "h5py")
 
 @dataclass(frozen=True, kw_only=True)
 class Demonstrations:
-    """Collected episodes: their transitions, and the environment that they were recorded in."""
+    """Collected episodes: their transitions, and the environment in which they were recorded."""
 
     transitions: TensorDict
     """`observation` `[N, n]`, `action` `[N, 3]`, `episode` `[N]` int64, and under `"next"`

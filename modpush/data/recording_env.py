@@ -37,12 +37,12 @@ class _NoteCommand(Transform):
 
 
 class RecordingEnv(EnvBase):
-    """Emits and takes what `PushEnv` does, and records what the stack of transforms on it says.
+    """Has the interface of `PushEnv`, and records the output of the stack of transforms on it.
 
     A policy may have its own transforms on top of this environment: its observation and action need
     not be the recorded ones. Its action, in the base frame, is turned into the axes of the recorded
     stack, shrunk where it leaves the box of actions there (the direction is kept), and taken by that
-    stack; what is recorded is what has been done.
+    stack; the action that was carried out is recorded.
 
     Args:
         env: What `make_push_env` returns with `keep_images=True`. It is closed with this environment.

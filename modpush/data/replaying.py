@@ -13,7 +13,7 @@ __all__ = ["replay_demonstration"]
 
 @checked_arguments
 def replay_demonstration(demonstration: Demonstration, env: PushEnv) -> TensorDict:
-    """Start where a demonstration started, and do its commands.
+    """Start where a demonstration started, and carry out its commands.
 
     On a CPU all states are equal to the recorded ones to the last bit, in an environment with the
     options of the recorded one.
@@ -27,7 +27,7 @@ def replay_demonstration(demonstration: Demonstration, env: PushEnv) -> TensorDi
         `physics`, see `body_state`, beside it.
 
     Raises:
-        TypeError: If the environment is no `PushEnv`.
+        TypeError: If the environment is not a `PushEnv`.
         ValueError: If the environment has several scenes.
     """
     check_instance("replay_demonstration", "env", env, PushEnv)

@@ -17,8 +17,8 @@ __all__ = ["Encoder", "as_floats", "check_window", "encoder_sizes", "evaluating"
 class Encoder(nn.Module, ABC):
     """Implement `forward(window [B, 1, S, S] float32 in [0, 1]) -> [B, latent_dim] float32`.
 
-    `Encode` makes a transform of it. Any module that has `latent_dim` will do as well; one that has
-    no `window_size` takes windows of 64 pixels.
+    `Encode` uses it in a transform. Any module with `latent_dim` can be used in its place; one without
+    `window_size` takes windows of 64 pixels.
     """
 
     latent_dim: int
@@ -35,11 +35,11 @@ def encoder_sizes(who: str, encoder: Any) -> tuple[int, int]:
     """Width of an encoder's latent, and side of the windows that it takes [px].
 
     Args:
-        who: What asks, for error messages.
+        who: Name of the caller, for error messages.
         encoder: Any module with `latent_dim`, and `window_size` where that is not 64.
 
     Raises:
-        TypeError: If it is no module, or one of the two is not a positive integer.
+        TypeError: If it is not a module, or one of the two is not a positive integer.
     """
     sizes = (getattr(encoder, "latent_dim", None), getattr(encoder, "window_size", WINDOW_SIZE))
     whole = all(isinstance(size, int) and size >= 1 for size in sizes)
@@ -74,14 +74,14 @@ def as_floats(window: Tensor) -> Tensor:
 def check_window(
     window: Tensor, size: int, who: str, values: bool = True, batched: bool = False
 ) -> None:
-    """Refuse what is not a batch of windows.
+    """Refuse everything that is not a batch of windows.
 
     Args:
         window: `[..., 1, size, size]` float32.
         size: Side that is expected [px].
         who: Named in errors.
-        values: Look at every value too: a NaN or an image in other units (millimetres, 0 to 255) is
-            refused rather than encoded to nonsense.
+        values: Check every value, too: a NaN or an image in other units (millimetres, 0 to 255) is
+            refused instead of encoded to nonsense.
         batched: Expect just one batch dimension, `[B, 1, size, size]`.
 
     Raises:

@@ -21,16 +21,16 @@ matrix products of fewer rows sum in another order."""
 class Encode(Transform):
     """Writes the latent of the window: one call of the encoder for all scenes, in eval mode.
 
-    The encoder is shared, not copied: where its weights are trained, the transform follows.
+    The encoder is shared, not copied: when its weights are trained, the transform uses the new ones.
 
     Args:
-        encoder: Any module `[B, 1, S, S] -> [B, latent_dim]` that says its `latent_dim`, and its
-            `window_size` S where that is not 64.
-        window_key: Read, `[..., 1, S, S]` float32 in [0, 1], or uint8, of which 255 stands for 1.
+        encoder: Any module `[B, 1, S, S] -> [B, latent_dim]` with the attributes `latent_dim` and, if
+            S is not 64, `window_size`.
+        window_key: Read, `[..., 1, S, S]` float32 in [0, 1], or uint8, in which 255 stands for 1.
         latent_key: Written, `[..., latent_dim]` float32.
         mirrored_key: Written if given, `[..., latent_dim]` float32: the latent of the window mirrored
             at the x axis of its frame, for `modpush.mdp.MirroredObservation`.
-        grad: Let gradients through to the encoder, for training it end to end.
+        grad: Propagate gradients to the encoder, for training it end to end.
 
     Raises:
         TypeError: If the encoder has no `latent_dim`.

@@ -30,27 +30,27 @@ def names_a_file(encoder: str | Path) -> bool:
 
 
 def make_encoder(who: str, encoder: Any) -> nn.Module | None:
-    """The encoder that a name, a file, a `"module:name"` or an object stands for.
+    """Find an encoder by its name, its file or `"module:name"`, or take it as an object.
 
     Args:
-        who: What asks for it, for error messages.
+        who: Name of the caller, for error messages.
         encoder: A name in `ENCODERS`; the path of a trained `DepthVAE`; `"module:name"` of an
             encoder, or of a class or function that makes one without arguments; or such an object
-            itself. An encoder is a module that says its `latent_dim`, see `Encoder`.
+            itself. An encoder is a module with the attribute `latent_dim`, see `Encoder`.
 
     Returns:
-        The encoder, or None where there is to be none.
+        The encoder; None for None and for the name "none".
 
     Raises:
         ValueError: If there is no such encoder, or the file is damaged.
-        TypeError: If what is found is no module with a `latent_dim`.
+        TypeError: If what is found is not a module with a `latent_dim`.
     """
     if encoder is None:
         return None
     if isinstance(encoder, str | Path) and encoder not in ENCODERS and names_a_file(encoder):
         if not Path(encoder).is_file():
             raise ValueError(
-                f"{who}: encoder must be a file that is there, one of {sorted(ENCODERS)} or "
+                f"{who}: encoder must be an existing file, one of {sorted(ENCODERS)} or "
                 f"'module:name', got {str(encoder)!r}, which is not in {Path.cwd()}. An agent's "
                 "environment can be given the encoder as a part, parts={'encoder': ...}."
             )

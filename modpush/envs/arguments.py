@@ -232,7 +232,7 @@ def check_scene(who: str, index: int, num_envs: int) -> None:
     """Check the index of one scene.
 
     Raises:
-        TypeError: If it is no whole number.
+        TypeError: If it is not a whole number.
         ValueError: If there is no such scene.
     """
     _whole(who, [index], "index")

@@ -303,7 +303,7 @@ class PushEnv(EnvBase):
         may differ from the run that the state was taken from, by PhysX's contact cache.
 
         Raises:
-            TypeError: If it is no `PushState`.
+            TypeError: If it is not a `PushState`.
             ValueError: If it is damaged or of another environment; then nothing has changed.
         """
         self._check_open("set_state")

@@ -18,7 +18,7 @@ __all__ = ["PushState", "check_state", "object_digest"]
 class PushState:
     """A state of some scenes of a `PushEnv`, which `PushEnv.set_state` restores.
 
-    It holds plain data only; `to_dict` and `from_dict` lead to JSON and back without a loss.
+    It holds plain data only; `to_dict` and `from_dict` convert to JSON and back without loss.
     """
 
     scenes: tuple[SceneState, ...]
@@ -45,7 +45,7 @@ class PushState:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "PushState":
-        """Inverse of `to_dict`, also after a way through JSON.
+        """Inverse of `to_dict`, also after a round trip through JSON.
 
         Raises:
             ValueError: If a field is missing, unknown or malformed.
@@ -87,7 +87,7 @@ def check_state(
         objects: Digests of the environment's objects, by name.
 
     Raises:
-        TypeError: If it is no `PushState`.
+        TypeError: If it is not a `PushState`.
         ValueError: If it is of another environment or number of scenes, or damaged.
     """
     who = "PushEnv.set_state"

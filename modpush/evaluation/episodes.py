@@ -53,7 +53,7 @@ class Trajectory:
     """Sub-goal for which the policy acted in each step, `[T, 2]`; `[0, 2]` where it has none."""
 
     def save(self, path: Path) -> None:
-        """Write as a compressed `.npz`, whole or not at all."""
+        """Write as a compressed `.npz`, atomically."""
         write_arrays(path, vars(self), "modpush.Trajectory", 1)
 
     @classmethod
@@ -146,25 +146,25 @@ def run_episodes(
     exploration: ExplorationType = ExplorationType.DETERMINISTIC,
     on_step: Callable[[int, int], Any] | None = None,
 ) -> Iterator[Episode]:
-    """Run each episode once; a scene that is free takes the next one at once.
+    """Run each episode once; a scene that is free immediately takes the next one.
 
     Args:
         env: A `PushEnv`, or one with any transforms on top, whose `reset` takes `scenarios`.
-            Objects of your own are looked up in its `pushed_objects`.
+            Your own objects are looked up in its `pushed_objects`.
         policy: Acts on what `env` emits. What it writes under `next` is carried over to the next
-            step; it learns of an episode's beginning by `InitTracker` or `TensorDictPrimer` in
+            step; `InitTracker` or `TensorDictPrimer` tell it where an episode begins, in
             `env`.
         episodes: Number and start of each.
-        inflation: Which of the object's circles obstacles are inflated by for the shortest path, see
-            `EpisodeConditions`.
-        path_key: Where the planned path, `[B, n, 2]` [m], stands in what `env.step` returns, for
-            pictures. Under `"next"` is what belongs to the step's end, and a policy's state.
-        target_key: The same of the sub-goal that is acted upon, `[B, 2]` [m].
+        inflation: Circle of the object by whose radius obstacles are inflated for the shortest path,
+            see `EpisodeConditions`.
+        path_key: Key of the planned path, `[B, n, 2]` [m], in what `env.step` returns, for pictures.
+            Keys under `"next"` belong to the end of the step, or to a policy's state.
+        target_key: The same for the sub-goal on which the policy acts, `[B, 2]` [m].
         exploration: How a stochastic policy acts.
         on_step: Called with scene and episode number after each of its steps.
 
     Yields:
-        Each episode as it ends, so not in their order.
+        Each episode as it ends, and therefore not in order.
 
     Raises:
         KeyError: If `path_key` or `target_key` is not written, or `env` does not emit what is

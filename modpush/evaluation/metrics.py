@@ -163,7 +163,7 @@ def episode_metrics(
         authors_controller_length: See `modpush.evaluation.authors_paths` [m].
 
     Raises:
-        TypeError: If an array is none, or of another kind.
+        TypeError: If an argument is not an array, or has another dtype.
         ValueError: If the lengths do not fit each other, or a number is out of range.
     """
     steps = len(object_position) - 1 if isinstance(object_position, np.ndarray) else 0

@@ -42,7 +42,7 @@ def draw_episode(
         trajectory: Course of the episode.
         step: Number of control steps since reset; None for the last.
         caption: Text at the top.
-        objects: Objects of your own by name, as in `PushEnv.pushed_objects`.
+        objects: Your own objects by name, as in `PushEnv.pushed_objects`.
         conditions: Tool and map that are drawn; by default the 2F-85, and the circumscribed circle.
 
     Returns:

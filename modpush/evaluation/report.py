@@ -76,11 +76,11 @@ def draw_results(
     Args:
         rows: A row for each episode, as `evaluate` returns them.
         episodes: The evaluation set.
-        folder: Folder that `evaluate` kept its results in, which is written to.
+        folder: Folder in which `evaluate` stored its results; the pictures are added to it.
         policy: Name of the policy, for the captions.
-        pictures: Largest number of failed episodes that are drawn; half as many solved ones are.
+        pictures: Maximum number of failed episodes to draw; at most half as many solved ones are drawn.
         videos: Whether to write the videos.
-        objects: Objects of your own by name, as in `PushEnv.pushed_objects`.
+        objects: Your own objects by name, as in `PushEnv.pushed_objects`.
     """
     check_rows("draw_results", {"all": rows})
     folder = Path(folder)

@@ -31,7 +31,7 @@ __all__ = [
 _KIND, _VERSION = "modpush.Results", 2
 _TRAJECTORIES = "trajectories"
 SET_FILE = "set.json.gz"
-"""File in a folder of results that holds the episodes, where these are no set of the package."""
+"""File in a folder of results that holds the episodes, where these are not a set of the package."""
 
 COLUMNS = (
     "episode",
@@ -53,9 +53,9 @@ class ResultStore:
     folder is opened again, and its episode runs anew.
 
     Args:
-        folder: Made if it is not there. One that holds all there is to run is only read.
-        evaluation_set: What is run.
-        policy: What runs, as plain data that tells one policy and its settings from another, see
+        folder: Created if it does not exist. One that holds all episodes already is only read.
+        evaluation_set: The set that is run.
+        policy: Plain data that distinguishes this policy and its settings from others, see
             `describe_policy`.
         resume: Continue with what the folder holds; False starts over and drops it.
 

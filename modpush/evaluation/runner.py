@@ -57,7 +57,7 @@ class EvaluationConfig:
     path_key: Key | None = None
     """Key of the planned path, see `run_episodes`."""
     target_key: Key | None = None
-    """Key of the sub-goal that the policy acts upon, see `run_episodes`."""
+    """Key of the sub-goal on which the policy acts, see `run_episodes`."""
     progress: bool = True
     """Show a progress bar."""
 
@@ -87,18 +87,19 @@ def evaluate(
     config: EvaluationConfig | None = None,
     resume: bool = True,
 ) -> pd.DataFrame:
-    """Run what is missing of a set, and return a row for each of its episodes.
+    """Run the missing episodes of a set, and return a row for each of its episodes.
 
     Args:
-        policy: What acts: a `Policy`; or a `TrainedAgent` or what `modpush.recipes.get_method` returns,
-            which know their environment. With several workers it is pickled.
-        evaluation_set: The episodes, or what `load_set` takes: a name or a file.
-        folder: Folder that results are kept in, see `ResultStore`.
+        policy: Policy to evaluate: a `Policy`; or a `TrainedAgent` or a result of
+            `modpush.recipes.get_method`, which know their environment. With several workers it is
+            pickled.
+        evaluation_set: The episodes, or their name or file as for `load_set`.
+        folder: Folder in which results are stored, see `ResultStore`.
         make_env: Makes the environment, transforms included; needed unless an agent is given, whose
             environment gets the set's conditions.
-        label: Text that tells this policy's settings from others, where neither weights nor a
+        label: Text that distinguishes this policy's settings from others, if neither weights nor a
             `config` do.
-        config: How episodes are run.
+        config: Settings with which episodes are run.
         resume: Continue with what the folder holds.
 
     Returns:
@@ -108,7 +109,7 @@ def evaluate(
         ValueError: If the folder holds results of another policy (told by its class, weights, config
             and label) or another set, there is nothing to make the environment with, or its time
             limit, tool or physics are not the set's.
-        RuntimeError: If a worker fails; what has finished is kept.
+        RuntimeError: If a worker fails; finished episodes are kept.
         FolderLockedError: If another process writes to the folder; the message says which.
     """
     config = config or EvaluationConfig()

@@ -126,7 +126,7 @@ class EvaluationSet:
 
 @checked_arguments
 def load_set(name: str | Path) -> EvaluationSet:
-    """Read an evaluation set: one of the package by its name, or a file of your own by its path.
+    """Read an evaluation set: one of the package by its name, or your own file by its path.
 
     Args:
         name: One of `SET_NAMES`, or the path of a file that `EvaluationSet.save` wrote.

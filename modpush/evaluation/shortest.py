@@ -30,11 +30,11 @@ def blocked_cells(
     From the layout, so that it is the same for every environment and method.
 
     Args:
-        scenario: What the episode starts from.
+        scenario: Start of the episode.
         camera: The camera, whose pixels are the grid's cells.
-        objects: Objects of your own by name, as in `PushEnv.pushed_objects`.
+        objects: Your own objects by name, as in `PushEnv.pushed_objects`.
 
-        inflation: Which of the object's circles obstacles are inflated by.
+        inflation: Circle of the object by whose radius obstacles are inflated.
 
     Returns:
         `[H, W]` bool, True within that radius of a cell that an obstacle stands on, and where an
@@ -62,18 +62,18 @@ def shortest_path(
     *,
     inflation: Circle = "circumscribed",
 ) -> tuple[NDArray[np.float64], float]:
-    """The shortest way past the obstacles from start to goal on which no episode ends.
+    """The shortest path past the obstacles from start to goal on which no episode ends.
 
     Args:
-        scenario: What the episode starts from.
-        planner: What plans, or a planner's name as in `PLANNERS`; `LazyThetaStar` by default.
+        scenario: Start of the episode.
+        planner: A planner, or its name in `PLANNERS`; `LazyThetaStar` by default.
         camera: The camera, whose pixels are the grid's cells.
-        objects: Objects of your own by name, as in `PushEnv.pushed_objects`.
-        inflation: Which of the object's circles obstacles are inflated by.
+        objects: Your own objects by name, as in `PushEnv.pushed_objects`.
+        inflation: Circle of the object by whose radius obstacles are inflated.
 
     Returns:
-        Its corners `[n, 2]` [m], ends included, and its length [m]. Where the grid shows no way the
-        straight line, as in `PlannerSubgoals` at a reset.
+        Its corners `[n, 2]` [m], ends included, and its length [m]. If there is no path on
+        the grid, the straight line, as in `PlannerSubgoals` at a reset.
     """
     camera = camera or Camera()
     planner = make_planner(LazyThetaStar() if planner is None else planner, "shortest_path")

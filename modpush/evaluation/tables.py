@@ -92,7 +92,7 @@ def compare(first: pd.DataFrame, second: pd.DataFrame, level: Fraction = 0.05) -
         `effect_size` (Cohen's d of the differences), `significant`.
 
     Raises:
-        TypeError: If one of them is no data frame.
+        TypeError: If one of them is not a data frame.
         ValueError: If the methods ran different episodes, or the level is not in [0, 1].
     """
     rows = {"first": first, "second": second}
@@ -165,7 +165,7 @@ def to_display(summary: pd.DataFrame) -> pd.DataFrame:
         The same lines, one column for each metric.
 
     Raises:
-        ValueError: If it is no summary.
+        ValueError: If it is not a summary.
     """
     if missing := sorted({"episodes", "solved", *_OVER_ALL, *_OVER_SOLVED} - set(summary.columns)):
         raise ValueError(f"to_display: summary must have the columns {missing}, got none of them.")
@@ -197,7 +197,7 @@ def format_table(table: pd.DataFrame, how: TableFormat = "markdown") -> str:
         how: `"markdown"`, `"latex"` or `"csv"`.
 
     Raises:
-        TypeError: If the table is no data frame.
+        TypeError: If the table is not a data frame.
         ValueError: If there is no such format; the message lists the known ones.
     """
     if how not in get_args(TableFormat):

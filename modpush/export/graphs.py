@@ -22,7 +22,7 @@ class ObservationPolicy(nn.Module):
         policy: An agent's policy; its weights are shared, not copied.
 
     Raises:
-        ValueError: If it reads more than the observation, or is no tanh-squashed Gaussian.
+        ValueError: If it reads more than the observation, or is not a tanh-squashed Gaussian.
     """
 
     @checked_arguments

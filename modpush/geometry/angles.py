@@ -12,7 +12,7 @@ def wrap_angle(angle: Tensor) -> Tensor:
     """The same angle in [-pi, pi) [rad], for a real tensor of any shape.
 
     Raises:
-        TypeError: If it is none.
+        TypeError: If it is not a real tensor.
     """
     if not isinstance(angle, Tensor) or angle.is_complex():
         got = angle.dtype if isinstance(angle, Tensor) else type(angle).__name__
@@ -31,7 +31,7 @@ def rotate(vectors: Tensor, angle: Tensor) -> Tensor:
         `[..., 2]`.
 
     Raises:
-        TypeError: If one of them is no tensor.
+        TypeError: If one of them is not a tensor.
         ValueError: If a last dimension is another one, or the others do not broadcast.
     """
     check_real("rotate", "vectors", vectors, 2)

@@ -26,7 +26,7 @@ def frame_yaw(frame: Frame, object_pose: Tensor, subgoal: Tensor | None = None) 
         `[..., 1]` [rad]; 0 for `"path"` with a sub-goal at the object itself.
 
     Raises:
-        TypeError: If a pose or a sub-goal is no tensor.
+        TypeError: If a pose or a sub-goal is not a tensor.
         ValueError: If the frame is unknown, or is `"path"` without a sub-goal, or a last dimension
             is another one.
     """

@@ -27,7 +27,7 @@ class Rectangle(_Corners):
         high: Upper corner (x, y) [m].
 
     Raises:
-        ValueError: If a corner is no pair of finite numbers, or the lower one is not below the upper.
+        ValueError: If a corner is not a pair of finite numbers, or the lower one is not below the upper.
     """
 
     __slots__ = ()

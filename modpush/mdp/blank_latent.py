@@ -15,7 +15,7 @@ def latent_entry(encoder: nn.Module) -> Entry:
     """The latent minus the encoder's latent of an empty window, so that free space gives zeros.
 
     Args:
-        encoder: Module `[B, 1, S, S] -> [B, d]`; its `window_size` S is 64 unless it says otherwise.
+        encoder: Module `[B, 1, S, S] -> [B, d]`; its `window_size` S is 64 unless it defines another.
     """
     check_instance("latent_entry", "encoder", encoder, nn.Module)
     latent = ENTRIES["latent"]

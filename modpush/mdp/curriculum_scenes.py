@@ -21,13 +21,13 @@ __all__ = ["CurriculumScenes"]
 class CurriculumScenes(Transform):
     """Draws a `PushEnv`'s episodes from a curriculum, and tells the curriculum how they end.
 
-    An episode that began before the present stage does not count for it, and none counts twice where its
-    scene is reset later than it ends. The curriculum replaces
-    scenes, difficulty and distance of the environment's `scenario`; the rest stays, also when a new
-    `scenario` is set later. The curriculum's state is part of the environment's `state_dict`.
+    An episode that began before the present stage does not count for it, and no episode counts twice if
+    its scene is reset later than it ends. The curriculum replaces scenes, difficulty and distance of the
+    environment's `scenario`; the other fields are kept, also when a new `scenario` is set later. The
+    curriculum's state is part of the environment's `state_dict`.
 
     Args:
-        curriculum: Asked at each reset, and told of each episode's end.
+        curriculum: Curriculum that is read at each reset and receives the result of each episode.
         evaluated_envs: Indices of the scenes whose episodes count towards the next stage, such as
             those that act without noise; all by default.
         success_key: Read, `[..., 1]` bool.
@@ -35,8 +35,8 @@ class CurriculumScenes(Transform):
         level_key: Written, `[..., 1]` float32: number of stages passed.
 
     Raises:
-        RuntimeError: At a reset, if it does not sit on a `PushEnv`.
-        ValueError: At a reset, if `evaluated_envs` names a scene that there is not.
+        RuntimeError: At a reset, if the environment is not based on a `PushEnv`.
+        ValueError: At a reset, if `evaluated_envs` names a scene that does not exist.
         KeyError: If a key is missing.
     """
 

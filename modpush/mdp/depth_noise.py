@@ -14,10 +14,11 @@ __all__ = ["DepthNoise"]
 
 
 class DepthNoise(Transform):
-    """Adds noise to a depth image and takes pixels out of it, anew in every step.
+    """Adds noise to a depth image and removes pixels from it, anew in every step.
 
-    It belongs before whatever reads the image: `env.insert_transform(0, DepthNoise(sigma=0.002))`.
-    Random numbers are torch's, so that `torch.manual_seed` repeats them.
+    Insert it before the transforms that read the image:
+    `env.insert_transform(0, DepthNoise(sigma=0.002))`. Random numbers are torch's, so that
+    `torch.manual_seed` repeats them.
 
     Args:
         sigma: Standard deviation of the normal noise on each pixel [m].

@@ -28,19 +28,19 @@ _Components = Finite | Several[Finite]
 
 @dataclass(frozen=True)
 class Entry:
-    """One entry of the observation: what is read, and how it is brought to order 1."""
+    """One entry of the observation: what it reads, and how it is scaled to order 1."""
 
     read: Callable[[ObservationInputs], Tensor]
     """`ObservationInputs -> [..., n]`, in SI units."""
     scale: float | tuple[float, ...] = 1.0
-    """Factor after the shift was subtracted, one number or one for each component."""
+    """Factor applied after the shift, one number or one for each component."""
     shift: float | tuple[float, ...] | Callable[[], Tensor] = 0.0
-    """Subtracted, one number or one for each component; or a function that gives them, which is
-    called for every observation and returns the same tensor for as long as nothing changed."""
+    """Value that is subtracted, one number or one for each component; or a function that returns it,
+    which is called for every observation and returns the same tensor as long as nothing changes."""
     mirrored: Callable[[ObservationInputs], Tensor] | None = None
     """`ObservationInputs -> [..., n]`: what `read` would give in the scene mirrored at the x axis of the
-    agent's frame, in SI units; None where that cannot be told, as of the arm's joints. The latent that
-    it is given is that of the mirrored window."""
+    agent's frame, in SI units; None if that is not known, as for the arm's joints. The latent that it
+    reads is that of the mirrored window."""
 
     def __post_init__(self) -> None:
         if not callable(self.read):

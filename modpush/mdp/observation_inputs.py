@@ -33,9 +33,9 @@ class ObservationInputs:
     """What an entry of the observation can read.
 
     The attributes are quantities of the pushing task in the agent's frame, whose origin is the
-    object's centre. Any other key of the tensordict is read by indexing, as it stands there:
+    object's centre. Any other key of the tensordict is read unchanged by indexing:
     `inputs["my_key"]`, `inputs["group", "my_key"]`. Nothing is read or computed before an entry
-    asks for it.
+    uses it.
 
     Args:
         tensordict: What is observed.
@@ -43,7 +43,7 @@ class ObservationInputs:
         keys: Key of each quantity, by its default name.
         bounds: Lower and upper corner of the area in which the object may be, base frame, `[2]`
             each [m].
-        symmetry: Number of yaw angles in which every object counts as looking the same, instead of
+        symmetry: Number of yaw angles at which every object is taken to look the same, instead of
             each object's own number.
     """
 
@@ -153,7 +153,7 @@ class ObservationInputs:
 
     @property
     def object_symmetry(self) -> Tensor:
-        """Number of yaw angles in which the object looks the same, 0 for all angles, `[..., 1]`."""
+        """Number of yaw angles at which the object looks the same, 0 for all angles, `[..., 1]`."""
         if self._symmetry is not None:
             return torch.full_like(self.object_pose[..., :1], self._symmetry)
         return self._read("object_symmetry")

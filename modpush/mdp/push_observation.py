@@ -36,14 +36,14 @@ class PushObservation(Transform):
     Args:
         frame: The agent's axes: `"object"` (the paper), `"path"` or `"base"`; the origin is the
             object's centre.
-        entries: Names of `ENTRIES`, `"module:name"`, entries or functions of your own, or pairs of a
-            name and one of these, in their order; see `resolve_entries`. By default `PATH_ENTRIES`
+        entries: Names of `ENTRIES`, `"module:name"`, your own entries or functions, or pairs of a name
+            and one of these, in order; see `resolve_entries`. By default `PATH_ENTRIES`
             in the path's frame, else `PAPER_ENTRIES`.
         bounds: Lower and upper corner of the area in which the object may be (`PushEnv.bounds`),
             base frame [m], for the entry `edges`; by default those of the default workspace.
-        symmetry: Number of yaw angles in which every object counts as looking the same, 0 for all of
+        symmetry: Number of yaw angles at which every object is taken to look the same, 0 for all of
             them, instead of each object's own number. An agent that was trained with one object keeps
-            its own number with others, so that `object_axis` means what it was trained with.
+            that object's number with others, so that `object_axis` keeps its meaning.
         raw: Write SI units instead of shifted and scaled values.
         object_pose_key: Read, `[..., 3]` (x, y, yaw).
         goal_position_key: Read, `[..., 2]`.
@@ -64,7 +64,7 @@ class PushObservation(Transform):
         observation_key: Written, `[..., n]` float32.
 
     Raises:
-        ValueError: If the frame or an entry is unknown, with those that there are; if a lower bound
+        ValueError: If the frame or an entry is unknown (the known ones are listed); if a lower bound
             is no lower than its upper one; if an entry has another shape than its scale or shift.
         KeyError: If a key that an entry reads is missing. In a call on a CPU, a ValueError if what an
             entry reads is not finite; on a GPU this check would stall the device.

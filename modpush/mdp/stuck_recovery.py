@@ -26,7 +26,7 @@ class StuckRecovery(Transform):
 
     A greedy policy whose action moves nothing, for instance with the tool against an obstacle, sees the
     same observation again and takes the same action until the time limit. After `patience`
-    steps in which neither tool nor object has gone farther than `tolerance`, this transform asks for an
+    steps in which neither tool nor object has gone farther than `tolerance`, this transform requests an
     action at full speed for `duration` steps: the first time along -x and turning to the left; each
     further time in an episode turned by the golden angle and turning the other way. Nothing about it is
     random. In the path's frame -x leads back from the object.
@@ -133,7 +133,7 @@ def recovering(
     action_key: NestedKey = "recovery_action",
     active_key: NestedKey = "recovering",
 ) -> TensorDictSequential:
-    """A policy that takes the actions that `StuckRecovery` asks for, and its own otherwise.
+    """A policy that takes the actions that `StuckRecovery` requests, and its own otherwise.
 
     Args:
         policy: The policy, which writes `policy_action_key`, `[..., 3]`.
@@ -142,7 +142,7 @@ def recovering(
         active_key: Read, `[..., 1]` bool, as `StuckRecovery` writes it.
 
     Raises:
-        ValueError: If the policy is no TensorDict module.
+        ValueError: If the policy is not a TensorDict module.
     """
     keys = [policy_action_key, action_key, active_key]
     chosen = TensorDictModule(_choose, in_keys=keys, out_keys=[policy_action_key])

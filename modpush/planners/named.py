@@ -32,7 +32,7 @@ def make_planner(planner: Any, who: str = "make_planner") -> Planner:
         planner: A name in `PLANNERS`; `"module:name"` of a planner, or of a class or function that
             makes one without arguments; or such an object itself. A planner is whatever has a method
             `plan(occupancy, start, goal) -> Paths`, see `Planner`.
-        who: What asks for it, for error messages.
+        who: Name of the caller, for error messages.
 
     Raises:
         ValueError: If there is no such planner.

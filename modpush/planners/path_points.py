@@ -26,7 +26,7 @@ def point_along(waypoints: Tensor, distance: Tensor) -> Tensor:
         `[B, 2]`.
 
     Raises:
-        TypeError: If one of them is no tensor of real numbers.
+        TypeError: If one of them is not a tensor of real numbers.
         ValueError: If a shape is another one, a waypoint is not finite, or a distance is NaN.
     """
     check_real("point_along", "waypoints", waypoints, 2)
@@ -70,7 +70,7 @@ def fraction_subgoal(paths: Paths, fraction: float) -> Tensor:
         `[B, 2]` [px].
 
     Raises:
-        TypeError: If `paths` are none.
+        TypeError: If `paths` is not `Paths`.
         ValueError: If the fraction is not in [0, 1].
     Source: Sec. IV-B of the paper, 20 % of the global path.
     """
@@ -92,7 +92,7 @@ def lookahead_subgoal(paths: Paths, distance: float) -> Tensor:
         `[B, 2]` [px].
 
     Raises:
-        TypeError: If `paths` are none.
+        TypeError: If `paths` is not `Paths`.
         ValueError: If the distance is negative or not finite.
     Source: what the authors' code does in place of the fraction.
     """
@@ -118,7 +118,7 @@ def points_ahead(paths: Paths, distances: Sequence[float]) -> Tensor:
         `[B, n, 2]` [px].
 
     Raises:
-        TypeError: If `paths` are none.
+        TypeError: If `paths` is not `Paths`.
         ValueError: If a distance is negative or not finite.
     """
     check_instance("points_ahead", "paths", paths, Paths)

@@ -63,7 +63,7 @@ class Paths:
             cell_size: Metres per pixel, or 1 for lengths in pixels.
 
         Raises:
-            TypeError: If a path is no tensor.
+            TypeError: If a path is not a tensor.
             ValueError: If a shape is another one, or `cell_size` is not positive.
         """
         who = "Paths.from_waypoints"

@@ -64,13 +64,15 @@ class Agent:
 
     @property
     def policy(self) -> TensorDictModuleBase:
-        """The policy for the environment of `make_env`: the actor; with `config.recovery`,
-        `StuckRecovery` takes over when tool and object have come to rest.
+        """The policy for the environment of `make_env`, with the recovery if the config says so.
+
+        It is the actor; with `config.recovery`, `StuckRecovery` takes over when tool and object have
+        come to rest.
         """
         return recovering(self.actor) if self.config.recovery else self.actor
 
     def make_env(self, num_envs: int | None = None, **options: Any) -> EnvBase:
-        """The environment that the agent was trained in, with `StuckRecovery` if its config says so.
+        """The environment in which the agent was trained, with `StuckRecovery` if its config says so.
 
         Args:
             num_envs: Number of scenes; by default the config's.
@@ -78,7 +80,7 @@ class Agent:
 
         Raises:
             ValueError: If a part is missing that `load_agent` was not given, or if the environment
-                shows the policy other values than those it was trained on; the message says which.
+                shows the policy other values than those of its training; the message says which.
         """
         if missing := {kind: was for kind, was in self.missing.items() if kind not in options}:
             named = ", ".join(f"{kind!r}: ..." for kind in missing if kind != "make_env")
@@ -139,25 +141,25 @@ def save_agent(
     make_env: Callable[..., EnvBase] = make_push_env,
     metadata: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write a policy and its environment's config as one safetensors file, whole or not at all.
+    """Write a policy and its environment's config as one safetensors file, atomically.
 
     Args:
         path: The file to write.
         policy: The policy, as `make_actor` makes it.
-        config: Configuration of the environment that it was trained in.
+        config: Configuration of the environment in which it was trained.
         hidden_sizes: Widths of the policy network's hidden layers.
         observation_dim: Width of its observation.
-        fingerprint: `environment_fingerprint` of the environment that it was trained in.
+        fingerprint: `environment_fingerprint` of the environment in which it was trained.
         actor: Network of the policy, as in `TQCConfig.actor`.
         encoder: Image encoder inside the policy, as in `TQCConfig.encoder`.
         image_key: Key of the encoder's images, as in `TQCConfig.image_key`.
-        parts: Parts that were given as objects. Those that can be imported are remembered by
-            `"module:name"`, of the others what they were.
-        make_env: What made the environment, remembered in the same way.
-        metadata: What else to keep, ready for JSON.
+        parts: Parts that were given as objects. Those that can be imported are stored as
+            `"module:name"`, the others by a description.
+        make_env: Function that made the environment, stored in the same way.
+        metadata: Further data to store, ready for JSON.
 
     Raises:
-        TypeError: If the policy is no TensorDict module, or the fingerprint or the metadata no mapping.
+        TypeError: If the policy is not a TensorDict module, or fingerprint or metadata not a mapping.
         ValueError: If an argument is of another type or out of its range.
     """
     check_instance("save_agent", "policy", policy, TensorDictModuleBase)
@@ -219,10 +221,10 @@ def load_agent(
     make_env: Callable[..., EnvBase] | None = None,
     allow: Collection[str] = (),
 ) -> Agent:
-    """A trained agent: one that is shipped, by its name, a file of `save_agent`, a run's, one on the Hub.
+    """Load a trained agent: a shipped one, a file of `save_agent`, that of a run, or one on the Hub.
 
     A file may name its author's own parts, `"module:name"`. They are imported only from modules
-    that the caller names in `allow`, since importing runs code; or the caller gives the parts.
+    that the caller names in `allow`, since importing runs code; or the caller passes the parts.
 
     Args:
         name: `"small_cube"`, the path of a file, the folder of a training run, of which the best agent is
@@ -230,11 +232,11 @@ def load_agent(
             needs the extra `hub`.
         parts: Parts of the environment by the names of `make_push_env`'s arguments, instead of those
             that the file names.
-        make_env: What makes the environment, instead of what the file names.
-        allow: Modules and packages that parts may be imported from.
+        make_env: Function that makes the environment, instead of the one that the file names.
+        allow: Modules and packages from which parts may be imported.
 
     Raises:
-        ValueError: If there is no such agent; the message lists the shipped ones; if the file
+        ValueError: If there is no such agent (the message lists the shipped ones), or if the file
             is damaged, not an agent, names modules that are not allowed, or its weights do not fit
             its config or are not finite.
     """

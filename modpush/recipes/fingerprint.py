@@ -23,8 +23,8 @@ def environment_fingerprint(env: EnvBase) -> dict[str, Any]:
     """What a policy of this environment depends on: entries, frames, encoder, and the reward.
 
     Args:
-        env: An environment with the transforms that `make_push_env` stacks; what is not there is
-            left out.
+        env: An environment with the transforms that `make_push_env` stacks; missing ones are left
+            out.
 
     Returns:
         Plain data, ready for JSON: `observation` (frame, and name, columns, scale and shift of each

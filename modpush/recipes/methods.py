@@ -62,9 +62,9 @@ def get_method(
         policy: A name in `METHODS`, a shipped agent's name, a training run's folder, an agent's file, or
             `"hf://owner/name"`.
         allow: Modules from which an agent's file may import its author's own parts.
-        recovery: Whether the policy does what `StuckRecovery` asks for where it has come to rest before
-            the goal. None: what an agent's config says, and no otherwise. A method that differs from
-            that has a name that says so.
+        recovery: Whether `StuckRecovery` takes over when the policy has come to rest before the goal.
+            None: as the agent's config says, and no for other policies. The name of a method shows if it
+            differs from this.
 
     Raises:
         ValueError: If there is no such policy (the known ones are listed), or if the file is not an

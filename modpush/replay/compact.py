@@ -52,7 +52,7 @@ class _Checkpointer(StorageCheckpointerBase):
 class CompactStorage(LazyTensorStorage):
     """A `LazyTensorStorage` of transitions that stores each observation once.
 
-    What is read from it is what was written, to the bit: entries are linked only where the
+    It returns exactly what was written, to the bit: entries are linked only where the
     observation that is written equals a next observation written before, whatever the layout of
     the batches (several environments, whole trajectories, n-step transitions).
 

@@ -15,12 +15,12 @@ __all__ = ["MirrorTransitions"]
 
 
 class MirrorTransitions(Transform):
-    """Puts mirrored transitions in place of some of those that are sampled from a replay buffer.
+    """Replaces some of the transitions sampled from a replay buffer by mirrored ones.
 
-    A scene that is mirrored at the x axis of the agent's frame behaves as the scene itself, so that each
-    transition is worth two. Give it to a replay buffer with `append_transform`. The choice is drawn anew
-    in every sample, from torch's generator of random numbers. The mirrored observations are not in the
-    samples.
+    A scene that is mirrored at the x axis of the agent's frame behaves like the scene itself, so that
+    each transition is worth two. Append the transform to a replay buffer with `append_transform`. The
+    choice is drawn anew in every sample, from torch's generator of random numbers. The samples do not
+    contain the mirrored observations.
 
     Args:
         action_signs: Factors of the components of a mirrored action (dx, dy, dyaw).

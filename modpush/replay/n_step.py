@@ -66,7 +66,7 @@ class NStepTransform(MultiStepTransform):
 def extend_rollout(
     buffer: TensorDictReplayBuffer, transitions: TensorDictBase, num_envs: int
 ) -> Tensor:
-    """Store what several environments did in some steps, whatever the buffer's `n_steps`.
+    """Store the transitions of several environments over some steps, whatever the buffer's `n_steps`.
 
     Args:
         buffer: From `make_replay_buffer`.

@@ -24,7 +24,7 @@ def cosine(candidates: Tensor, queries: Tensor) -> Tensor:
         Values in [-1, 1], `[Q, C]`; 0 where a vector is zero.
 
     Raises:
-        TypeError: If one of them is no tensor.
+        TypeError: If one of them is not a tensor.
         ValueError: If the shapes do not belong together.
     Source: Sun et al. (2020), "Attentive Experience Replay".
     """
@@ -47,7 +47,7 @@ def negative_l2(candidates: Tensor, queries: Tensor) -> Tensor:
         Values <= 0, `[Q, C]`.
 
     Raises:
-        TypeError: If one of them is no tensor.
+        TypeError: If one of them is not a tensor.
         ValueError: If the shapes do not belong together.
     """
     _check_pairs("negative_l2", candidates, queries)

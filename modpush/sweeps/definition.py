@@ -143,7 +143,7 @@ def override(config: TrainConfig, overrides: Mapping[str, Any], who: str) -> Tra
     Args:
         config: The configuration.
         overrides: Values as in JSON or YAML, by dotted names: `{"env.encoder": "rays"}`.
-        who: What asks, for error messages.
+        who: Name of the caller, for error messages.
 
     Raises:
         ValueError: If there is no such field or its value is wrong; the message names it.
@@ -175,7 +175,7 @@ def load_sweep(source: str | Path) -> Sweep:
             list of variants, each a `Variant` or a mapping of its fields.
 
     Raises:
-        ValueError: If there is no such file or object, or it is no sweep; the message names the field.
+        ValueError: If there is no such file or object, or it is not a sweep; the message names the field.
     """
     path, text = Path(source), str(source)
     if path.is_file():

@@ -33,21 +33,21 @@ def run_sweep(
     total_steps: Count | None = None,
     progress: bool = True,
 ) -> pd.DataFrame:
-    """Train what is missing of a sweep, and write its results.
+    """Train the missing runs of a sweep, and write the results.
 
-    A run that was killed or that failed continues from its newest checkpoint, without one from the
-    beginning; one that is finished is left alone. The folder gets a run's folder for every trial,
-    `<variant>/seed_<seed>`, and `trials.csv`, `curves.csv` and `curves.png`, which are written anew
+    A run that was killed or that failed continues from its newest checkpoint, or from the
+    beginning if it has none; a finished run is left alone. The folder gets a run's folder for every
+    trial, `<variant>/seed_<seed>`, and `trials.csv`, `curves.csv` and `curves.png`, which are rewritten
     after every trial.
 
     Args:
-        sweep: What is run.
+        sweep: The sweep to run.
         folder: The sweep's folder.
         jobs: Number of runs at a time. A run with `async_collection` keeps two CPUs busy, one
             without it one; their results are the same.
         ray: Run as many trials at a time as Ray finds CPUs for, on this machine or on a cluster that
             shares the folder.
-        total_steps: Environment steps of each run; None for what the sweep says.
+        total_steps: Environment steps of each run; None for those of the sweep.
         progress: Show a progress bar over the trials.
 
     Returns:

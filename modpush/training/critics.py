@@ -21,7 +21,7 @@ __all__ = ["Critics", "load_critics"]
 
 
 class Critics(nn.Module):
-    """What the critics expect of an action, on average over critics and quantiles.
+    """The return that the critics expect of an action, averaged over critics and quantiles.
 
     Args:
         critics: Modules that write `state_action_value`.

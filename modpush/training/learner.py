@@ -29,7 +29,7 @@ __all__ = ["Learner", "NonFiniteLossError", "weights_of"]
 
 
 class NonFiniteLossError(RuntimeError):
-    """A loss is NaN or infinite, so that nothing that comes after would be worth anything."""
+    """A loss is NaN or infinite, so that all further training would be worthless."""
 
 
 ZERO_INIT_ENTRIES = {"latent", "path_ahead"}

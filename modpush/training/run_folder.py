@@ -57,7 +57,7 @@ class RunFolder:
         try:
             return from_plain(TrainConfig, data)
         except (TypeError, ValueError) as error:
-            raise ValueError(f"RunFolder: {self.config} is no run's config: {error}") from error
+            raise ValueError(f"RunFolder: {self.config} is not a run's config: {error}") from error
 
 
 @checked_arguments

@@ -41,8 +41,8 @@ class ReplayLane:
         own = self.folder / SET_FILE
         if not own.exists() and facts["set"] not in SET_NAMES:
             raise ValueError(
-                f"ReplayLane: {self.folder} is of {facts['set']!r}, which is no set of the package, and "
-                f"holds no {SET_FILE}; evaluate it again."
+                f"ReplayLane: {self.folder} is of {facts['set']!r}, which is not a set of the package, "
+                f"and holds no {SET_FILE}; evaluate it again."
             )
         self.set: EvaluationSet = load_set(own if own.exists() else facts["set"])
         """The episodes that were evaluated."""

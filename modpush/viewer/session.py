@@ -158,7 +158,7 @@ class Session:
         self._start([self._draw(seed)] * len(self.lanes), seed)
 
     def restart(self) -> None:
-        """Begin the present scene again, as it was after its last change."""
+        """Restart the present scene, as it was after its last change."""
         self._start([self.snapshots[0].scenario] * len(self.lanes), self.seed)
 
     def next_episode(self) -> None:

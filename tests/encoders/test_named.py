@@ -63,7 +63,7 @@ def test_a_file_of_an_autoencoder_is_read(tmp_path, form):
         (
             "nowhere.safetensors",
             ValueError,
-            "must be a file that is there, .*'nowhere.safetensors'",
+            "must be an existing file, .*'nowhere.safetensors'",
         ),
         (nn.Linear(2, 2), TypeError, "test: encoder must be a module with an int `latent_dim`"),
         (lambda: 3, TypeError, "got int with latent_dim=None and window_size=64"),

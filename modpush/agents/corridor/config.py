@@ -26,7 +26,7 @@ class CorridorConfig:
     """Settings of `PushingCorridorController`; `faithful_config` gives those of the authors.
 
     Raises:
-        ValueError: If a number is out of its range, or there are no such rules.
+        ValueError: If a number is out of its range, or `rules` is unknown.
     """
 
     rules: Literal["mended", "faithful"] = "mended"
@@ -120,9 +120,9 @@ def faithful_config() -> CorridorConfig:
     """Settings of the authors: zones of 4.24 and 8.49 cm for an object of radius 3.54 cm.
 
     Their loop decides anew every 1.5 mm (240 times a second). Fifteen times a second at full speed
-    is every 2 cm, and a controller that goes round the object from 5.4 degrees on then steps over
-    the place behind it and back without end. A quarter of the speed, 5 mm, is the nearest that
-    still crosses the table in 200 steps.
+    is every 2 cm; a controller that goes around the object from 5.4 degrees on then steps over the
+    place behind it and back without end. A quarter of the speed, 5 mm, is the nearest that still
+    crosses the table in 200 steps.
     """
     radius = 0.025 * math.sqrt(2.0)
     return CorridorConfig(

@@ -28,17 +28,18 @@ _SMALL_CUBE_RADIUS = 0.025 * math.sqrt(2.0)  # [m]
 
 
 class PushingCorridorController(TensorDictModuleBase):
-    """Pushes along a path that keeps clear of obstacles, and learns how the object takes pushes.
+    """Pushes along a path that keeps clear of obstacles, and learns how the object reacts to pushes.
 
-    At an episode's first step a path of least cost is planned once. At every step the furthest
-    point of it that is seen from the object is the target; the tool goes round the object to get
-    behind it with respect to the target, and pushes, the more the better it stands. Where it
-    stands well is learned within the episode; deviations of the object are steered against.
+    At the first step of an episode a path of least cost is planned once. At every step the target is
+    the furthest point of the path that is visible from the object. The tool goes around the object to
+    get behind it with respect to the target, and pushes the harder, the better its position is. Which
+    position is good is learned within the episode; the controller steers against deviations of the
+    object.
 
-    What outlasts a step lives in the tensordict under `state_key`; all of it zero means a new
-    episode. Scenes begin anew where `is_init_key` says so, where the state is missing or zero, or
-    where the goal is another than before. Use `make_tensordict_primer` to have the state in an
-    env's specs; without, rollouts carry it over too.
+    Everything that outlasts a step is in the tensordict under `state_key`; a state of zeros means a new
+    episode. A scene starts anew if `is_init_key` says so, if the state is missing or zero, or if the
+    goal has changed. Use `make_tensordict_primer` to have the state in the specs of an environment;
+    rollouts also carry it over without.
 
     Args:
         config: Settings; `faithful_config()` for those of the authors.
@@ -52,7 +53,7 @@ class PushingCorridorController(TensorDictModuleBase):
         goal_position_key: Key of the goal, read, `[B, 2]` [m].
         object_radius_key: Key of the object's circumscribed radius, read if there, `[B, 1]` [m].
         touch_radius_key: Key of the largest distance from an obstacle at which the object counts as
-            touching it, read if there, `[B, 1]` [m]; by default the configuration alone says.
+            touching it, read if there, `[B, 1]` [m]; by default the configuration alone decides.
         is_init_key: Key that marks an episode's first step, read if there, `[B, 1]` bool.
         state_key: Key of the controller's state, read and written, also under `"next"`.
         action_key: Key of the action, written, `[B, 3]` float32 in [-1, 1]: (dx, dy, dyaw).
@@ -120,7 +121,7 @@ class PushingCorridorController(TensorDictModuleBase):
 
         Raises:
             KeyError: If a key is missing.
-            TypeError: If one is no tensor of real numbers.
+            TypeError: If one is not a tensor of real numbers.
             ValueError: If one has another shape, or a pose is not finite.
         """
         pose = self._read(tensordict, self.object_pose_key, 3)

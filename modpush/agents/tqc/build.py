@@ -37,7 +37,7 @@ Encoder = str | nn.Module | Callable[[], nn.Module]
 
 @dataclass(frozen=True, kw_only=True)
 class TQCAgent:
-    """The parts of an agent; take them apart as you like."""
+    """The parts of an agent, each of which can be used alone."""
 
     config: TQCConfig
     """The config that it was built from."""
@@ -126,7 +126,7 @@ def make_tqc_from_specs(
     critic: str | CriticFactory | None = None,
     encoder: Encoder | None = None,
 ) -> TQCAgent:
-    """Build an agent where the environment is elsewhere, say in another process.
+    """Build an agent without its environment, which may be in another process.
 
     Args:
         config: The agent's settings.

@@ -41,7 +41,7 @@ def encode_images(encoder: nn.Module, images: Tensor) -> Tensor:
         Latents, `[*B, latent_dim]`.
 
     Raises:
-        TypeError: If the images are no tensor, or neither uint8 nor floating point.
+        TypeError: If the images are not a tensor, or neither uint8 nor floating point.
         ValueError: If they have fewer than three dimensions.
     """
     check_instance("encode_images", "images", images, Tensor)

@@ -42,7 +42,7 @@ _Layer = Callable[[Tensor, Sequence[Tensor]], Tensor]  # [N, P, in], this layer'
 
 
 class NotBatchableError(ValueError):
-    """A critic is no plain multilayer perceptron; the message says which part is not."""
+    """A critic is not a plain multilayer perceptron; the message says which part is not."""
 
 
 class BatchedEnsemble:
@@ -61,7 +61,7 @@ class BatchedEnsemble:
 
     def __init__(self, module: TensorDictModule) -> None:
         if type(module) not in (TensorDictModule, ValueOperator):
-            raise NotBatchableError(f"{type(module).__name__} is no plain TensorDictModule")
+            raise NotBatchableError(f"{type(module).__name__} is not a plain TensorDictModule")
         if len(module.out_keys) != 1:
             raise NotBatchableError(f"it writes {len(module.out_keys)} keys, not one")
         if any(part._forward_hooks or part._forward_pre_hooks for part in module.modules()):

@@ -29,7 +29,7 @@ def truncate_atoms(atoms: Tensor, num_dropped: int) -> Tensor:
         The lowest atoms in ascending order, `[*B, N * n - num_dropped]`.
 
     Raises:
-        TypeError: If the atoms are no tensor, or `num_dropped` is no whole number.
+        TypeError: If the atoms are not a tensor, or `num_dropped` is not a whole number.
         ValueError: If no atom would be left, or `num_dropped` is negative.
 
     Source: Kuznetsov et al. (2020), eq. 9-10.
@@ -68,7 +68,7 @@ def quantile_huber(quantiles: Tensor, targets: Tensor) -> tuple[Tensor, Tensor]:
         the pairs, `[N, *B]`, without gradient.
 
     Raises:
-        TypeError: If one of them is no tensor.
+        TypeError: If one of them is not a tensor.
         ValueError: If the batch shapes or the dtypes differ.
 
     Source: Kuznetsov et al. (2020), eq. 12-13, with Huber threshold 1.

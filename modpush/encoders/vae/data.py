@@ -111,7 +111,7 @@ class WindowData:
         return cls(**columns, config=parts[0].config)
 
     def save(self, path: Path | str) -> None:
-        """Write one safetensors file, whole or not at all."""
+        """Write one safetensors file, atomically."""
         tensors = {"windows": self.windows, "family": self.family, "held_out": self.held_out}
         write_tensors(path, tensors, _KIND, _VERSION, self.config)
 

@@ -42,7 +42,7 @@ class VAELoss(LossModule):
         kl_weight: Weight w of the divergence.
 
     Raises:
-        TypeError: If it is no autoencoder.
+        TypeError: If it is not an autoencoder.
         ValueError: If the weight is negative or not finite.
     Source: Sec. IV-A of the paper; w = 0.5 as in the authors' code.
     """

@@ -60,7 +60,7 @@ def vae_quality(vae: DepthVAE, windows: Callable[[slice], Tensor], count: int) -
         count: Number of windows.
 
     Raises:
-        TypeError: If `vae` is no autoencoder, or `windows` no function.
+        TypeError: If `vae` is not an autoencoder, or `windows` no function.
         ValueError: If `count` is not positive.
     """
     check_instance("vae_quality", "vae", vae, DepthVAE)
@@ -133,7 +133,7 @@ def r_squared(predicted: Tensor, true: Tensor) -> float:
         true: Targets, `[N, T]`.
 
     Raises:
-        TypeError: If one of them is no tensor.
+        TypeError: If one of them is not a tensor.
         ValueError: If their shapes differ.
     """
     for name, value in (("predicted", predicted), ("true", true)):

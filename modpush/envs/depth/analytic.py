@@ -20,11 +20,11 @@ Placed = tuple[Solids, NDArray[np.float64], int]
 
 
 class AnalyticDepthCamera(DepthCamera):
-    """Casts rays at the known shapes. Fixed obstacles are drawn once an episode.
+    """Casts rays at the known shapes. Fixed obstacles are drawn once per episode.
 
     Args:
-        scenes: What it looks at.
-        arm_in_depth: Whether it sees the arm.
+        scenes: Scenes that the camera sees.
+        arm_in_depth: Whether the camera sees the arm.
     """
 
     def __init__(self, scenes: SceneView, arm_in_depth: bool = False) -> None:

@@ -15,7 +15,7 @@ __all__ = ["DepthCamera", "DepthCameraFactory", "SceneView"]
 
 
 class SceneView(Protocol):
-    """What a depth camera may know of one or several scenes.
+    """What a depth camera may read from one or several scenes.
 
     A transform is a position [m] and a quaternion (w, x, y, z) in the robot's base frame.
     """
@@ -48,13 +48,13 @@ class SceneView(Protocol):
 
 
 class DepthCamera(ABC):
-    """Implement `reset` and `capture` to observe scenes by a depth camera of your own.
+    """Implement `reset` and `capture` to observe scenes by your own depth camera.
 
     `PushEnv(depth=...)` calls the class, or any function, with a `SceneView` and `arm_in_depth`.
 
     Args:
-        scenes: What it looks at.
-        arm_in_depth: Whether it sees the arm.
+        scenes: Scenes that the camera sees.
+        arm_in_depth: Whether the camera sees the arm.
     """
 
     needs_renderer: ClassVar[bool] = False
@@ -66,7 +66,7 @@ class DepthCamera(ABC):
 
     @abstractmethod
     def reset(self, index: int) -> None:
-        """Take note of the layout of scene `index`, at the beginning of each of its episodes."""
+        """Read the layout of scene `index`, at the beginning of each of its episodes."""
 
     @abstractmethod
     def capture(

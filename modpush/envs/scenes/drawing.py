@@ -99,7 +99,7 @@ def draw_top_view(
         obstacle_poses: Where the obstacles are now, `[n, 3]`; where they started by default.
         caption: Written at the top.
         tool: What the arm holds.
-        objects: Objects of your own by name, as in `PushEnv.pushed_objects`.
+        objects: Your own objects by name, as in `PushEnv.pushed_objects`.
         goal_radius: Radius of the circle around the goal [m].
         view: Part of the table and scale.
 

@@ -296,13 +296,13 @@ def get_scene(scene: str | SceneFn) -> tuple[str, SceneFn]:
         which it is found again; that of one which cannot be imported is the function's own.
 
     Raises:
-        ValueError: If there is no such family (the known ones are listed), or if it is no function.
+        ValueError: If there is no such family (the known ones are listed), or if it is not a function.
     """
     known = {**SCENES, **TIGHT_SCENES}
     found = find_part("scene", scene, known)
     if not callable(found):
         raise ValueError(
-            f"scene: {scene!r} is no function (rng, difficulty) -> list[Obstacle], got {found!r}."
+            f"scene: {scene!r} is not a function (rng, difficulty) -> list[Obstacle], got {found!r}."
         )
     try:
         return part_name("scene", scene, known), found

@@ -244,7 +244,7 @@ def get_object(
             shipped ones.
 
     Raises:
-        ValueError: If there is no such object (the known ones are listed), or if it is no `PushedObject`.
+        ValueError: If there is no such object (the known ones are listed), or it is not a `PushedObject`.
     """
     known = OBJECTS if objects is None else {**OBJECTS, **objects}
     seed = random_object_seed(name) if isinstance(name, str) and name not in known else None

@@ -105,11 +105,11 @@ def sample_scenario(
 
     Args:
         rng: Source of randomness; the result depends on nothing else.
-        config: What to draw from.
+        config: Settings from which to draw.
         tool: Name of the tool that the arm holds.
 
     Raises:
-        TypeError: If generator or config are none.
+        TypeError: If the generator or the config has another type.
         ValueError: If there is no such tool, or no start is found; the message counts which condition
             failed how often.
     """

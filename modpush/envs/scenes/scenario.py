@@ -79,7 +79,7 @@ class Scenario:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "Scenario":
-        """Inverse of `to_dict`, also after a way through JSON.
+        """Inverse of `to_dict`, also after a round trip through JSON.
 
         Raises:
             ValueError: If a field is missing, unknown or wrong; the message names it.

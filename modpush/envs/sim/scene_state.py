@@ -59,7 +59,7 @@ class SceneState:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "SceneState":
-        """Inverse of `to_dict`, also after a way through JSON.
+        """Inverse of `to_dict`, also after a round trip through JSON.
 
         Raises:
             ValueError: If a field is missing, unknown or malformed.
@@ -88,7 +88,7 @@ def check_packed(physics: Any, num_bodies: int) -> None:
         num_bodies: Number of bodies that can move, without the arm.
 
     Raises:
-        ValueError: If their number is another, or they are no state of bodies and joints.
+        ValueError: If their number is another, or they are not a state of bodies and joints.
     """
     size = _BODY * (num_bodies + 1) + _JOINT * len(JOINT_NAMES)
     if not isinstance(physics, np.ndarray) or (physics.dtype, physics.shape) != (

@@ -19,7 +19,7 @@ def make_generators(seed: int | Sequence[int] | None, count: int) -> list[np.ran
         count: Number of scenes.
 
     Raises:
-        ValueError: If there are neither one seed nor as many as scenes, or one is no whole number >= 0.
+        ValueError: If there is neither one seed nor one per scene, or one is not a whole number >= 0.
     """
     if seed is None:
         return [np.random.default_rng(s) for s in np.random.SeedSequence().spawn(count)]
@@ -43,7 +43,7 @@ def restart_generators(
     """Seed the generators of some scenes anew, that of scene i with `seed + i`; None leaves them.
 
     Raises:
-        ValueError: If the seed is no whole number >= 0.
+        ValueError: If the seed is not a whole number >= 0.
     """
     if check_value("PushEnv.reset", "seed", seed, Seed | None) is not None:
         for i in indices:

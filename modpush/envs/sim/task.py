@@ -53,7 +53,7 @@ class ClutterPushEnv(BaseEnv):
 
     Args:
         num_envs: Number of scenes; more than one needs CUDA.
-        scenario: What episodes are drawn from; or give its fields one by one as keywords
+        scenario: Settings from which episodes are drawn; or give its fields one by one as keywords
             (`scene="slot"`, `pushed_object="fragment"`, ...).
         robot_uids: `ur5_2f85` or `ur5_rod`.
         dynamic_obstacles: Make obstacles movable, 0.5 kg each.
