@@ -208,8 +208,8 @@ def _check_seal(content: bytes | mmap.mmap, path: Path | str, kind: str, version
     found = _SEAL.search(content)
     if found is None:
         raise ValueError(
-            f"{kind}: {path} carries no checksum, so that it is cut short or damaged, or of an "
-            "earlier version, or of something else."
+            f"{kind}: {path} carries no checksum: it is cut short or damaged, of an earlier version, or "
+            "another kind of file."
         )
     (what, number, digits), at = found.groups(), found.start(3)
     if what.decode() != kind:
@@ -218,7 +218,7 @@ def _check_seal(content: bytes | mmap.mmap, path: Path | str, kind: str, version
         raise ValueError(f"{kind}: {path} is of version {int(number)}, expected {version}.")
     if _digest(content, at) != digits:
         raise ValueError(
-            f"{kind}: {path} is cut short or damaged (its checksum is another), or was edited."
+            f"{kind}: {path} is cut short or damaged (its checksum differs), or was edited."
         )
 
 

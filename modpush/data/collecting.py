@@ -73,8 +73,8 @@ def collect_demonstrations(config: CollectConfig, progress: bool = True) -> Path
             store = DemonstrationStore(config.out, _about(config, fingerprint))
             if left_out := sorted(set(store.policies()) - set(labels)):
                 warnings.warn(
-                    f"collect_demonstrations: the data sets in {config.out} will hold the policies "
-                    f"{labels} alone; name {left_out} as well, whose episodes are there, to have all.",
+                    f"collect_demonstrations: the data sets in {config.out} will hold only the "
+                    f"policies {labels}; also name {left_out}, whose episodes it has, to include them.",
                     stacklevel=3,
                 )
             chosen = [_collect(method, recorder, store, config, progress) for method in methods]

@@ -114,14 +114,14 @@ class ResultStore:
             }
             if other:
                 raise ValueError(
-                    f"ResultStore: {self.folder} holds another run, (there, expected): {other}. "
+                    f"ResultStore: {self.folder} holds another run (stored, expected): {other}. "
                     "Choose another folder, or start over with resume=False (--fresh)."
                 )
             return
         if self.csv.exists() and self.csv.read_bytes().count(b"\n") > 1:
             raise ValueError(
-                f"ResultStore: {self.folder} holds rows, but no {self._about.name} that says whose. "
-                "Choose another folder, or start over with resume=False (--fresh)."
+                f"ResultStore: {self.folder} holds rows, but no {self._about.name} that says of which "
+                "policy. Choose another folder, or start over with resume=False (--fresh)."
             )
         write_json(self._about, about, _KIND, _VERSION)
 

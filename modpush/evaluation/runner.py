@@ -201,8 +201,8 @@ def _make_env(
         return env
     env.close()
     raise ValueError(
-        f"evaluate: the set says otherwise than the environment, (there, of the set): {differences}. "
-        "Give make_env a parameter `conditions`, and PushEnv its `env_options`."
+        f"evaluate: the environment must have the set's conditions, (environment, set): {differences}. "
+        "Give make_env a parameter `conditions`, and pass its `env_options` to PushEnv."
     )
 
 

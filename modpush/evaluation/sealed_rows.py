@@ -71,7 +71,7 @@ def read_rows(
     for number, (row, _, checksum) in enumerate(rows, start=2):
         if checksum != _checksum(row).encode():
             raise ValueError(
-                f"{path}: line {number} is damaged (its checksum is another), or was edited. "
+                f"{path}: line {number} is damaged (its checksum differs), or was edited. "
                 "Delete the line to have its episode run anew."
             )
     content = b"\n".join([",".join(columns).encode(), *(row for row, _, _ in rows), b""])

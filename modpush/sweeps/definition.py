@@ -129,9 +129,7 @@ class Sweep:
                     config = replace(config, total_steps=total_steps)
                 config = replace(config, progress=False)
                 if (file := config.env.encoder_file) is not None and not file.is_file():
-                    raise ValueError(
-                        f"{who}: env.encoder must be a file that is there, got '{file}'."
-                    )
+                    raise ValueError(f"{who}: env.encoder must be an existing file, got '{file}'.")
                 trials.append(Trial(variant=variant, seed=seed, config=config))
         return tuple(trials)
 

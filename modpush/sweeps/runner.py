@@ -90,7 +90,7 @@ def run_sweep(
         raise RuntimeError(
             f"run_sweep: {len(failed)} of {len(trials)} trials failed: {names}; see logs/error.txt "
             "in their folders. Run again to continue them from their newest checkpoints, or delete a "
-            "run's folder to begin it anew."
+            "run's folder to start it anew."
         )
     return results
 

@@ -59,7 +59,7 @@ class Checkpoints:
             path.unlink()
 
     def load(self) -> dict[str, Any]:
-        """The state in the newest checkpoint that is whole; damaged ones are renamed, with a warning.
+        """The state in the newest intact checkpoint; damaged ones are renamed, with a warning.
 
         Raises:
             FileNotFoundError: If there is none.
@@ -76,7 +76,7 @@ class Checkpoints:
                 errors.append((path, error))
         else:
             reasons = "; ".join(str(error) for _, error in errors)
-            raise ValueError(f"Checkpoints: no checkpoint in {self.folder} is whole: {reasons}")
+            raise ValueError(f"Checkpoints: no checkpoint in {self.folder} is intact: {reasons}")
         for damaged, reason in errors:
             damaged.rename(damaged.with_name(f"{damaged.name}.damaged"))
             warnings.warn(

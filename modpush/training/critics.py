@@ -63,7 +63,7 @@ def load_critics(folder: str | Path, env: EnvBase) -> Critics:
     if config.encoder is not None:
         raise ValueError(
             f"load_critics: the critics in {newest} read the latent of an encoder that was trained with "
-            "them, which cannot be looked at alone."
+            "them, which cannot be loaded alone."
         )
     agent = make_tqc(config, env)
     if not hasattr(agent.loss, "qvalue_network_params"):

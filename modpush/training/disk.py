@@ -25,8 +25,8 @@ class DiskGuard:
         except OSError as error:
             if what not in self._failing:
                 warnings.warn(
-                    f"Trainer: {what} could not be written ({error}); the one before stays, training "
-                    "continues. It is tried again whenever it is due.",
+                    f"Trainer: {what} could not be written ({error}); the previous one is kept, and "
+                    "training continues. Writing is tried again whenever it is due.",
                     stacklevel=3,
                 )
             self._failing.add(what)

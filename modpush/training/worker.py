@@ -63,7 +63,7 @@ class Worker(ABC):
             RuntimeError: If the result of the call before has not been asked for.
         """
         if self._outstanding:
-            raise RuntimeError("Worker.submit: ask for the result of the call before first.")
+            raise RuntimeError("Worker.submit: call `result` of the previous call first.")
         self._send(method, (*args, kwargs))
         self._outstanding = True
         return Pending(self)

@@ -110,7 +110,7 @@ def test_a_run_goes_on_where_it_was_killed_and_takes_more(collected, tmp_path) -
 
     more = replace(CONFIG, out=folder, episodes=4, policy=("scripted",))
     with pytest.warns(
-        UserWarning, match=r"hold the policies \['scripted'\] alone; name \['corridor'\]"
+        UserWarning, match=r"hold only the policies \['scripted'\]; also name \['corridor'\]"
     ):
         collect_demonstrations(more, progress=False)
     assert dataset(folder).total_episodes == 4

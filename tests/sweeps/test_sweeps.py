@@ -217,5 +217,7 @@ def test_the_ablations_are_as_many_runs_as_their_file_says(
         (latent,) = {t.config.env.encoder for t in trials if t.variant.name == f"latent_{size}"}
         assert DepthVAE.from_pretrained(latent).latent_dim == size
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(ValueError, match=r"variant 'latent_8': env.encoder must be a file that is"):
+    with pytest.raises(
+        ValueError, match=r"variant 'latent_8': env.encoder must be an existing file"
+    ):
         sweep.of_groups(["latent"]).trials()

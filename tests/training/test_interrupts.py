@@ -138,7 +138,7 @@ def test_without_a_whole_checkpoint_nothing_is_resumed(copied):
     for path in RunFolder(copied).checkpoints.paths():
         path.write_bytes(b"")
     with pytest.raises(
-        ValueError, match=r"no checkpoint in .* is whole: .*; .*carries no checksum"
+        ValueError, match=r"no checkpoint in .* is intact: .*; .*carries no checksum"
     ):
         Trainer(SMOKE, copied, resume=True)
     Trainer(SMOKE, copied.with_name("other")).close()  # and the lock has been released

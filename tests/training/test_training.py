@@ -182,7 +182,7 @@ def test_a_failing_worker_process_is_heard():
 def test_one_call_at_a_time(tmp_path):
     worker = InlineWorker(partial(SceneWorker, SMOKE))
     worker.submit(SceneWorker.restart, 0)
-    with pytest.raises(RuntimeError, match="ask for the result of the call before first"):
+    with pytest.raises(RuntimeError, match="call `result` of the previous call first"):
         worker.submit(SceneWorker.get_state)
     worker.discard()
     assert not worker.busy
