@@ -152,8 +152,7 @@ def run_episodes(
         env: A `PushEnv`, or one with any transforms on top, whose `reset` takes `scenarios`.
             Your own objects are looked up in its `pushed_objects`.
         policy: Acts on what `env` emits. What it writes under `next` is carried over to the next
-            step; `InitTracker` or `TensorDictPrimer` tell it where an episode begins, in
-            `env`.
+            step; `InitTracker` or `TensorDictPrimer` in `env` tell it where an episode begins.
         episodes: Number and start of each.
         inflation: Circle of the object by whose radius obstacles are inflated for the shortest path,
             see `EpisodeConditions`.
