@@ -4,11 +4,11 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.data import Bounded, TensorSpec
-from torchrl.envs import Transform
 
 from modpush._arguments import checked_arguments
 from modpush._checks import check_finite
-from modpush._keys import check_spec_has, read_key, stored_next
+from modpush._keys import check_spec_has, read_key
+from modpush._transforms import StatelessTransform
 from modpush.encoders.window import (
     MAX_HEIGHT,
     WINDOW_SIZE,
@@ -22,7 +22,7 @@ from modpush.geometry.frames import Frame, check_frame, frame_yaw
 __all__ = ["EgocentricWindow"]
 
 
-class EgocentricWindow(Transform):
+class EgocentricWindow(StatelessTransform):
     """Writes the height map around the object, with object and robot removed.
 
     Up in the window (towards row 0) is +x of the frame, left (towards column 0) is +y, the object's
@@ -117,18 +117,6 @@ class EgocentricWindow(Transform):
             raise
         next_tensordict.set(self.window_key, window.reshape(*depth.shape[:-3], *window.shape[1:]))
         return next_tensordict
-
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        return self._call(tensordict_reset)
-
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the windows of stored data and, in transitions, those of their `"next"`."""
-        after = stored_next("EgocentricWindow", tensordict, self.in_keys, self.out_keys)
-        if after is not None:
-            self._call(after)
-        return self._call(tensordict)
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Add the window."""

@@ -8,12 +8,13 @@ import numpy as np
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
-from torchrl.data import TensorSpec, Unbounded
+from torchrl.data import TensorSpec
 from torchrl.envs import Transform
 
 from modpush._arguments import checked_arguments
 from modpush._checks import check_finite
 from modpush._keys import read_key
+from modpush._transforms import add_unbounded
 from modpush.geometry.frames import Frame
 from modpush.geometry.workspace import WORKSPACE, Rectangle
 from modpush.mdp.entry_list import resolve_entries
@@ -236,13 +237,7 @@ class PushObservation(Transform):
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Add the observation; its width is found by making one of zeros."""
         width = self._lay_out(observation_spec).width
-        widths = {self.observation_key: width}
+        add_unbounded(observation_spec, self.observation_key, width)
         if self._writes_last_action:
-            widths[self.last_action_key] = _ACTION_DIM
-        for key, size in widths.items():
-            observation_spec[key] = Unbounded(
-                shape=(*observation_spec.shape, size),
-                dtype=torch.float32,
-                device=observation_spec.device,
-            )
+            add_unbounded(observation_spec, self.last_action_key, _ACTION_DIM)
         return observation_spec

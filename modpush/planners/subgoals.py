@@ -7,12 +7,13 @@ from typing import Literal, get_args
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
-from torchrl.data import Binary, TensorSpec, Unbounded
+from torchrl.data import Binary, TensorSpec
 from torchrl.envs import Transform
 
 from modpush._arguments import checked_arguments
 from modpush._checks import check_finite
 from modpush._keys import check_spec_has, read_key, stored_next
+from modpush._transforms import add_unbounded
 from modpush.geometry.camera import Camera
 from modpush.planners.base import Planner
 from modpush.planners.grid_planner import GridPlanner
@@ -246,23 +247,16 @@ class PlannerSubgoals(Transform):
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Add the written keys."""
         check_spec_has("PlannerSubgoals", observation_spec, self.in_keys)
-        lead, device = observation_spec.shape, observation_spec.device
-        shapes: dict[NestedKey, tuple[int, ...]] = {
-            self.path_length_key: (1,),
-            self.subgoal_key: (2,),
-            self.subgoal_past_key: (len(self.lags), 2),
-            self.history_key: (max(self.lags) + 1, 2),
-        }
+        add_unbounded(observation_spec, self.path_length_key, 1)
+        add_unbounded(observation_spec, self.subgoal_key, 2)
+        add_unbounded(observation_spec, self.subgoal_past_key, len(self.lags), 2)
+        add_unbounded(observation_spec, self.history_key, max(self.lags) + 1, 2)
         if self.ahead:
-            shapes[self.path_ahead_key] = (len(self.ahead), 2)
+            add_unbounded(observation_spec, self.path_ahead_key, len(self.ahead), 2)
         if self.max_waypoints:
-            shapes[self.path_key] = (self.max_waypoints, 2)
-        for key, shape in shapes.items():
-            observation_spec[key] = Unbounded(
-                shape=(*lead, *shape), dtype=torch.float32, device=device
-            )
+            add_unbounded(observation_spec, self.path_key, self.max_waypoints, 2)
         observation_spec[self.path_found_key] = Binary(
-            shape=(*lead, 1), dtype=torch.bool, device=device
+            shape=(*observation_spec.shape, 1), dtype=torch.bool, device=observation_spec.device
         )
         return observation_spec
 
