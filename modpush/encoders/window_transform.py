@@ -17,7 +17,7 @@ from modpush.encoders.window import (
     egocentric_window,
 )
 from modpush.geometry.camera import Camera
-from modpush.geometry.frames import Frame, check_frame, frame_yaw
+from modpush.geometry.frames import Frame, frame_yaw
 
 __all__ = ["EgocentricWindow"]
 
@@ -65,7 +65,6 @@ class EgocentricWindow(StatelessTransform):
         subgoal_key: NestedKey = "subgoal",
         window_key: NestedKey = "window",
     ) -> None:
-        check_frame("EgocentricWindow", frame)
         self.camera = camera or Camera()
         check_options("EgocentricWindow", size, max_height, outside, self.camera.z)
         self.frame, self.size, self.outside = frame, size, outside

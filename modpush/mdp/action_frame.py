@@ -8,7 +8,7 @@ from torchrl.envs import Transform
 from modpush._arguments import checked_arguments
 from modpush._keys import read_key
 from modpush.geometry.angles import rotate
-from modpush.geometry.frames import Frame, check_frame, frame_yaw
+from modpush.geometry.frames import Frame, frame_yaw
 
 __all__ = ["ActionFrame"]
 
@@ -46,7 +46,6 @@ class ActionFrame(Transform):
         object_pose_key: NestedKey = "object_pose",
         subgoal_key: NestedKey = "subgoal",
     ) -> None:
-        check_frame("ActionFrame", frame)
         super().__init__(in_keys_inv=[action_key], out_keys_inv=[action_key])
         self.frame = frame
         self.action_key = action_key

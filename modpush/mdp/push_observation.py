@@ -15,6 +15,7 @@ from modpush._arguments import checked_arguments
 from modpush._checks import check_finite
 from modpush._keys import read_key
 from modpush._transforms import add_unbounded
+from modpush._types import NonNegativeInteger
 from modpush.geometry.frames import Frame
 from modpush.geometry.workspace import WORKSPACE, Rectangle
 from modpush.mdp.entry_list import resolve_entries
@@ -81,7 +82,7 @@ class PushObservation(Transform):
         | Sequence[EntryLike | tuple[str, EntryLike]]
         | None = None,
         bounds: Rectangle | None = None,
-        symmetry: int | None = None,
+        symmetry: NonNegativeInteger | None = None,
         raw: bool = False,
         object_pose_key: NestedKey = "object_pose",
         goal_position_key: NestedKey = "goal_position",
@@ -109,8 +110,6 @@ class PushObservation(Transform):
             raise ValueError(
                 f"PushObservation: bounds must be a lower and an upper corner, got {bounds}."
             )
-        if symmetry is not None and symmetry < 0:
-            raise ValueError(f"PushObservation: symmetry must be >= 0 or None, got {symmetry}.")
         self.symmetry, self.raw = symmetry, raw
         self._keys: dict[str, NestedKey] = {
             "object_pose": object_pose_key,
