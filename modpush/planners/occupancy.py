@@ -15,7 +15,7 @@ from modpush._checks import check_finite
 from modpush._keys import check_spec_has, read_key, stored_next
 from modpush._resets import scenes_reset
 from modpush._types import NonNegative
-from modpush.geometry.camera import Camera
+from modpush.geometry.camera import Camera, cell_centers
 from modpush.planners.connected import are_connected
 from modpush.planners.kernels.bit_grid import words_per_row
 from modpush.planners.occupancy_map import OccupancyMap
@@ -321,8 +321,7 @@ def cells_outside(camera: Camera, bounds: Corners, margin: float = 0.0) -> Tenso
     if not math.isfinite(margin):
         raise ValueError(f"OccupancyGrid: margin must be finite [m], got {margin}.")
     low, high = (torch.tensor([float(x) for x in corner]).double() for corner in bounds)
-    v, u = torch.meshgrid(torch.arange(camera.height), torch.arange(camera.width), indexing="ij")
-    centre = camera.unproject(torch.stack([u, v], -1).double())
+    centre = torch.from_numpy(cell_centers(camera))
     inside = ((centre >= low + margin) & (centre <= high - margin)).all(-1)
     if not inside.any():
         raise ValueError(
