@@ -514,7 +514,7 @@ def test_inflation_by_name_or_by_metres():
     )
     assert cells(inflation="inscribed").sum() < cells().sum()
     for wrong in ("half", -0.1, math.nan):
-        with pytest.raises(ValueError, match="inflation must be 'circumscribed', 'inscribed',"):
+        with pytest.raises(ValueError, match="inflation must be 'circumscribed', 'inscribed' or"):
             OccupancyGrid(inflation=wrong)
 
 
