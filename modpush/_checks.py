@@ -103,10 +103,9 @@ def check_keys(who: str, state: Mapping[str, Any], expected: Collection[str]) ->
     Raises:
         ValueError: If a field is missing or unknown.
     """
-    if set(state) != set(expected):
-        raise ValueError(
-            f"{who}: the state must hold {sorted(expected)}, got {sorted(map(str, state))}."
-        )
+    if not isinstance(state, Mapping) or set(state) != set(expected):
+        got = sorted(map(str, state)) if isinstance(state, Mapping) else repr(state)
+        raise ValueError(f"{who}: the state must hold {sorted(expected)}, got {got}.")
 
 
 def check_texts(who: str, name: str, value: Any) -> None:
