@@ -177,7 +177,10 @@ def _make_base(config: PushEnvConfig, options: dict[str, Any]) -> PushEnv:
 
 
 def _planning(
-    config: PushEnvConfig, scenario: ScenarioConfig, planner: str | Planner | None, max_waypoints: int
+    config: PushEnvConfig,
+    scenario: ScenarioConfig,
+    planner: str | Planner | None,
+    max_waypoints: int,
 ) -> list[Transform]:
     """From depth image to sub-goals."""
     # Where the config's distance from the workspace's edge leaves no way, the scenarios' own does: they
