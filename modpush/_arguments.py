@@ -8,7 +8,7 @@ import types
 import typing
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, Union
+from typing import Annotated, Any, Literal, TypeVar, Union
 
 import numpy as np
 from pydantic import BeforeValidator, Strict
@@ -31,11 +31,11 @@ _CONTAINERS = (tuple, list, Sequence, Mapping, dict)
 def checked_arguments(function: F) -> F:
     """Check the arguments of a function or constructor against its annotations.
 
-    Checked are numbers, text, truth values, paths, keys, tensors, configurations, functions, classes of
-    torch, TorchRL and pandas, and tuples, sequences and mappings of them; what may be anything else,
-    such as a part of a user's own, is left to the function. Ranges are checked where the annotation has
-    one, such as `modpush._types.Positive`. It takes some microseconds an argument, so it is for what is
-    called once, not at every step.
+    Checked are numbers, text, choices of a `Literal`, truth values, paths, keys, tensors, configurations,
+    functions, classes of torch, TorchRL and pandas, and tuples, sequences and mappings of them; what may
+    be anything else, such as a part of a user's own, is left to the function. Ranges are checked where
+    the annotation has one, such as `modpush._types.Positive`. It takes some microseconds an argument, so
+    it is for what is called once, not at every step.
 
     Args:
         function: The function. A constructor's errors name its class.
@@ -82,7 +82,7 @@ def _checkable(kind: Any) -> Any:
     if kind is NestedKey:
         return Key
     origin, inner = typing.get_origin(kind), typing.get_args(kind)
-    if origin is Annotated or kind in _PLAIN:
+    if origin in (Annotated, Literal) or kind in _PLAIN:
         return kind
     if origin in (Union, types.UnionType) or origin in _CONTAINERS:
         items = [item if item is Ellipsis else _checkable(item) for item in inner]

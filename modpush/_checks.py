@@ -1,4 +1,8 @@
-"""Checks of tensors at the border to compiled kernels, which check nothing themselves."""
+"""Checks of tensors at the border to compiled kernels, which check nothing themselves.
+
+In all of them `who` asks, and `name` is the name of the argument whose `value` is checked: both are for
+the error message.
+"""
 
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
@@ -27,12 +31,6 @@ _TOLERANCE = 1.1  # of the camera's height over the table
 def check_dtype(who: str, name: str, value: Any, dtype: torch.dtype) -> None:
     """Check that a value is a torch tensor of a dtype.
 
-    Args:
-        who: What asks, for the error message.
-        name: The argument's name.
-        value: What was given.
-        dtype: What is expected.
-
     Raises:
         TypeError: If it is something else, a NumPy array for instance.
     """
@@ -46,14 +44,7 @@ def check_dtype(who: str, name: str, value: Any, dtype: torch.dtype) -> None:
 
 
 def check_shape(who: str, name: str, value: Tensor, letters: str, expected: Sequence[int]) -> None:
-    """Check the shape of a tensor.
-
-    Args:
-        who: What asks, for the error message.
-        name: The argument's name.
-        value: What was given.
-        letters: The expected dimensions in letters, `"B, H, W"`.
-        expected: The expected dimensions in numbers.
+    """Check the shape of a tensor; `letters` name the expected dimensions, `"B, H, W"`.
 
     Raises:
         ValueError: If the shape is another one.
@@ -67,12 +58,6 @@ def check_shape(who: str, name: str, value: Tensor, letters: str, expected: Sequ
 def check_instance(who: str, name: str, value: Any, kind: type) -> None:
     """Check that a value is of a class.
 
-    Args:
-        who: What asks, for the error message.
-        name: The argument's name.
-        value: What was given.
-        kind: The class.
-
     Raises:
         TypeError: If it is not.
     """
@@ -84,12 +69,6 @@ def check_instance(who: str, name: str, value: Any, kind: type) -> None:
 
 def check_real(who: str, name: str, value: Any, *last: int) -> None:
     """Check that a value is a tensor of real numbers `[..., *last]`, in less than a microsecond.
-
-    Args:
-        who: What asks, for the error message.
-        name: The argument's name.
-        value: What was given.
-        last: The last dimensions.
 
     Raises:
         TypeError: If it is something else.
@@ -107,11 +86,6 @@ def check_real(who: str, name: str, value: Any, *last: int) -> None:
 def check_finite(who: str, name: str, value: Tensor) -> None:
     """Check a tensor for NaN and infinity; it waits for a GPU.
 
-    Args:
-        who: What asks, for the error message.
-        name: The argument's name.
-        value: What was given.
-
     Raises:
         ValueError: If it is not finite, with the first such row.
     """
@@ -124,29 +98,18 @@ def check_finite(who: str, name: str, value: Tensor) -> None:
 
 
 def check_keys(who: str, state: Mapping[str, Any], expected: Collection[str]) -> None:
-    """Check that a state holds what it must, and nothing else.
-
-    Args:
-        who: What asks, for the error message.
-        state: What was given.
-        expected: Names of its fields.
+    """Check that a state holds the expected fields, and nothing else.
 
     Raises:
         ValueError: If a field is missing or unknown.
     """
-    if set(state) != set(expected):
-        raise ValueError(
-            f"{who}: the state must hold {sorted(expected)}, got {sorted(map(str, state))}."
-        )
+    if not isinstance(state, Mapping) or set(state) != set(expected):
+        got = sorted(map(str, state)) if isinstance(state, Mapping) else repr(state)
+        raise ValueError(f"{who}: the state must hold {sorted(expected)}, got {got}.")
 
 
 def check_texts(who: str, name: str, value: Any) -> None:
     """Check that a value is a collection of texts, in any order, and not one text.
-
-    Args:
-        who: What asks, for the error message.
-        name: The argument's name.
-        value: What was given.
 
     Raises:
         TypeError: If it is not.
@@ -158,11 +121,6 @@ def check_texts(who: str, name: str, value: Any) -> None:
 
 def check_callable(who: str, name: str, value: Any) -> None:
     """Check that a value can be called.
-
-    Args:
-        who: What asks, for the error message.
-        name: The argument's name.
-        value: What was given.
 
     Raises:
         TypeError: If it cannot.

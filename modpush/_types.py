@@ -48,7 +48,6 @@ __all__ = [
     "Seed",
     "Several",
     "Size",
-    "Span",
 ]
 
 T = TypeVar("T")
@@ -138,8 +137,6 @@ Angles = Annotated[tuple[Angle, Angle, Angle], Strict(False), ORDERED]
 """Roll, pitch and yaw [rad]."""
 Color = Annotated[tuple[Fraction, Fraction, Fraction], Strict(False), ORDERED]
 """Red, green and blue in [0, 1]."""
-Span = Annotated[tuple[Finite, Finite], Strict(False), ORDERED]
-"""Lower and upper end of a range."""
 LengthSpan = Annotated[tuple[Length, Length], Strict(False), ORDERED]
 """Lower and upper end of a range of lengths [m]."""
 FractionSpan = Annotated[tuple[Fraction, Fraction], Strict(False), ORDERED]

@@ -27,6 +27,7 @@ SHARED = {
     "_ray",
     "_resets",
     "_state",
+    "_transforms",
     "_types",
     "_validation",
     "_weights",

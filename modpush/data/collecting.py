@@ -1,5 +1,6 @@
 """`collect_demonstrations`: runs policies and writes what they do as a data set."""
 
+import json
 import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, replace
@@ -121,11 +122,7 @@ def _about(config: CollectConfig, fingerprint: dict[str, Any]) -> dict[str, Any]
 
 def _plain(value: Any) -> Any:
     """The same after a round trip through JSON: tuples are lists."""
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return value
+    return json.loads(json.dumps(value))
 
 
 def _collect(

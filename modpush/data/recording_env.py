@@ -15,9 +15,8 @@ from modpush._arguments import checked_arguments
 from modpush.data.demonstration import FLAG_KEYS, POSE_KEYS, Demonstration, body_state
 from modpush.envs.push_env import PushEnv
 from modpush.envs.scenes.objects import PushedObject
-from modpush.geometry.angles import rotate
 from modpush.geometry.frames import frame_yaw
-from modpush.mdp.action_frame import ActionFrame
+from modpush.mdp.action_frame import ActionFrame, turn_action
 
 __all__ = ["RecordingEnv"]
 
@@ -127,9 +126,7 @@ class RecordingEnv(EnvBase):
         if self._frame == "base":
             return command.clone()
         yaw = frame_yaw(self._frame, self._state["object_pose"], self._state.get("subgoal", None))
-        planar = rotate(command[:, :2], -yaw)
-        planar = planar / planar.abs().amax(-1, keepdim=True).clamp_min(1.0)
-        return torch.cat([planar, command[:, 2:]], -1)
+        return turn_action(command, -yaw)
 
     def _emitted(self, td: TensorDictBase) -> TensorDictBase:
         """What `PushEnv` emits, of what the stack does."""

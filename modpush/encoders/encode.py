@@ -3,12 +3,12 @@
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import nn
-from torchrl.data import TensorSpec, Unbounded
-from torchrl.envs import Transform
+from torchrl.data import TensorSpec
 
 from modpush._arguments import checked_arguments
-from modpush._keys import check_spec_has, read_key, stored_next
+from modpush._keys import check_spec_has, read_key
 from modpush._resets import write_scenes_reset
+from modpush._transforms import StatelessTransform, add_unbounded
 from modpush.encoders.base import as_floats, check_window, encoder_sizes, evaluating
 
 __all__ = ["Encode"]
@@ -18,7 +18,7 @@ _FEW = 4
 matrix products of fewer rows sum in another order."""
 
 
-class Encode(Transform):
+class Encode(StatelessTransform):
     """Writes the latent of the window: one call of the encoder for all scenes, in eval mode.
 
     The encoder is shared, not copied: when its weights are trained, the transform uses the new ones.
@@ -79,20 +79,9 @@ class Encode(Transform):
         keys = self.in_keys, self.out_keys
         return write_scenes_reset(self._call, tensordict, tensordict_reset, *keys, at_least=_FEW)
 
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Encode stored windows and, in transitions, those of their `"next"`."""
-        after = stored_next("Encode", tensordict, self.in_keys, self.out_keys)
-        if after is not None:
-            self._call(after)
-        return self._call(tensordict)
-
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Add the latents."""
         check_spec_has("Encode", observation_spec, self.in_keys)
         for key in self.out_keys:
-            observation_spec[key] = Unbounded(
-                shape=(*observation_spec.shape, self.latent_dim),
-                dtype=torch.float32,
-                device=observation_spec.device,
-            )
+            add_unbounded(observation_spec, key, self.latent_dim)
         return observation_spec

@@ -3,14 +3,14 @@
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torchrl.data import Bounded, TensorSpec
-from torchrl.envs import Transform
 
-from modpush._keys import check_spec_has, read_key, stored_next
+from modpush._keys import check_spec_has, read_key
+from modpush._transforms import StatelessTransform
 
 __all__ = ["WindowBytes"]
 
 
-class WindowBytes(Transform):
+class WindowBytes(StatelessTransform):
     """Replaces the window by whole numbers from 0 to 255, a quarter of the memory.
 
     Networks that learn their own encoder read it: a value stands for itself divided by 255.
@@ -31,18 +31,6 @@ class WindowBytes(Transform):
         if window.dtype == torch.uint8:  # stored data, which this has written
             return next_tensordict
         return next_tensordict.set(self.window_key, (window * 255).round().to(torch.uint8))
-
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Rewrite stored windows and, in transitions, those of their `"next"`."""
-        after = stored_next("WindowBytes", tensordict, self.in_keys, self.out_keys)
-        if after is not None:
-            self._call(after)
-        return self._call(tensordict)
-
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        return self._call(tensordict_reset)
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Make the window's spec one of bytes."""

@@ -4,11 +4,11 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.data import Bounded, TensorSpec
-from torchrl.envs import Transform
 
 from modpush._arguments import checked_arguments
 from modpush._checks import check_finite
-from modpush._keys import check_spec_has, read_key, stored_next
+from modpush._keys import check_spec_has, read_key
+from modpush._transforms import StatelessTransform
 from modpush.encoders.window import (
     MAX_HEIGHT,
     WINDOW_SIZE,
@@ -17,12 +17,12 @@ from modpush.encoders.window import (
     egocentric_window,
 )
 from modpush.geometry.camera import Camera
-from modpush.geometry.frames import Frame, check_frame, frame_yaw
+from modpush.geometry.frames import Frame, frame_yaw
 
 __all__ = ["EgocentricWindow"]
 
 
-class EgocentricWindow(Transform):
+class EgocentricWindow(StatelessTransform):
     """Writes the height map around the object, with object and robot removed.
 
     Up in the window (towards row 0) is +x of the frame, left (towards column 0) is +y, the object's
@@ -65,7 +65,6 @@ class EgocentricWindow(Transform):
         subgoal_key: NestedKey = "subgoal",
         window_key: NestedKey = "window",
     ) -> None:
-        check_frame("EgocentricWindow", frame)
         self.camera = camera or Camera()
         check_options("EgocentricWindow", size, max_height, outside, self.camera.z)
         self.frame, self.size, self.outside = frame, size, outside
@@ -117,18 +116,6 @@ class EgocentricWindow(Transform):
             raise
         next_tensordict.set(self.window_key, window.reshape(*depth.shape[:-3], *window.shape[1:]))
         return next_tensordict
-
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        return self._call(tensordict_reset)
-
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the windows of stored data and, in transitions, those of their `"next"`."""
-        after = stored_next("EgocentricWindow", tensordict, self.in_keys, self.out_keys)
-        if after is not None:
-            self._call(after)
-        return self._call(tensordict)
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Add the window."""

@@ -13,7 +13,6 @@ from torch import Tensor
 
 from modpush._checks import check_dtype
 from modpush.envs.outcome import GOAL_THRESHOLD, is_out_of_bounds
-from modpush.envs.robot.ur5_2f85 import TOOLS
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.envs.specs import ACTION_SIZE
 from modpush.geometry.workspace import Rectangle
@@ -21,8 +20,8 @@ from modpush.geometry.workspace import Rectangle
 __all__ = [
     "check_action",
     "check_alone",
+    "check_device",
     "check_frequencies",
-    "check_options",
     "check_scenarios",
     "check_scene",
     "check_simulation",
@@ -93,23 +92,15 @@ def make_scenario_config(
     return scenario
 
 
-def check_options(max_episode_steps: int | None, tool: str, oob: str, device: torch.device) -> None:
-    """Check the options of `PushEnv` that nothing else checks.
+def check_device(device: torch.device) -> None:
+    """Check the device of `PushEnv`.
 
     Raises:
-        ValueError: If one is unknown or out of range.
-        RuntimeError: If the device is not there.
+        ValueError: If it is neither a CPU nor a CUDA device.
+        RuntimeError: If it is not there.
     """
     if device.type not in ("cpu", "cuda"):
         raise ValueError(f"PushEnv: device must be 'cpu' or a CUDA device, got {str(device)!r}.")
-    if max_episode_steps is not None and max_episode_steps < 1:
-        raise ValueError(
-            f"PushEnv: max_episode_steps must be >= 1 or None, got {max_episode_steps}."
-        )
-    if not isinstance(tool, str) or tool not in TOOLS:
-        raise ValueError(f"PushEnv: no tool {tool!r}, expected one of {sorted(TOOLS)}.")
-    if oob not in ("truncate", "terminate"):
-        raise ValueError(f"PushEnv: oob must be 'truncate' or 'terminate', got {oob!r}.")
     if device.type == "cuda" and not torch.cuda.is_available():
         raise RuntimeError(
             f"PushEnv: device={str(device)!r} needs CUDA, which torch does not find."

@@ -9,12 +9,12 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import EnvBase
 
 from modpush._arguments import checked_arguments
-from modpush._types import Frequency, Scenes, Seed
+from modpush._types import Count, Frequency, Scenes, Seed
 from modpush.envs.arguments import (
     check_action,
     check_alone,
+    check_device,
     check_frequencies,
-    check_options,
     check_scenarios,
     chosen_scenes,
     make_scenario_config,
@@ -131,7 +131,7 @@ class PushEnv(EnvBase):
         dynamic_obstacles: bool = False,
         sim_freq: Frequency = 120,
         control_freq: Frequency = 15,
-        max_episode_steps: int | None = 200,
+        max_episode_steps: Count | None = 200,
         oob: Literal["truncate", "terminate"] = "truncate",
         pictures: bool = False,
         seed: Seed | None = None,
@@ -139,7 +139,7 @@ class PushEnv(EnvBase):
         **fields: Any,
     ) -> None:
         check_frequencies("PushEnv", sim_freq, control_freq)
-        check_options(max_episode_steps, tool, oob, torch.device(device))
+        check_device(torch.device(device))
         super().__init__(device=torch.device(device), batch_size=torch.Size([num_envs]))
         self._scenario = make_scenario_config("PushEnv", scenario, fields, type(self).__init__)
         self.pushed_objects = {item.name: item for item in self.scenario.objects}

@@ -1,13 +1,13 @@
 """`PushState`: what `PushEnv.get_state` returns."""
 
-import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
 
+from modpush._checks import check_keys
+from modpush._hash import data_hash
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.sim.scene_state import SceneState
 
@@ -50,10 +50,7 @@ class PushState:
         Raises:
             ValueError: If a field is missing, unknown or malformed.
         """
-        expected = {field.name for field in fields(cls)}
-        if not isinstance(data, Mapping) or set(data) != expected:
-            names = sorted(data) if isinstance(data, Mapping) else data
-            raise ValueError(f"PushState: expected the fields {sorted(expected)}, got {names!r}.")
+        check_keys("PushState", data, [field.name for field in fields(cls)])
         kinds = {"scenes": list, "step_count": list, "rngs": list, "config": dict, "objects": dict}
         for name, kind in kinds.items():
             if not isinstance(data[name], kind):
@@ -71,8 +68,7 @@ class PushState:
 
 def object_digest(item: PushedObject) -> str:
     """A digest of all that an object is."""
-    text = json.dumps(asdict(item), sort_keys=True, default=float)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+    return data_hash(asdict(item))
 
 
 def check_state(

@@ -10,7 +10,6 @@ layout), and an exchange of x and y in a test at the image's right edge.
 """
 
 import math
-from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -21,7 +20,8 @@ from numpy.typing import NDArray
 from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.rectangles import obstacle_distance
 from modpush.envs.scenes.scenario import Scenario
-from modpush.geometry import Camera
+from modpush.evaluation.shortest import standing_cells
+from modpush.geometry.camera import Camera, cell_centers
 from modpush.planners import AStar
 
 __all__ = ["authors_agent_length", "authors_controller_length", "greedy_lazy_theta_star"]
@@ -47,7 +47,7 @@ def authors_agent_length(scenario: Scenario, camera: Camera | None = None) -> fl
         camera: The camera, whose pixels are the grid's cells.
     """
     camera = camera or Camera()
-    standing = _standing(camera, scenario.obstacles).astype(np.uint8)
+    standing = standing_cells(scenario.obstacles, camera).astype(np.uint8)
     for change, (side, times) in ((cv2.erode, _EROSIONS), (cv2.dilate, _DILATIONS)):
         standing = change(standing, np.ones((side, side), np.uint8), iterations=times)
     start, goal = (np.rint(end).astype(np.int64) for end in _ends(scenario, camera))
@@ -70,7 +70,7 @@ def authors_controller_length(scenario: Scenario, camera: Camera | None = None) 
     """
     camera = camera or Camera()
     bars = [Obstacle((o.size[0], _BAR_WIDTH, o.size[2]), o.pose) for o in scenario.obstacles]
-    distance = torch.from_numpy(obstacle_distance(_centers(camera), bars))
+    distance = torch.from_numpy(obstacle_distance(cell_centers(camera), bars))
     weight = torch.full(distance.shape, _ZONE_COSTS[0])
     weight[distance <= _OUTER] = _ZONE_COSTS[1]
     weight[distance <= _INNER] = _ZONE_COSTS[2]
@@ -123,17 +123,6 @@ def greedy_lazy_theta_star(
 def _ends(scenario: Scenario, camera: Camera) -> NDArray[np.float64]:
     ends = torch.tensor([scenario.object_pose[:2], scenario.goal_position], dtype=torch.float64)
     return camera.project(ends).numpy()
-
-
-def _centers(camera: Camera) -> NDArray[np.float64]:
-    """Where the pixels' centres fall on the table, `[H, W, 2]` [m]."""
-    u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height), indexing="xy")
-    return camera.unproject(torch.from_numpy(np.stack([u, v], -1)).double()).numpy()
-
-
-def _standing(camera: Camera, obstacles: Sequence[Obstacle]) -> NDArray[np.bool_]:
-    """Cells that an obstacle stands on, `[H, W]`."""
-    return obstacle_distance(_centers(camera), obstacles) <= 0.0
 
 
 @njit(cache=True)

@@ -7,7 +7,7 @@ import queue
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, Protocol
+from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
 import pandas as pd
 import torch
@@ -129,6 +129,7 @@ def evaluate(
         if evaluation_set.name not in SET_NAMES:
             evaluation_set.save(Path(folder) / SET_FILE)  # nothing else says later what was run
         missing = [(n, evaluation_set.scenarios[n]) for n in store.missing()]
+        job = _Job(make_env, acting, missing, config, evaluation_set.conditions)
         run = {1: _run_here, "ray": _run_on_cluster}.get(config.workers, _run_in_workers)
         done = store.rows()["success"].tolist()
         with tqdm(
@@ -138,7 +139,7 @@ def evaluate(
             desc=evaluation_set.name,
             disable=not config.progress,
         ) as bar:
-            for episode in run(make_env, acting, missing, config, evaluation_set.conditions):
+            for episode in run(job) if missing else ():
                 store.write(episode)
                 done.append(episode.metrics.success)
                 bar.set_postfix(success=f"{sum(done) / len(done):.3f}", refresh=False)
@@ -206,85 +207,68 @@ def _make_env(
     )
 
 
-def _objects(episodes: Sequence[tuple[int, Scenario]]) -> tuple[str, ...]:
-    """Names of the objects that are pushed."""
-    return tuple(dict.fromkeys(scenario.pushed_object for _, scenario in episodes))
+class _Job(NamedTuple):
+    """Episodes that are to be run, and how."""
+
+    make_env: EnvFactory
+    policy: Policy
+    episodes: Sequence[tuple[int, Scenario]]
+    config: EvaluationConfig
+    conditions: EpisodeConditions
+
+    @property
+    def env(self) -> Callable[[int], EnvBase]:
+        """`number of scenes -> environment`, with the objects that these episodes push."""
+        objects = tuple(dict.fromkeys(scenario.pushed_object for _, scenario in self.episodes))
+        given = {"objects": objects, "conditions": self.conditions}
+        return functools.partial(_make_env, self.make_env, **given)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Further arguments of `run_episodes`."""
+        return {
+            "inflation": self.conditions.inflation,
+            "path_key": self.config.path_key,
+            "target_key": self.config.target_key,
+            "exploration": self.config.exploration,
+        }
 
 
-def _options(config: EvaluationConfig, conditions: EpisodeConditions) -> dict[str, Any]:
-    """Arguments of `run_episodes`."""
-    return {
-        "inflation": conditions.inflation,
-        "path_key": config.path_key,
-        "target_key": config.target_key,
-        "exploration": config.exploration,
-    }
+def _run_on_cluster(job: _Job) -> Iterator[Episode]:
+    yield from run_with_ray(job.env, job.policy, job.episodes, job.config, job.options)
 
 
-def _run_on_cluster(
-    make_env: EnvFactory,
-    policy: Policy,
-    episodes: Sequence[tuple[int, Scenario]],
-    config: EvaluationConfig,
-    conditions: EpisodeConditions,
-) -> Iterator[Episode]:
-    if not episodes:
-        return
-    objects = _objects(episodes)
-    make = functools.partial(_make_env, make_env, objects=objects, conditions=conditions)
-    yield from run_with_ray(make, policy, episodes, config, _options(config, conditions))
-
-
-def _run_here(
-    make_env: EnvFactory,
-    policy: Policy,
-    episodes: Sequence[tuple[int, Scenario]],
-    config: EvaluationConfig,
-    conditions: EpisodeConditions,
-) -> Iterator[Episode]:
-    if not episodes:
-        return
-    torch.manual_seed(config.seed)
-    scenes = min(config.num_envs, len(episodes))
-    env = _make_env(make_env, scenes, _objects(episodes), conditions)
+def _run_here(job: _Job) -> Iterator[Episode]:
+    torch.manual_seed(job.config.seed)
+    env = job.env(min(job.config.num_envs, len(job.episodes)))
     try:
-        yield from run_episodes(env, policy, episodes, **_options(config, conditions))
+        yield from run_episodes(env, job.policy, job.episodes, **job.options)
     finally:
         env.close()
 
 
-def _work(results: Any, *job: Any) -> None:
+def _work(results: Any, job: _Job) -> None:
     begin_worker_process()
     torch.set_num_threads(1)  # cores are shared out among the processes
-    for episode in _run_here(*job):
+    for episode in _run_here(job):
         results.put(episode)
 
 
-def _run_in_workers(
-    make_env: EnvFactory,
-    policy: Policy,
-    episodes: Sequence[tuple[int, Scenario]],
-    config: EvaluationConfig,
-    conditions: EpisodeConditions,
-) -> Iterator[Episode]:
+def _run_in_workers(job: _Job) -> Iterator[Episode]:
     """Each worker takes every n-th episode. Spawned: a fork would copy numba's and torch's threads."""
     context = multiprocessing.get_context("spawn")
-    results = context.Queue()
-    assert config.workers != "ray"
-    shares = [episodes[k :: config.workers] for k in range(config.workers)]
+    results, count = context.Queue(), job.config.workers
+    assert count != "ray"
+    shares = [job._replace(episodes=job.episodes[k::count]) for k in range(count)]
     workers = [
-        context.Process(
-            target=_work,
-            args=(results, make_env, policy, share, config, conditions),
-            daemon=True,
-        )
+        context.Process(target=_work, args=(results, share), daemon=True)
         for share in shares
-        if share
+        if share.episodes
     ]
     for worker in workers:
         worker.start()
     try:
-        left = len(episodes)
+        left = len(job.episodes)
         while left:
             try:
                 yield results.get(timeout=1.0)

@@ -1,6 +1,6 @@
 """The shortest way of the object to its goal, the same yardstick for every method."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
@@ -8,14 +8,20 @@ from numpy.typing import NDArray
 
 from modpush._arguments import checked_arguments
 from modpush.envs.scenes.objects import Circle, PushedObject, get_object
+from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.rectangles import obstacle_distance
 from modpush.envs.scenes.scenario import Scenario
-from modpush.geometry import Camera
+from modpush.geometry.camera import Camera, cell_centers
 from modpush.geometry.workspace import BOUNDS_MARGIN, WORKSPACE
 from modpush.planners import LazyThetaStar, Planner, inflate, make_planner
 from modpush.planners.occupancy import cells_outside
 
-__all__ = ["blocked_cells", "shortest_path"]
+__all__ = ["blocked_cells", "shortest_path", "standing_cells"]
+
+
+def standing_cells(obstacles: Sequence[Obstacle], camera: Camera) -> NDArray[np.bool_]:
+    """Cells that an obstacle stands on, `[H, W]`."""
+    return obstacle_distance(cell_centers(camera), obstacles) <= 0.0
 
 
 def blocked_cells(
@@ -33,7 +39,6 @@ def blocked_cells(
         scenario: Start of the episode.
         camera: The camera, whose pixels are the grid's cells.
         objects: Your own objects by name, as in `PushEnv.pushed_objects`.
-
         inflation: Circle of the object by whose radius obstacles are inflated.
 
     Returns:
@@ -41,13 +46,7 @@ def blocked_cells(
         episode is out of bounds.
     """
     camera = camera or Camera()
-    v, u = torch.meshgrid(
-        torch.arange(camera.height, dtype=torch.float64),
-        torch.arange(camera.width, dtype=torch.float64),
-        indexing="ij",
-    )
-    centers = camera.unproject(torch.stack([u, v], -1)).numpy()
-    standing = torch.from_numpy(obstacle_distance(centers, scenario.obstacles) <= 0.0)
+    standing = torch.from_numpy(standing_cells(scenario.obstacles, camera))
     radius = get_object(scenario.pushed_object, objects).radius_of(inflation) / camera.cell_size
     blocked = inflate(standing[None], radius)[0]
     return (blocked | cells_outside(camera, WORKSPACE, -BOUNDS_MARGIN)).numpy()

@@ -6,8 +6,8 @@ from torchrl.modules import ProbabilisticActor, TanhNormal
 
 from modpush._arguments import checked_arguments
 from modpush.agents.tqc.relu_mlp import ReluMLP
-from modpush.geometry.angles import rotate
 from modpush.geometry.frames import Frame, frame_yaw
+from modpush.mdp.action_frame import turn_action
 from modpush.mdp.push_observation import PushObservation
 
 __all__ = ["ObservationPolicy", "WindowPolicy"]
@@ -103,9 +103,7 @@ class WindowPolicy(nn.Module):
         if self.action_frame == "base":
             return action, action.clone()
         yaw = frame_yaw(self.action_frame, state["object_pose"], state.get("subgoal"))
-        planar = rotate(action[..., :2], yaw)
-        planar = planar / planar.abs().amax(-1, keepdim=True).clamp_min(1.0)  # as ActionFrame does
-        return action, torch.cat([planar, action[..., 2:]], -1)
+        return action, turn_action(action, yaw)
 
 
 def _without_own_kernels(module: nn.Module) -> nn.Module:

@@ -12,7 +12,7 @@ from modpush._checks import check_real
 from modpush._types import Coordinate, HalfTurn, Length, PixelCount
 from modpush._validation import checked
 
-__all__ = ["CAMERA", "Camera"]
+__all__ = ["CAMERA", "Camera", "cell_centers"]
 
 Points = TypeVar("Points", Tensor, NDArray[np.float64])
 """A torch tensor, or a numpy array: what comes in goes out."""
@@ -105,6 +105,12 @@ class Camera:
         x = self.x - (pixel[..., 1] - v0) * scale
         y = self.y - (pixel[..., 0] - u0) * scale
         return _stack(x, y)
+
+
+def cell_centers(camera: Camera) -> NDArray[np.float64]:
+    """Where the centres of the cells of a camera's grid are, `[H, W, 2]` (x, y) [m]."""
+    v, u = np.indices((camera.height, camera.width), dtype=np.float64)
+    return camera.unproject(np.stack([u, v], -1))
 
 
 def _check_points(who: str, name: str, points: Points, z: float | Points) -> None:

@@ -15,7 +15,9 @@ __all__ = [
     "centered",
     "centroid",
     "circumscribed_radius",
+    "clearances",
     "outline_of",
+    "side_planes",
     "support",
     "vertical_range",
     "yaw_symmetry",
@@ -161,8 +163,17 @@ def _within(part: Primitive, points: NDArray[np.float64]) -> NDArray[np.bool_]:
     if part.kind in ("cylinder", "capsule"):
         away = np.linalg.norm(points - np.array(part.position[:2]), axis=1)
         return away <= part.size[0] + _TOLERANCE
-    outline = outline_of(part)
-    edge = np.roll(outline, -1, axis=0) - outline
-    normal = np.stack([edge[:, 1], -edge[:, 0]], -1) / np.linalg.norm(edge, axis=1)[:, None]
-    outside = points @ normal.T - (normal * outline).sum(1)
-    return (outside <= _TOLERANCE).all(1)
+    return (clearances(points, outline_of(part)) <= _TOLERANCE).all(1)
+
+
+def side_planes(outline: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Outward normals `[n, 2]` of a convex outline's sides, and distances from the origin `[n]` [m]."""
+    side = np.roll(outline, -1, axis=0) - outline
+    normal = np.stack([side[:, 1], -side[:, 0]], -1) / np.linalg.norm(side, axis=1)[:, None]
+    return normal, (normal * outline).sum(1)
+
+
+def clearances(points: NDArray[np.float64], outline: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distances of points `[n, 2]` to a convex outline's sides, `[n, sides]` [m]; positive outside."""
+    normal, distance = side_planes(outline)
+    return points @ normal.T - distance

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush.geometry.footprint import outline_of
+from modpush.geometry.footprint import clearances, outline_of
 from modpush.geometry.shapes import Primitive
 
 __all__ = ["inscribed_radius"]
@@ -25,7 +25,7 @@ def inscribed_radius(parts: Sequence[Primitive]) -> float:
     if len(parts) == 1 and parts[0].kind in ("cylinder", "capsule"):
         return max(0.0, parts[0].size[0] - math.hypot(*parts[0].position[:2]))
     outlines = [outline_of(part, _ARC) for part in parts]
-    if not any((_clearances(np.zeros((1, 2)), outline) <= 0).all() for outline in outlines):
+    if not any((clearances(np.zeros((1, 2)), outline) <= 0).all() for outline in outlines):
         return 0.0
     nearest = math.inf
     for index, outline in enumerate(outlines):
@@ -33,16 +33,6 @@ def inscribed_radius(parts: Sequence[Primitive]) -> float:
         for start, end in zip(outline, np.roll(outline, -1, axis=0), strict=True):
             nearest = min(nearest, _distance_to_uncovered(start, end, others))
     return nearest
-
-
-def _clearances(points: NDArray[np.float64], outline: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Signed distances of points `[n, 2]` to the sides of a convex outline, `[n, sides]` [m].
-
-    They are positive outside.
-    """
-    side = np.roll(outline, -1, axis=0) - outline
-    normal = np.stack([side[:, 1], -side[:, 0]], -1) / np.linalg.norm(side, axis=1)[:, None]
-    return points @ normal.T - (normal * outline).sum(1)
 
 
 def _distance_to_uncovered(
@@ -71,7 +61,7 @@ def _covered_share(
     Equal ends say that it covers nothing. The segment is cut by one side after the other (Cyrus and
     Beck).
     """
-    first, last = _clearances(np.stack([start, end]), outline)
+    first, last = clearances(np.stack([start, end]), outline)
     low, high = 0.0, 1.0
     for a, b in zip(first, last, strict=True):
         if a > 0 and b > 0:

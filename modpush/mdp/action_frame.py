@@ -8,9 +8,9 @@ from torchrl.envs import Transform
 from modpush._arguments import checked_arguments
 from modpush._keys import read_key
 from modpush.geometry.angles import rotate
-from modpush.geometry.frames import Frame, check_frame, frame_yaw
+from modpush.geometry.frames import Frame, frame_yaw
 
-__all__ = ["ActionFrame"]
+__all__ = ["ActionFrame", "turn_action"]
 
 _AGENT_ACTION = "_agent_action"
 """Key under which the agent's action waits while the environment steps with the turned one."""
@@ -46,7 +46,6 @@ class ActionFrame(Transform):
         object_pose_key: NestedKey = "object_pose",
         subgoal_key: NestedKey = "subgoal",
     ) -> None:
-        check_frame("ActionFrame", frame)
         super().__init__(in_keys_inv=[action_key], out_keys_inv=[action_key])
         self.frame = frame
         self.action_key = action_key
@@ -79,10 +78,9 @@ class ActionFrame(Transform):
         if self.frame == "base":
             return tensordict
         action = read_key("ActionFrame", tensordict, self.action_key, 3)
-        planar = rotate(action[..., :2], self._yaw(tensordict))
-        planar = planar / planar.abs().amax(-1, keepdim=True).clamp_min(1.0)
+        turned = turn_action(action, self._yaw(tensordict))
         tensordict.set(_AGENT_ACTION, action)
-        return tensordict.set(self.action_key, torch.cat([planar, action[..., 2:]], -1))
+        return tensordict.set(self.action_key, turned)
 
     def _check_place(self) -> None:
         """Refuse to act in a replay buffer, whose transforms are in a `Compose` of no environment."""
@@ -100,3 +98,18 @@ class ActionFrame(Transform):
         if action is not None:
             tensordict.set(self.action_key, action)
         return next_tensordict
+
+
+def turn_action(action: Tensor, yaw: Tensor) -> Tensor:
+    """Turn (dx, dy) of an action, and shorten both alike where one would leave the box [-1, 1].
+
+    Args:
+        action: (dx, dy, dyaw), `[..., 3]`.
+        yaw: Angle by which it is turned, `[..., 1]` [rad].
+
+    Returns:
+        `[..., 3]`.
+    """
+    planar = rotate(action[..., :2], yaw)
+    planar = planar / planar.abs().amax(-1, keepdim=True).clamp_min(1.0)
+    return torch.cat([planar, action[..., 2:]], -1)

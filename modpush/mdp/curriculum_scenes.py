@@ -5,12 +5,13 @@ from typing import Any
 
 import torch
 from tensordict import NestedKey, TensorDictBase
-from torchrl.data import TensorSpec, Unbounded
+from torchrl.data import TensorSpec
 from torchrl.envs import Transform
 
 from modpush._arguments import checked_arguments
 from modpush._checks import check_instance
 from modpush._keys import read_key
+from modpush._transforms import add_unbounded
 from modpush._types import NonNegativeInteger
 from modpush.envs.scenes.scenario import ScenarioConfig
 from modpush.mdp.curriculum import Curriculum
@@ -114,9 +115,7 @@ class CurriculumScenes(Transform):
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Add the level."""
-        observation_spec[self.level_key] = Unbounded(
-            shape=(*observation_spec.shape, 1), dtype=torch.float32, device=observation_spec.device
-        )
+        add_unbounded(observation_spec, self.level_key, 1)
         return observation_spec
 
     def get_extra_state(self) -> dict[str, Any]:

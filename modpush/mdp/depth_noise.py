@@ -3,17 +3,17 @@
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torchrl.data import TensorSpec, Unbounded
-from torchrl.envs import Transform
 
 from modpush._arguments import checked_arguments
 from modpush._checks import check_dtype
-from modpush._keys import check_spec_has, read_key, stored_next
+from modpush._keys import check_spec_has, read_key
+from modpush._transforms import StatelessTransform
 from modpush._types import Fraction, NonNegativeLength
 
 __all__ = ["DepthNoise"]
 
 
-class DepthNoise(Transform):
+class DepthNoise(StatelessTransform):
     """Adds noise to a depth image and removes pixels from it, anew in every step.
 
     Insert it before the transforms that read the image:
@@ -52,18 +52,6 @@ class DepthNoise(Transform):
         if self.dropout > 0:
             depth = depth.masked_fill(torch.rand_like(depth) < self.dropout, 0.0)
         return next_tensordict.set(self.depth_key, depth)
-
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Change stored images and, in transitions, those of their `"next"`."""
-        after = stored_next("DepthNoise", tensordict, self.in_keys, self.out_keys)
-        if after is not None:
-            self._call(after)
-        return self._call(tensordict)
-
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        return self._call(tensordict_reset)
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """With noise the table may seem to be farther away than it is."""

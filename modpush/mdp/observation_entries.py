@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from operator import attrgetter
 
 import torch
 from torch import Tensor
@@ -56,8 +57,17 @@ EntryLike = str | Entry | Callable[[ObservationInputs], Tensor]
 """An entry: a name in `ENTRIES`, `"module:name"`, an `Entry`, or a plain function with scale 1."""
 
 
-def _latent(inputs: ObservationInputs) -> Tensor:
-    return inputs.latent
+# Read as they are.
+_latent = attrgetter("latent")
+_ee_position = attrgetter("ee_position")
+_joint_position = attrgetter("joint_position")
+_contact = attrgetter("contact")
+_goal = attrgetter("goal")
+_subgoal = attrgetter("subgoal")
+_path_length = attrgetter("path_length")
+_object_radius = attrgetter("object_radius")
+_object_symmetry = attrgetter("object_symmetry")
+_last_action = attrgetter("last_action")
 
 
 def _ee_pose(inputs: ObservationInputs) -> Tensor:
@@ -66,25 +76,13 @@ def _ee_pose(inputs: ObservationInputs) -> Tensor:
     return torch.cat([inputs.ee_position, wrap_angle(yaw), level, level], -1)
 
 
-def _ee_position(inputs: ObservationInputs) -> Tensor:
-    return inputs.ee_position
-
-
 def _ee_axis(inputs: ObservationInputs) -> Tensor:
     angle = 2.0 * inputs.ee_yaw  # the closed gripper looks the same from both sides
     return torch.cat([angle.cos(), angle.sin()], -1)
 
 
-def _joint_position(inputs: ObservationInputs) -> Tensor:
-    return inputs.joint_position
-
-
 def _subgoal_past(inputs: ObservationInputs) -> Tensor:
     return inputs.subgoal_past.flatten(-2)
-
-
-def _contact(inputs: ObservationInputs) -> Tensor:
-    return inputs.contact
 
 
 def _goal_distance(inputs: ObservationInputs) -> Tensor:
@@ -96,20 +94,8 @@ def _object_axis(inputs: ObservationInputs) -> Tensor:
     return torch.cat([angle.cos(), angle.sin()], -1)
 
 
-def _goal(inputs: ObservationInputs) -> Tensor:
-    return inputs.goal
-
-
-def _subgoal(inputs: ObservationInputs) -> Tensor:
-    return inputs.subgoal
-
-
 def _path_ahead(inputs: ObservationInputs) -> Tensor:
     return inputs.path_ahead.flatten(-2)
-
-
-def _path_length(inputs: ObservationInputs) -> Tensor:
-    return inputs.path_length
 
 
 def _edges(inputs: ObservationInputs) -> Tensor:
@@ -122,20 +108,8 @@ def _edges(inputs: ObservationInputs) -> Tensor:
     return (_EDGE_RANGE - distance).clamp(0.0, _EDGE_RANGE)
 
 
-def _object_radius(inputs: ObservationInputs) -> Tensor:
-    return inputs.object_radius
-
-
-def _object_symmetry(inputs: ObservationInputs) -> Tensor:
-    return inputs.object_symmetry
-
-
 def _object_support(inputs: ObservationInputs) -> Tensor:
     return inputs.support(8)
-
-
-def _last_action(inputs: ObservationInputs) -> Tensor:
-    return inputs.last_action
 
 
 def _times(

@@ -8,12 +8,14 @@ import numpy as np
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
-from torchrl.data import TensorSpec, Unbounded
+from torchrl.data import TensorSpec
 from torchrl.envs import Transform
 
 from modpush._arguments import checked_arguments
 from modpush._checks import check_finite
 from modpush._keys import read_key
+from modpush._transforms import add_unbounded
+from modpush._types import NonNegativeInteger
 from modpush.geometry.frames import Frame
 from modpush.geometry.workspace import WORKSPACE, Rectangle
 from modpush.mdp.entry_list import resolve_entries
@@ -80,7 +82,7 @@ class PushObservation(Transform):
         | Sequence[EntryLike | tuple[str, EntryLike]]
         | None = None,
         bounds: Rectangle | None = None,
-        symmetry: int | None = None,
+        symmetry: NonNegativeInteger | None = None,
         raw: bool = False,
         object_pose_key: NestedKey = "object_pose",
         goal_position_key: NestedKey = "goal_position",
@@ -108,8 +110,6 @@ class PushObservation(Transform):
             raise ValueError(
                 f"PushObservation: bounds must be a lower and an upper corner, got {bounds}."
             )
-        if symmetry is not None and symmetry < 0:
-            raise ValueError(f"PushObservation: symmetry must be >= 0 or None, got {symmetry}.")
         self.symmetry, self.raw = symmetry, raw
         self._keys: dict[str, NestedKey] = {
             "object_pose": object_pose_key,
@@ -236,13 +236,7 @@ class PushObservation(Transform):
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Add the observation; its width is found by making one of zeros."""
         width = self._lay_out(observation_spec).width
-        widths = {self.observation_key: width}
+        add_unbounded(observation_spec, self.observation_key, width)
         if self._writes_last_action:
-            widths[self.last_action_key] = _ACTION_DIM
-        for key, size in widths.items():
-            observation_spec[key] = Unbounded(
-                shape=(*observation_spec.shape, size),
-                dtype=torch.float32,
-                device=observation_spec.device,
-            )
+            add_unbounded(observation_spec, self.last_action_key, _ACTION_DIM)
         return observation_spec

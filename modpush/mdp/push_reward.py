@@ -7,11 +7,12 @@ from typing import Literal
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
-from torchrl.data import TensorSpec, Unbounded
+from torchrl.data import TensorSpec
 from torchrl.envs import Transform
 
 from modpush._arguments import checked_arguments
 from modpush._keys import check_spec_has, read_key
+from modpush._transforms import add_unbounded
 from modpush._types import Finite, Length, Name, Positive
 from modpush._validation import checked
 from modpush.mdp.reward_terms import REWARD_TERMS, RewardTerm
@@ -163,21 +164,15 @@ class PushReward(Transform):
 
     def transform_reward_spec(self, reward_spec: TensorSpec) -> TensorSpec:
         """Put the sum, which is unbounded, in place of the reward."""
-        reward_spec[self.reward_key] = Unbounded(
-            shape=(*reward_spec.shape, 1), dtype=torch.float32, device=reward_spec.device
-        )
+        add_unbounded(reward_spec, self.reward_key, 1)
         return reward_spec
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Add the terms and the lengths at reset."""
         check_spec_has("PushReward", observation_spec, self.in_keys)
-        widths = {**dict.fromkeys(self._term_keys.values(), 1), self.start_key: 2}
-        for key, width in widths.items():
-            observation_spec[key] = Unbounded(
-                shape=(*observation_spec.shape, width),
-                dtype=torch.float32,
-                device=observation_spec.device,
-            )
+        for key in self._term_keys.values():
+            add_unbounded(observation_spec, key, 1)
+        add_unbounded(observation_spec, self.start_key, 2)
         return observation_spec
 
 

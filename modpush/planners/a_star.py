@@ -7,8 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from modpush._arguments import checked_arguments
 from modpush._batching import run_batch
 from modpush._checks import check_real
+from modpush._types import Positive
 from modpush.planners.grid_planner import GridPlanner
 from modpush.planners.kernels.a_star import plan_few, plan_many
 from modpush.planners.kernels.maps import Maps
@@ -38,10 +40,9 @@ class AStar(GridPlanner):
         Paths" (1968).
     """
 
-    def __init__(self, cell_size: float = 1.0, neighbours: Literal[4, 8] = 8) -> None:
+    @checked_arguments
+    def __init__(self, cell_size: Positive = 1.0, neighbours: Literal[4, 8] = 8) -> None:
         super().__init__(cell_size)
-        if neighbours not in (4, 8):
-            raise ValueError(f"AStar: neighbours must be 4 or 8, got {neighbours!r}.")
         self.neighbours = neighbours
 
     def plan_weighted(

@@ -1,11 +1,11 @@
 """The planners' common interface: a map, a start and a goal in, paths out."""
 
-import math
 from abc import ABC, abstractmethod
 
 from torch import Tensor
 
 from modpush._arguments import checked_arguments
+from modpush._types import Positive
 from modpush.planners.paths import Paths
 
 __all__ = ["Planner"]
@@ -24,11 +24,7 @@ class Planner(ABC):
     """
 
     @checked_arguments
-    def __init__(self, cell_size: float = 1.0) -> None:
-        if not (cell_size > 0 and math.isfinite(cell_size)):
-            raise ValueError(
-                f"{type(self).__name__}: cell_size must be > 0 and finite, got {cell_size}."
-            )
+    def __init__(self, cell_size: Positive = 1.0) -> None:
         self.cell_size = float(cell_size)
 
     @abstractmethod

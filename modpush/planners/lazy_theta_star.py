@@ -1,8 +1,10 @@
 """Lazy Theta*, the paper's planner, over the corners that matter or over the whole grid."""
 
-from typing import Literal, get_args
+from typing import Literal
 
+from modpush._arguments import checked_arguments
 from modpush._batching import run_batch
+from modpush._types import Positive
 from modpush.planners.grid_planner import GridPlanner
 from modpush.planners.kernels.lazy_theta_star import plan_few, plan_many
 from modpush.planners.kernels.maps import Maps
@@ -39,12 +41,9 @@ class LazyThetaStar(GridPlanner):
         3D" (AAAI 2010), heuristic weight 1, 8-connected.
     """
 
-    def __init__(self, cell_size: float = 1.0, nodes: Nodes = "corners") -> None:
+    @checked_arguments
+    def __init__(self, cell_size: Positive = 1.0, nodes: Nodes = "corners") -> None:
         super().__init__(cell_size)
-        if nodes not in get_args(Nodes):
-            raise ValueError(
-                f"LazyThetaStar: nodes must be one of {get_args(Nodes)}, got {nodes!r}."
-            )
         self.nodes = nodes
 
     def _run(self, maps: Maps, queries: Queries, paths: PathArrays) -> None:

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Sequence
-from numbers import Real
 from typing import Literal
 
 import torch
@@ -15,15 +14,16 @@ from modpush._arguments import checked_arguments
 from modpush._checks import check_finite
 from modpush._keys import check_spec_has, read_key, stored_next
 from modpush._resets import scenes_reset
-from modpush.geometry.camera import Camera
+from modpush._types import NonNegative
+from modpush.geometry.camera import Camera, cell_centers
 from modpush.planners.connected import are_connected
-from modpush.planners.inflation import radius_per_scene
 from modpush.planners.kernels.bit_grid import words_per_row
 from modpush.planners.occupancy_map import OccupancyMap
 
 __all__ = ["Corners", "Inflation", "OccupancyGrid"]
 
-Inflation = Literal["circumscribed", "inscribed", "widest"] | float
+Inflation = Literal["circumscribed", "inscribed", "widest"] | NonNegative
+_SMALL_CUBE_RADIUS = 0.025 * math.sqrt(2.0)  # [m]
 _RADII = ("object_radius", "inscribed_radius")
 _RADII_OF = {"circumscribed": _RADII[:1], "inscribed": _RADII[1:], "widest": _RADII}
 """Names of the radii that are tried, the wider one first."""
@@ -85,9 +85,9 @@ class OccupancyGrid(Transform):
     @checked_arguments
     def __init__(
         self,
-        object_radius: float = 0.025 * math.sqrt(2.0),
+        object_radius: NonNegative = _SMALL_CUBE_RADIUS,
         *,
-        inscribed_radius: float = 0.025,
+        inscribed_radius: NonNegative = 0.025,
         inflation: Inflation = "circumscribed",
         bounds: Corners | None = None,
         margin: float | Sequence[float] = 0.0,
@@ -104,10 +104,8 @@ class OccupancyGrid(Transform):
         blocked_key: NestedKey = "blocked_bits",
         choice_key: NestedKey = "map_choice",
     ) -> None:
-        radius_per_scene(object_radius, 1, "OccupancyGrid", "object_radius")
-        radius_per_scene(inscribed_radius, 1, "OccupancyGrid", "inscribed_radius")
         self.object_radius, self.inscribed_radius = object_radius, inscribed_radius
-        self.inflation = _checked_inflation(inflation)
+        self.inflation = inflation if isinstance(inflation, str) else float(inflation)
         self.object_radius_key = object_radius_key
         self.inscribed_radius_key = inscribed_radius_key
         self.depth_key = depth_key
@@ -323,27 +321,10 @@ def cells_outside(camera: Camera, bounds: Corners, margin: float = 0.0) -> Tenso
     if not math.isfinite(margin):
         raise ValueError(f"OccupancyGrid: margin must be finite [m], got {margin}.")
     low, high = (torch.tensor([float(x) for x in corner]).double() for corner in bounds)
-    v, u = torch.meshgrid(torch.arange(camera.height), torch.arange(camera.width), indexing="ij")
-    centre = camera.unproject(torch.stack([u, v], -1).double())
+    centre = torch.from_numpy(cell_centers(camera))
     inside = ((centre >= low + margin) & (centre <= high - margin)).all(-1)
     if not inside.any():
         raise ValueError(
             f"OccupancyGrid: bounds and margin must leave a cell, got {bounds!r} and {margin}."
         )
     return ~inside
-
-
-def _checked_inflation(inflation: Inflation) -> Inflation:
-    if isinstance(inflation, str):
-        if inflation in ("circumscribed", "inscribed", "widest"):
-            return inflation
-    elif (
-        isinstance(inflation, Real)
-        and not isinstance(inflation, bool)
-        and 0 <= inflation < math.inf
-    ):
-        return float(inflation)
-    raise ValueError(
-        "OccupancyGrid: inflation must be 'circumscribed', 'inscribed', 'widest' or metres >= 0, got "
-        f"{inflation!r}."
-    )

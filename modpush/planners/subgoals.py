@@ -1,18 +1,20 @@
 """Sub-goals on the planned path, with the ones of earlier steps."""
 
-import math
 from collections.abc import Sequence
-from typing import Literal, get_args
+from typing import Annotated, Literal
 
 import torch
+from annotated_types import MinLen
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
-from torchrl.data import Binary, TensorSpec, Unbounded
+from torchrl.data import Binary, TensorSpec
 from torchrl.envs import Transform
 
 from modpush._arguments import checked_arguments
 from modpush._checks import check_finite
 from modpush._keys import check_spec_has, read_key, stored_next
+from modpush._transforms import add_unbounded
+from modpush._types import NonNegativeInteger, Positive, PositiveFraction
 from modpush.geometry.camera import Camera
 from modpush.planners.base import Planner
 from modpush.planners.grid_planner import GridPlanner
@@ -77,11 +79,11 @@ class PlannerSubgoals(Transform):
         *,
         camera: Camera | None = None,
         mode: SubgoalMode = "fraction",
-        fraction: float = 0.2,
-        lookahead: float = 0.2,
-        lags: Sequence[int] = (1, 5),
-        ahead: Sequence[float] = (),
-        max_waypoints: int = 0,
+        fraction: PositiveFraction = 0.2,
+        lookahead: Positive = 0.2,
+        lags: Annotated[Sequence[NonNegativeInteger], MinLen(1)] = (1, 5),
+        ahead: Sequence[Positive] = (),
+        max_waypoints: NonNegativeInteger = 0,
         occupancy_key: NestedKey = "occupancy",
         object_pose_key: NestedKey = "object_pose",
         goal_position_key: NestedKey = "goal_position",
@@ -93,7 +95,8 @@ class PlannerSubgoals(Transform):
         path_ahead_key: NestedKey = "path_ahead",
         path_key: NestedKey = "path",
     ) -> None:
-        _check_numbers(mode, fraction, lookahead, lags, ahead, max_waypoints)
+        if max_waypoints == 1:
+            raise ValueError("PlannerSubgoals: max_waypoints must be 0 or >= 2, got 1.")
         out_keys = [path_length_key, subgoal_key, subgoal_past_key, path_found_key, history_key]
         if ahead:
             out_keys.append(path_ahead_key)
@@ -247,23 +250,16 @@ class PlannerSubgoals(Transform):
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Add the written keys."""
         check_spec_has("PlannerSubgoals", observation_spec, self.in_keys)
-        lead, device = observation_spec.shape, observation_spec.device
-        shapes: dict[NestedKey, tuple[int, ...]] = {
-            self.path_length_key: (1,),
-            self.subgoal_key: (2,),
-            self.subgoal_past_key: (len(self.lags), 2),
-            self.history_key: (max(self.lags) + 1, 2),
-        }
+        add_unbounded(observation_spec, self.path_length_key, 1)
+        add_unbounded(observation_spec, self.subgoal_key, 2)
+        add_unbounded(observation_spec, self.subgoal_past_key, len(self.lags), 2)
+        add_unbounded(observation_spec, self.history_key, max(self.lags) + 1, 2)
         if self.ahead:
-            shapes[self.path_ahead_key] = (len(self.ahead), 2)
+            add_unbounded(observation_spec, self.path_ahead_key, len(self.ahead), 2)
         if self.max_waypoints:
-            shapes[self.path_key] = (self.max_waypoints, 2)
-        for key, shape in shapes.items():
-            observation_spec[key] = Unbounded(
-                shape=(*lead, *shape), dtype=torch.float32, device=device
-            )
+            add_unbounded(observation_spec, self.path_key, self.max_waypoints, 2)
         observation_spec[self.path_found_key] = Binary(
-            shape=(*lead, 1), dtype=torch.bool, device=device
+            shape=(*observation_spec.shape, 1), dtype=torch.bool, device=observation_spec.device
         )
         return observation_spec
 
@@ -274,27 +270,3 @@ def _fit(waypoints: Tensor, count: int) -> Tensor:
     if padding >= 0:
         return torch.cat([waypoints, waypoints[:, -1:].expand(-1, padding, 2)], 1)
     return torch.cat([waypoints[:, : count - 1], waypoints[:, -1:]], 1)
-
-
-def _check_numbers(
-    mode: str,
-    fraction: float,
-    lookahead: float,
-    lags: Sequence[int],
-    ahead: Sequence[float],
-    max_waypoints: int,
-) -> None:
-    if mode not in get_args(SubgoalMode):
-        raise ValueError(
-            f"PlannerSubgoals: mode must be one of {get_args(SubgoalMode)}, got {mode!r}."
-        )
-    if not 0 < fraction <= 1:
-        raise ValueError(f"PlannerSubgoals: fraction must lie in (0, 1], got {fraction}.")
-    if not 0 < lookahead < math.inf:
-        raise ValueError(f"PlannerSubgoals: lookahead must be > 0 m and finite, got {lookahead}.")
-    if not lags or min(lags) < 0:
-        raise ValueError(f"PlannerSubgoals: lags must be >= 0 and at least one, got {lags}.")
-    if not all(0 < distance < math.inf for distance in ahead):
-        raise ValueError(f"PlannerSubgoals: ahead must be distances > 0 m and finite, got {ahead}.")
-    if max_waypoints != 0 and max_waypoints < 2:
-        raise ValueError(f"PlannerSubgoals: max_waypoints must be 0 or >= 2, got {max_waypoints}.")

@@ -240,6 +240,38 @@ def load_agent(
             is damaged, not an agent, names modules that are not allowed, or its weights do not fit
             its config or are not finite.
     """
+    path = _find_file(name)
+    tensors, about = read_tensors(path, _KIND, _VERSION)
+    data, network = about["env"], about["network"]
+    described = {**about["parts"], "make_env": about["make_env"] or {}}
+    given = {**(parts or {}), **({} if make_env is None else {"make_env": make_env})}
+    named = {k: d["name"] for k, d in described.items() if "name" in d and k not in given}
+    texts = [*named.values(), *_texts_of_parts(data, given), *_texts_of_parts(network, given)]
+    modules = [part_module(text) for text in texts]
+    check_allowed(f"load_agent: {path}", [m for m in modules if m is not None], allow)
+    config = from_plain(PushEnvConfig, data)
+    found = {kind: find_part(f"load_agent: {kind}", text, {}) for kind, text in named.items()}
+    found |= given
+    missing = {k: d["was"] for k, d in described.items() if "was" in d and k not in given}
+    needed = ("actor", "encoder") if config.encoder == END_TO_END else ("actor",)
+    if lacking := {kind: missing[kind] for kind in needed if kind in missing}:
+        raise ValueError(
+            f"load_agent: the policy in {path} is made of parts that no file can name, {lacking}; "
+            f"give them as parts={{{', '.join(f'{kind!r}: ...' for kind in lacking)}}}."
+        )
+    return Agent(
+        actor=_actor(path, network, config, found, tensors),
+        config=config,
+        metadata=about["metadata"],
+        fingerprint=about["fingerprint"],
+        factory=found.pop("make_env", make_push_env),
+        parts=found,
+        missing=missing,
+        source=path,
+    )
+
+
+def _find_file(name: str | Path) -> Path:
     path = shipped_agents().get(str(name), Path(name))
     if str(name).startswith(HUB_PREFIX):
         path = download_agent(str(name))
@@ -250,38 +282,7 @@ def load_agent(
             f"load_agent: no agent {str(name)!r}, expected one of {sorted(shipped_agents())}, an agent's "
             "file, a training run's folder, or hf://owner/name."
         )
-    tensors, about = read_tensors(path, _KIND, _VERSION)
-    data, described = about["env"], about["parts"]
-    given = dict(parts or {})
-    named = {k: d["name"] for k, d in described.items() if "name" in d and k not in given}
-    factory = about["make_env"]
-    if make_env is None and factory is not None and "name" in factory:
-        named["make_env"] = factory["name"]
-    network = about["network"]
-    texts = [*named.values(), *_texts_of_parts(data, given), *_texts_of_parts(network, given)]
-    modules = [part_module(text) for text in texts]
-    check_allowed(f"load_agent: {path}", [m for m in modules if m is not None], allow)
-    config = from_plain(PushEnvConfig, data)
-    found = {kind: find_part(f"load_agent: {kind}", text, {}) for kind, text in named.items()}
-    missing = {k: d["was"] for k, d in described.items() if "was" in d and k not in given}
-    if make_env is None and factory is not None and "was" in factory:
-        missing["make_env"] = factory["was"]
-    needed = ("actor", "encoder") if config.encoder == END_TO_END else ("actor",)
-    if lacking := {kind: missing[kind] for kind in needed if kind in missing}:
-        raise ValueError(
-            f"load_agent: the policy in {path} is made of parts that no file can name, {lacking}; "
-            f"give them as parts={{{', '.join(f'{kind!r}: ...' for kind in lacking)}}}."
-        )
-    return Agent(
-        actor=_actor(path, network, config, {**found, **given}, tensors),
-        config=config,
-        metadata=about["metadata"],
-        fingerprint=about["fingerprint"],
-        factory=make_env or found.pop("make_env", make_push_env),
-        parts={**found, **given},
-        missing=missing,
-        source=path,
-    )
+    return path
 
 
 def _actor(

@@ -32,7 +32,7 @@ from modpush.mdp.push_reward import PushReward
 from modpush.mdp.reward_terms import RewardTerm
 from modpush.mdp.stuck_recovery import StuckRecovery
 from modpush.planners.base import Planner
-from modpush.planners.occupancy import Corners, Inflation, OccupancyGrid
+from modpush.planners.occupancy import Inflation, OccupancyGrid
 from modpush.planners.subgoals import PlannerSubgoals
 from modpush.recipes.config import END_TO_END, PushEnvConfig
 
@@ -139,24 +139,7 @@ def make_push_env(
     transforms: list[Transform] = [InitTracker()]
     if curriculum is not None:
         transforms.append(CurriculumScenes(curriculum, evaluated_envs=evaluated_envs))
-    transforms += [
-        OccupancyGrid(
-            object_radius_key="object_radius",
-            inscribed_radius_key="object_inscribed_radius",
-            inflation=config.inflation,
-            bounds=None if config.path_margin is None else _workspace(base),
-            margin=_path_margins(config, base),
-        ),
-        PlannerSubgoals(
-            config.planner if planner is None else planner,
-            mode=config.subgoal_mode,
-            fraction=config.subgoal_fraction,
-            lookahead=config.subgoal_lookahead,
-            lags=config.subgoal_lags,
-            ahead=config.path_ahead,
-            max_waypoints=max_waypoints,
-        ),
-    ]
+    transforms += _planning(config, base.scenario, planner, max_waypoints)
     module = _make_encoder(config, encoder)
     images = ["depth", "segmentation", "occupancy"]
     if module is not None or config.encoder == END_TO_END:
@@ -193,18 +176,34 @@ def _make_base(config: PushEnvConfig, options: dict[str, Any]) -> PushEnv:
     return PushEnv(**{**given, **options})
 
 
-def _workspace(base: PushEnv) -> Corners:
-    """Lower and upper corner of the area in which objects start and goals lie [m]."""
-    return base.scenario.low, base.scenario.high
-
-
-def _path_margins(config: PushEnvConfig, base: PushEnv) -> tuple[float, ...]:
-    """Of planned paths' distance inside the workspace, those that are tried [m].
-
-    Where the config's leaves no way, the scenarios' own does: they are drawn so that there is one.
-    """
+def _planning(
+    config: PushEnvConfig,
+    scenario: ScenarioConfig,
+    planner: str | Planner | None,
+    max_waypoints: int,
+) -> list[Transform]:
+    """From depth image to sub-goals."""
+    # Where the config's distance from the workspace's edge leaves no way, the scenarios' own does: they
+    # are drawn so that there is one.
     outside = config.path_margin or 0.0
-    return tuple(-margin for margin in sorted({outside, max(outside, base.scenario.path_margin)}))
+    margins = sorted({outside, max(outside, scenario.path_margin)})
+    occupancy = OccupancyGrid(
+        object_radius_key="object_radius",
+        inscribed_radius_key="object_inscribed_radius",
+        inflation=config.inflation,
+        bounds=None if config.path_margin is None else (scenario.low, scenario.high),
+        margin=tuple(-margin for margin in margins),
+    )
+    subgoals = PlannerSubgoals(
+        config.planner if planner is None else planner,
+        mode=config.subgoal_mode,
+        fraction=config.subgoal_fraction,
+        lookahead=config.subgoal_lookahead,
+        lags=config.subgoal_lags,
+        ahead=config.path_ahead,
+        max_waypoints=max_waypoints,
+    )
+    return [occupancy, subgoals]
 
 
 def _make_encoder(config: PushEnvConfig, given: Any) -> nn.Module | None:

@@ -14,7 +14,7 @@ from torchrl.data.replay_buffers.storages import Storage
 from modpush._arguments import checked_arguments
 from modpush._checks import check_instance, check_keys
 from modpush._state import read_state, write_state
-from modpush._types import Finite, NonNegativeInteger
+from modpush._types import Count, Finite, NonNegativeInteger
 from modpush._validation import check_value
 from modpush.parts import find_part
 from modpush.replay.similarity import SIMILARITIES, Similarity
@@ -81,15 +81,13 @@ class AttentiveSampler(Sampler):
         *,
         key: NestedKey = "observation",
         similarity: str | Similarity = "cosine",
-        num_queries: int | None = None,
+        num_queries: Count | None = None,
         query_key: NestedKey | None = None,
         candidate_replacement: bool = True,
         k_end: float | None = None,
         annealing_num_samples: int = 0,
     ) -> None:
         super().__init__()
-        if num_queries is not None and num_queries < 1:
-            raise ValueError(f"AttentiveSampler: num_queries must be >= 1, got {num_queries}.")
         if k_end is not None and annealing_num_samples < 1:
             raise ValueError(
                 "AttentiveSampler: annealing_num_samples must be >= 1 where k_end is given, got "

@@ -16,8 +16,8 @@ __all__ = ["draw_sweep"]
 _COLUMNS = 3
 
 
-def draw_sweep(curves: pd.DataFrame, path: Path, baseline: str, metric: str = "success") -> None:
-    """Draw a metric of the held-out evaluations against the environment steps.
+def draw_sweep(curves: pd.DataFrame, path: Path, baseline: str) -> None:
+    """Draw the success of the held-out evaluations against the environment steps.
 
     Each panel has the variants of a group and, in black, the sweep's first variant: the mean over the
     seeds, and the range between the lowest and the highest of them.
@@ -26,7 +26,6 @@ def draw_sweep(curves: pd.DataFrame, path: Path, baseline: str, metric: str = "s
         curves: What `sweep_curves` returned, with at least one row.
         baseline: Name of the sweep's first variant, which may have no evaluation yet.
         path: The picture's file.
-        metric: The column to draw.
     """
     groups = dict.fromkeys(curves.loc[curves["variant"] != baseline, "group"]) or {"": None}
     rows, columns = math.ceil(len(groups) / _COLUMNS), min(_COLUMNS, len(groups))
@@ -38,24 +37,24 @@ def draw_sweep(curves: pd.DataFrame, path: Path, baseline: str, metric: str = "s
     for axis, group in zip(axes.flat, groups, strict=False):
         first = curves[curves["variant"] == baseline]
         if len(first):
-            _draw_variant(axis, first, baseline, "black", metric)
+            _draw_variant(axis, first, baseline, "black")
         chosen = curves[(curves["group"] == group) & (curves["variant"] != baseline)]
         for number, (variant, table) in enumerate(chosen.groupby("variant", sort=False)):
-            _draw_variant(axis, table, str(variant), f"C{number}", metric)
+            _draw_variant(axis, table, str(variant), f"C{number}")
         axis.set(title=str(group), xlabel="environment steps", ylim=(0.0, 1.02))
         axis.locator_params(axis="x", nbins=5)
         axis.grid(alpha=0.3)
         axis.legend(fontsize="small")
     for row in axes:
-        row[0].set_ylabel(f"{metric}, greedy, held-out".replace("_", " "))
+        row[0].set_ylabel("success, greedy, held-out")
     figure.tight_layout()
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
 
-def _draw_variant(axis: Axes, table: pd.DataFrame, label: str, colour: str, metric: str) -> None:
-    by_seed = table.pivot_table(index="step", columns="seed", values=metric)
+def _draw_variant(axis: Axes, table: pd.DataFrame, label: str, colour: str) -> None:
+    by_seed = table.pivot_table(index="step", columns="seed", values="success")
     whole = by_seed.dropna()  # as far as all seeds have come
     steps = whole.index.to_numpy()
     axis.plot(steps, whole.mean(axis=1), color=colour, marker=".", label=label)

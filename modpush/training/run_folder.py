@@ -1,8 +1,8 @@
 """The files of a training run: config, log, checkpoints, the best agent."""
 
+import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from modpush._arguments import checked_arguments
 from modpush._validation import from_plain
@@ -44,7 +44,8 @@ class RunFolder:
 
     def write_config(self, config: TrainConfig) -> None:
         """Write the run's config as YAML; the folder is made."""
-        write_yaml(self.config, _plain(asdict(config)), _KIND, _VERSION)
+        plain = json.loads(json.dumps(asdict(config)))  # tuples as lists
+        write_yaml(self.config, plain, _KIND, _VERSION)
 
     def read_config(self) -> TrainConfig:
         """Inverse of `write_config`.
@@ -97,10 +98,3 @@ def check_run_folder(path: str | Path, config: TrainConfig, *, resume: bool) -> 
             + "; ".join(different)
         )
     return folder
-
-
-def _plain(value: Any) -> Any:
-    """Tuples as lists, for YAML."""
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value

@@ -15,7 +15,6 @@ from tqdm import tqdm
 from modpush._arguments import checked_arguments
 from modpush._atomic import clean_leftovers
 from modpush._folder_lock import FolderLock
-from modpush._validation import check_value
 from modpush.recipes.make_env import make_push_env
 from modpush.training.config import TrainConfig
 from modpush.training.disk import DiskGuard
@@ -80,7 +79,6 @@ class Trainer:
         make_env: EnvFactory = make_push_env,
         start_method: StartMethod = "spawn",
     ) -> None:
-        check_value("Trainer", "start_method", start_method, StartMethod)
         if config.num_collectors > 1 and config.collector != "ray":
             raise ValueError(
                 f"Trainer: num_collectors={config.num_collectors} needs collector='ray', got "

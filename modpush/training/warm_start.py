@@ -10,7 +10,7 @@ from modpush._state import read_state
 from modpush._validation import from_plain
 from modpush._weights import check_weights
 from modpush.parts import ModulesRefusedError, modules_named
-from modpush.recipes.agent_file import load_agent, observed_symmetry, shipped_agents
+from modpush.recipes.agent_file import Agent, load_agent, observed_symmetry, shipped_agents
 from modpush.recipes.config import PushEnvConfig
 from modpush.recipes.fingerprint import fingerprint_differences
 from modpush.training.checkpoints import CHECKPOINT_KIND, CHECKPOINT_VERSION, Checkpoints
@@ -50,33 +50,7 @@ def load_initial_weights(
     checkpoint = _find_checkpoint(Path(source))
     who = f"TrainConfig: init_from {source!r}"
     if checkpoint is None:
-        known = source in shipped_agents() or "://" in source  # on the Hub
-        if not known and not Path(source).is_file():
-            raise ValueError(
-                f"{who}: expected a run's folder, a checkpoint, an agent's file, or a shipped agent "
-                f"({', '.join(shipped_agents())}); there is nothing of that name."
-            )
-        # The caller has named these modules already, or imported them, as those of parts of this run.
-        own = config.fixed_fields()
-        allow = modules_named([own["env"], own["tqc"], own["replay"]]) | _modules_of(parts)
-        # The rest of its environment is the file's own, with which this run's is compared.
-        given = {kind: parts[kind] for kind in ("actor", "encoder") if kind in parts}
-        try:
-            agent = load_agent(source, parts=given, allow=sorted(allow))
-        except ModulesRefusedError as error:
-            raise ValueError(
-                f"{who}: it was trained with parts that this run does not have; name them in this "
-                f"run's config, or give them to the Trainer as parts. ({error})"
-            ) from error
-        trained_with = agent.parts.get("pushed_object")
-        if (was := agent.missing.get("pushed_object")) is not None:  # no file can name it
-            if "pushed_object" not in parts:
-                raise ValueError(
-                    f"{who}: it was trained with {was} as pushed_object; give it to the Trainer as "
-                    "parts={'pushed_object': ...}."
-                )
-            trained_with = parts["pushed_object"]
-        symmetry = observed_symmetry(agent.config, trained_with)
+        agent, symmetry = _load_agent(who, source, config, parts)
         _check_environment(who, agent.fingerprint, symmetry, config, specs, parts)
         actor = learner.agent.actor
         check_weights(who, actor.state_dict(), agent.actor.state_dict())
@@ -91,6 +65,39 @@ def load_initial_weights(
     own, given = loss.state_dict(), _weights_in(state["loss"])
     check_weights(who, _weights_in(own), given)
     loss.load_state_dict({**own, **given})
+
+
+def _load_agent(
+    who: str, source: str, config: TrainConfig, parts: Mapping[str, Any]
+) -> tuple[Agent, int | None]:
+    """The agent that a file or name stands for, and the symmetry of the object that it observed."""
+    known = source in shipped_agents() or "://" in source  # on the Hub
+    if not known and not Path(source).is_file():
+        raise ValueError(
+            f"{who}: expected a run's folder, a checkpoint, an agent's file, or a shipped agent "
+            f"({', '.join(shipped_agents())}); there is nothing of that name."
+        )
+    # The caller has named these modules already, or imported them, as those of parts of this run.
+    own = config.fixed_fields()
+    allow = modules_named([own["env"], own["tqc"], own["replay"]]) | _modules_of(parts)
+    # The rest of its environment is the file's own, with which this run's is compared.
+    given = {kind: parts[kind] for kind in ("actor", "encoder") if kind in parts}
+    try:
+        agent = load_agent(source, parts=given, allow=sorted(allow))
+    except ModulesRefusedError as error:
+        raise ValueError(
+            f"{who}: it was trained with parts that this run does not have; name them in this "
+            f"run's config, or give them to the Trainer as parts. ({error})"
+        ) from error
+    trained_with = agent.parts.get("pushed_object")
+    if (was := agent.missing.get("pushed_object")) is not None:  # no file can name it
+        if "pushed_object" not in parts:
+            raise ValueError(
+                f"{who}: it was trained with {was} as pushed_object; give it to the Trainer as "
+                "parts={'pushed_object': ...}."
+            )
+        trained_with = parts["pushed_object"]
+    return agent, observed_symmetry(agent.config, trained_with)
 
 
 def _modules_of(parts: Mapping[str, Any]) -> set[str]:

@@ -74,11 +74,6 @@ class Worker(ABC):
         """The same, waiting for the result."""
         return self.submit(method, *args, **kwargs).result()
 
-    @property
-    def busy(self) -> bool:
-        """Whether a result is outstanding."""
-        return self._outstanding
-
     def discard(self) -> None:
         """Wait for an outstanding result, if there is one, and drop it."""
         if self._outstanding:

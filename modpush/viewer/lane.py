@@ -11,6 +11,7 @@ from tensordict import NestedKey, TensorDictBase
 from torchrl.envs import EnvBase, set_exploration_type
 from torchrl.envs.utils import ExplorationType, step_mdp
 
+from modpush.encoders.base import as_floats
 from modpush.encoders.encode import Encode
 from modpush.encoders.vae.model import DepthVAE
 from modpush.envs.scenes.scenario import Scenario
@@ -135,7 +136,7 @@ class PolicyLane:
             path=None if path is None else path[0].double().numpy(),
             subgoal=None if target is None else (float(target[0, 0]), float(target[0, 1])),
             occupancy=None if occupancy is None else occupancy[0, 0].numpy(),
-            window=None if window is None else _as_floats(window[0, 0]),
+            window=None if window is None else as_floats(window[0, 0]).numpy(),
             value=value,
         )
 
@@ -149,11 +150,6 @@ class PolicyLane:
     def close(self) -> None:
         """Close the environment."""
         self.env.close(raise_if_closed=False)
-
-
-def _as_floats(window: torch.Tensor) -> NDArray[np.float32]:
-    values = window.float() / 255 if window.dtype == torch.uint8 else window
-    return values.numpy()
 
 
 def _autoencoder(env: EnvBase) -> DepthVAE | None:

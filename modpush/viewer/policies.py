@@ -47,28 +47,15 @@ def make_lane(policy: str, allow: Collection[str] = ()) -> PolicyLane:
     # Here, since the simulator comes with it.
     from modpush.recipes.config import PushEnvConfig
     from modpush.recipes.make_env import make_push_env
+    from modpush.recipes.methods import get_method
 
     config = PushEnvConfig.preset("cpu", num_envs=1, action_frame="base")
     env = make_push_env(config, **options)
     if policy == "hand":
         return PolicyLane(policy, env, HandPolicy())
-    if policy == "scripted":
-        from modpush.agents.scripted import ScriptedPusher
-
-        return PolicyLane(policy, env, ScriptedPusher(target_key="subgoal"))
-    from modpush.agents.corridor.config import faithful_config
-    from modpush.agents.corridor.controller import PushingCorridorController
-
-    controller = PushingCorridorController(
-        faithful_config() if policy == "corridor_faithful" else None
-    )
-    return PolicyLane(
-        policy,
-        env,
-        controller,
-        path_key=("next", "corridor", "path"),
-        target_key=("next", "corridor", "target"),
-    )
+    method = get_method(policy)
+    keys = {"path_key": method.path_key, "target_key": method.target_key}
+    return PolicyLane(policy, env, method.make_policy(), **keys)
 
 
 def _critics(policy: str, env: "EnvBase") -> "Critics | None":

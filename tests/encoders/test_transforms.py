@@ -246,7 +246,9 @@ def test_what_is_no_window_is_refused(window, error, message):
 
 
 def test_wrong_options_and_missing_keys_are_named():
-    with pytest.raises(ValueError, match="EgocentricWindow: frame must be one of"):
+    with pytest.raises(
+        ValueError, match="EgocentricWindow: frame must be 'base', 'object' or 'path'"
+    ):
         EgocentricWindow("tool")
     with pytest.raises(ValueError, match="EgocentricWindow: max_height must lie between"):
         EgocentricWindow(max_height=0.0)

@@ -414,9 +414,9 @@ def test_bad_actions_are_refused_with_the_scenes_index(env, action, message) -> 
             {"depth": "lidar"},
             r"depth: there is no 'lidar', expected one of \['analytic', 'sapien'\]",
         ),
-        ({"tool": "hook"}, "no tool 'hook', expected one of"),
+        ({"tool": "hook"}, "tool must be '2f85' or 'rod', got 'hook'"),
         ({"oob": "explode"}, "oob must be 'truncate' or 'terminate', got 'explode'"),
-        ({"max_episode_steps": 0}, "max_episode_steps must be >= 1 or None, got 0"),
+        ({"max_episode_steps": 0}, "max_episode_steps must be >= 1, got 0"),
         ({"scenario": ScenarioConfig(), "scene": "slot"}, "either scenario or its fields"),
     ],
 )

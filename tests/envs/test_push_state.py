@@ -90,7 +90,7 @@ def damaged(data: dict, path: tuple, value: object) -> dict:
         (("scenes", 1, "contacts"), [1, 2], "contacts must be 4 booleans"),
         (("scenes", 1, "target_reachable"), "yes", "target_reachable must be a boolean"),
         (("scenes", 1, "scenario", "tool_pose"), [3.0, 0.0, 0.0], "out of the arm's reach"),
-        (("scenes", 1), {}, "SceneState: expected the fields"),
+        (("scenes", 1), {}, "SceneState: the state must hold"),
         (("scenes",), lambda x: x[:1], "the state holds 1 scenes, expected 2"),
         (("scenes",), 3, "scenes must be a list, got 3"),
         (("step_count", 0), -1, "step_count must be 2 integers >= 0"),
@@ -112,7 +112,7 @@ def test_what_is_no_state_is_refused(pushed) -> None:
     env, state = pushed
     with pytest.raises(TypeError, match="state must be a PushState, got dict"):
         env.set_state(state.to_dict())
-    with pytest.raises(ValueError, match="PushState: expected the fields"):
+    with pytest.raises(ValueError, match="PushState: the state must hold"):
         PushState.from_dict({"scenes": []})
     with pytest.raises(
         ValueError, match=r"indices must be different and in \[0, 1\], got \[0, 0\]"

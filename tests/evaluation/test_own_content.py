@@ -11,7 +11,7 @@ from modpush.agents import ScriptedPusher
 from modpush.envs import Obstacle, PushedObject, PushEnv, ScenarioConfig, sample_scenario
 from modpush.envs.gym_env import PushGymEnv
 from modpush.envs.scenes.conditions import EpisodeConditions
-from modpush.envs.scenes.drawing import TopView, draw_top_view
+from modpush.envs.scenes.drawing import draw_top_view, to_pixels
 from modpush.envs.scenes.layouts import get_scene
 from modpush.evaluation import EvaluationConfig, EvaluationSet, evaluate
 from modpush.evaluation.episodes import run_episodes
@@ -75,7 +75,7 @@ def assert_an_l_is_drawn(picture: np.ndarray, pose: np.ndarray) -> None:
     turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
 
     def colours_around(point) -> set[tuple[int, ...]]:
-        u, v = TopView().to_pixels(np.array(point) @ turn + [x, y]) // 16
+        u, v = to_pixels(np.array(point) @ turn + [x, y]) // 16
         return {tuple(c) for c in picture[v - 3 : v + 4, u - 3 : u + 4].reshape(-1, 3).tolist()}
 
     first, second = (outline.mean(0) for outline in L_SHAPE.footprints())

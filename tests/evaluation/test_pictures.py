@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from modpush.envs.scenes.conditions import EpisodeConditions
-from modpush.envs.scenes.drawing import TopView, draw_top_view
+from modpush.envs.scenes.drawing import draw_top_view, to_pixels
 from modpush.envs.scenes.objects import get_object
 from modpush.evaluation.pictures import (
     contact_sheet,
@@ -22,7 +22,7 @@ EPISODE = make_episode(0, SLOT, success=False)  # stops halfway, so that the pat
 
 
 def colour_at(picture: np.ndarray, point) -> tuple[int, ...]:
-    u, v = TopView().to_pixels(np.array(point)) // 16
+    u, v = to_pixels(np.array(point)) // 16
     return tuple(int(c) for c in picture[v, u])
 
 

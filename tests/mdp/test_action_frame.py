@@ -14,7 +14,7 @@ from modpush.mdp.action_frame import ActionFrame
 
 
 def test_an_unknown_frame_is_named():
-    with pytest.raises(ValueError, match=r"ActionFrame: frame must be one of .* got 'world'"):
+    with pytest.raises(ValueError, match=r"ActionFrame: frame must be 'base', .* got 'world'"):
         ActionFrame("world")
 
 

@@ -23,11 +23,8 @@ def choose_action(
 ) -> Tensor:
     """Learn from the last step, then choose a target and move towards it.
 
-    Args:
-        scene: `B` scenes.
-        state: Their state, with a planned path; updated in place.
-        config: Settings.
-        planner: Plans the tool's path around the object.
+    The state holds a planned path of the object, and is updated in place; `planner` plans the tool's
+    path around the object.
 
     Returns:
         `[B, 3]` float32 in [-1, 1]: (dx, dy, dyaw).

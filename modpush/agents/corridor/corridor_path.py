@@ -68,15 +68,7 @@ def least_cost_path(
 
 
 def plan_object_path(scene: CorridorScene, config: CorridorConfig) -> Tensor:
-    """Plan the path of the object to the goal.
-
-    Args:
-        scene: `B` scenes.
-        config: Settings.
-
-    Returns:
-        `[B, path_points, 2]` (x, y) [m].
-    """
+    """The path of the object to the goal, `[B, path_points, 2]` (x, y) [m]."""
     camera = scene.camera
     distance = torch.from_numpy(np.stack(scene.obstacle_distance))
     cells = scene.object_radius / camera.cell_size

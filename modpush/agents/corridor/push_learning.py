@@ -53,14 +53,7 @@ def activations(
 
 
 def judge_stance(state: TensorDict, alpha: Tensor, config: CorridorConfig, rules: Rules) -> Stance:
-    """Compare where the tool stands with where pushes went well.
-
-    Args:
-        state: State of `B` scenes.
-        alpha: See `Stance`, `[B]` [rad].
-        config: Settings.
-        rules: Rules.
-    """
+    """Compare where the tool stands, `alpha` of `Stance`, with where pushes went well."""
     noted = max(1, int(state["alpha_count"].max()))  # later places are empty in all scenes
     alphas = state["alphas"][:, :noted].double()
     valid = torch.arange(noted) < state["alpha_count"]
@@ -73,11 +66,7 @@ def judge_stance(state: TensorDict, alpha: Tensor, config: CorridorConfig, rules
 def learn(state: TensorDict, position: Tensor, config: CorridorConfig, rules: Rules) -> None:
     """Note how the object moved in the last step, and the angle if it moved straighter than before.
 
-    Args:
-        state: State of `B` scenes, updated in place.
-        position: Position of the object now, `[B, 2]` [m].
-        config: Settings.
-        rules: Rules.
+    The state is updated in place; `position` is the object's now, `[B, 2]` [m].
     """
     moved_by = position - state["object_position"]
     moved = (moved_by.norm(dim=-1) > config.moved_distance) & state["started"].squeeze(-1)

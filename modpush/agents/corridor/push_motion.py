@@ -23,17 +23,9 @@ REPULSION_GAIN = 2.0
 def push_velocity(
     scene: CorridorScene, stance: Stance, has_moved: Tensor, config: CorridorConfig, rules: Rules
 ) -> Tensor:
-    """Velocity of the tool that pushes the object or goes round it on a circle.
+    """Velocity of order 1 of the tool that pushes the object or goes round it on a circle, `[B, 2]`.
 
-    Args:
-        scene: `B` scenes.
-        stance: How well the tool stands.
-        has_moved: Whether the object has moved before, `[B]` bool.
-        config: Thresholds and gains.
-        rules: When the tool goes round the object.
-
-    Returns:
-        `[B, 2]`, a velocity of order 1.
+    `has_moved` says whether the object has moved before, `[B]` bool.
     """
     from_tool = scene.object_position - scene.tool_position
     forward = unit(from_tool)
@@ -59,18 +51,10 @@ def follow_tool_path(
     config: CorridorConfig,
     planner: Planner,
 ) -> Tensor:
-    """Replace the circle around the object by a planned path where obstacles are close to it.
+    """The velocity, `[B, 2]`, with a planned path instead of the circle where obstacles are close.
 
-    Args:
-        scene: `B` scenes.
-        velocity: `[B, 2]`.
-        target: Point that the object is to be pushed towards, `[B, 2]` [m].
-        relocate: Activation psi_relocate, `[B]`.
-        config: Settings.
-        planner: Plans the path.
-
-    Returns:
-        `[B, 2]`.
+    The object is to be pushed towards `target`, `[B, 2]` [m]; `relocate` is the activation psi_relocate,
+    `[B]`.
     """
     tight = object_clearance(scene) < config.navigate_distance
     rows = (tight & (relocate >= config.inversion)).nonzero().squeeze(-1)
@@ -89,17 +73,10 @@ def keep_off_obstacles(
     state: TensorDict,
     config: CorridorConfig,
 ) -> Tensor:
-    """Push the tool off obstacles, and make it back off where nothing has moved for a while.
+    """The velocity, `[B, 2]`, that keeps the tool off obstacles, and backs off where nothing moves.
 
-    Args:
-        scene: `B` scenes.
-        velocity: `[B, 2]`.
-        relocate: Activation psi_relocate, `[B]`.
-        state: Their state; `still` and `escape` are updated in place.
-        config: Settings.
-
-    Returns:
-        `[B, 2]`.
+    `still` and `escape` of the state are updated in place; `relocate` is the activation psi_relocate,
+    `[B]`.
     """
     push_off = tool_repulsion(scene, config.avoid_distance)
     velocity = unit(velocity) + REPULSION_GAIN * relocate[:, None] * push_off

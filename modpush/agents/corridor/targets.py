@@ -19,12 +19,6 @@ def choose_targets(
 ) -> Tensor:
     """Look ahead on each scene's path, and turn the target where the tool has no room.
 
-    Args:
-        scene: `B` scenes.
-        state: Their state, see `state_spec`.
-        config: Settings.
-        rules: Whether the zones are relative to where the object is.
-
     Returns:
         `[B, 2]` (x, y) [m].
     """

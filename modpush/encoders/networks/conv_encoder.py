@@ -4,6 +4,7 @@ import torch
 from torch import Tensor, nn
 
 from modpush._arguments import checked_arguments
+from modpush._types import Count
 from modpush.encoders.base import Encoder, as_floats, check_window
 from modpush.encoders.window import WINDOW_SIZE
 
@@ -29,16 +30,9 @@ class ConvEncoder(Encoder):
 
     @checked_arguments
     def __init__(
-        self, latent_dim: int = 32, width: int = 16, window_size: int = WINDOW_SIZE
+        self, latent_dim: Count = 32, width: Count = 16, window_size: Count = WINDOW_SIZE
     ) -> None:
         super().__init__()
-        for name, value in (
-            ("latent_dim", latent_dim),
-            ("width", width),
-            ("window_size", window_size),
-        ):
-            if value < 1:
-                raise ValueError(f"ConvEncoder: {name} must be >= 1, got {value}.")
         self.latent_dim, self.window_size = latent_dim, window_size
         layers: list[nn.Module] = []
         channels, side = 1, window_size

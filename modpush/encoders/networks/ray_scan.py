@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from modpush._arguments import checked_arguments
+from modpush._types import Count, NonNegative, Positive
 from modpush.encoders.base import Encoder, check_window
 from modpush.encoders.window import MAX_HEIGHT, WINDOW_SIZE
 from modpush.geometry.camera import Camera
@@ -35,28 +36,19 @@ class RayScan(Encoder):
     @checked_arguments
     def __init__(
         self,
-        num_rays: int = 32,
-        max_range: float | None = None,
-        min_height: float = 0.013,
-        max_height: float = MAX_HEIGHT,
-        window_size: int = WINDOW_SIZE,
-        pixel_size: float | None = None,
+        num_rays: Count = 32,
+        max_range: Positive | None = None,
+        min_height: NonNegative = 0.013,
+        max_height: Positive = MAX_HEIGHT,
+        window_size: Count = WINDOW_SIZE,
+        pixel_size: Positive | None = None,
     ) -> None:
         super().__init__()
         pixel_size = pixel_size if pixel_size is not None else Camera().cell_size
         max_range = max_range if max_range is not None else 0.5 * window_size * pixel_size
-        if num_rays < 1 or window_size < 1:
+        if not min_height < max_height:
             raise ValueError(
-                f"RayScan: num_rays and window_size must be >= 1, got {num_rays}, {window_size}."
-            )
-        if not (0 < max_range < math.inf and 0 < pixel_size < math.inf):
-            raise ValueError(
-                f"RayScan: max_range and pixel_size must be > 0 m and finite, got {max_range} and "
-                f"{pixel_size}."
-            )
-        if not 0 <= min_height < max_height < math.inf:
-            raise ValueError(
-                f"RayScan: min_height must lie in [0, max_height = {max_height}), got {min_height}."
+                f"RayScan: min_height must be < max_height = {max_height}, got {min_height}."
             )
         self.latent_dim, self.window_size = num_rays, window_size
         self.max_range, self.threshold = max_range, min_height / max_height

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from torch.nn.functional import softplus
 
 from modpush._arguments import checked_arguments
+from modpush._types import Count
 from modpush._weights import check_weights
 from modpush.encoders.base import Encoder, check_window
 from modpush.files import read_tensors, write_tensors
@@ -47,19 +48,17 @@ class DepthVAE(Encoder):
     @checked_arguments
     def __init__(
         self,
-        latent_dim: int = 32,
-        encoder_widths: Sequence[int] = (16, 32, 64, 96),
-        decoder_widths: Sequence[int] = (96, 64, 32, 16),
+        latent_dim: Count = 32,
+        encoder_widths: Sequence[Count] = (16, 32, 64, 96),
+        decoder_widths: Sequence[Count] = (96, 64, 32, 16),
         sample: bool = False,
     ) -> None:
         super().__init__()
         for name, widths in (("encoder", encoder_widths), ("decoder", decoder_widths)):
-            if len(widths) != 4 or min(widths) < 1:
+            if len(widths) != 4:
                 raise ValueError(
-                    f"DepthVAE: {name}_widths must be four numbers >= 1, got {tuple(widths)}."
+                    f"DepthVAE: {name}_widths must be four numbers, got {tuple(widths)}."
                 )
-        if latent_dim < 1:
-            raise ValueError(f"DepthVAE: latent_dim must be >= 1, got {latent_dim}.")
         self.latent_dim, self.sample = latent_dim, sample
         self.encoder_widths, self.decoder_widths = tuple(encoder_widths), tuple(decoder_widths)
         a, b, c, d = encoder_widths

@@ -5,7 +5,6 @@ Bodies are drawn one after the other into an image that already holds what is be
 what stands still is drawn once.
 """
 
-import functools
 from collections.abc import Iterable
 from typing import Any
 
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from modpush.envs.depth.ray_kernels import cast_at, draw_solids
 from modpush.envs.depth.solids import Solids
-from modpush.geometry.camera import CAMERA, Camera
+from modpush.geometry.camera import CAMERA
 from modpush.geometry.labels import Label
 from modpush.geometry.shapes import Primitive
 
@@ -25,11 +24,14 @@ __all__ = [
     "warmup",
 ]
 
+# Position, focal length and principal point as the kernels read them.
+_PINHOLE = np.array([*CAMERA.position, CAMERA.focal_length, *CAMERA.principal_point])
 
-def blank_image(camera: Camera = CAMERA) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+
+def blank_image() -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """Depth and segmentation of the bare table, `[H, W]` each."""
-    depth = np.full((camera.height, camera.width), camera.z, dtype=np.float32)
-    return depth, np.zeros((camera.height, camera.width), dtype=np.uint8)
+    depth = np.full((CAMERA.height, CAMERA.width), CAMERA.z, dtype=np.float32)
+    return depth, np.zeros(depth.shape, dtype=np.uint8)
 
 
 def draw(
@@ -38,7 +40,6 @@ def draw(
     solids: Solids,
     poses: NDArray[np.float64],
     label: int,
-    camera: Camera = CAMERA,
 ) -> None:
     """Draw solids into an image, in place.
 
@@ -49,43 +50,34 @@ def draw(
         poses: Of the body they all belong to, `[1, 7]`, or of each one's own, `[n, 7]`, float64:
             position [m] and quaternion (w, x, y, z) in the base frame.
         label: Written where the solids are in front, see `Label`.
-        camera: The pinhole the image belongs to.
     """
-    draw_solids(depth, segmentation, *_arrays(solids), poses, int(label), _pinhole(camera))
+    draw_solids(depth, segmentation, *_arrays(solids), poses, int(label), _PINHOLE)
 
 
 def cast_pixels(
     pixels: NDArray[np.float64],
     groups: Iterable[tuple[Solids, NDArray[np.float64], int]],
-    camera: Camera = CAMERA,
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """Depth and label at single pixels: what the full image would hold there, without drawing it.
 
     Args:
         pixels: `[..., 2]` (u, v); any real number, also outside the image.
         groups: Solids, their poses as in `draw`, and their label, in any order.
-        camera: The pinhole.
 
     Returns:
         Depth `[...]` float32 [m] and label `[...]` uint8.
     """
     flat = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 2)
-    depth = np.full(len(flat), camera.z, dtype=np.float32)
+    depth = np.full(len(flat), CAMERA.z, dtype=np.float32)
     labels = np.zeros(len(flat), dtype=np.uint8)
     for solids, poses, label in groups:
-        cast_at(flat, depth, labels, *_arrays(solids), poses, int(label), _pinhole(camera))
+        cast_at(flat, depth, labels, *_arrays(solids), poses, int(label), _PINHOLE)
     shape = pixels.shape[:-1]
     return depth.reshape(shape), labels.reshape(shape)
 
 
 def _arrays(solids: Solids) -> tuple[NDArray[Any], ...]:
     return solids.kind, solids.size, solids.planes, solids.rotation, solids.position
-
-
-@functools.cache
-def _pinhole(camera: Camera) -> NDArray[np.float64]:
-    """Position, focal length and principal point as the kernels read them, `[6]`."""
-    return np.array([*camera.position, camera.focal_length, *camera.principal_point])
 
 
 def warmup() -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from modpush.geometry.footprint import side_planes
 from modpush.geometry.shapes import KINDS, Primitive
 
 __all__ = ["Solids"]
@@ -59,7 +60,4 @@ def _side_planes(part: Primitive) -> NDArray[np.float64]:
     """Outward normals and distances of a prism's sides, `[m, 3]`."""
     if part.kind != "prism":
         return np.zeros((0, 3))
-    outline = np.array(part.outline)
-    edge = np.roll(outline, -1, axis=0) - outline
-    normal = np.stack([edge[:, 1], -edge[:, 0]], -1) / np.linalg.norm(edge, axis=1)[:, None]
-    return np.hstack([normal, (normal * outline).sum(1, keepdims=True)])
+    return np.column_stack(side_planes(np.array(part.outline)))

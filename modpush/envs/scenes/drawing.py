@@ -2,21 +2,18 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated
 
 import cv2
 import numpy as np
-from annotated_types import Le
 from numpy.typing import NDArray
 
-from modpush._types import Point, Positive
-from modpush._validation import checked
+from modpush.envs.outcome import GOAL_THRESHOLD
 from modpush.envs.robot.ur5_2f85 import TOOLS, ToolName
 from modpush.envs.scenes.objects import PushedObject, get_object
 from modpush.envs.scenes.scenario import Scenario
 from modpush.geometry.workspace import WORKSPACE
 
-__all__ = ["TopView", "draw_top_view"]
+__all__ = ["draw_top_view", "to_pixels"]
 
 _SHIFT = 4  # fractional bits of cv2's coordinates
 _COLORS = {
@@ -33,39 +30,20 @@ _COLORS = {
 }
 
 
-@checked
-class TopView:
-    """What part of the table a drawn top view shows. Up is +x, left is +y, as in the depth image."""
+# What part of the table is shown, from its lower to its upper corner [m], and at what scale. Up is +x,
+# left is +y, as in the depth image.
+_LOW, _HIGH, _PIXELS_PER_METRE = (0.0, -0.5), (0.95, 0.5), 560.0
+_HEIGHT, _WIDTH = (  # even, as video codecs want it
+    int((high - low) * _PIXELS_PER_METRE) // 2 * 2 for low, high in zip(_LOW, _HIGH, strict=True)
+)
 
-    pixels_per_metre: Annotated[Positive, Le(10_000)] = 560.0
-    """Scale [px/m]."""
-    low: Point = (0.0, -0.5)
-    """Lower corner [m]."""
-    high: Point = (0.95, 0.5)
-    """Upper corner [m]."""
 
-    def __post_init__(self) -> None:
-        """Check that something is seen."""
-        if not min(self.shape) > 0:
-            raise ValueError(
-                f"TopView: high must be > low by 2 px or more, got {self.low} and {self.high}."
-            )
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width [px], even, as video codecs want it."""
-        height, width = (
-            int((self.high[axis] - self.low[axis]) * self.pixels_per_metre) // 2 * 2
-            for axis in (0, 1)
-        )
-        return height, width
-
-    def to_pixels(self, points: NDArray[np.float64]) -> NDArray[np.int32]:
-        """Points `[..., 2]` [m] as cv2's fixed-point pixels `[..., 2]`."""
-        points = np.asarray(points, dtype=np.float64)
-        u = (self.high[1] - points[..., 1]) * self.pixels_per_metre
-        v = (self.high[0] - points[..., 0]) * self.pixels_per_metre
-        return np.round(np.stack([u, v], -1) * (1 << _SHIFT)).astype(np.int32)
+def to_pixels(points: NDArray[np.float64]) -> NDArray[np.int32]:
+    """Points `[..., 2]` [m] as cv2's fixed-point pixels `[..., 2]`."""
+    points = np.asarray(points, dtype=np.float64)
+    u = (_HIGH[1] - points[..., 1]) * _PIXELS_PER_METRE
+    v = (_HIGH[0] - points[..., 0]) * _PIXELS_PER_METRE
+    return np.round(np.stack([u, v], -1) * (1 << _SHIFT)).astype(np.int32)
 
 
 def draw_top_view(
@@ -82,8 +60,6 @@ def draw_top_view(
     caption: str = "",
     tool: ToolName = "2f85",
     objects: Mapping[str, PushedObject] | None = None,
-    goal_radius: float = 0.05,
-    view: TopView | None = None,
 ) -> NDArray[np.uint8]:
     """Draw a moment of an episode: start red, goal green, object blue, tool black (as in the paper).
 
@@ -100,15 +76,12 @@ def draw_top_view(
         caption: Written at the top.
         tool: What the arm holds.
         objects: Your own objects by name, as in `PushEnv.pushed_objects`.
-        goal_radius: Radius of the circle around the goal [m].
-        view: Part of the table and scale.
 
     Returns:
         `[H, W, 3]` uint8 RGB.
     """
-    view = view or TopView()
-    image = np.full((*view.shape, 3), _COLORS["table"], dtype=np.uint8)
-    _outline(image, view, WORKSPACE.corners(), "workspace", 2)
+    image = np.full((_HEIGHT, _WIDTH, 3), _COLORS["table"], dtype=np.uint8)
+    _outline(image, WORKSPACE.corners(), "workspace", 2)
     poses = obstacle_poses if obstacle_poses is not None else [o.pose for o in scenario.obstacles]
     outlines = [
         _placed(_rectangle(obstacle.size[0] / 2, obstacle.size[1] / 2), pose)
@@ -116,25 +89,25 @@ def draw_top_view(
     ]
     if inflation > 0:
         # A thick line has round joints, so that this is the exact sum of rectangle and disc.
-        thickness = round(2 * inflation * view.pixels_per_metre)
+        thickness = round(2 * inflation * _PIXELS_PER_METRE)
         for outline in outlines:
-            _outline(image, view, outline, "inflated", thickness)
+            _outline(image, outline, "inflated", thickness)
     for outline in outlines:
-        _fill(image, view, outline, "obstacle")
-    _disc(image, view, scenario.goal_position, goal_radius, "goal", thickness=2)
-    _disc(image, view, scenario.goal_position, 0.006, "goal")
+        _fill(image, outline, "obstacle")
+    _disc(image, scenario.goal_position, GOAL_THRESHOLD, "goal", thickness=2)
+    _disc(image, scenario.goal_position, 0.006, "goal")
     footprints = get_object(scenario.pushed_object, objects).footprints()
     for part in footprints:
-        _outline(image, view, _placed(part, scenario.object_pose), "start", 2)
+        _outline(image, _placed(part, scenario.object_pose), "start", 2)
     for path, color in ((planned_path, "planned"), (ee_path, "tool"), (object_path, "object")):
         if path is not None and len(path) > 1:
-            points = [view.to_pixels(np.asarray(path)[:, :2])]
+            points = [to_pixels(np.asarray(path)[:, :2])]
             cv2.polylines(image, points, False, _COLORS[color], 2, cv2.LINE_AA, _SHIFT)
     if subgoal is not None:
-        _disc(image, view, subgoal, 0.008, "planned")
+        _disc(image, subgoal, 0.008, "planned")
     for part in footprints:
-        _fill(image, view, _placed(part, object_pose), "object")
-    _fill(image, view, _placed(_rectangle(*TOOLS[tool].tip_half_extents), ee_pose), "tool")
+        _fill(image, _placed(part, object_pose), "object")
+    _fill(image, _placed(_rectangle(*TOOLS[tool].tip_half_extents), ee_pose), "tool")
     if caption:
         cv2.putText(
             image, caption, (10, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.5, _COLORS["text"], 1, cv2.LINE_AA
@@ -151,29 +124,24 @@ def _placed(outline: NDArray[np.float64], pose: Sequence[float]) -> NDArray[np.f
     return outline @ np.array([[c, s], [-s, c]]) + np.array(pose[:2])
 
 
-def _fill(image: NDArray[np.uint8], view: TopView, outline: NDArray[np.float64], name: str) -> None:
-    cv2.fillPoly(image, [view.to_pixels(outline)], _COLORS[name], cv2.LINE_AA, _SHIFT)
+def _fill(image: NDArray[np.uint8], outline: NDArray[np.float64], name: str) -> None:
+    cv2.fillPoly(image, [to_pixels(outline)], _COLORS[name], cv2.LINE_AA, _SHIFT)
 
 
 def _outline(
-    image: NDArray[np.uint8],
-    view: TopView,
-    outline: NDArray[np.float64],
-    name: str,
-    thickness: int,
+    image: NDArray[np.uint8], outline: NDArray[np.float64], name: str, thickness: int
 ) -> None:
-    points = [view.to_pixels(outline)]
+    points = [to_pixels(outline)]
     cv2.polylines(image, points, True, _COLORS[name], thickness, cv2.LINE_AA, _SHIFT)
 
 
 def _disc(
     image: NDArray[np.uint8],
-    view: TopView,
     center: Sequence[float],
     radius: float,
     name: str,
     thickness: int = -1,
 ) -> None:
-    u, v = view.to_pixels(np.array(center)).tolist()
-    scaled = round(radius * view.pixels_per_metre * (1 << _SHIFT))
+    u, v = to_pixels(np.array(center)).tolist()
+    scaled = round(radius * _PIXELS_PER_METRE * (1 << _SHIFT))
     cv2.circle(image, (u, v), scaled, _COLORS[name], thickness, cv2.LINE_AA, _SHIFT)

@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numba
@@ -126,14 +126,7 @@ def sample_scenario(
         item = objects[rng.integers(len(objects))]
         difficulty = float(rng.uniform(*config.difficulty_range))
         obstacles = scene(rng, difficulty)
-        if not isinstance(obstacles, Sequence) or not all(
-            isinstance(one, Obstacle) for one in obstacles
-        ):
-            raise ValueError(f"scene: {name!r} must return a list of Obstacle, got {obstacles!r}.")
-        if len(obstacles) > MAX_OBSTACLES:
-            raise ValueError(
-                f"scene: {name!r} placed {len(obstacles)} obstacles, at most {MAX_OBSTACLES} fit."
-            )
+        _check_layout(name, obstacles)
         free, limits = _free_space(obstacles, item, config), _limits(config, item, tool)
         for _ in range(_BATCHES):
             candidates = _draw_candidates(rng, config, distance)
@@ -163,6 +156,15 @@ def sample_scenario(
             else ""
         )
     )
+
+
+def _check_layout(name: str, obstacles: Any) -> None:
+    if not isinstance(obstacles, Sequence) or not all(isinstance(o, Obstacle) for o in obstacles):
+        raise ValueError(f"scene: {name!r} must return a list of Obstacle, got {obstacles!r}.")
+    if len(obstacles) > MAX_OBSTACLES:
+        raise ValueError(
+            f"scene: {name!r} placed {len(obstacles)} obstacles, at most {MAX_OBSTACLES} fit."
+        )
 
 
 def _limits(config: ScenarioConfig, item: PushedObject, tool: ToolName) -> _Limits:

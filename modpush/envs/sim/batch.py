@@ -151,13 +151,11 @@ class SceneBatch(ABC):
         if task.scene.can_render():
             return task.render_rgb_array()[i].cpu().numpy()
         measured, scenario = self.measure(), self.scenario(index)
-        w, x, y, z = task.obstacles.transforms(i)[:, 3:].T
-        yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y**2 + z**2))
         return draw_top_view(
             scenario,
             measured.object_pose[index].tolist(),
             measured.ee_pose[index].tolist(),
-            obstacle_poses=np.column_stack([task.obstacles.transforms(i)[:, :2], yaw]),
+            obstacle_poses=planar_poses(task.obstacles.transforms(i)),
             tool=task.agent.tool_name,
             objects={scenario.pushed_object: task.objects.item(scenario.pushed_object)},
         )
@@ -180,3 +178,11 @@ def _make_camera(
     if not isinstance(camera, DepthCamera):
         raise ValueError(f"PushEnv: depth must make a DepthCamera, got {camera!r} from {depth!r}.")
     return camera
+
+
+def planar_poses(transforms: Sequence[Sequence[float]] | np.ndarray) -> np.ndarray:
+    """x, y, yaw of `B` transforms of 7 numbers, `[B, 3]` [m, m, rad]."""
+    rows = np.array(transforms)
+    w, x, y, z = rows[:, 3:].T
+    yaw = np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
+    return np.column_stack([rows[:, :2], yaw])

@@ -2,16 +2,22 @@
 
 import functools
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import sapien
+import torch
+from mani_skill.utils.structs import Actor, Pose
 from sapien import physx
 from transforms3d.quaternions import mat2quat
 
 from modpush.geometry.shapes import Kind, Primitive, rpy_matrix
 
-__all__ = ["attach_visuals", "collision_shapes", "rigid_body", "yaw_pose"]
+if TYPE_CHECKING:
+    from mani_skill.envs.scene import ManiSkillScene
+
+__all__ = ["attach_visuals", "build_actor", "collision_shapes", "rigid_body", "yaw_pose"]
 
 # SAPIEN's cylinders and capsules lie along x, ours stand along z.
 _X_TO_Z = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
@@ -127,3 +133,37 @@ def rigid_body(
     entity = sapien.Entity()
     entity.add_component(body)
     return entity
+
+
+def build_actor(
+    scene: "ManiSkillScene",
+    name: str,
+    parts: Sequence[Primitive],
+    material: physx.PhysxMaterial,
+    *,
+    mass: float,
+    pose: sapien.Pose,
+    kinematic: bool = False,
+) -> Actor:
+    """ManiSkill's actor of a body in every scene, kept in the state dictionary; mass in kg.
+
+    A kinematic one moves only where its pose is set.
+    """
+    entities = []
+    for i, sub_scene in enumerate(scene.sub_scenes):
+        entity = rigid_body(parts, material, mass=mass)
+        if kinematic:
+            entity.find_component_by_type(physx.PhysxRigidDynamicComponent).kinematic = True
+        if scene.can_render():
+            attach_visuals(entity, parts)
+        entity.name = f"scene-{i}_{name}"
+        entity.pose = pose
+        sub_scene.add_entity(entity)
+        entities.append(entity)
+    actor = Actor.create_from_entities(
+        entities, scene, torch.arange(len(entities)), shared_name=name
+    )
+    actor.initial_pose = Pose.create(pose, device=scene.device)
+    scene.actors[name] = actor
+    scene.add_to_state_dict_registry(actor)
+    return actor

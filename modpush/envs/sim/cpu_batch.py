@@ -11,7 +11,7 @@ from torch import Tensor
 from modpush.envs.depth.base import DepthCameraFactory
 from modpush.envs.robot.control_cpu import plan_motion_cpu
 from modpush.envs.scenes.scenario import Scenario
-from modpush.envs.sim.batch import Measurement, SceneBatch
+from modpush.envs.sim.batch import Measurement, SceneBatch, planar_poses
 from modpush.envs.sim.scene_state import SceneState, check_packed
 from modpush.envs.sim.task import ClutterPushEnv
 
@@ -62,7 +62,7 @@ class CpuBatch(SceneBatch):
         self._target[i] = target
         self._flange_height[i] = item.tool_height + task.agent.tool.length
         self._begin_episode(i)
-        self._ee_pose[i] = _planar_poses(self._scenes[i].link_transforms(("tip",)))[0]
+        self._ee_pose[i] = planar_poses(self._scenes[i].link_transforms(("tip",)))[0]
 
     def step(self, action: Tensor) -> None:
         """See `SceneBatch`."""
@@ -72,7 +72,7 @@ class CpuBatch(SceneBatch):
         ):
             scene.advance(angles, rates)
         tips = [scene.link_transforms(("tip",))[0] for scene in self._scenes]
-        self._ee_pose = _planar_poses(tips)
+        self._ee_pose = planar_poses(tips)
 
     def _plan(
         self, action: Tensor
@@ -90,7 +90,7 @@ class CpuBatch(SceneBatch):
     def measure(self) -> Measurement:
         """See `SceneBatch`."""
         return Measurement(
-            object_pose=_planar_poses([scene.object_transform() for scene in self._scenes]),
+            object_pose=planar_poses([scene.object_transform() for scene in self._scenes]),
             ee_pose=self._ee_pose,
             joint_position=np.array(
                 [scene.joint_position() for scene in self._scenes], dtype=np.float64
@@ -131,11 +131,3 @@ class CpuBatch(SceneBatch):
         """See `SceneBatch`."""
         self._scenes = []
         super().close()
-
-
-def _planar_poses(transforms: Sequence[Sequence[float]]) -> NDArray[np.float64]:
-    """x, y, yaw of `B` transforms of 7 numbers, `[B, 3]` [m, m, rad]."""
-    rows = np.array(transforms)
-    w, x, y, z = rows[:, 3:].T
-    yaw = np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
-    return np.column_stack([rows[:, :2], yaw])

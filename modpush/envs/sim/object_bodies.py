@@ -6,7 +6,7 @@ import numpy as np
 import sapien
 import torch
 from mani_skill.envs.scene import ManiSkillScene
-from mani_skill.utils.structs import Actor, Pose
+from mani_skill.utils.structs import Pose
 from sapien import physx
 from torch import Tensor
 
@@ -42,26 +42,13 @@ class ObjectBodies:
         self.items = items
         self.material = material
         self._poses = {item.name: _parking_pose(item, i) for i, item in enumerate(items)}
-        self.actors = {item.name: self._build(scene, item) for item in items}
+        self.actors = {
+            name: bodies.build_actor(
+                scene, name, item.parts, material, mass=item.mass, pose=self._poses[name]
+            )
+            for name, item in zip(names, items, strict=True)
+        }
         """ManiSkill's actors, by the object's name."""
-
-    def _build(self, scene: ManiSkillScene, item: PushedObject) -> Actor:
-        entities, pose = [], self._poses[item.name]
-        for i, sub_scene in enumerate(scene.sub_scenes):
-            entity = bodies.rigid_body(item.parts, self.material, mass=item.mass)
-            if scene.can_render():
-                bodies.attach_visuals(entity, item.parts)
-            entity.name = f"scene-{i}_{item.name}"
-            entity.pose = pose
-            sub_scene.add_entity(entity)
-            entities.append(entity)
-        actor = Actor.create_from_entities(
-            entities, scene, torch.arange(len(entities)), shared_name=item.name
-        )
-        actor.initial_pose = Pose.create(pose, device=scene.device)
-        scene.actors[item.name] = actor
-        scene.add_to_state_dict_registry(actor)
-        return actor
 
     def item(self, name: str) -> PushedObject:
         """The object of this name.

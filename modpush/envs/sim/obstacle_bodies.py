@@ -146,26 +146,15 @@ class ObstaclePool:
         dynamic: bool,
         slot: int,
     ) -> Actor:
-        part = box(*self._SIZES[slot], color=_COLOR)
-        pose = sapien.Pose(self._parked(slot)[:3])
-        entities = []
-        for i, sub_scene in enumerate(scene.sub_scenes):
-            entity = bodies.rigid_body([part], material, mass=DYNAMIC_MASS)
-            if not dynamic:
-                entity.find_component_by_type(physx.PhysxRigidDynamicComponent).kinematic = True
-            if scene.can_render():
-                bodies.attach_visuals(entity, [part])
-            entity.name = f"scene-{i}_obstacle_{slot}"
-            entity.pose = pose
-            sub_scene.add_entity(entity)
-            entities.append(entity)
-        actor = Actor.create_from_entities(
-            entities, scene, torch.arange(self._num_envs), shared_name=f"obstacle_{slot}"
+        return bodies.build_actor(
+            scene,
+            f"obstacle_{slot}",
+            [box(*self._SIZES[slot], color=_COLOR)],
+            material,
+            mass=DYNAMIC_MASS,
+            pose=sapien.Pose(self._parked(slot)[:3]),
+            kinematic=not dynamic,
         )
-        actor.initial_pose = Pose.create(pose, device=self._device)
-        scene.actors[actor.name] = actor
-        scene.add_to_state_dict_registry(actor)
-        return actor
 
     def place(
         self, indices: Sequence[int], layouts: Sequence[Sequence[Obstacle]]

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from modpush._checks import check_keys
 from modpush.envs.robot.ur5_2f85 import JOINT_NAMES
 from modpush.envs.scenes.scenario import Scenario
 
@@ -64,10 +65,7 @@ class SceneState:
         Raises:
             ValueError: If a field is missing, unknown or malformed.
         """
-        expected = {field.name for field in fields(cls)}
-        if not isinstance(data, Mapping) or set(data) != expected:
-            names = sorted(data) if isinstance(data, Mapping) else data
-            raise ValueError(f"SceneState: expected the fields {sorted(expected)}, got {names!r}.")
+        check_keys("SceneState", data, [field.name for field in fields(cls)])
         try:
             return cls(
                 scenario=Scenario.from_dict(data["scenario"]),

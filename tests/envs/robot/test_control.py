@@ -9,7 +9,7 @@ from modpush.envs.robot.control import (
     plan_motion,
     ramp,
 )
-from modpush.envs.robot.kinematics import planar_forward_kinematics
+from tests.envs.robot.forward import planar_forward_kinematics
 
 CONFIG = MotionConfig()
 HEIGHT = torch.tensor([0.183], dtype=torch.float64)

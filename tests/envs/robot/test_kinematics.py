@@ -3,20 +3,11 @@ import math
 import pytest
 import pytorch_kinematics
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from modpush.envs.robot.kinematics import (
-    NUM_BRANCHES,
-    WORKING_BRANCH,
-    forward_kinematics,
-    inverse_kinematics,
-    planar_forward_kinematics,
-    planar_inverse_kinematics,
-    tool_down_rotation,
-)
+from modpush.envs.robot.kinematics import planar_inverse_kinematics
 from modpush.envs.robot.ur5_2f85 import JOINT_NAMES, TOOLS, urdf_path
 from modpush.geometry import wrap_angle
+from tests.envs.robot.forward import forward_kinematics, planar_forward_kinematics
 
 HEIGHT = 0.02 + 0.163
 
@@ -28,14 +19,6 @@ def workspace_poses(n: int = 4000) -> torch.Tensor:
     poses = u * torch.tensor([0.79, 0.94, 3.0]) + torch.tensor([0.08, -0.47, -1.5])
     radius = poses[:, :2].norm(dim=-1)
     return poses[(radius >= 0.16) & (radius <= 0.885)]
-
-
-def tool_down_transform(poses: torch.Tensor) -> torch.Tensor:
-    T = torch.eye(4, dtype=torch.float64).repeat(len(poses), 1, 1)
-    T[:, :3, :3] = tool_down_rotation(poses[:, 2])
-    T[:, :2, 3] = poses[:, :2]
-    T[:, 2, 3] = HEIGHT
-    return T
 
 
 def test_zero_pose_is_the_published_one() -> None:
@@ -58,37 +41,15 @@ def test_forward_kinematics_equals_that_of_the_urdf(tool: str) -> None:
     torch.testing.assert_close(forward_kinematics(q), expected, atol=1e-7, rtol=0)
 
 
-def test_inverse_undoes_forward_on_every_branch_over_the_workspace() -> None:
-    T = tool_down_transform(workspace_poses())
-    q, valid = inverse_kinematics(T)
-    assert q.shape == (len(T), NUM_BRANCHES, 6)
-    assert valid[:, WORKING_BRANCH].all()
-    error = (forward_kinematics(q) - T[:, None]).abs().amax((-1, -2))
-    assert error[valid].max() < 1e-9
-
-
-@settings(max_examples=200, deadline=None)
-@given(st.lists(st.floats(-math.pi, math.pi), min_size=6, max_size=6))
-def test_some_branch_gives_any_joints_back(joints: list[float]) -> None:
-    q = torch.tensor(joints, dtype=torch.float64)
-    T = forward_kinematics(q)
-    if abs(math.sin(joints[4])) < 1e-3:
-        return  # the wrist is stretched: joints 4 and 6 turn about one axis and are not unique
-    solutions, valid = inverse_kinematics(T)
-    error = (forward_kinematics(solutions) - T).abs().amax((-1, -2))
-    assert error[valid].max() < 1e-7
-    assert wrap_angle(solutions - q).abs().amax(-1)[valid].min() < 1e-5
-
-
-def test_planar_solution_is_the_working_branch() -> None:
+def test_forward_undoes_inverse_over_the_workspace_with_the_tool_down() -> None:
     poses = workspace_poses()
     planar, reachable = planar_inverse_kinematics(poses, HEIGHT)
-    general, _ = inverse_kinematics(tool_down_transform(poses))
     assert reachable.all()
-    assert wrap_angle(planar - general[:, WORKING_BRANCH]).abs().max() < 1e-9
     back = planar_forward_kinematics(planar)
     assert (back[:, :2] - poses[:, :2]).abs().max() < 1e-9
+    assert (back[:, 2] - HEIGHT).abs().max() < 1e-9
     assert wrap_angle(back[:, 3] - poses[:, 2]).abs().max() < 1e-9
+    assert (forward_kinematics(planar)[:, 2, 2] + 1).abs().max() < 1e-9
 
 
 def test_working_branch_keeps_the_elbow_over_the_table() -> None:
@@ -125,21 +86,10 @@ def test_yaw_may_wind_up_to_the_last_joints_limit_and_no_farther() -> None:
 def test_unreachable_poses_are_flagged_and_finite(radius: float) -> None:
     pose = torch.tensor([[radius, 0.0, 0.0]], dtype=torch.float64)
     joints, reachable = planar_inverse_kinematics(pose, HEIGHT)
-    solutions, valid = inverse_kinematics(tool_down_transform(pose))
     assert not reachable.any()
-    assert not valid[0, WORKING_BRANCH]
     assert joints.isfinite().all()
-    assert solutions.isfinite().all()
 
 
-@pytest.mark.parametrize(
-    ("function", "shape", "message"),
-    [
-        (forward_kinematics, (2, 5), r"joint_position must be \[..., 6\], got \(2, 5\)"),
-        (inverse_kinematics, (2, 3, 3), r"T_base_flange must be \[..., 4, 4\], got \(2, 3, 3\)"),
-        (lambda x: planar_inverse_kinematics(x, 0.2), (2,), r"pose must be \[..., 3\]"),
-    ],
-)
-def test_wrong_shapes_are_refused(function, shape, message) -> None:
-    with pytest.raises(ValueError, match=message):
-        function(torch.zeros(shape))
+def test_wrong_shapes_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"pose must be \[..., 3\]"):
+        planar_inverse_kinematics(torch.zeros(2), 0.2)
