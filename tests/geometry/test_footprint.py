@@ -11,6 +11,7 @@ from modpush.geometry.footprint import (
     centroid,
     circumscribed_radius,
     outline_of,
+    support,
     vertical_range,
     yaw_symmetry,
 )
@@ -42,6 +43,35 @@ def test_an_l_by_hand():
     assert centroid(moved) == pytest.approx((0.0, 0.0), abs=1e-15)
     # The outermost corner is the end of the short leg, at (5, 8.5) cm.
     assert circumscribed_radius(moved) == pytest.approx(math.hypot(0.05 - x, 0.085 - y))
+
+
+def test_the_centroid_is_weighted_by_volume():
+    # 4 cm^2 by 2 cm at the origin, and as much area by 6 cm at (10, 20) cm: 8 and 24 cm^3.
+    parts = (box(0.02, 0.02, 0.02), box(0.02, 0.02, 0.06, (0.10, 0.20, 0.0)))
+    assert centroid(parts) == pytest.approx((0.075, 0.15))
+
+
+def test_parts_are_turned_counter_clockwise():
+    # The corner (5, 1.5) cm of the bar, turned by a quarter, lies at (-1.5, 5) cm.
+    corners = outline_of(turned(BAR, math.pi / 2))
+    assert corners[0] == pytest.approx([-0.015, 0.05])
+    # Turned by 30 degrees, the bar reaches farthest at 30 degrees and not at -30.
+    reach = support([turned(BAR, math.pi / 6)], 12)
+    assert reach[1] == pytest.approx(0.05)
+    assert reach[11] == pytest.approx(0.05 * math.cos(math.pi / 3) + 0.015 * math.sin(math.pi / 3))
+
+
+@pytest.mark.parametrize(
+    ("part", "expected"),
+    [
+        (box(0.1, 0.2, 0.04, (0.0, 0.0, 0.01)), (-0.01, 0.03)),
+        (prism(polygon(5), 0.04), (-0.02, 0.02)),
+        (cylinder(0.03, 0.06), (-0.03, 0.03)),
+        (capsule(0.01, 0.06), (-0.04, 0.04)),  # and a half ball at each end
+    ],
+)
+def test_vertical_ranges_by_hand(part, expected):
+    assert vertical_range(part) == pytest.approx(expected)
 
 
 def test_parts_of_several_heights_are_centred_between_bottom_and_top():

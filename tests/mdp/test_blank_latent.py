@@ -93,6 +93,18 @@ def test_a_frozen_encoder_is_asked_once_and_again_after_a_change_in_place():
     assert torch.equal(latent_entry(made_there).shift(), blank)
 
 
+def test_a_change_of_any_layer_is_noticed():
+    """Not only of the last parameter, the bias, nor of parameters alone."""
+    encoder = SmallEncoder().requires_grad_(False).eval()
+    shift = latent_entry(encoder).shift
+    # The mean first: with it the linear layer's inputs are not 0 any more.
+    for tensor in (encoder.frozen.running_mean, encoder.rest[1].weight):
+        before = shift()
+        tensor += 1.0
+        assert not torch.equal(shift(), before)
+        assert torch.equal(shift(), encoder(torch.zeros(1, 1, 8, 8))[0])
+
+
 def test_it_follows_a_pickled_encoder():
     shift = latent_entry(SmallEncoder()).shift
     expected = shift()

@@ -85,6 +85,14 @@ def test_obstacles_come_after_free_space_and_begin_lower():
     assert curriculum.scenario(ScenarioConfig()).scene == ("free", "posts")
 
 
+def test_it_begins_with_the_first_stage_of_the_first_phase():
+    curriculum = Curriculum(replace(SHORT, phases=(Phase(first_stage=1), Phase())))
+    assert (curriculum.phase, curriculum.stage, curriculum.level) == (0, 1, 0)
+    assert curriculum.scenario(ScenarioConfig()).distance == (0.06, 0.1)
+    solve(curriculum, *[True] * 8)
+    assert (curriculum.phase, curriculum.stage, curriculum.level) == (1, 0, 2)
+
+
 def test_by_steps():
     config = CurriculumConfig(
         distances=(0.06, 0.1, 0.2),
@@ -98,6 +106,39 @@ def test_by_steps():
         assert curriculum.stage == stage
     solve(curriculum, *[True] * 100)
     assert curriculum.stage == 2
+
+
+def test_steps_are_counted_through_all_phases():
+    config = replace(SHORT, promotion="steps", step_thresholds=(100, 200, 300, 400))
+    curriculum = Curriculum(config)
+    seen = []
+    for steps in (99, 1, 100, 100, 99, 1, 1000):
+        curriculum.count_steps(steps)
+        seen.append((curriculum.steps, curriculum.phase, curriculum.stage))
+    # Three stages in the first phase; the second one begins with stage 1. The step that a threshold
+    # names is the first of its stage.
+    expected = [(99, 0, 0), (100, 0, 1), (200, 0, 2), (300, 1, 1), (399, 1, 1), (400, 1, 2)]
+    assert seen == [*expected, (1400, 1, 2)]
+    at_once = Curriculum(config)
+    at_once.count_steps(310)  # one rollout may pass several thresholds
+    assert (at_once.phase, at_once.stage) == (1, 1)
+
+
+def test_episodes_of_the_warm_up_are_as_hard_as_the_last_ones():
+    curriculum = Curriculum(SHORT, warm_up=10)
+    scenario = curriculum.scenario(ScenarioConfig())
+    assert (scenario.distance, scenario.difficulty) == ((0.2, 0.6), (0.0, 1.0))
+    assert scenario.scene == ("free",)  # of the present phase
+    curriculum.count_steps(10)
+    scenario = curriculum.scenario(ScenarioConfig())
+    assert (scenario.distance, scenario.difficulty[1]) == ((0.06, 0.06), pytest.approx(1 / 3))
+
+
+def test_the_success_rate_of_a_scene_is_of_its_last_hundred_episodes():
+    curriculum = Curriculum(CurriculumConfig(promotion="off"))
+    solve(curriculum, *[False] * 60, *[True] * 90)
+    curriculum.record(False, "posts")
+    assert curriculum.scene_success_rates == {"free": 0.9, "posts": 0.0}  # 10 of the 60 are left
 
 
 def test_off_means_everything_at_once():

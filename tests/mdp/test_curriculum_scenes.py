@@ -71,6 +71,23 @@ def test_only_evaluated_scenes_that_began_at_this_stage_count():
     env.close()
 
 
+def test_each_scene_is_told_of_by_itself():
+    curriculum = Curriculum(SHORT)
+    transform = CurriculumScenes(curriculum)
+    env = TransformedEnv(PushEnv(2, depth=None, seed=0), transform)
+    td = env.reset()
+    curriculum.stage = 1
+    td["_reset"] = torch.tensor([[True], [False]])
+    td = env.reset(td)
+    flags = {"success": torch.tensor([[False], [True]]), "done": torch.ones(2, 1, dtype=torch.bool)}
+    transform._step(td, TensorDict(flags, [2]))
+    # The second scene's episode began before the stage, although the other scene was reset since.
+    assert curriculum.state_dict()["successes"] == [False]
+    transform._step(env.reset(), TensorDict(flags, [2]))
+    assert curriculum.state_dict()["successes"] == [False, False, True]
+    env.close()
+
+
 def test_it_must_sit_on_a_push_env():
     env = TransformedEnv(GymEnv("Pendulum-v1"), CurriculumScenes(Curriculum()))
     with pytest.raises(RuntimeError, match="put it directly onto a PushEnv"):

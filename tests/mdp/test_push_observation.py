@@ -110,6 +110,38 @@ def test_a_cube_turned_by_a_quarter_looks_the_same():
     torch.testing.assert_close(observe(state)["observation"], before, atol=1e-5, rtol=0)
 
 
+def test_the_closed_gripper_looks_the_same_from_both_sides():
+    state = make_state(1)
+    state["object_pose"] = torch.tensor([[0.5, 0.1, 0.3]])
+    observe = PushObservation("object", entries=["ee_axis"], raw=True)
+    seen = []
+    for yaw in (0.3, 0.3 + math.pi, 0.3 + math.pi / 4, 0.3 + math.pi / 2):
+        state["ee_pose"] = torch.tensor([[0.5, 0.0, yaw]])
+        seen.append(observe(state.clone())["observation"][0])
+    # Cosine and sine of twice the yaw in the object's frame: of 0, 360, 90 and 180 degrees.
+    expected = torch.tensor([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]])
+    torch.testing.assert_close(torch.stack(seen), expected, atol=1e-6, rtol=0)
+
+
+def test_the_tools_yaw_stays_within_half_a_turn():
+    state = make_state(1)
+    state["object_pose"] = torch.tensor([[0.5, 0.1, 3.0]])
+    state["ee_pose"] = torch.tensor([[0.5, 0.1, -3.0]])
+    seen = PushObservation("object", entries=["ee_pose"], raw=True)(state)["observation"]
+    assert seen[0, 2].item() == pytest.approx(2 * math.pi - 6.0, abs=1e-6)  # -3 - 3, and a turn
+
+
+def test_an_object_that_is_turned_by_next_to_nothing_reaches_as_far_as_before():
+    """-1e-9 rad, taken modulo a turn in single precision, is the turn itself."""
+    state = make_state(2)
+    observe = PushObservation("base", entries=["object_support"], raw=True)
+    state["object_pose"][:, 2] = 0.0
+    before = observe(state.clone())["observation"]
+    assert torch.equal(before[:, 0], state["object_support"][:, 0])
+    state["object_pose"][:, 2] = 1e-9
+    torch.testing.assert_close(observe(state)["observation"], before)
+
+
 def test_how_far_an_object_reaches_turns_with_it():
     """An oblong of 8 x 5 cm: 4 cm along its own x, 2.5 cm across, seen in the base frame."""
     state = make_state(3)

@@ -77,6 +77,13 @@ def test_constant_normalisation_divides_by_its_lengths():
     assert reward.item() == pytest.approx(-1.0)
 
 
+def test_an_episode_that_begins_at_its_goal_has_a_reward():
+    # Both lengths are 0 at reset and stay so: nothing is left to go, rather than 0 / 0.
+    assert reward_of(start=(0.0, 0.0), path=0.0, apart=0.0)["reward"].item() == 0.0
+    # Any way from there is at least as far as at reset: -1 each.
+    assert reward_of(start=(0.0, 0.0), path=0.1, apart=0.1)["reward"].item() == -2.0
+
+
 def test_the_window_penalty_is_off_unless_weighted():
     assert "window" not in reward_of(apart=0.15).get("reward_terms").keys()
     config = RewardConfig(scale=1.0, weights={"window": 2.0})
@@ -134,6 +141,7 @@ def test_a_term_that_reads_keys_of_ones_own_before_and_after():
 def test_a_detour_costs_what_the_object_moved_without_progress(moved, path, expected):
     stored = transition(path=path)
     stored["next", "object_pose"][:, 1] = moved
+    stored["next", "object_pose"][:, 2] = 0.7  # turning on the spot is no detour
     config = RewardConfig(scale=1.0, weights={"detour": 1.0})
     reward = PushReward(config)(stored)["next", "reward"].item()
     assert reward == pytest.approx(expected, abs=1e-6)

@@ -53,6 +53,15 @@ def test_what_stands_still_gets_an_action_for_some_steps() -> None:
     ]
 
 
+def test_by_default_it_waits_for_four_steps_and_acts_for_four() -> None:
+    moving = [(0.0, 0.0)] * 4 + [(0.02 * n, 0.0) for n in range(1, 6)]
+    states = run(StuckRecovery(), moving)
+    assert active(states) == [False] * 4 + [True] * 4 + [False] * 2
+    # One centimetre along an axis is still at rest, more is not.
+    for apart, waits in ((0.0099, True), (0.0101, False)):
+        assert active(run(StuckRecovery(), [(apart, 0.0)] * 4))[-1] == waits
+
+
 def test_each_time_has_a_direction_of_its_own() -> None:
     """Nothing moves whatever is done: one recovery follows the other."""
     states = run(StuckRecovery(patience=3, duration=2), [(0.0, 0.0)] * 9)[3:]

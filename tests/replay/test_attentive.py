@@ -84,6 +84,33 @@ def test_keeps_the_most_similar_candidates(similarity, k):
         assert (sample["index"].bincount(minlength=60) <= drawn).all()
 
 
+@pytest.mark.parametrize("similarity", ["cosine", "negative_l2"])
+def test_each_query_keeps_the_best_of_its_own_candidates(similarity):
+    sampler = Recording(4, similarity=similarity)
+    buffer = make_buffer(sampler, batch_size=6)
+    data = transitions(90)
+    buffer.extend(data)
+    queries = torch.randn(3, WIDTH)
+    sampler.set_query(queries)
+    for _ in range(5):
+        sample = buffer.sample()
+        expected = []
+        # Two entries for each query, of eight candidates each, one query's after the other's.
+        for query, candidates in zip(queries, sampler.drawn.flatten().split(8), strict=True):
+            scores = brute_force(similarity, data["observation"][candidates], query)
+            expected += candidates[scores.topk(2).indices].tolist()
+        assert sorted(sample["index"].tolist()) == sorted(expected)
+
+
+def test_a_query_is_taken_as_it_is_when_it_is_set():
+    sampler, query = AttentiveSampler(2), torch.ones(1, WIDTH)
+    buffer = make_buffer(sampler)
+    buffer.extend(transitions(40))
+    sampler.set_query(query)
+    query.zero_()  # the caller's memory is the caller's
+    assert torch.equal(sampler._queries(buffer.storage), torch.ones(1, WIDTH))
+
+
 @settings(deadline=None, max_examples=30)
 @given(queries=st.integers(1, 12), batch_size=st.integers(1, 20), k=st.integers(1, 4))
 def test_each_query_gets_its_share_of_its_own_candidates(queries, batch_size, k):

@@ -123,6 +123,18 @@ def test_same_contents_after_writes_anywhere(writes):
     assert_links_are_consistent(compact.storage)
 
 
+def test_few_may_wait_for_their_successor_and_nothing_is_lost(monkeypatch):
+    """Of eight trajectories written step by step, all but two are forgotten before they go on."""
+    monkeypatch.setattr("modpush.replay.compact._MAX_WAITING", 2)
+    compact, ordinary = pair(100)
+    for part in trajectories(8, 20, episode=9).unbind(1):
+        for buffer in (compact, ordinary):
+            buffer.extend(part.clone())
+        assert len(compact.storage._waiting) == len(compact.storage._awaited) <= 2
+        assert_same_contents(compact, ordinary)
+        assert_links_are_consistent(compact.storage)
+
+
 @pytest.mark.parametrize("sampler", [RandomSampler, lambda: AttentiveSampler(3)])
 def test_the_very_same_samples(sampler):
     compact, ordinary = pair(60, sampler)

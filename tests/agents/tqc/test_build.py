@@ -9,6 +9,7 @@ from dataclasses import replace
 import pytest
 import torch
 from tensordict import TensorDict
+from torch import nn
 from torchrl.collectors import Collector
 from torchrl.data import (
     Bounded,
@@ -88,6 +89,60 @@ def test_target_entropy_is_minus_the_actions_width(env):
     assert make_tqc(SMALL, env).loss.target_entropy == -1
     agent = make_tqc(TQCConfig(hidden_sizes=(8,), target_entropy=-0.25), env)
     assert agent.loss.target_entropy == -0.25
+
+
+EVERY_SETTING = TQCConfig(
+    hidden_sizes=(6, 5),
+    num_critics=3,
+    num_quantiles=7,
+    top_quantiles_to_drop_per_net=4,
+    gamma=0.9,
+    tau=0.25,
+    alpha_init=0.3,
+    min_alpha=0.1,
+    max_alpha=0.7,
+    target_entropy=-0.5,
+    skip_done_states=True,
+)
+
+
+@pytest.mark.parametrize("name", ["tqc", "sac", "td3"])
+def test_every_setting_reaches_the_loss_and_its_targets(name):
+    config = replace(EVERY_SETTING, loss=name)
+    observed, action = Composite(observation=Unbounded(3)), Bounded(-2, 2, (1,))
+    agent = make_tqc_from_specs(config, observed, action)
+    loss = agent.loss
+    assert loss.num_qvalue_nets == 3
+    assert loss.value_estimator.gamma.item() == pytest.approx(0.9)
+    atoms = 7 if name == "tqc" else 1
+    assert [critic.module[-1].out_features for critic in agent.critics] == [atoms] * 3
+    if name == "tqc":
+        assert loss.top_quantiles_to_drop_per_net == 4
+    if name != "td3":
+        bounds = loss.log_alpha, loss.min_log_alpha, loss.max_log_alpha
+        assert [bound.exp().item() for bound in bounds] == pytest.approx([0.3, 0.1, 0.7])
+        assert loss.target_entropy == -0.5
+        assert loss.skip_done_states
+    target = loss.target_qvalue_network_params.flatten_keys()
+    before = {key: value.clone() for key, value in target.items()}
+    with torch.no_grad():
+        for value in loss.qvalue_network_params.values(True, True):
+            value.add_(1.0)
+    agent.target_updater.step()
+    for key, value in target.items():  # by a quarter of the way
+        torch.testing.assert_close(value, before[key] + 0.25, msg=str(key))
+
+
+@pytest.mark.parametrize("layer_norm", [False, True])
+def test_hidden_layers_of_the_critics_alone_are_normalised_if_asked_for(env, layer_norm):
+    agent = make_tqc(replace(SMALL, layer_norm=layer_norm), env)
+
+    def widths(module):
+        norms = (m for m in module.modules() if isinstance(m, nn.LayerNorm))
+        return [norm.normalized_shape for norm in norms]
+
+    assert [widths(critic) for critic in agent.critics] == [[(16,), (12,)] * layer_norm] * 2
+    assert widths(agent.actor) == []
 
 
 def test_parameter_groups_carry_their_learning_rates(env):

@@ -6,6 +6,7 @@ from dataclasses import fields, replace
 import pytest
 
 from modpush.agents import TQCConfig
+from modpush.replay import ReplayConfig
 
 
 @pytest.mark.parametrize("name", ["paper", "cpu", "gpu"])
@@ -16,6 +17,15 @@ def test_presets_take_overrides(name):
 
 def test_the_defaults_are_the_paper_s_preset():
     assert TQCConfig.preset("paper") == TQCConfig()
+
+
+def test_what_the_paper_leaves_open_is_as_in_its_authors_code():
+    config = TQCConfig()
+    assert (config.gamma, config.tau, config.learning_starts) == (0.98, 0.005, 10_000)
+    assert (config.actor_lr, config.critic_lr, config.alpha_lr) == (1e-4, 1e-4, 1e-4)
+    assert (config.min_alpha, config.max_alpha, config.target_entropy) == (None, None, "auto")
+    assert not any((config.layer_norm, config.fixed_alpha, config.skip_done_states))
+    assert ReplayConfig().gamma == config.gamma  # of n-step returns: must be the loss's
 
 
 def test_an_unknown_preset_lists_those_there_are():
