@@ -143,6 +143,25 @@ def test_deepcopy_and_pickle_are_independent():
         torch.testing.assert_close(run(twin), before)
 
 
+@pytest.mark.parametrize("critic", [make_critic, two_headed_critic])
+def test_an_episode_that_is_cut_off_is_bootstrapped_and_one_that_ends_is_not(critic):
+    loss, batch = make_loss(TQCLoss, critic=critic), make_batch(5, terminated=False)
+
+    def targets(done, terminated):
+        batch["next", "done"], batch["next", "terminated"] = (
+            torch.tensor(flags, dtype=torch.bool)[:, None] for flags in (done, terminated)
+        )
+        torch.manual_seed(0)
+        return loss.compute_target(batch)
+
+    going = targets([0, 0, 0, 0, 0], [0, 0, 0, 0, 0])
+    assert torch.equal(targets([1, 0, 1, 0, 0], [0, 0, 0, 0, 0]), going)
+    ended = targets([1, 0, 1, 0, 0], [1, 0, 0, 0, 0])
+    assert torch.equal(ended[1:], going[1:])
+    # Nothing comes after the end: every atom of the target is the reward.
+    torch.testing.assert_close(ended[0], batch["next", "reward"][0].expand_as(ended[0]))
+
+
 def test_flags_that_are_no_bools_are_refused():
     batch = make_batch(4)
     batch["next", "terminated"] = batch["next", "terminated"].to(torch.uint8)

@@ -71,18 +71,19 @@ def make_loss(
 def make_batch(
     *batch_size: int, seed: int = 1, terminated: bool = True, dtype: torch.dtype = torch.float32
 ) -> TensorDict:
+    """Random transitions, of which some are terminal and some others are cut off (`done` alone)."""
     torch.manual_seed(seed)
-    done = torch.rand(*batch_size, 1) < 0.3 if terminated else torch.zeros(*batch_size, 1) > 1
+    ended = torch.rand(*batch_size, 1) < 0.3 if terminated else torch.zeros(*batch_size, 1) > 1
     batch = {
         "observation": torch.randn(*batch_size, OBS, dtype=dtype),
         "action": torch.rand(*batch_size, ACT, dtype=dtype) * 2 - 1,
         "next": {
             "observation": torch.randn(*batch_size, OBS, dtype=dtype),
             "reward": 2 * torch.randn(*batch_size, 1, dtype=dtype),
-            "done": done,
-            "terminated": done,
+            "terminated": ended,
         },
     }
+    batch["next"]["done"] = ended | (torch.rand(*batch_size, 1) < 0.3)
     return TensorDict(batch, batch_size=batch_size)
 
 
