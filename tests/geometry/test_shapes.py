@@ -30,11 +30,12 @@ def test_roll_comes_first_then_pitch_and_yaw_last():
     np.testing.assert_allclose(
         rpy_matrix((roll, pitch, yaw)), about_z @ about_y @ about_x, atol=1e-12
     )
-    # Each turns its next axis: y towards z, z towards x, x towards y.
+    # Each turns one axis towards the next: y towards z, z towards x, x towards y.
     for matrix, angle, first in ((about_x, roll, 1), (about_y, pitch, 2), (about_z, yaw, 0)):
-        axes = np.eye(3)
-        turned = math.cos(angle) * axes[first] + math.sin(angle) * axes[(first + 1) % 3]
-        np.testing.assert_allclose(matrix @ axes[first], turned, atol=1e-12)
+        cos, sin = math.cos(angle), math.sin(angle)
+        one, next_one = np.eye(3)[first], np.eye(3)[(first + 1) % 3]
+        np.testing.assert_allclose(matrix @ one, cos * one + sin * next_one, atol=1e-12)
+        np.testing.assert_allclose(matrix @ next_one, cos * next_one - sin * one, atol=1e-12)
 
 
 @pytest.mark.parametrize(
