@@ -57,6 +57,16 @@ def test_it_agrees_with_a_planner_from_any_cells() -> None:
     assert (found == expected).float().mean() > 0.9
 
 
+def test_a_point_in_a_blocked_cell_goes_to_the_free_one_that_is_nearest() -> None:
+    """A wall at u = 4. The cell (3, 7) is blocked as well: its neighbours are on the left."""
+    blocked = torch.zeros(1, 9, 9, dtype=torch.bool)
+    blocked[:, :, 4] = blocked[:, 7, 3] = True
+    inside, left, right = (torch.tensor([point]) for point in ([3.0, 7.0], [0.0, 0.0], [8.0, 0.0]))
+    for ends, joined in (((inside, left), True), ((inside, right), False)):
+        assert are_connected(blocked, *ends).item() == joined
+        assert are_connected(blocked, *ends[::-1]).item() == joined
+
+
 def test_points_outside_the_grid_go_to_its_nearest_cell() -> None:
     blocked = torch.zeros(1, 8, 8, dtype=torch.bool)
     blocked[:, :, 4] = True

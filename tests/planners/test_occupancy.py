@@ -178,6 +178,21 @@ def test_what_the_object_hides_is_remembered():
     assert not blocked(gone, 0.0, segments, previous=bits)[0].any()  # seen to be gone
 
 
+def test_what_stands_nearer_than_it_is_seen_is_remembered_too():
+    """The arm hides the far half of a bar's top, which is seen 5 % farther out than it stands."""
+    bar = (0.80, 0.86, -0.3, 0.2, 0.06)
+    depth, segments = as_tensors(*render([(bar, Label.OBSTACLE)], CAMERA))
+    blocked = OccupancyMap()
+    free_view, bits = blocked(depth, 0.0, segments)
+    middle = CAMERA.project(torch.tensor([0.83, 0.0]), 0.06)[1].round().int()
+    depth[:, :middle], segments[:, :middle] = 0.7, int(Label.ROBOT)
+    forgotten, _ = blocked(depth, 0.0, segments)
+    remembered, bits_after = blocked(depth, 0.0, segments, previous=bits)
+    assert 0 < forgotten.sum() < 0.7 * free_view.sum()
+    assert torch.equal(remembered, free_view)
+    assert torch.equal(bits_after, bits)
+
+
 def test_nothing_is_inflated_again_while_obstacles_stand_still():
     blocked, bits = OccupancyMap(), None
     for k in range(12):

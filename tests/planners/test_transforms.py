@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 import torch
+from box_images import render, square
 from tensordict import TensorDict
 from torchrl.data import LazyTensorStorage, ReplayBuffer
 from torchrl.envs import Compose, ParallelEnv, SerialEnv, TransformedEnv, check_env_specs
@@ -15,7 +16,7 @@ from torchrl.envs.transforms import DTypeCastTransform, ExcludeTransform, Rename
 from modpush.envs import PushEnv
 from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.scenario import Dynamics, Scenario
-from modpush.geometry import Camera
+from modpush.geometry import CAMERA, Camera, Label
 from modpush.planners import (
     DistanceField,
     LazyThetaStar,
@@ -516,6 +517,46 @@ def test_inflation_by_name_or_by_metres():
     for wrong in ("half", -0.1, math.nan):
         with pytest.raises(ValueError, match="inflation must be 'circumscribed', 'inscribed',"):
             OccupancyGrid(inflation=wrong)
+
+
+def test_lengths_are_in_metres_whatever_the_planner_counts_in():
+    data = OccupancyGrid(camera=SMALL)(TableEnv(2).reset())
+    lengths = [
+        PlannerSubgoals(planner, camera=SMALL)(data.clone())["path_length"]
+        for planner in (LazyThetaStar(), LazyThetaStar(cell_size=0.5), Straight())
+    ]
+    torch.testing.assert_close(lengths[1], lengths[0])
+    away = data["goal_position"] - data["object_pose"][:, :2]  # `Straight` says nothing: pixels
+    torch.testing.assert_close(lengths[2], away.norm(dim=-1, keepdim=True))
+    looks = PlannerSubgoals(LazyThetaStar(), camera=SMALL, mode="lookahead", lookahead=0.03)
+    ahead = looks(data.clone())["subgoal"] - data["object_pose"][:, :2]  # before any corner
+    torch.testing.assert_close(ahead.norm(dim=-1), torch.full((2,), 0.03), atol=1e-5, rtol=0)
+
+
+def gap_seen(gap: float) -> TensorDict:
+    """An object before a wall with a gap, and its goal behind it, in the default camera's image."""
+    walls = [(0.47, 0.53, -0.6, -gap / 2, 0.06), (0.47, 0.53, gap / 2, 0.6, 0.06)]
+    boxes = [*((wall, Label.OBSTACLE) for wall in walls), (square(0.35, 0.0), Label.OBJECT)]
+    depth, segmentation = (torch.from_numpy(image)[None, None] for image in render(boxes, CAMERA))
+    poses = {"object_pose": torch.tensor([[0.35, 0.0, 0.0]]), "goal_position": [[0.65, 0.0]]}
+    return TensorDict({"depth": depth, "segmentation": segmentation, **poses}, [1])
+
+
+def test_a_way_that_closes_on_the_way_is_looked_for_again(monkeypatch):
+    """And only then: while the cells stay what they were, there is nothing to look for."""
+    searched = []
+    monkeypatch.setattr(
+        occupancy, "are_connected", lambda *given: searched.append(1) or are_connected(*given)
+    )
+    grid = OccupancyGrid(inflation="widest")
+    td, choices = grid(gap_seen(0.09)), []
+    for gap in (0.09, 0.064, 0.064, 0.09):
+        searched.clear()
+        td = grid._step(td, gap_seen(gap))
+        choices.append((td["map_choice"].item(), len(searched)))
+    # The gap of 9 cm lets the circumscribed circle of 7 cm through, that of 6.4 cm the inscribed one;
+    # what was chosen stays until the episode's end.
+    assert choices == [(0, 0), (1, 1), (1, 0), (1, 0)]
 
 
 def two_bars(gap: float) -> Scenario:
