@@ -1,5 +1,6 @@
 """Which of a run's policies is kept as the best."""
 
+import math
 from dataclasses import replace
 
 import pandas as pd
@@ -91,6 +92,14 @@ def test_the_best_agent_is_the_one_with_the_highest_score(tmp_path, monkeypatch)
     for name, value in best.items():
         assert torch.equal(value, weights[1][name]), name
     assert any(not torch.equal(last[name], best[name]) for name in best)
+
+
+def test_held_out_episodes_are_as_hard_and_as_far_as_the_environments():
+    env = replace(SMOKE.env, difficulty=(0.4, 0.5), distance=(0.55, 0.6))
+    drawn = held_out_scenarios(replace(SMOKE, env=env, evaluation_episodes=6))
+    assert all(0.4 <= scenario.difficulty <= 0.5 for scenario in drawn)
+    away = [math.dist(s.object_pose[:2], s.goal_position) for s in drawn]
+    assert all(0.55 <= distance <= 0.6 for distance in away)
 
 
 def test_a_family_given_as_a_part_by_its_name():

@@ -1,14 +1,17 @@
 """A training run from end to end: what it leaves, and what it survives."""
 
+import itertools
 import os
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections import defaultdict
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -34,7 +37,7 @@ from modpush.training import (
 )
 from modpush.training.run_folder import RunFolder
 from modpush.training.scene_worker import SceneWorker
-from modpush.training.worker import InlineWorker, ProcessWorker
+from modpush.training.worker import Done, InlineWorker, ProcessWorker
 from tests.full_disk import full_disk
 from tests.own_parts import (
     MeanHeight,
@@ -216,6 +219,161 @@ def test_a_checkpoint_of_another_config_says_which_fields_differ(unbroken):
         check_run_folder(unbroken, other, resume=True)
     longer = replace(SMOKE, total_steps=960)
     assert check_run_folder(unbroken, longer, resume=True).path == unbroken
+
+
+def test_only_what_does_not_change_the_numbers_may_change_in_a_resumed_run():
+    free = {
+        "total_steps": 960,
+        "evaluate_every": 7,
+        "log_every": 7,
+        "checkpoint_every": 7,
+        "progress": True,
+        "collector": "ray",
+        "num_collectors": 2,
+    }
+    assert replace(SMOKE, **free).differences(SMOKE) == []
+    others = {
+        "seed": 3,
+        "rollout_length": 4,
+        "greedy_envs": 0,
+        "actor_average": 0.0,
+        "first_actions": "random",
+        "mirror": True,
+        "save_buffer": False,
+        "evaluation_episodes": 3,
+    }
+    for name, value in others.items():
+        found = replace(SMOKE, **{name: value}).differences(SMOKE)
+        assert found == [f"{name}: {getattr(SMOKE, name)!r} -> {value!r}"]
+
+
+def test_the_buffer_takes_from_the_rest_of_the_run_what_must_agree_with_it():
+    tqc = replace(SMOKE.tqc, gamma=0.75)
+    config = replace(SMOKE, tqc=tqc, replay=replace(SMOKE.replay, n_steps=3), mirror=True)
+    filled = config.filled_replay()
+    # The returns' discount is the loss's; there is a query for each scene.
+    assert (filled.gamma, filled.num_queries) == (0.75, SMOKE.env.num_envs)
+    assert filled.extra_observation_keys == ("mirrored_observation",)
+    given = replace(config, replay=replace(config.replay, num_queries=5), mirror=False)
+    assert given.filled_replay().num_queries == 5
+    assert given.filled_replay().extra_observation_keys == ()
+    images = replace(given, env=replace(SMOKE.env, encoder="end_to_end"))
+    assert images.filled_replay().extra_observation_keys == ("window",)
+    # Of a batch of 16, five queries keep 4, 3, 3, 3 and 3, of 4 times as many each.
+    assert given.sampled_from == 64
+    odd = replace(given, replay=replace(given.replay, k=2.5))
+    assert odd.sampled_from == 10 + 4 * 8  # 2.5 * 3 = 7.5 is rounded up
+    assert replace(given, replay=replace(given.replay, sampler="uniform")).sampled_from == 16
+
+
+class Scenes(SceneWorker):
+    """A worker without a simulator, which notes the stage that its episodes begin in."""
+
+    def __init__(self):
+        self.curriculum, self.env = Curriculum(SMOKE.curriculum), self
+        self._actions, self._sums = [], torch.zeros(2, 4)
+        self.began = []
+
+    def set_seed(self, seed):
+        self.seed = seed
+
+    def reset(self):
+        self.began.append((self.curriculum.stage, self.seed))
+
+
+def fake_trainer(**attributes):
+    """As much of a trainer as begins and saves a run."""
+    trainer = object.__new__(Trainer)
+    forgetful = SimpleNamespace(forget_open_steps=lambda: None)
+    defaults = {
+        "config": SMOKE,
+        "learner": forgetful,
+        "worker": InlineWorker(Scenes),
+        "ahead": None,
+        "history": None,
+        "checkpoints_made": 0,
+        "curriculum_state": {},
+        "_began": 0.0,
+        "collect": lambda: None,
+        "_write_checkpoint": lambda state: None,
+    }
+    vars(trainer).update({**defaults, **attributes})
+    return trainer
+
+
+def test_a_resumed_run_goes_on_in_the_stage_that_it_was_in(monkeypatch):
+    monkeypatch.setattr("modpush.training.trainer.trainer_state", lambda trainer: {})
+    one = fake_trainer()
+    one._first_rollout()
+    one.worker._worker.curriculum.stage = 3
+    one.save()
+    other = fake_trainer(
+        curriculum_state=one.curriculum_state, checkpoints_made=one.checkpoints_made
+    )
+    other._first_rollout()
+    # With the seed that the scenes of the first one were begun anew with, too.
+    assert other.worker._worker.began == one.worker._worker.began[1:]
+    assert [stage for stage, _ in one.worker._worker.began] == [0, 3]
+
+
+def test_what_is_due_is_done_at_the_first_rollout_past_its_step():
+    """Rollouts of 16 steps; the scenes act while the learner learns, but for pauses."""
+    events = []
+    trainer = fake_trainer(
+        config=replace(
+            SMOKE, evaluate_every=25, checkpoint_every=40, log_every=100, total_steps=112
+        ),
+        steps=0,
+        seconds_waited=0.0,
+        learner=SimpleNamespace(learn=lambda before, now: events.append("learn")),
+        collect=lambda: events.append("collect") or Done(None),
+        _write_log=lambda rollout: events.append("log") or {},
+        _evaluate=lambda: events.append("evaluate"),
+        save=lambda: events.append("save"),
+    )
+
+    def store(rollout):
+        trainer.steps += 16
+        events.append(trainer.steps)
+
+    trainer.store = store
+    bar = SimpleNamespace(update=lambda steps: None, set_postfix=lambda *_, **__: None)
+    pending = Done(None)
+    while trainer.steps < 112:
+        pending = trainer._iterate(pending, bar)
+    assert events == [
+        *(16, "collect", "learn"),
+        *(32, "learn", "evaluate", "collect"),
+        *(48, "learn", "save", "collect"),
+        *(64, "learn", "evaluate", "collect"),
+        *(80, "learn", "evaluate", "save", "collect"),
+        *(96, "collect", "learn"),
+        *(112, "learn", "log", "evaluate", "save"),  # at the end all is due, and nothing follows
+    ]
+
+
+def test_episodes_with_and_without_noise_are_logged_apart():
+    trainer = fake_trainer(steps=8, episodes=defaultdict(list))
+    trainer.learner = SimpleNamespace(store=lambda rollout: 16)
+    about = {"contact": 0.5, "collision": 0.25, "steps": 9.0, "return": -2.0, "out_of_bounds": 0.0}
+    ended = [{"success": 1.0, "greedy": 1.0, **about}, {"success": 0.0, "greedy": 0.0, **about}]
+    trainer.store(SimpleNamespace(episodes=ended))
+    assert trainer.steps == 24
+    assert trainer.episodes == {
+        f"{kind}/{name}": [value]
+        for kind, success in (("greedy", 1.0), ("noisy", 0.0))
+        for name, value in {"success": success, **about}.items()
+    }
+
+
+def test_no_two_runs_or_checkpoints_draw_the_same_episodes():
+    seeds = sorted(
+        fake_trainer(config=replace(SMOKE, seed=seed), checkpoints_made=made).worker_seed()
+        for seed in range(4)
+        for made in range(60)
+    )
+    # Scene i of at most some hundred takes seed + i.
+    assert min(b - a for a, b in itertools.pairwise(seeds)) > 1000
 
 
 @pytest.mark.parametrize(

@@ -5,12 +5,15 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 import torch
+from torchrl.data import Bounded, Composite, Unbounded
 
 from modpush import load_agent
+from modpush.agents import TQCConfig, make_tqc_from_specs
 from modpush.cli.train import RunConfig, train_agent
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.training import Trainer, load_critics
 from modpush.training.run_folder import RunFolder
+from modpush.training.warm_start import _copy_to_targets
 from tests.own_parts import one_post
 from tests.training.conftest import SMOKE
 
@@ -59,6 +62,28 @@ def test_it_acts_with_these_weights_from_the_first_step(unbroken, tmp_path):
     other = again._first_rollout().result()
     again.close()
     assert not (rollout.transitions["action"] == other.transitions["action"]).all()
+
+
+def test_a_resumed_run_keeps_what_it_has_learned(unbroken, tmp_path, monkeypatch):
+    """It begins with its checkpoint, and not with the weights that it once began with."""
+    config = replace(SMOKE, init_from=str(unbroken), total_steps=16)
+    Trainer(config, tmp_path / "run").run()
+    monkeypatch.setattr("modpush.training.trainer.load_initial_weights", None)
+    resumed = Trainer(replace(config, total_steps=32), tmp_path / "run", resume=True)
+    resumed.close()
+    assert resumed.steps == 16
+
+
+def test_the_target_of_a_trained_actor_begins_as_the_actor():
+    config, observed = TQCConfig(hidden_sizes=(8,), loss="td3"), Composite(observation=Unbounded(3))
+    loss = make_tqc_from_specs(config, observed, Bounded(-1, 1, (2,))).loss
+    actor, target = loss.actor_network_params, loss.target_actor_network_params
+    critics = loss.target_qvalue_network_params.clone()
+    for value in actor.values(True, True):
+        value.data.fill_(0.25)
+    _copy_to_targets(loss)
+    assert all((value == 0.25).all() for value in target.values(True, True))
+    assert (loss.target_qvalue_network_params == critics).all()
 
 
 def test_what_cannot_be_taken_over_is_refused_before_any_work(unbroken, tmp_path):
