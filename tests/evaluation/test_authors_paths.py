@@ -63,11 +63,44 @@ def test_ends_off_the_grid_are_refused() -> None:
 
 def test_the_controller_s_path_keeps_off_the_zones() -> None:
     wall = Obstacle((0.2, 0.06, 0.06), (0.475, 0.0, 0.0))
-    around = authors_controller_length(replace(PLAIN, obstacles=(wall,)))
     # Past the wall's end at a distance of 8.5 cm: 0.1 + 0.085 aside, against nothing that is aside.
     straight = replace(PLAIN, object_pose=(0.475, 0.2, 0.0), goal_position=(0.475, -0.2))
     around = authors_controller_length(replace(straight, obstacles=(wall,)))
     assert around == pytest.approx(0.4 + 2 * (0.1 + 0.0849), abs=4 * CELL)
+
+
+def test_a_gap_is_as_wide_as_the_authors_map_shows_it() -> None:
+    """Eroded by 2 px and dilated by 9 px, obstacles grow by 7 px or 2.5 cm on each side."""
+    straight = replace(PLAIN, object_pose=(0.475, 0.2, 0.0), goal_position=(0.475, -0.2))
+    for gap, free in ((18 * CELL, True), (12 * CELL, False)):
+        walls = [
+            Obstacle((0.2, 0.06, 0.06), (0.475 + side * (0.1 + gap / 2), 0.0, 0.0))
+            for side in (-1, 1)
+        ]
+        length = authors_agent_length(replace(straight, obstacles=tuple(walls)))
+        assert (length < 0.41) == free
+
+
+RECORDED = {
+    "obstacles/small_cube": {4: (0.739423, 0.957545), 7: (0.514096, 0.715489)},
+    "hard/small_cube": {
+        0: (0.723185, 0.832958),
+        1: (1.136510, 0.893472),
+        3: (0.596133, 1.114170),
+        7: (0.708612, 2.146468),
+    },
+}
+"""Lengths of agent and controller [m] by which the SPL in the published tables are measured."""
+
+
+@pytest.mark.parametrize("name", RECORDED)
+def test_the_lengths_are_those_recorded_with_the_published_tables(name: str) -> None:
+    """Prices, zones and the map together: other ones give other lengths."""
+    episodes = load_set(name)
+    for number, lengths in RECORDED[name].items():
+        scenario = episodes.scenarios[number]
+        found = authors_agent_length(scenario), authors_controller_length(scenario)
+        assert found == pytest.approx(lengths, abs=2e-6)
 
 
 @pytest.mark.parametrize("name", ["free/small_cube", "obstacles/small_cube"])

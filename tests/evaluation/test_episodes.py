@@ -1,14 +1,17 @@
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
-from tensordict import TensorDictBase
+from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule
 from torchrl.envs import Compose, EnvBase, ExcludeTransform, TransformedEnv
 
 from modpush.agents import ScriptedPusher
-from modpush.envs import PushEnv
+from modpush.envs import Obstacle, PushEnv, Scenario
 from modpush.envs.scenes.sampling import sample_scenario
-from modpush.evaluation.episodes import Trajectory, run_episodes
+from modpush.evaluation.episodes import Trajectory, _Log, _record, _restart, run_episodes
 from modpush.evaluation.sets import EvaluationSet, load_set
 from modpush.planners import DistanceField, OccupancyGrid, PlannerSubgoals
 from tests.evaluation.conftest import make_env, make_episode
@@ -45,6 +48,77 @@ def test_results_do_not_depend_on_the_number_of_scenes(env: EnvBase, free: Evalu
         np.testing.assert_allclose(
             first.trajectory.object_pose, second.trajectory.object_pose, atol=1e-4
         )
+
+
+def begun(scenario: Scenario, inflation: str = "circumscribed") -> _Log:
+    """The log of an episode that has just begun."""
+    return _Log(0, scenario, TensorDict(poses_of(scenario), [1]), 0, None, inflation)
+
+
+def poses_of(scenario: Scenario) -> dict[str, torch.Tensor]:
+    """Where object and tool are at its start, of one scene."""
+    poses = {"object_pose": scenario.object_pose, "ee_pose": scenario.tool_pose}
+    return {name: torch.tensor([pose]) for name, pose in poses.items()}
+
+
+def test_what_each_flag_of_a_step_counts_for(free: EvaluationSet) -> None:
+    scenario = free.scenarios[0]
+    on = {"obstacle_contact", "object_contact_at_end", "success", "done"}
+    off = {"object_contact", "tool_obstacle_contact", "out_of_bounds"}
+    after = {name: torch.tensor([[name in on]]) for name in on | off}
+    after |= {**poses_of(scenario), "reward": torch.tensor([[2.5]])}
+    step = TensorDict({"next": after}, [1])
+    ((row, episode),) = _record(step, [begun(scenario)], None, None, None)
+    metrics = episode.metrics
+    assert (row, metrics.steps, metrics.episode_return) == (0, 1, 2.5)
+    assert (metrics.success, metrics.out_of_bounds) == (True, False)
+    assert (metrics.contact_rate, metrics.contact_rate_at_end) == (0.0, 1.0)
+    assert (metrics.collision_rate_object, metrics.collision_rate_arm) == (1.0, 0.0)
+    # Arm and object, object and obstacle, arm and obstacle.
+    assert episode.trajectory.contacts.tolist() == [[False, True, False]]
+
+
+def test_the_shortest_path_is_by_the_circle_that_the_set_says(free: EvaluationSet) -> None:
+    # A wall across the way with a gap of 6.4 cm: the cube's inscribed circle of 5 cm passes straight
+    # through, 0.4 m; its circumscribed one of 7.1 cm has to go round one of the ends.
+    walls = [Obstacle((0.2, 0.06, 0.06), (0.475 + side * 0.132, 0.0, 0.0)) for side in (-1, 1)]
+    scenario = replace(
+        free.scenarios[0],
+        obstacles=tuple(walls),
+        object_pose=(0.475, 0.2, 0.5),
+        goal_position=(0.475, -0.2),
+    )
+    lengths = {}
+    for inflation in ("inscribed", "circumscribed"):
+        log = begun(scenario, inflation)
+        log.flags, log.rewards = [[False] * 4], [0.0]
+        log.poses["object_pose"] *= 2
+        lengths[inflation] = log.finish(False, False).metrics.shortest_length
+    assert lengths["inscribed"] == pytest.approx(0.4, rel=1e-3)
+    assert lengths["circumscribed"] > 0.5
+
+
+def test_scenes_that_are_free_get_the_episodes_that_follow(free: EvaluationSet) -> None:
+    asked = {}
+
+    def reset(td: TensorDictBase, scenarios: list[Scenario]) -> TensorDictBase:
+        asked["mask"], asked["scenarios"] = td["_reset"].flatten().tolist(), scenarios
+        return td
+
+    poses = torch.arange(9.0).reshape(3, 3)
+    td = TensorDict({"object_pose": poses, "ee_pose": -poses}, [3])
+    logs = [None, begun(free.scenarios[0]), None]
+    refill = [(2, (7, free.scenarios[7])), (0, (5, free.scenarios[5]))]
+    after = _restart(SimpleNamespace(reset=reset), td, logs, refill, "inscribed")
+    # The environment takes them in the order of its scenes.
+    assert asked == {
+        "mask": [True, False, True],
+        "scenarios": [free.scenarios[5], free.scenarios[7]],
+    }
+    assert "_reset" not in after
+    assert [log.number for log in logs] == [5, 0, 7]
+    assert [log.inflation for log in logs] == ["inscribed", "circumscribed", "inscribed"]
+    assert [logs[row].poses["object_pose"] for row in (0, 2)] == [[[0, 1, 2]], [[6, 7, 8]]]
 
 
 def test_fewer_episodes_than_scenes(env: EnvBase, free: EvaluationSet) -> None:

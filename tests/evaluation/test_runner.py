@@ -8,19 +8,23 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import psutil
 import pytest
+import torch
 from tensordict import TensorDict
 from tensordict.nn import TensorDictModule
 from torch import nn
+from torchrl.envs import ExplorationType
 
 from modpush._folder_lock import FolderLock, FolderLockedError
 from modpush._hash import weights_hash
 from modpush.agents import ScriptedPusher
 from modpush.envs import EpisodeConditions, PushEnv
+from modpush.evaluation.episodes import Episode
 from modpush.evaluation.results import (
     COLUMNS,
     ResultStore,
@@ -121,6 +125,15 @@ def test_more_episodes_can_be_asked_for_later(tmp_path: Path, free: EvaluationSe
         store.write(make_episode(number, free.scenarios[number]))
     assert ResultStore(tmp_path, free.first(5), MADE).missing() == [2, 3, 4]
     assert len(ResultStore(tmp_path, free.first(1), MADE).rows()) == 1
+
+
+def test_an_episode_that_was_written_twice_counts_once(tmp_path: Path, free: EvaluationSet) -> None:
+    store = ResultStore(tmp_path, free.first(2), MADE)
+    for number, success in ((1, True), (0, True), (1, False)):
+        store.write(make_episode(number, free.scenarios[number], success=success))
+    rows = store.rows()
+    assert rows[["episode", "success"]].to_numpy().tolist() == [[0, True], [1, True]]
+    assert store.missing() == []
 
 
 def test_another_run_is_not_mixed_in(tmp_path: Path, free: EvaluationSet) -> None:
@@ -314,6 +327,28 @@ def test_drawn_actions_are_another_run_than_greedy_ones(
     drawn = replace(QUIET, deterministic=False)
     with pytest.raises(ValueError, match=r"holds another run.*deterministic"):
         evaluate(ScriptedPusher(), free.first(1), tmp_path, make_env=make_env, config=drawn)
+
+
+def test_drawn_actions_are_of_the_configs_seed_and_another_run_with_another(
+    tmp_path: Path, free: EvaluationSet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = []
+
+    def note(env: object, policy: object, episodes: object, **options: object) -> list[Episode]:
+        drawn.append((torch.rand(1).item(), options["inflation"], options["exploration"]))
+        return [make_episode(number, scenario) for number, scenario in episodes]
+
+    monkeypatch.setattr("modpush.evaluation.runner.run_episodes", note)
+    made = SimpleNamespace(close=lambda: None)
+    tight = replace(free.first(1), conditions=EpisodeConditions(inflation="inscribed"))
+    for seed, folder in ((3, "a"), (3, "b"), (4, "c")):
+        config = replace(QUIET, deterministic=False, seed=seed)
+        evaluate(go_left, tight, tmp_path / folder, make_env=lambda *_: made, config=config)
+    assert drawn[0] == drawn[1]
+    assert drawn[0][0] != drawn[2][0]
+    assert drawn[0][1:] == ("inscribed", ExplorationType.RANDOM)
+    with pytest.raises(ValueError, match=r"holds another run.*'seed': 3.*'seed': 4"):
+        evaluate(go_left, tight, tmp_path / "a", make_env=fail, config=config)
 
 
 def go_left(td: TensorDict) -> TensorDict:

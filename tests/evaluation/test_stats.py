@@ -63,6 +63,8 @@ def test_paired_t_test_without_spread() -> None:
     assert (same.t, same.p, same.effect_size) == (0.0, 1.0, 0.0)
     shifted = paired_t_test([1.5, 2.5], [1.0, 2.0])
     assert (shifted.t, shifted.p) == (math.inf, 0.5)
+    lower = paired_t_test([1.0, 2.0], [1.5, 2.5])
+    assert (lower.difference, lower.t, lower.effect_size) == (-0.5, -math.inf, -math.inf)
     for count in (2, 5, 6, 40):  # episodes that one method alone solves
         alone = paired_t_test([1.0] * count, [0.0] * count)
         assert alone.p == pytest.approx(stats.binomtest(count, count).pvalue)

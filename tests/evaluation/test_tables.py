@@ -58,7 +58,10 @@ def test_compare_pairs_the_episodes() -> None:
     assert table.loc["contact_rate", "difference"] == pytest.approx(0.3)
     assert table.loc["contact_rate", "effect_size"] == pytest.approx(2.1213, abs=1e-4)
     assert table.loc["contact_rate", "t"] == pytest.approx(3.0)
+    # With one degree of freedom p is 1 - 2 / pi * atan(3) = 0.2048.
+    assert table.loc["contact_rate", "p"] == pytest.approx(0.2048, abs=1e-4)
     assert not table.loc["contact_rate", "significant"]
+    assert compare(A, B, level=0.21).loc["contact_rate", "significant"]
     assert table.loc["collision_rate", "p"] == 1.0
 
 
