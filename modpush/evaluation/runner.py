@@ -220,8 +220,9 @@ class _Job(NamedTuple):
     def env(self) -> Callable[[int], EnvBase]:
         """`number of scenes -> environment`, with the objects that these episodes push."""
         objects = tuple(dict.fromkeys(scenario.pushed_object for _, scenario in self.episodes))
-        given = {"objects": objects, "conditions": self.conditions}
-        return functools.partial(_make_env, self.make_env, **given)
+        return functools.partial(
+            _make_env, self.make_env, objects=objects, conditions=self.conditions
+        )
 
     @property
     def options(self) -> dict[str, Any]:

@@ -163,7 +163,7 @@ def _within(part: Primitive, points: NDArray[np.float64]) -> NDArray[np.bool_]:
     if part.kind in ("cylinder", "capsule"):
         away = np.linalg.norm(points - np.array(part.position[:2]), axis=1)
         return away <= part.size[0] + _TOLERANCE
-    return (clearances(points, outline_of(part)) <= _TOLERANCE).all(1)
+    return np.all(clearances(points, outline_of(part)) <= _TOLERANCE, axis=1)
 
 
 def side_planes(outline: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
