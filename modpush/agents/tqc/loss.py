@@ -211,17 +211,12 @@ class TQCLoss(_TorchRLTQCLoss):
         network, *others = self.actor_network.module
         head = others[0] if len(others) == 1 else None
         with set_exploration_type(ExplorationType.RANDOM), self._bound_actor():
-            if (
-                head is None
-                or type(network) is not TensorDictModule
-                or list(network.out_keys) != list(head.in_keys)
-                or not all(isinstance(key, str) for key in head.dist_keys)
-                or any(part._forward_hooks or part._forward_pre_hooks for part in (network, head))
-            ):
+            if head is None or not _is_plain_call(network, head):
                 actor_input = tensordict.select(*self.actor_network.in_keys, strict=False)
                 return compute_rsample_log_prob(self.actor_network.get_dist(actor_input))
             # A network and a distribution: no need to pass the parameters through a tensordict.
             parameters = network.module(*[tensordict.get(key) for key in network.in_keys])
+            parameters = [parameters] if isinstance(parameters, Tensor) else parameters
             named = dict(zip(head.dist_keys, parameters, strict=True))
             if self._is_plain_tanh_normal(head, named):
                 return tanh_normal_rsample(**named, bounds=self._action_bounds(head, named["loc"]))
@@ -301,6 +296,18 @@ class TQCLoss(_TorchRLTQCLoss):
             value = tensordict.get(key, None)
             if value is not None and value.is_floating_point() and not value.isfinite().all():
                 _raise_not_finite(key, value, self.tensor_keys.reward)
+
+
+def _is_plain_call(network: Any, head: Any) -> bool:
+    """Whether an actor's network is called with its inputs in order, and writes what its head reads."""
+    return (
+        type(network) is TensorDictModule
+        and network.method is None
+        and network._kwargs is None  # a dictionary of in_keys names the arguments
+        and list(network.out_keys_source) == list(head.in_keys)
+        and all(isinstance(key, str) for key in head.dist_keys)
+        and not any(part._forward_hooks or part._forward_pre_hooks for part in (network, head))
+    )
 
 
 def _to_ndim(x: Tensor, ndim: int) -> Tensor:
