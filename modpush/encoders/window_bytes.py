@@ -5,6 +5,7 @@ from tensordict import NestedKey, TensorDictBase
 from torchrl.data import Bounded, TensorSpec
 from torchrl.envs import Transform
 
+from modpush._checks import check_real
 from modpush._keys import check_spec_has, read_key, stored_next
 
 __all__ = ["WindowBytes"]
@@ -20,6 +21,7 @@ class WindowBytes(Transform):
 
     Raises:
         KeyError: If the window is missing.
+        ValueError: If a value of it is not in [0, 1].
     """
 
     def __init__(self, window_key: NestedKey = "window") -> None:
@@ -30,6 +32,14 @@ class WindowBytes(Transform):
         window = read_key("WindowBytes", next_tensordict, self.window_key)
         if window.dtype == torch.uint8:  # stored data, which this has written
             return next_tensordict
+        check_real("WindowBytes", repr(self.window_key), window)
+        if window.numel():
+            least, most = (float(value) for value in window.detach().aminmax())
+            if not 0.0 <= least <= most <= 1.0:  # beyond, bytes begin anew at 0
+                raise ValueError(
+                    f"WindowBytes: {self.window_key!r} must be finite and in [0, 1], got values from "
+                    f"{least:g} to {most:g}."
+                )
         return next_tensordict.set(self.window_key, (window * 255).round().to(torch.uint8))
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
