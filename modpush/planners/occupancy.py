@@ -322,8 +322,12 @@ def cells_outside(camera: Camera, bounds: Corners, margin: float = 0.0) -> Tenso
         raise ValueError(f"OccupancyGrid: bounds must be two corners (x, y) [m], got {bounds!r}.")
     if not math.isfinite(margin):
         raise ValueError(f"OccupancyGrid: margin must be finite [m], got {margin}.")
-    low, high = (torch.tensor([float(x) for x in corner]).double() for corner in bounds)
-    v, u = torch.meshgrid(torch.arange(camera.height), torch.arange(camera.width), indexing="ij")
+    low, high = (
+        torch.tensor([float(x) for x in corner], device="cpu", dtype=torch.float32).double()
+        for corner in bounds
+    )
+    rows, columns = (torch.arange(n, device="cpu") for n in (camera.height, camera.width))
+    v, u = torch.meshgrid(rows, columns, indexing="ij")
     centre = camera.unproject(torch.stack([u, v], -1).double())
     inside = ((centre >= low + margin) & (centre <= high - margin)).all(-1)
     if not inside.any():
