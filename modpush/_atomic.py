@@ -50,12 +50,16 @@ def make_folder(path: Path | str) -> Path:
 
     Raises:
         NotADirectoryError: If it, or a folder that it lies in, is a file.
+        OSError: If it cannot be made, for instance on a disk that is only read.
     """
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):
         raise NotADirectoryError(f"{folder} is or lies in a file, expected a folder.") from None
+    except OSError as error:  # in words that the command line shows without a traceback
+        reason = f"no folder can be made ({error.strerror})"
+        raise type(error)(error.errno, reason, str(folder)) from None
     return folder
 
 

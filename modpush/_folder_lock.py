@@ -42,7 +42,11 @@ class FolderLock:
     def __init__(self, folder: Path | str) -> None:
         self.path = Path(folder) / _NAME
         make_folder(folder)
-        self._file: IO[str] | None = self.path.open("a+")
+        try:
+            self._file: IO[str] | None = self.path.open("a+")
+        except OSError as error:
+            reason = f"the folder cannot be written to ({error.strerror})"
+            raise type(error)(error.errno, reason, str(folder)) from None
         try:
             if fcntl is not None:
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -4,6 +4,7 @@ import hashlib
 import json
 from typing import Any
 
+import torch
 from torch import nn
 
 __all__ = ["data_hash", "weights_hash"]
@@ -15,7 +16,8 @@ def weights_hash(module: nn.Module) -> str:
     for name, value in sorted(module.state_dict().items()):
         if hasattr(value, "numpy"):
             digest.update(f"{name} {tuple(value.shape)} {value.dtype}".encode())
-            digest.update(value.detach().cpu().contiguous().numpy().tobytes())
+            flat = value.detach().cpu().contiguous().reshape(-1)  # NumPy has no bfloat16
+            digest.update(flat.view(torch.uint8).numpy().tobytes())
     return digest.hexdigest()[:16]
 
 

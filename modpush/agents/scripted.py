@@ -74,7 +74,7 @@ def scripted_push(
     behind = off.abs() < torch.where(contact[:, 0], config.push_angle, config.approach_angle)
 
     push = _unit(heading + (1 + config.steer_gain) * off)
-    push = push * torch.where(contact[:, 0], config.push_speed, 1.0)[:, None]
+    push = push * torch.where(contact[:, 0], config.push_speed, 1.0).to(push)[:, None]
 
     # Around the object on a circle, in the shorter direction; far from the circle, towards it.
     circle = object_radius[:, 0] + config.tool_radius + config.margin

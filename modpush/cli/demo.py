@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from torchrl.envs import EnvBase
 from tqdm import tqdm
 
+from modpush._atomic import make_folder
 from modpush._types import AtLeastOne, Count, FilePath, Fraction, Name, Seed, Several
 from modpush._validation import checked
 from modpush.envs import (
@@ -90,6 +91,7 @@ def show_demo(config: DemoConfig) -> str:
         The table in Markdown.
     """
     methods = get_methods(config.policy, allow=config.allow)
+    make_folder(config.out)  # an error about it comes before the episodes
     rendered = config.rendered and find_render_device() is not None
     print("The first run on a machine compiles for about a minute before the arm moves.")
     scenarios = _draw_scenarios(config)

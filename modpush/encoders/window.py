@@ -100,7 +100,7 @@ def egocentric_window(
         raise ValueError(
             f"egocentric_window: the pose of scene {bad} is not finite, got {poses[bad].tolist()}."
         )
-    out = torch.empty(len(image), 1, size, size)
+    out = torch.empty(len(image), 1, size, size, dtype=torch.float32, device="cpu")
     beyond = 1.0 if outside == "blocked" else 0.0
     rest = (poses, _pinhole(camera), float(max_height), beyond, upright, out[:, 0].numpy())
     if len(image) >= _PARALLEL_FROM:
@@ -135,7 +135,8 @@ def window_pixels(
     if not -math.inf < height < camera.z:
         raise ValueError(f"window_pixels: height must be below the camera's, got {height}.")
     pose = pose.double()
-    steps = (0.5 * (size - 1) - torch.arange(size, dtype=torch.float64)) * camera.cell_size
+    places = torch.arange(size, dtype=torch.float64, device=pose.device)
+    steps = (0.5 * (size - 1) - places) * camera.cell_size
     ahead, left = torch.meshgrid(steps, steps, indexing="ij")
     cos, sin = torch.cos(pose[..., 2, None, None]), torch.sin(pose[..., 2, None, None])
     x = pose[..., 0, None, None] + cos * ahead - sin * left

@@ -4,6 +4,7 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torchrl.data import Bounded, TensorSpec
 
+from modpush._checks import check_real
 from modpush._keys import check_spec_has, read_key
 from modpush._transforms import StatelessTransform
 
@@ -20,6 +21,7 @@ class WindowBytes(StatelessTransform):
 
     Raises:
         KeyError: If the window is missing.
+        ValueError: If a value of it is not in [0, 1]; on a GPU this is not checked.
     """
 
     def __init__(self, window_key: NestedKey = "window") -> None:
@@ -30,6 +32,14 @@ class WindowBytes(StatelessTransform):
         window = read_key("WindowBytes", next_tensordict, self.window_key)
         if window.dtype == torch.uint8:  # stored data, which this has written
             return next_tensordict
+        check_real("WindowBytes", repr(self.window_key), window)
+        if window.numel() and window.device.type == "cpu":  # on a GPU the check would stall it
+            least, most = (float(value) for value in window.detach().aminmax())
+            if not 0.0 <= least <= most <= 1.0:  # beyond, bytes begin anew at 0
+                raise ValueError(
+                    f"WindowBytes: {self.window_key!r} must be finite and in [0, 1], got values from "
+                    f"{least:g} to {most:g}."
+                )
         return next_tensordict.set(self.window_key, (window * 255).round().to(torch.uint8))
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:

@@ -168,6 +168,7 @@ def run_episodes(
     Raises:
         KeyError: If `path_key` or `target_key` is not written, or `env` does not emit what is
             measured.
+        TypeError: If the policy returns no tensordict with an action.
         ValueError: If the environment's workspace is not that of the evaluation sets.
     """
     _check_emitted(env)
@@ -184,7 +185,7 @@ def run_episodes(
     logs += [None] * len(spare)
     while any(logs):
         with set_exploration_type(exploration):
-            td = policy(td)
+            td = _acted(policy(td))
         idle = [i for i, log in enumerate(logs) if log is None]
         if idle:
             action = td["action"].clone()  # the policy may hold on to its own tensor
@@ -199,6 +200,16 @@ def run_episodes(
         refill = list(zip((row for row, _ in ended), islice(queue, len(ended)), strict=False))
         if refill:
             td = _restart(env, td, logs, refill, inflation)
+
+
+def _acted(td: Any) -> TensorDictBase:
+    """What a policy returned, which must be a tensordict with an action."""
+    if not isinstance(td, TensorDictBase) or td.get("action", None) is None:
+        got = sorted(map(str, td.keys())) if isinstance(td, TensorDictBase) else type(td).__name__
+        raise TypeError(
+            f"run_episodes: policy must return the tensordict with 'action', got {got}."
+        )
+    return td
 
 
 def _objects_of(env: EnvBase) -> Mapping[str, PushedObject] | None:

@@ -1,9 +1,11 @@
 """Per-episode results on disk: a row as soon as an episode ends, so that a run can continue later."""
 
 import functools
+import inspect
 from collections.abc import Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
+from types import CodeType
 from typing import Any
 
 import pandas as pd
@@ -165,7 +167,7 @@ def describe_policy(policy: Any, label: str = "") -> dict[str, Any]:
 
     Args:
         policy: A policy. The weights and keys of a module count, and the `config` of anything that
-            has one.
+            has one; of a function what it does, and the numbers and texts that it holds.
         label: Further text to tell them apart.
     """
     described: dict[str, Any] = {
@@ -191,7 +193,26 @@ def _function_of(policy: Any) -> str | None:
     if isinstance(policy, TensorDictModule):
         policy = policy.module
     code = getattr(policy, "__code__", None)  # of a lambda the line tells more than the name
-    return f"{policy.__module__}:{policy.__qualname__}:{code.co_firstlineno}" if code else None
+    if code is None:
+        return None
+    held = inspect.getclosurevars(policy).nonlocals.values()
+    given = [*held, *(policy.__defaults__ or ()), *(policy.__kwdefaults__ or {}).values()]
+    settings = [repr(value) for value in given if isinstance(value, str | int | float)]
+    content = data_hash([_content_of(code), settings])
+    return f"{policy.__module__}:{policy.__qualname__}:{code.co_firstlineno}:{content}"
+
+
+def _content_of(code: CodeType) -> list[Any]:
+    """What a function does, as plain data: it may have been edited since its results were written."""
+    constants: list[Any] = []
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            constants.append(_content_of(constant))
+        elif isinstance(constant, frozenset):  # in another order in every process
+            constants.append(sorted(map(repr, constant)))
+        else:
+            constants.append(repr(constant))
+    return [code.co_code.hex(), code.co_names, constants]
 
 
 def policy_hash(described: Mapping[str, Any]) -> str:

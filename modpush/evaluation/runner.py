@@ -165,7 +165,9 @@ def _with_environment(
         keys = (None, None)
     path_key, target_key = config.path_key or keys[0], config.target_key or keys[1]
     config = replace(config, path_key=path_key, target_key=target_key)
-    return getattr(policy, "policy", policy), make_env, config
+    if hasattr(policy, "make_env"):  # a module of one's own may call what it wraps `policy`, too
+        policy = policy.policy
+    return policy, make_env, config
 
 
 def _finished(

@@ -21,6 +21,7 @@ from modpush.encoders.encode import Encode
 from modpush.encoders.window_transform import EgocentricWindow
 from modpush.export.graphs import ObservationPolicy, WindowPolicy
 from modpush.mdp.action_frame import ActionFrame
+from modpush.mdp.mirrored_observation import MirroredObservation
 from modpush.mdp.push_observation import PushObservation
 from modpush.mdp.stuck_recovery import StuckRecovery
 from modpush.planners.occupancy import OccupancyGrid
@@ -160,6 +161,8 @@ def _window_policy(
                 encoder = transform.encoder
             case ActionFrame():
                 frame = transform.frame
+            case MirroredObservation():
+                pass  # for training alone
             case PushObservation():
                 observation = transform
     if observation is None:

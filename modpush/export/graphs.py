@@ -1,10 +1,13 @@
 """What is exported: an agent's greedy policy as plain modules, on tensors alone."""
 
+from typing import Any
+
 import torch
 from torch import Tensor, nn
 from torchrl.modules import ProbabilisticActor, TanhNormal
 
 from modpush._arguments import checked_arguments
+from modpush.agents.tqc.plain_actor import is_plain_call
 from modpush.agents.tqc.relu_mlp import ReluMLP
 from modpush.geometry.frames import Frame, frame_yaw
 from modpush.mdp.action_frame import turn_action
@@ -22,7 +25,8 @@ class ObservationPolicy(nn.Module):
         policy: An agent's policy; its weights are shared, not copied.
 
     Raises:
-        ValueError: If it reads more than the observation, or is not a tanh-squashed Gaussian.
+        ValueError: If it reads more than the observation, or is not one network that gives location and
+            scale to a Gaussian squashed by tanh into [-1, 1].
     """
 
     @checked_arguments
@@ -39,7 +43,14 @@ class ObservationPolicy(nn.Module):
                 "ObservationPolicy: the policy must be a ProbabilisticActor with a TanhNormal, got "
                 f"{type(policy).__name__} with {kind}."
             )
-        self.network = _without_own_kernels(policy[0].module)
+        network, *others = policy.module
+        if len(others) != 1 or not is_plain_call(network, others[0]):
+            raise ValueError(
+                "ObservationPolicy: the policy must be one network, called without names or a method, "
+                f"and a distribution of what it gives, got {policy}."
+            )
+        _check_squashing(others[0])
+        self.network = _without_own_kernels(network.module)
 
     def forward(self, observation: Tensor) -> Tensor:
         """The action of each observation."""
@@ -75,8 +86,10 @@ class WindowPolicy(nn.Module):
         super().__init__()
         self.policy, self.encoder, self.action_frame = policy, encoder, action_frame
         entries = observation.fingerprint()["entries"]
-        shift = torch.tensor([value for entry in entries for value in entry["shift"]])
-        scale = torch.tensor([value for entry in entries for value in entry["scale"]])
+        shift, scale = (
+            torch.tensor([v for entry in entries for v in entry[name]], dtype=torch.float32)
+            for name in ("shift", "scale")
+        )
         self.register_buffer("shift", shift, persistent=False)
         self.register_buffer("scale", scale, persistent=False)
         self.raw = observation.raw
@@ -104,6 +117,18 @@ class WindowPolicy(nn.Module):
             return action, action.clone()
         yaw = frame_yaw(self.action_frame, state["object_pose"], state.get("subgoal"))
         return action, turn_action(action, yaw)
+
+
+def _check_squashing(head: Any) -> None:
+    """Refuse distributions whose most likely action is another one than tanh of the first parameter."""
+    options = dict(head.distribution_kwargs)
+    bounds = [torch.as_tensor(options.pop(name, end)) for name, end in (("low", -1), ("high", 1))]
+    usual = all(bool((bound == end).all()) for bound, end in zip(bounds, (-1, 1), strict=True))
+    if options or not usual or head.dist_keys[0] != "loc":
+        raise ValueError(
+            "ObservationPolicy: the policy's TanhNormal must get loc first, lie between -1 and 1 and "
+            f"have no other options, got {list(head.dist_keys)} and {dict(head.distribution_kwargs)}."
+        )
 
 
 def _without_own_kernels(module: nn.Module) -> nn.Module:

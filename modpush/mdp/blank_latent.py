@@ -37,7 +37,7 @@ class BlankLatent:
         self.encoder = encoder
         self._find_weights()
         self._versions: list[int] = []
-        self._last_before = torch.empty(0)
+        self._last_before = torch.empty(0, device="cpu")
         self._latent: Tensor | None = None
 
     def _find_weights(self) -> None:
@@ -50,7 +50,7 @@ class BlankLatent:
         parameters: list[Tensor] = list(encoder.parameters())
         self._has_parameters = bool(parameters)
         trained = [weight for weight in parameters if weight.requires_grad]
-        self._last = (trained or parameters or weights or [torch.empty(0)])[-1]
+        self._last = (trained or parameters or weights or [torch.empty(0, device="cpu")])[-1]
 
     def __call__(self) -> Tensor:
         """The latent, `[d]`; the same tensor until the weights change."""
@@ -74,7 +74,8 @@ class BlankLatent:
         training = [module for module in self.encoder.modules() if module.training]
         self.encoder.eval()
         try:
-            return self.encoder(torch.zeros(1, 1, size, size, device=device))[0]
+            blank = torch.zeros(1, 1, size, size, dtype=torch.float32, device=device)
+            return self.encoder(blank)[0]
         finally:
             for module in training:  # those, and none that were frozen on purpose
                 module.training = True

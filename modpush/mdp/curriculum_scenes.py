@@ -110,7 +110,12 @@ class CurriculumScenes(Transform):
         return self._write_level(next_tensordict)
 
     def _write_level(self, tensordict: TensorDictBase) -> TensorDictBase:
-        level = torch.full((*tensordict.batch_size, 1), float(self.curriculum.level))
+        level = torch.full(
+            (*tensordict.batch_size, 1),
+            float(self.curriculum.level),
+            dtype=torch.float32,
+            device=tensordict.device or "cpu",
+        )
         return tensordict.set(self.level_key, level)
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:

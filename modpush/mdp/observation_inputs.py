@@ -166,7 +166,8 @@ class ObservationInputs:
         """
         known = self._read("object_support")
         step = 2 * math.pi / known.shape[-1]
-        directions = torch.arange(count, device=known.device) * (2 * math.pi / count)
+        directions = torch.arange(count, dtype=torch.float32, device=known.device)
+        directions = directions * (2 * math.pi / count)
         place = torch.remainder((directions - self.object_yaw) / step, known.shape[-1])
         below = place.floor().clamp(max=known.shape[-1] - 1)
         above = torch.remainder(below + 1, known.shape[-1])

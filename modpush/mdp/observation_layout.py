@@ -43,15 +43,18 @@ class Layout:
             self.columns[name] = slice(self.width, self.width + value.shape[-1])
             self.width += value.shape[-1]
         with torch.inference_mode(False):  # they outlast the mode in which they happen to be made
-            self._shift, self._scale = torch.zeros(self.width), torch.ones(self.width)
+            self._shift = torch.zeros(self.width, dtype=torch.float32, device="cpu")
+            self._scale = torch.ones_like(self._shift)
         self._functions: list[tuple[slice, Callable[[], Tensor]]] = []
         for name, columns in self.columns.items():
             entry = entries[name]
-            _assign(self._scale, columns, torch.tensor(entry.scale), f"scale of {name!r}")
+            scale = self._scale.new_tensor(entry.scale)
+            _assign(self._scale, columns, scale, f"scale of {name!r}")
             if callable(entry.shift):
                 self._functions.append((columns, entry.shift))
             else:
-                _assign(self._shift, columns, torch.tensor(entry.shift), f"shift of {name!r}")
+                shift = self._shift.new_tensor(entry.shift)
+                _assign(self._shift, columns, shift, f"shift of {name!r}")
         self._given: list[Tensor | None] = [None] * len(self._functions)
 
     def normalise(self, observation: Tensor) -> Tensor:

@@ -129,7 +129,10 @@ class PushObservation(Transform):
         }
         self.action_key, self.last_action_key = action_key, last_action_key
         self.observation_key = observation_key
-        self._corners = torch.tensor(self.bounds[0]), torch.tensor(self.bounds[1])
+        low, high = self.bounds
+        self._corners = tuple(
+            torch.tensor(corner, dtype=torch.float32, device="cpu") for corner in (low, high)
+        )
         self._layout: Layout | None = None
         self._writes_last_action = False
 
@@ -198,7 +201,7 @@ class PushObservation(Transform):
 
     def _lay_out(self, source: TensorDictBase | TensorSpec) -> Layout:
         """Find the width of each entry, and the keys that are read, by reading them once."""
-        zero_action = torch.zeros(*source.shape, _ACTION_DIM, device=source.device)
+        zero_action = _no_action(source)
         recorder = ReadRecorder(source, {self.last_action_key: zero_action})
         self._layout = Layout(self.entries, self._read_entries(recorder), source.shape)
         self.in_keys = recorder.read
@@ -213,9 +216,7 @@ class PushObservation(Transform):
         if self._layout is None:
             self._lay_out(tensordict_reset)
         if self._writes_last_action:
-            lead, device = tensordict_reset.shape, tensordict_reset.device
-            nothing = torch.zeros(*lead, _ACTION_DIM, device=device)
-            tensordict_reset.set(self.last_action_key, nothing)
+            tensordict_reset.set(self.last_action_key, _no_action(tensordict_reset))
         return self._call(tensordict_reset)
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
@@ -240,3 +241,10 @@ class PushObservation(Transform):
         if self._writes_last_action:
             add_unbounded(observation_spec, self.last_action_key, _ACTION_DIM)
         return observation_spec
+
+
+def _no_action(source: TensorDictBase | TensorSpec) -> Tensor:
+    """Zeros `[..., 3]` for the batch and device of a tensordict or spec."""
+    return torch.zeros(
+        *source.shape, _ACTION_DIM, dtype=torch.float32, device=source.device or "cpu"
+    )

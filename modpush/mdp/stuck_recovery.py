@@ -108,7 +108,7 @@ class StuckRecovery(Transform):
     def _write(self, tensordict: TensorDictBase, state: Tensor) -> TensorDictBase:
         left, times = state[..., 5], state[..., 6]
         angle = math.pi + (times - 1) * _GOLDEN_ANGLE
-        turn = torch.where(times % 2 == 1, 1.0, -1.0)
+        turn = 2.0 * (times % 2) - 1.0
         action = torch.stack([angle.cos(), angle.sin(), turn], -1)
         active = (left > 0)[..., None]
         tensordict.set(self.action_key, action * active)
@@ -119,9 +119,13 @@ class StuckRecovery(Transform):
         """Add what is written."""
         check_spec_has("StuckRecovery", observation_spec, self.in_keys)
         shape, device = observation_spec.shape, observation_spec.device
-        observation_spec[self.action_key] = Bounded(-1, 1, (*shape, 3), device=device)
+        observation_spec[self.action_key] = Bounded(
+            -1, 1, (*shape, 3), device=device, dtype=torch.float32
+        )
         observation_spec[self.active_key] = Binary(1, (*shape, 1), device=device, dtype=torch.bool)
-        observation_spec[self.state_key] = Unbounded((*shape, _STATE), device=device)
+        observation_spec[self.state_key] = Unbounded(
+            (*shape, _STATE), device=device, dtype=torch.float32
+        )
         return observation_spec
 
 

@@ -98,10 +98,10 @@ class GridPlanner(Planner):
             width: Columns of that grid.
         """
         for batch in (1, 2):  # one scene and several run through different kernels
-            occupancy = torch.zeros(batch, height, width, dtype=torch.bool)
+            occupancy = torch.zeros(batch, height, width, dtype=torch.bool, device="cpu")
             occupancy[:, height // 2, : width // 2 + 1] = True
-            start = torch.zeros(batch, 2)
-            goal = torch.tensor([[0.0, height - 1.0]]).repeat(batch, 1)
+            start = torch.zeros(batch, 2, device="cpu")
+            goal = torch.tensor([[0.0, height - 1.0]], device="cpu").repeat(batch, 1)
             self.plan(occupancy, start, goal)
 
     @abstractmethod

@@ -320,7 +320,10 @@ def cells_outside(camera: Camera, bounds: Corners, margin: float = 0.0) -> Tenso
         raise ValueError(f"OccupancyGrid: bounds must be two corners (x, y) [m], got {bounds!r}.")
     if not math.isfinite(margin):
         raise ValueError(f"OccupancyGrid: margin must be finite [m], got {margin}.")
-    low, high = (torch.tensor([float(x) for x in corner]).double() for corner in bounds)
+    low, high = (
+        torch.tensor([float(x) for x in corner], device="cpu", dtype=torch.float32).double()
+        for corner in bounds
+    )
     centre = torch.from_numpy(cell_centers(camera))
     inside = ((centre >= low + margin) & (centre <= high - margin)).all(-1)
     if not inside.any():

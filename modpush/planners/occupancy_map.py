@@ -103,8 +103,8 @@ class OccupancyMap:
         last = self._last.value
         if last is None or len(last.radius) != batch:
             last = self._last.value = empty_inflated(batch, height, width)
-        out = torch.empty(batch, height, width, dtype=torch.uint8)
-        bits = torch.empty(batch, height, 8 * words, dtype=torch.uint8)
+        out = torch.empty(batch, height, width, dtype=torch.uint8, device="cpu")
+        bits = torch.empty(batch, height, 8 * words, dtype=torch.uint8, device="cpu")
         changed = np.zeros(batch, dtype=np.bool_)
         words_of = bits.numpy().view(np.uint64)
         run_batch(observe_few, observe_many, batch, views, last, words_of, changed, out.numpy())

@@ -86,7 +86,7 @@ class Paths:
         longest = max([2, *(len(path) for path in paths if path is not None)])
         waypoints = start[:, None].repeat(1, longest, 1).float()
         count = torch.zeros(len(paths), dtype=torch.int64, device=start.device)
-        length = torch.full((len(paths),), torch.inf, device=start.device)
+        length = torch.full((len(paths),), torch.inf, dtype=torch.float32, device=start.device)
         for b, path in enumerate(paths):
             if path is not None:
                 count[b] = len(path)

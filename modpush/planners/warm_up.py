@@ -33,6 +33,7 @@ def warmup(height: PixelCount = 256, width: PixelCount = 256) -> None:
         planner.warmup(height, width)
     camera = Camera(height=height, width=width)
     for batch in (1, 2):
-        inflate(torch.zeros(batch, height, width, dtype=torch.bool), 1.0)
-        depth = torch.full((batch, height, width), camera.z)
+        shape, cpu = (batch, height, width), torch.device("cpu")
+        inflate(torch.zeros(shape, dtype=torch.bool, device=cpu), 1.0)
+        depth = torch.full(shape, camera.z, dtype=torch.float32, device=cpu)
         OccupancyMap(camera)(depth, 0.035)

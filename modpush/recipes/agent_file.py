@@ -2,7 +2,8 @@
 
 import json
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
@@ -306,10 +307,23 @@ def _actor(
         encoder=None if encoder is None else make_trained_encoder(encoder),
     )
     factory = find_part("load_agent: actor", parts.get("actor", network["actor"]), ACTORS)
-    policy = factory(TQCConfig(hidden_sizes=tuple(network["hidden_sizes"])), specs)
+    with _default_dtype({tensor.dtype for tensor in tensors.values()}):
+        policy = factory(TQCConfig(hidden_sizes=tuple(network["hidden_sizes"])), specs)
     check_weights(f"load_agent: {path}", policy.state_dict(), tensors)
     policy.load_state_dict(tensors)
     return policy.eval().requires_grad_(False)
+
+
+@contextmanager
+def _default_dtype(dtypes: Collection[torch.dtype]) -> Iterator[None]:
+    """Make new modules in the floating dtype of a file's weights, whatever the process's default is."""
+    before = torch.get_default_dtype()
+    given = [dtype for dtype in dtypes if dtype in (torch.float32, torch.float64)]
+    try:
+        torch.set_default_dtype(given[0] if len(given) == 1 else before)
+        yield
+    finally:
+        torch.set_default_dtype(before)
 
 
 def _texts_of_parts(data: Mapping[str, Any], given: Mapping[str, Any]) -> list[str]:

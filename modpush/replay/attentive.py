@@ -173,7 +173,7 @@ class AttentiveSampler(Sampler):
         self._check_enough(storage, batch_size)
         queries = self._queries(storage)
         if batch_size % len(queries):
-            order = torch.randperm(len(queries), generator=storage._rng)
+            order = torch.randperm(len(queries), generator=storage._rng, device="cpu")
             queries = queries[order.to(queries.device)]
         groups = self._groups(len(queries), batch_size)
         # All at once, or two groups could draw the same entry although none is to be drawn twice.
@@ -261,11 +261,13 @@ class AttentiveSampler(Sampler):
 
     def add(self, index: int | Tensor) -> None:
         """Note where the buffer wrote an entry."""
-        self._cursor.note(torch.as_tensor(index).reshape(1, -1))
+        index = index if isinstance(index, Tensor) else torch.tensor(index, device="cpu")
+        self._cursor.note(index.reshape(1, -1))
 
     def extend(self, index: Tensor) -> None:
         """Note where the buffer wrote entries."""
-        self._cursor.note(torch.as_tensor(index))
+        index = index if isinstance(index, Tensor) else torch.as_tensor(index, device="cpu")
+        self._cursor.note(index)
 
     def update_priority(self, *args: Any, **kwargs: Any) -> None:
         """Do nothing: similarity is the only priority."""

@@ -86,7 +86,7 @@ class CompactStorage(LazyTensorStorage):
     def _reset_links(self) -> None:
         # successor[i] >= 0 is the entry that holds i's next observation, -2 - r row r of the side
         # table; predecessor is its inverse.
-        self._successor = torch.full((self.max_size,), _NONE, dtype=torch.int32)
+        self._successor = torch.full((self.max_size,), _NONE, dtype=torch.int32, device="cpu")
         self._predecessor = self._successor.clone()
         self._side: list[Tensor] = []  # one [R, ...] per key
         self._free_rows: list[int] = []
@@ -102,7 +102,7 @@ class CompactStorage(LazyTensorStorage):
         check_instance("CompactStorage", "data", data, TensorDictBase)
         single = data.ndim == 0
         rows = data.unsqueeze(0) if single else data
-        slots = torch.arange(self.max_size)[cursor].reshape(-1) if single else _slots(cursor, self)
+        slots = _all_slots(self)[cursor].reshape(-1) if single else _slots(cursor, self)
         self._check_keys(rows)
         if len(rows) > self.max_size:  # it would overwrite itself; only its end remains
             rows, slots = rows[-self.max_size :], slots[-self.max_size :]
@@ -116,7 +116,7 @@ class CompactStorage(LazyTensorStorage):
         """Read transitions with their next observations."""
         links = self._successor[: len(self)][_on_cpu(index)].long()
         if links.ndim == 0:  # an index of one entry would give views of what is stored
-            return self.get(torch.tensor([int(index)]))[0]
+            return self.get(torch.tensor([int(index)], device="cpu"))[0]
         data = super().get(index).copy()
         for column, (key, next_key) in enumerate(zip(self.keys, self._next_keys, strict=True)):
             values = self._storage.get(key)[links.clamp_min(0).to(self._device_of(key))]
@@ -175,7 +175,7 @@ class CompactStorage(LazyTensorStorage):
             _, slot = self._waiting.popitem(last=False)
             del self._awaited[slot]
         if pairs:
-            before, after = torch.tensor(pairs).unbind(-1)
+            before, after = torch.tensor(pairs, device="cpu").unbind(-1)
             links = self._successor[before].long()
             self._free_rows += (-2 - links[links < _NONE]).tolist()
             self._successor[before] = after.int()
@@ -194,7 +194,7 @@ class CompactStorage(LazyTensorStorage):
             grown = max(missing, size // 4, 64)
             self._side = [torch.cat([t, t.new_empty(grown, *t.shape[1:])]) for t in self._side]
             self._free_rows += range(size, size + grown)
-        rows = torch.tensor([self._free_rows.pop() for _ in range(len(slots))])
+        rows = torch.tensor([self._free_rows.pop() for _ in range(len(slots))], device="cpu")
         for table, value in zip(self._side, values, strict=True):
             table[rows.to(table.device)] = value.to(table.device)
         self._successor[slots] = (-2 - rows).int()
@@ -223,7 +223,7 @@ class CompactStorage(LazyTensorStorage):
             "successor": self._successor.clone(),
             "predecessor": self._predecessor.clone(),
             "side": [table.clone() for table in self._side],
-            "free_rows": torch.tensor(self._free_rows, dtype=torch.long),
+            "free_rows": torch.tensor(self._free_rows, dtype=torch.long, device="cpu"),
         }
 
     def _check_capacity(self, links: dict[str, Any]) -> None:
@@ -275,8 +275,12 @@ def _on_cpu(index: Any) -> Any:
 
 def _slots(cursor: Any, storage: CompactStorage) -> Tensor:
     if isinstance(cursor, slice):
-        return torch.arange(storage.max_size)[cursor]
-    return torch.as_tensor(cursor, dtype=torch.long).cpu().reshape(-1)
+        return _all_slots(storage)[cursor]
+    return torch.as_tensor(cursor, dtype=torch.long, device="cpu").reshape(-1)
+
+
+def _all_slots(storage: CompactStorage) -> Tensor:
+    return torch.arange(storage.max_size, device="cpu")
 
 
 def _row_bytes(values: Sequence[Tensor]) -> list[bytes]:

@@ -53,7 +53,7 @@ class MirrorTransitions(Transform):
         """Mirror transitions `[B]`; the tensordict itself stays as it is."""
         batch = tensordict.copy()
         action = read_key("MirrorTransitions", batch, self.action_key)
-        chosen = torch.rand(*batch.shape, 1) < self.fraction  # on the CPU: alike on all devices
+        chosen = torch.rand(*batch.shape, 1, device="cpu") < self.fraction  # alike on all devices
         chosen = chosen.to(action.device)
         for place in ((), ("next",)):
             observation_key = unravel_key((*place, self.observation_key))

@@ -62,7 +62,9 @@ def _sampler_state(buffer: TensorDictReplayBuffer) -> dict[str, Any]:
         count = range(len(buffer.storage))
         for name in ("_sum_tree", "_min_tree"):
             tree = state[name]
-            state[name] = torch.tensor([float(tree[i]) for i in count], dtype=torch.float64)
+            state[name] = torch.tensor(
+                [float(tree[i]) for i in count], dtype=torch.float64, device="cpu"
+            )
     return dict(state)
 
 

@@ -61,15 +61,15 @@ def read_entries(storage: Storage, index: Tensor, key: NestedKey) -> Tensor:
 def draw_distinct(total: int, size: int, generator: torch.Generator | None) -> Tensor:
     """A uniform subset of `size` out of `range(total)`, in time that depends on `size` only."""
     if 2 * size > total:
-        return torch.randperm(total, generator=generator)[:size]
-    chosen = torch.empty(0, dtype=torch.long)
+        return torch.randperm(total, generator=generator, device="cpu")[:size]
+    chosen = torch.empty(0, dtype=torch.long, device="cpu")
     while len(chosen) < size:
         # A few more than are missing and will collide; then seldom is there a second round.
         missing = size - len(chosen)
         draws = missing * total // (total - size) + missing // 8 + 8
-        more = torch.randint(total, (draws,), generator=generator)
+        more = torch.randint(total, (draws,), generator=generator, device="cpu")
         chosen = torch.cat([chosen, more]).unique()
     if len(chosen) == size:
         return chosen
     # `unique` sorts: drop at random, or the largest would be drawn too seldom.
-    return chosen[torch.randperm(len(chosen), generator=generator)[:size]]
+    return chosen[torch.randperm(len(chosen), generator=generator, device="cpu")[:size]]

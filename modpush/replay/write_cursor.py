@@ -45,7 +45,8 @@ class WriteCursor:
         shape = valid_shape(storage)
         row = shape[1:].numel()
         count = self.num_newest(storage, count)
-        flat = (newest * row + row - 1 - torch.arange(count).flip(0)) % shape.numel()
+        back = torch.arange(count, device="cpu").flip(0)
+        flat = (newest * row + row - 1 - back) % shape.numel()
         index = torch.stack(torch.unravel_index(flat, shape), -1)
         return index.to(getattr(storage, "device", None) or "cpu")
 

@@ -55,6 +55,24 @@ def test_the_library_s_own_errors_come_without_a_traceback(
     assert "Traceback" not in printed
 
 
+@pytest.mark.parametrize("subcommand", ["evaluate", "demo"])
+def test_a_folder_that_cannot_be_made_is_named_before_anything_is_run(
+    subcommand: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def refuse(*args: object, **kwargs: object) -> None:
+        raise PermissionError(13, "Permission denied", "somewhere")
+
+    monkeypatch.setattr(Path, "mkdir", refuse)
+    out = tmp_path / "out"
+    assert run_command([subcommand, "--policy", "scripted", "--out", str(out)]) == 2
+    printed = capsys.readouterr().err
+    assert f"no folder can be made (Permission denied): '{out}" in printed
+    assert "Traceback" not in printed
+
+
 def test_a_missing_extra_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(EXTRAS, "no_such_package", "view")
     with pytest.raises(

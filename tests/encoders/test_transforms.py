@@ -18,6 +18,7 @@ from modpush.encoders import (
     RayScan,
     egocentric_window,
 )
+from modpush.encoders.window_bytes import WindowBytes
 from modpush.envs import PushEnv
 from modpush.geometry import Camera
 from modpush.planners import OccupancyGrid, PlannerSubgoals, StraightLine
@@ -283,6 +284,14 @@ def test_windows_may_be_bytes():
         assert torch.equal(bytes_, floats)
     conv = ConvEncoder(8)
     assert torch.equal(conv(levels), conv(levels.float() / 255))
+
+
+@pytest.mark.parametrize("value", [1.2, -0.1, 255.0, float("nan")])
+def test_windows_that_bytes_cannot_hold_are_refused(value):
+    window = torch.zeros(2, 1, 8, 8)
+    window[1, 0, 3, 4] = value
+    with pytest.raises(ValueError, match=r"'window' must be finite and in \[0, 1\], got values"):
+        WindowBytes()(TensorDict(window=window, batch_size=[2]))
 
 
 @pytest.mark.parametrize("size", [15, 16, 32, 64])

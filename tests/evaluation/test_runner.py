@@ -371,6 +371,78 @@ def test_two_functions_are_two_policies(tmp_path: Path, free: EvaluationSet) -> 
     assert describe_policy(modules[0]) != describe_policy(modules[1])
 
 
+def moving(gain: float):
+    def act(td: TensorDict) -> TensorDict:
+        return td.set("action", gain * td["ee_pose"])
+
+    return act
+
+
+def edited(body: str):
+    names: dict = {"__name__": "scratch"}
+    exec(f"def act(td):\n    return td.set('action', {body})", names)
+    return names["act"]
+
+
+def test_a_function_that_was_edited_or_holds_another_number_is_another_policy() -> None:
+    assert describe_policy(moving(0.5)) == describe_policy(moving(0.5))
+    assert describe_policy(moving(0.5)) != describe_policy(moving(0.6))
+    bodies = ("td['a']", "td['b']", "-td['a']", "td['a'] + 1.0", "td['a'] + 2.0")
+    described = [str(describe_policy(edited(body))) for body in bodies]
+    assert len(set(described)) == len(bodies)
+    assert describe_policy(edited("td['a']")) == describe_policy(edited("td['a']"))
+    script = "from tests.evaluation.test_runner import *; print(describe_policy(edited(SET)))"
+    texts = {
+        subprocess.check_output(
+            [sys.executable, "-c", script], env={**os.environ, "PYTHONHASHSEED": n}
+        )
+        for n in "12"
+    }
+    assert len(texts) == 1
+
+
+SET = "td['a'] if 'a' in {'a', 'b', 'c'} else 0"
+
+
+def test_a_policy_in_half_precision_has_a_hash() -> None:
+    double = weights_hash(nn.Linear(2, 2).double())
+    assert weights_hash(nn.Linear(2, 2).bfloat16()) != double
+
+
+class Halved(TensorDictModule):
+    """Acts half as strongly as the policy that it wraps."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda action: action / 2, in_keys=["action"], out_keys=["action"])
+        self.policy = ScriptedPusher()
+
+    def forward(self, tensordict: TensorDict) -> TensorDict:
+        return super().forward(self.policy(tensordict))
+
+
+def test_a_policy_that_wraps_another_acts_itself(tmp_path: Path, free: EvaluationSet) -> None:
+    found = [
+        evaluate(p, free.first(1), tmp_path / str(i), make_env=make_env, config=QUIET)
+        for i, p in enumerate((ScriptedPusher(), Halved()))
+    ]
+    assert found[1]["steps"][0] > found[0]["steps"][0]
+
+
+@pytest.mark.parametrize(
+    ("policy", "got"),
+    [
+        (lambda td: None, "got NoneType"),
+        (lambda td: td["ee_pose"], "got Tensor"),
+        (lambda td: td.select("ee_pose"), r"got \['ee_pose'\]"),
+    ],
+)
+def test_a_policy_that_returns_no_action_is_named(
+    policy, got, tmp_path: Path, free: EvaluationSet
+) -> None:
+    with pytest.raises(TypeError, match=f"policy must return the tensordict with 'action', {got}"):
+        evaluate(policy, free.first(1), tmp_path, make_env=make_env, config=QUIET)
+
+
 def test_a_method_brings_its_environment(tmp_path: Path, free: EvaluationSet) -> None:
     rows = evaluate(get_method("scripted"), free.first(2), tmp_path, config=QUIET)
     assert rows["success"].all()

@@ -169,7 +169,7 @@ class PushingCorridorController(TensorDictModuleBase):
         ):
             check_finite(_WHO, repr(key), value)
         radius, touch = (
-            torch.full((scenes,), default)
+            torch.full((scenes,), default, device="cpu")
             if value is None
             else value.detach().cpu().reshape(scenes)
             for key, default in (
@@ -194,7 +194,7 @@ class PushingCorridorController(TensorDictModuleBase):
         scenes = len(goal)
         old: Any = tensordict.get(self.state_key, None)
         if old is None:
-            return self.state_spec((scenes,)).zero()
+            return self.state_spec((scenes,)).zero().cpu()
         old = old.detach().cpu().reshape(scenes)
         started = old["started"] & (old["goal"] == goal).all(-1, keepdim=True)
         is_init: Any = tensordict.get(self.is_init_key, None)
@@ -202,5 +202,5 @@ class PushingCorridorController(TensorDictModuleBase):
             started = started & ~is_init.cpu().reshape(scenes, 1)
         if started.all():
             return old.clone()
-        fresh = self.state_spec((scenes,)).zero()
+        fresh = self.state_spec((scenes,)).zero().cpu()
         return torch.where(started.squeeze(-1), old.select(*fresh.keys()), fresh)

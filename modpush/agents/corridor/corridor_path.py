@@ -62,7 +62,7 @@ def least_cost_path(
     straight = torch.cat([straight, goal[:, None].expand(-1, paths.waypoints.shape[1] - 2, 2)], 1)
     line = torch.where(paths.found[:, None, None], paths.waypoints, straight)
     length = (line[:, 1:] - line[:, :-1]).norm(dim=-1).sum(-1)
-    along = length[:, None] * torch.linspace(0.0, 1.0, points)  # [B, points]
+    along = length[:, None] * torch.linspace(0.0, 1.0, points).to(length)  # [B, points]
     lines = line.repeat_interleave(points, 0)  # all points of all scenes at once
     return point_along(lines, along.flatten()).reshape(len(line), points, 2)
 

@@ -56,7 +56,7 @@ def judge_stance(state: TensorDict, alpha: Tensor, config: CorridorConfig, rules
     """Compare where the tool stands, `alpha` of `Stance`, with where pushes went well."""
     noted = max(1, int(state["alpha_count"].max()))  # later places are empty in all scenes
     alphas = state["alphas"][:, :noted].double()
-    valid = torch.arange(noted) < state["alpha_count"]
+    valid = torch.arange(noted, device=alphas.device) < state["alpha_count"]
     mu, kappa = rules.fit_angles(alphas, valid, config)
     alpha_p = rules.preferred_angle(alphas, valid, mu, kappa)
     push, relocate = activations(alpha.double(), alpha_p, mu, kappa, rules)

@@ -31,7 +31,7 @@ def push_velocity(
     forward = unit(from_tool)
     aside = torch.stack([forward[..., 1], -forward[..., 0]], -1)  # turned by -90 degrees
     side = torch.where(torch.sin(stance.alpha_p - stance.alpha) < 0, -1.0, 1.0)
-    aside = aside * side[..., None]
+    aside = aside * side.to(aside)[..., None]
     far_gain = torch.full_like(stance.push, config.approach_gain)
     # A tool that has touched the object and drifted off comes back while circling, but no faster
     # than the activations say; the first approach goes straight.

@@ -48,5 +48,6 @@ def next_tool_position(
             from_object <= (float(keep_off[b]) / cell) ** 2
         )
     paths = planner.plan(torch.from_numpy(blocked), here, goal)
-    ahead = point_along(paths.waypoints, torch.full((len(here),), STEP / cell))
+    steps = paths.waypoints.new_full((len(here),), STEP / cell)
+    ahead = point_along(paths.waypoints, steps)
     return camera.unproject(torch.where(paths.found[:, None], ahead, goal))

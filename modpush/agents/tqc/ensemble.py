@@ -74,6 +74,7 @@ class BatchedEnsemble:
         self.num_atoms = 0  # the output's last dimension
         self.num_inputs = 0  # the inputs' last dimensions together; 0 if no linear layer says so
         self._layers: list[tuple[_Layer, list[_Path]]] = []
+        self._seen: set[nn.Parameter] = set()
         self._add(network, ("module",))
         if not self.num_atoms:
             raise NotBatchableError("it has no linear layer")
@@ -81,11 +82,15 @@ class BatchedEnsemble:
 
     def _add(self, part: nn.Module, path: _Path) -> None:
         parameters = [(*path, name) for name, _ in part.named_parameters(recurse=False)]
+        if not self._seen.isdisjoint(part.parameters(recurse=False)):
+            raise NotBatchableError("two of its layers share parameters")
+        self._seen.update(part.parameters(recurse=False))
         if type(part) in (nn.Sequential, MLP, ReluMLP):
             if getattr(part, "_reshape_out", False):
                 raise NotBatchableError("its MLP reshapes the output")
-            for name, child in part.named_children():
-                self._add(child, (*path, name))
+            for name, child in part._modules.items():  # a module may stand in several places
+                if child is not None:
+                    self._add(child, (*path, name))
         elif type(part) is nn.Linear:
             self._layers.append((_linear if len(parameters) == 2 else _linear_no_bias, parameters))
             self.num_inputs = part.in_features if not self._layers[:-1] else self.num_inputs

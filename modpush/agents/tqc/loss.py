@@ -8,7 +8,7 @@ from typing import Any, NoReturn, Self
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import TensorDictModule, dispatch
+from tensordict.nn import dispatch
 from tensordict.utils import NestedKey, unravel_key
 from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
@@ -24,6 +24,7 @@ from modpush._keys import read_key
 from modpush._types import Fraction
 from modpush._validation import check_value
 from modpush.agents.tqc.ensemble import BatchedEnsemble, NotBatchableError
+from modpush.agents.tqc.plain_actor import is_plain_call
 from modpush.agents.tqc.quantiles import quantile_huber, truncate_atoms
 from modpush.agents.tqc.relu_mlp import autocast_enabled
 from modpush.agents.tqc.tanh_normal import tanh_normal_rsample
@@ -211,17 +212,12 @@ class TQCLoss(_TorchRLTQCLoss):
         network, *others = self.actor_network.module
         head = others[0] if len(others) == 1 else None
         with set_exploration_type(ExplorationType.RANDOM), self._bound_actor():
-            if (
-                head is None
-                or type(network) is not TensorDictModule
-                or list(network.out_keys) != list(head.in_keys)
-                or not all(isinstance(key, str) for key in head.dist_keys)
-                or any(part._forward_hooks or part._forward_pre_hooks for part in (network, head))
-            ):
+            if head is None or not is_plain_call(network, head):
                 actor_input = tensordict.select(*self.actor_network.in_keys, strict=False)
                 return compute_rsample_log_prob(self.actor_network.get_dist(actor_input))
             # A network and a distribution: no need to pass the parameters through a tensordict.
             parameters = network.module(*[tensordict.get(key) for key in network.in_keys])
+            parameters = [parameters] if isinstance(parameters, Tensor) else parameters
             named = dict(zip(head.dist_keys, parameters, strict=True))
             if self._is_plain_tanh_normal(head, named):
                 return tanh_normal_rsample(**named, bounds=self._action_bounds(head, named["loc"]))

@@ -53,8 +53,8 @@ class RayScan(Encoder):
         self.latent_dim, self.window_size = num_rays, window_size
         self.max_range, self.threshold = max_range, min_height / max_height
         # Half a pixel at a time, so that no pixel on the way is jumped over by much.
-        steps = torch.arange(0.0, max_range / pixel_size, 0.5)
-        angles = torch.arange(num_rays) * (2 * math.pi / num_rays)
+        steps = torch.arange(0.0, max_range / pixel_size, 0.5, dtype=torch.float32)
+        angles = torch.arange(num_rays, dtype=torch.float32) * (2 * math.pi / num_rays)
         middle = 0.5 * (window_size - 1)
         rows = (middle - angles.cos()[:, None] * steps).round().long()  # [R, S]
         columns = (middle - angles.sin()[:, None] * steps).round().long()
@@ -64,7 +64,7 @@ class RayScan(Encoder):
         # Places outside the window read one extra pixel, which is always free.
         index = torch.where(inside, rows * window_size + columns, window_size**2)
         self.register_buffer("_index", index.flatten(), persistent=False)
-        fractions = torch.cat([steps * (pixel_size / max_range), torch.ones(1)])
+        fractions = torch.cat([steps * (pixel_size / max_range), torch.ones_like(steps[:1])])
         self.register_buffer("_fractions", fractions.clamp(max=1.0), persistent=False)
 
     def forward(self, window: Tensor) -> Tensor:

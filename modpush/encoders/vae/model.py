@@ -151,7 +151,7 @@ class DepthVAE(Encoder):
             )
         tensors, config = read_tensors(path, _KIND, _VERSION)
         try:
-            vae = cls(**{key: value for key, value in config.items() if key != "card"})
+            vae = cls(**{key: value for key, value in config.items() if key != "card"}).float()
             vae.load_weights(tensors)
         except (TypeError, ValueError) as error:
             raise ValueError(f"DepthVAE: {path} does not fit: {error}") from error

@@ -3,7 +3,7 @@
 import gc
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -118,7 +118,13 @@ class SceneBatch(ABC):
         depth, segmentation = self._images.take()
         for index in range(self.num_envs):
             number, i = self._locate(index)
-            self._cameras[number].capture(i, depth[index, 0], segmentation[index, 0])
+            camera: Any = self._cameras[number]
+            given = camera.capture(i, depth[index, 0], segmentation[index, 0])
+            if given is not None:
+                raise TypeError(
+                    f"PushEnv: depth: {type(camera).__name__}.capture must write into the arrays that it "
+                    f"is given and return None, got {type(given).__name__}."
+                )
         return torch.from_numpy(depth), torch.from_numpy(segmentation)
 
     def cast(self, index: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

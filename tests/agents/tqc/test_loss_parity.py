@@ -2,9 +2,10 @@
 
 import pytest
 import torch
+from tensordict.nn import NormalParamExtractor, TensorDictModule
 from torch import nn
 from torchrl.data import Bounded
-from torchrl.modules import MLP, ValueOperator
+from torchrl.modules import MLP, ProbabilisticActor, TanhNormal, ValueOperator
 from torchrl.objectives import TQCLoss as TorchRLTQCLoss
 
 from modpush.agents import TQCLoss
@@ -240,6 +241,77 @@ def two_headed_critic():
 
 def test_critics_that_cannot_be_batched():
     assert_same_as_torchrl(make_batch(6), critic=two_headed_critic)
+
+
+def one_activation_for_all_layers():
+    activation = nn.Tanh()
+    return make_critic(activation_class=lambda **_: activation)
+
+
+def one_layer_twice():
+    critic = make_critic(num_cells=[12, 12, 12])
+    critic.module[4] = critic.module[2]
+    return critic
+
+
+@pytest.mark.parametrize("critic", [one_activation_for_all_layers, one_layer_twice])
+def test_critics_in_which_one_module_stands_twice(critic):
+    assert_same_as_torchrl(make_batch(6), critic=critic)
+
+
+class Gaussian(nn.Module):
+    """A network whose arguments and methods have names of their own."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.trunk = nn.Sequential(nn.Linear(OBS, 2 * ACT), NormalParamExtractor())
+
+    def forward(self, scaled=None, observation=None):
+        return self.trunk(observation if scaled is None else -scaled)
+
+    def act(self, observation, factor=2.0):
+        loc, scale = self.trunk(observation)
+        return factor * loc, scale
+
+
+def narrow_tanh_normal(loc):
+    return TanhNormal(loc, torch.full_like(loc, 0.5))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"in_keys": {"observation": "observation"}},
+        {"in_keys": {"observation": "scaled"}, "out_to_in_map": False},
+        {"method": "act"},
+        {"method": "act", "method_kwargs": {"factor": 3.0}},
+    ],
+    ids=str,
+)
+def test_actors_whose_network_is_called_in_another_way(options):
+    def actor():
+        options_ = {"in_keys": ["observation"], "out_keys": ["loc", "scale"], **options}
+        return ProbabilisticActor(
+            TensorDictModule(Gaussian(), **options_),
+            in_keys=["loc", "scale"],
+            spec=Bounded(-1, 1, (ACT,)),
+            distribution_class=TanhNormal,
+        )
+
+    assert_same_as_torchrl(make_batch(6), actor=actor)
+
+
+@pytest.mark.parametrize("size", [1, 6])
+def test_actors_whose_network_gives_one_tensor(size):
+    def actor():
+        return ProbabilisticActor(
+            TensorDictModule(nn.Linear(OBS, ACT), in_keys=["observation"], out_keys=["loc"]),
+            in_keys=["loc"],
+            spec=Bounded(-1, 1, (ACT,)),
+            distribution_class=narrow_tanh_normal,
+        )
+
+    assert_same_as_torchrl(make_batch(size), actor=actor)
 
 
 def test_a_whole_training_run_stays_together():

@@ -52,6 +52,19 @@ def test_a_camera_may_be_given_by_class_by_text_or_by_function():
         )
 
 
+class ReturningCamera(PointCamera):
+    """Returns images, as Gymnasium's cameras do."""
+
+    def capture(self, index, depth, segmentation):
+        return np.full_like(depth, CAMERA.z), np.zeros_like(segmentation)
+
+
+def test_a_camera_that_returns_its_images_is_refused():
+    env = PushEnv(1, depth=ReturningCamera)
+    with pytest.raises(TypeError, match=r"ReturningCamera.capture must write .*, got tuple"):
+        env.reset()
+
+
 @pytest.mark.parametrize("arm", [True, False])
 def test_a_camera_finds_object_obstacles_and_arm_through_its_view(arm):
     env = PushEnv(1, scene="posts", seed=0, depth=PointCamera, arm_in_depth=arm)
