@@ -129,10 +129,10 @@ class PushObservation(Transform):
         }
         self.action_key, self.last_action_key = action_key, last_action_key
         self.observation_key = observation_key
-        low, high = self.bounds
-        self._corners = tuple(
-            torch.tensor(corner, dtype=torch.float32, device="cpu") for corner in (low, high)
+        low, high = (
+            torch.tensor(corner, dtype=torch.float32, device="cpu") for corner in self.bounds
         )
+        self._corners = low, high
         self._layout: Layout | None = None
         self._writes_last_action = False
 
