@@ -34,8 +34,7 @@ from torch import nn
 from torchrl.data import Bounded, LazyTensorStorage, RandomSampler, TensorDictReplayBuffer
 from torchrl.envs import GymWrapper
 from torchrl.modules import MLP, ProbabilisticActor, TanhNormal, ValueOperator
-from torchrl.objectives import SoftUpdate
-from torchrl.objectives import TQCLoss as TorchRLTQCLoss
+from torchrl.objectives import SoftUpdate, TQCLoss as TorchRLTQCLoss
 
 from modpush.agents import TQCConfig, TQCLoss, make_tqc, quantile_huber
 from modpush.replay import AttentiveSampler, ReplayConfig, make_replay_buffer

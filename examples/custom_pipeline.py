@@ -21,8 +21,7 @@ from torchrl.data import LazyTensorStorage, RandomSampler, TensorDictReplayBuffe
 from torchrl.envs import ExplorationType, GymEnv, TransformedEnv, set_exploration_type
 from torchrl.envs.transforms import DoubleToFloat
 from torchrl.modules import MLP, ProbabilisticActor, TanhNormal, ValueOperator
-from torchrl.objectives import SoftUpdate
-from torchrl.objectives import TQCLoss as TorchRLTQCLoss
+from torchrl.objectives import SoftUpdate, TQCLoss as TorchRLTQCLoss
 
 from modpush.agents import TQCLoss
 from modpush.replay import AttentiveSampler

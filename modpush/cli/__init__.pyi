@@ -1,9 +1,5 @@
-from .command import SUBCOMMANDS as SUBCOMMANDS
-from .command import run_command as run_command
-from .demo import DemoConfig as DemoConfig
-from .demo import show_demo as show_demo
-from .evaluate import EvaluateConfig as EvaluateConfig
-from .evaluate import evaluate_policies as evaluate_policies
+from .command import SUBCOMMANDS as SUBCOMMANDS, run_command as run_command
+from .demo import DemoConfig as DemoConfig, show_demo as show_demo
+from .evaluate import EvaluateConfig as EvaluateConfig, evaluate_policies as evaluate_policies
 from .export import ExportConfig as ExportConfig
-from .train import RunConfig as RunConfig
-from .train import train_agent as train_agent
+from .train import RunConfig as RunConfig, train_agent as train_agent

@@ -1,8 +1,6 @@
 from .depth.analytic import AnalyticDepthCamera as AnalyticDepthCamera
 from .depth.base import (
     DepthCamera as DepthCamera,
-)
-from .depth.base import (
     SceneView as SceneView,
 )
 from .gym_env import PushGymEnv as PushGymEnv
@@ -11,30 +9,17 @@ from .push_state import PushState as PushState
 from .scenes.conditions import EpisodeConditions as EpisodeConditions
 from .scenes.layouts import (
     HARD_SCENES as HARD_SCENES,
-)
-from .scenes.layouts import (
     HARD_WIDE_SCENES as HARD_WIDE_SCENES,
-)
-from .scenes.layouts import (
     OBSTACLE_SCENES as OBSTACLE_SCENES,
-)
-from .scenes.layouts import (
     SCENES as SCENES,
-)
-from .scenes.layouts import (
     TIGHT_SCENES as TIGHT_SCENES,
 )
-from .scenes.objects import OBJECTS as OBJECTS
-from .scenes.objects import PushedObject as PushedObject
+from .scenes.objects import OBJECTS as OBJECTS, PushedObject as PushedObject
 from .scenes.obstacle import Obstacle as Obstacle
 from .scenes.sampling import sample_scenario as sample_scenario
 from .scenes.scenario import (
     Dynamics as Dynamics,
-)
-from .scenes.scenario import (
     Scenario as Scenario,
-)
-from .scenes.scenario import (
     ScenarioConfig as ScenarioConfig,
 )
 from .sim.rendering import find_render_device as find_render_device

@@ -1,4 +1,2 @@
-from .agent import FORMATS as FORMATS
-from .agent import export_agent as export_agent
-from .graphs import ObservationPolicy as ObservationPolicy
-from .graphs import WindowPolicy as WindowPolicy
+from .agent import FORMATS as FORMATS, export_agent as export_agent
+from .graphs import ObservationPolicy as ObservationPolicy, WindowPolicy as WindowPolicy

@@ -1,24 +1,25 @@
 from .action_frame import ActionFrame as ActionFrame
 from .blank_latent import latent_entry as latent_entry
-from .curriculum import Curriculum as Curriculum
-from .curriculum import CurriculumConfig as CurriculumConfig
-from .curriculum import Phase as Phase
+from .curriculum import (
+    Curriculum as Curriculum,
+    CurriculumConfig as CurriculumConfig,
+    Phase as Phase,
+)
 from .curriculum_scenes import CurriculumScenes as CurriculumScenes
 from .depth_noise import DepthNoise as DepthNoise
 from .entry_list import resolve_entries as resolve_entries
 from .mirrored_observation import MirroredObservation as MirroredObservation
-from .observation_entries import ENTRIES as ENTRIES
-from .observation_entries import PAPER_ENTRIES as PAPER_ENTRIES
-from .observation_entries import PATH_AHEAD_ENTRIES as PATH_AHEAD_ENTRIES
-from .observation_entries import PATH_ENTRIES as PATH_ENTRIES
-from .observation_entries import Entry as Entry
+from .observation_entries import (
+    ENTRIES as ENTRIES,
+    PAPER_ENTRIES as PAPER_ENTRIES,
+    PATH_AHEAD_ENTRIES as PATH_AHEAD_ENTRIES,
+    PATH_ENTRIES as PATH_ENTRIES,
+    Entry as Entry,
+)
 from .observation_inputs import ObservationInputs as ObservationInputs
 from .observation_layout import fingerprint_differences as fingerprint_differences
 from .push_observation import PushObservation as PushObservation
-from .push_reward import PushReward as PushReward
-from .push_reward import RewardConfig as RewardConfig
-from .reward_terms import REWARD_TERMS as REWARD_TERMS
-from .reward_terms import RewardTerm as RewardTerm
+from .push_reward import PushReward as PushReward, RewardConfig as RewardConfig
+from .reward_terms import REWARD_TERMS as REWARD_TERMS, RewardTerm as RewardTerm
 from .step_outcome import StepOutcome as StepOutcome
-from .stuck_recovery import StuckRecovery as StuckRecovery
-from .stuck_recovery import recovering as recovering
+from .stuck_recovery import StuckRecovery as StuckRecovery, recovering as recovering

@@ -3,16 +3,16 @@ from .base import Planner as Planner
 from .distance_field import DistanceField as DistanceField
 from .inflation import inflate as inflate
 from .lazy_theta_star import LazyThetaStar as LazyThetaStar
-from .named import PLANNERS as PLANNERS
-from .named import make_planner as make_planner
+from .named import PLANNERS as PLANNERS, make_planner as make_planner
 from .occupancy import OccupancyGrid as OccupancyGrid
 from .occupancy_map import OccupancyMap as OccupancyMap
-from .path_points import fraction_subgoal as fraction_subgoal
-from .path_points import lookahead_subgoal as lookahead_subgoal
-from .path_points import point_along as point_along
-from .path_points import points_ahead as points_ahead
-from .paths import Paths as Paths
-from .paths import check_paths as check_paths
+from .path_points import (
+    fraction_subgoal as fraction_subgoal,
+    lookahead_subgoal as lookahead_subgoal,
+    point_along as point_along,
+    points_ahead as points_ahead,
+)
+from .paths import Paths as Paths, check_paths as check_paths
 from .straight_line import StraightLine as StraightLine
 from .subgoals import PlannerSubgoals as PlannerSubgoals
 from .theta_star import ThetaStar as ThetaStar

@@ -1,14 +1,17 @@
-from .agent_file import Agent as Agent
-from .agent_file import load_agent as load_agent
-from .agent_file import save_agent as save_agent
-from .agent_file import shipped_agents as shipped_agents
+from .agent_file import (
+    Agent as Agent,
+    load_agent as load_agent,
+    save_agent as save_agent,
+    shipped_agents as shipped_agents,
+)
 from .config import PushEnvConfig as PushEnvConfig
 from .fingerprint import environment_fingerprint as environment_fingerprint
 from .gym_env import PaperGymEnv as PaperGymEnv
-from .hub import model_card as model_card
-from .hub import push_to_hub as push_to_hub
+from .hub import model_card as model_card, push_to_hub as push_to_hub
 from .make_env import make_push_env as make_push_env
-from .methods import METHODS as METHODS
-from .methods import Method as Method
-from .methods import get_method as get_method
-from .methods import get_methods as get_methods
+from .methods import (
+    METHODS as METHODS,
+    Method as Method,
+    get_method as get_method,
+    get_methods as get_methods,
+)

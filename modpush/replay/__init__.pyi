@@ -1,14 +1,16 @@
 from .attentive import AttentiveSampler as AttentiveSampler
-from .buffer import make_replay_buffer as make_replay_buffer
-from .buffer import update_priorities as update_priorities
+from .buffer import make_replay_buffer as make_replay_buffer, update_priorities as update_priorities
 from .compact import CompactStorage as CompactStorage
 from .config import ReplayConfig as ReplayConfig
 from .mirror import MirrorTransitions as MirrorTransitions
-from .n_step import NStepTransform as NStepTransform
-from .n_step import extend_rollout as extend_rollout
-from .n_step import forget_open_steps as forget_open_steps
-from .similarity import LatentSimilarity as LatentSimilarity
-from .similarity import cosine as cosine
-from .similarity import negative_l2 as negative_l2
-from .transition_keys import TRANSITION_KEYS as TRANSITION_KEYS
-from .transition_keys import KeepTransition as KeepTransition
+from .n_step import (
+    NStepTransform as NStepTransform,
+    extend_rollout as extend_rollout,
+    forget_open_steps as forget_open_steps,
+)
+from .similarity import (
+    LatentSimilarity as LatentSimilarity,
+    cosine as cosine,
+    negative_l2 as negative_l2,
+)
+from .transition_keys import TRANSITION_KEYS as TRANSITION_KEYS, KeepTransition as KeepTransition

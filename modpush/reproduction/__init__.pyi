@@ -1,6 +1,4 @@
-from .config import PARTS as PARTS
-from .config import ReproduceConfig as ReproduceConfig
+from .config import PARTS as PARTS, ReproduceConfig as ReproduceConfig
 from .paper_tables import PAPER_TABLES as PAPER_TABLES
 from .run_parts import reproduce as reproduce
-from .verdicts import against_method as against_method
-from .verdicts import against_printed as against_printed
+from .verdicts import against_method as against_method, against_printed as against_printed

@@ -1,9 +1,6 @@
 from .config import PlayConfig as PlayConfig
-from .lane import Lane as Lane
-from .lane import PolicyLane as PolicyLane
-from .lane import Snapshot as Snapshot
-from .page import Page as Page
-from .page import play as play
+from .lane import Lane as Lane, PolicyLane as PolicyLane, Snapshot as Snapshot
+from .page import Page as Page, play as play
 from .policies import POLICIES as POLICIES
 from .replay import ReplayLane as ReplayLane
 from .session import Session as Session

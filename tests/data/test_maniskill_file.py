@@ -7,8 +7,7 @@ import h5py
 import numpy as np
 import pytest
 import torch
-from mani_skill.trajectory import replay_trajectory
-from mani_skill.trajectory import utils as trajectory_utils
+from mani_skill.trajectory import replay_trajectory, utils as trajectory_utils
 from mani_skill.trajectory.dataset import ManiSkillTrajectoryDataset
 from mani_skill.utils.wrappers import RecordEpisode
 

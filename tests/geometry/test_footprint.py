@@ -2,8 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from modpush.geometry import Primitive, box, capsule, centered, cylinder, prism
 from modpush.geometry.footprint import (

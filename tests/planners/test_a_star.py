@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from planner_maps import solvable_maps
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import scipy.ndimage as ndi
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from planner_maps import family_maps, shortest_length, solvable_maps, visible
 
 from modpush.planners import DistanceField, LazyThetaStar, StraightLine, ThetaStar

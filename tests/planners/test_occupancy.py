@@ -10,8 +10,7 @@ import pytest
 import scipy.ndimage as ndi
 import torch
 from box_images import BAR, render, square
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from planner_maps import random_map
 
 from modpush.geometry import CAMERA, Label

@@ -6,12 +6,10 @@ from functools import partial
 
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy import stats
 from tensordict import TensorDict
-from torch import multiprocessing as mp
-from torch import nn
+from torch import multiprocessing as mp, nn
 from torchrl.data import (
     LazyMemmapStorage,
     LazyTensorStorage,

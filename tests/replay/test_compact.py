@@ -4,8 +4,7 @@ import pickle
 
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from tensordict import TensorDict
 from torch import multiprocessing as mp
 from torchrl.data import LazyTensorStorage, RandomSampler, RoundRobinWriter, TensorDictReplayBuffer

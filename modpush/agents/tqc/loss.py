@@ -13,8 +13,7 @@ from tensordict.utils import NestedKey, unravel_key
 from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.modules import TanhNormal
-from torchrl.objectives import LossModule
-from torchrl.objectives import TQCLoss as _TorchRLTQCLoss
+from torchrl.objectives import LossModule, TQCLoss as _TorchRLTQCLoss
 from torchrl.objectives.sac import compute_rsample_log_prob
 from torchrl.objectives.utils import ValueEstimators
 from torchrl.objectives.value import TD0Estimator, ValueEstimatorBase

@@ -20,8 +20,7 @@ from torchrl.data import (
 )
 from torchrl.envs import GymEnv, SerialEnv, TransformedEnv
 from torchrl.envs.transforms import RewardSum
-from torchrl.objectives import SoftUpdate
-from torchrl.objectives import TQCLoss as TorchRLTQCLoss
+from torchrl.objectives import SoftUpdate, TQCLoss as TorchRLTQCLoss
 from torchrl.trainers.algorithms import SACTrainer
 
 from modpush.agents import TQCConfig, TQCLoss, make_tqc, make_tqc_from_specs

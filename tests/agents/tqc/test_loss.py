@@ -9,8 +9,7 @@ import pytest
 import torch
 from torch import nn
 from torchrl.modules import ValueOperator
-from torchrl.objectives import HardUpdate, SoftUpdate
-from torchrl.objectives import TQCLoss as TorchRLTQCLoss
+from torchrl.objectives import HardUpdate, SoftUpdate, TQCLoss as TorchRLTQCLoss
 from torchrl.objectives.utils import ValueEstimators
 from torchrl.objectives.value import TD0Estimator, TDLambdaEstimator
 

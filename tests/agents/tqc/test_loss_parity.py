@@ -8,8 +8,7 @@ from torchrl.data import Bounded
 from torchrl.modules import MLP, ProbabilisticActor, TanhNormal, ValueOperator
 from torchrl.objectives import TQCLoss as TorchRLTQCLoss
 
-from modpush.agents import TQCLoss
-from modpush.agents import make_actor as make_own_actor
+from modpush.agents import TQCLoss, make_actor as make_own_actor
 from modpush.agents.tqc.relu_mlp import ReluMLP
 from tests.agents.tqc.tqc_builders import (
     ACT,

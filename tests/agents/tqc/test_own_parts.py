@@ -9,8 +9,7 @@ from tensordict.nn import TensorDictModule
 from torch import nn
 from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.modules import ValueOperator
-from torchrl.objectives import DDPGLoss, SACLoss
-from torchrl.objectives import TQCLoss as TorchRLTQCLoss
+from torchrl.objectives import DDPGLoss, SACLoss, TQCLoss as TorchRLTQCLoss
 
 from modpush.agents import TQCConfig, TQCLoss, make_tqc_from_specs
 from modpush.agents.tqc.factories import mlp_actor, mlp_critic, tqc_loss

@@ -1,7 +1,6 @@
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from modpush.agents import quantile_huber, truncate_atoms
 from modpush.agents.tqc.quantiles import _forward_numba, _forward_torch
