@@ -271,23 +271,20 @@ def _run_in_workers(job: _Job) -> Iterator[Episode]:
     for worker in workers:
         worker.start()
     try:
-        left = len(job.episodes)
+        left, ended = len(job.episodes), False
         while left:
             try:
                 yield results.get(timeout=1.0)
                 left -= 1
             except queue.Empty:
-                _check_alive(workers)
+                codes = [worker.exitcode for worker in workers]
+                if any(codes) or ended:
+                    raise RuntimeError(
+                        f"evaluate: a worker ended early, exit codes {codes}; its own message is above. "
+                        "Finished episodes are kept; run again to continue."
+                    ) from None
+                ended = None not in codes  # their last episodes may still be on the way
     finally:
         for worker in workers:
             worker.kill()
             worker.join()
-
-
-def _check_alive(workers: Sequence[Any]) -> None:
-    codes = [worker.exitcode for worker in workers]
-    if any(codes):
-        raise RuntimeError(
-            f"evaluate: a worker ended early, exit codes {codes}; its own message is above. "
-            "Finished episodes are kept; run again to continue."
-        )

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -60,6 +61,10 @@ def fail(num_envs: int, objects: object) -> None:
 
 def break_down(num_envs: int, objects: object) -> None:
     raise RuntimeError("no such machine")
+
+
+def leave(num_envs: int, objects: object) -> None:
+    raise SystemExit(0)
 
 
 @pytest.fixture(scope="module")
@@ -211,10 +216,13 @@ def test_two_workers_give_the_same_rows(tmp_path: Path, unbroken: pd.DataFrame) 
 
 
 @pytest.mark.slow  # the process alone takes ten seconds to start
-def test_a_worker_that_fails_is_reported(tmp_path: Path, free: EvaluationSet) -> None:
+@pytest.mark.parametrize("make", [break_down, leave])
+def test_a_worker_that_ends_early_is_reported(
+    make: Callable[..., None], tmp_path: Path, free: EvaluationSet
+) -> None:
     config = EvaluationConfig(workers=2, progress=False)
     with pytest.raises(RuntimeError, match="a worker ended early, exit codes"):
-        evaluate(ScriptedPusher(), free.first(1), tmp_path, make_env=break_down, config=config)
+        evaluate(ScriptedPusher(), free.first(1), tmp_path, make_env=make, config=config)
 
 
 @pytest.mark.parametrize("name", ["num_envs", "workers"])
