@@ -288,7 +288,7 @@ def test_rows_say_which_policy_acted(tmp_path: Path, unbroken: pd.DataFrame) -> 
 
 def test_an_environment_of_other_conditions_is_refused(tmp_path: Path, free: EvaluationSet) -> None:
     short = replace(free.first(1), conditions=EpisodeConditions(max_episode_steps=7))
-    with pytest.raises(ValueError, match=r"of the set\): \{'max_episode_steps': \(200, 7\)\}"):
+    with pytest.raises(ValueError, match=r"set\): \{'max_episode_steps': \(200, 7\)\}"):
         evaluate(ScriptedPusher(), short, tmp_path / "a", make_env=make_env, config=QUIET)
     rows = evaluate(
         ScriptedPusher(), short, tmp_path / "b", make_env=make_conditioned_env, config=QUIET
