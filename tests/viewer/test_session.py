@@ -307,7 +307,9 @@ def test_a_set_of_ones_own_or_with_another_tool_is_shown(tool, tmp_path) -> None
     stored = load_trajectory(folder, 0)
     assert session.snapshots[0].object_pose == pytest.approx(stored.object_pose[-1])
     (folder / "set.json.gz").unlink()
-    with pytest.raises(ValueError, match=r"which is not a set of the package, and holds no set\.json"):
+    with pytest.raises(
+        ValueError, match=r"which is not a set of the package, and holds no set\.json"
+    ):
         Session(PlayConfig(replay=(folder,)))
 
 
