@@ -97,7 +97,7 @@ class PushEnvConfig:
     """How the sub-goal is chosen on the path, see `PlannerSubgoals`."""
     subgoal_fraction: PositiveFraction = 0.2
     """Share of the path's length at which the sub-goal lies, for the mode `fraction`."""
-    subgoal_lookahead: NonNegative = 0.2
+    subgoal_lookahead: Positive = 0.2
     """Distance along the path at which the sub-goal lies, for the mode `lookahead` [m]."""
     path_ahead: Several[Positive] = ()
     """Distances along the path of the points for the entry `path_ahead` [m]. Unlike the sub-goal,

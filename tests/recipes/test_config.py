@@ -19,6 +19,11 @@ def test_unknown_names_are_answered_with_what_there_is():
         PushEnvConfig.preset("gpu")
 
 
+def test_a_subgoal_at_the_object_is_refused_before_an_environment_is_made():
+    with pytest.raises(ValueError, match=r"subgoal_lookahead must be > 0, got 0"):
+        PushEnvConfig(subgoal_lookahead=0.0)
+
+
 def test_a_config_survives_json():
     config = PushEnvConfig.preset("cpu")
     assert from_plain(PushEnvConfig, json.loads(json.dumps(asdict(config)))) == config
