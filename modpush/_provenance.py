@@ -37,6 +37,8 @@ class Session:
     """Number of episodes, or of training runs."""
     seconds: float
     """Time that they took [s]."""
+    processes: int | str | None = None
+    """Number of processes, or "ray"; None where it was not noted."""
 
 
 def commit() -> str:
@@ -67,15 +69,20 @@ def machine() -> str:
     return f"{name}, {os.cpu_count()} cores"
 
 
-def add_session(folder: Path, count: int, seconds: float) -> None:
+def add_session(
+    folder: Path, count: int, seconds: float, processes: int | str | None = None
+) -> None:
     """Note in a folder of results what was done now.
 
     Args:
         folder: The folder, which holds `sessions.json`.
         count: Number of episodes, or of training runs.
         seconds: Time that they took [s].
+        processes: Number of processes, or "ray".
     """
-    session = Session(commit=commit(), machine=machine(), count=count, seconds=seconds)
+    session = Session(
+        commit=commit(), machine=machine(), count=count, seconds=seconds, processes=processes
+    )
     sessions = [vars(item) for item in (*read_sessions(folder), session)]
     write_json(folder / _NAME, {"sessions": sessions}, _KIND, _VERSION)
 
@@ -111,6 +118,9 @@ def sources_text(
     if time is None:
         minutes = sum(item.seconds for item in listed) / 60
         time = f"{minutes:.1f} minutes for {sum(item.count for item in listed)} episodes"
+        processes = {item.processes for item in listed}
+        if len(processes) == 1 and None not in processes:  # earlier versions did not note it
+            time += f", with `--workers {processes.pop()}`"
     return (
         f"| command | `{command}` |\n|---|---|\n| commit | {commits} |\n| seed | {seeds} |\n"
         f"| machine | {machines} |\n| time | {time} |\n"

@@ -38,16 +38,18 @@ _ABLATIONS = _SweepPage(
     title="What the parts of the method are worth",
     about="""Every variant is trained alike, {steps} environment steps ({minutes:.0f} minutes on average),
 and evaluated without exploration noise on the same held-out episodes, which belong to no evaluation
-set; a variant that changes how episodes are drawn, as `inflated_inscribed`, has its own.""",
+set; a variant that changes how episodes are drawn, as `inflated_inscribed`, has its own. All are compared
+with the first variant, which is the preset `cpu` as the sweep's file overrides it: without mirror images,
+points ahead on the path and recovery, and with a curriculum. So they are not of the shipped agents.""",
 )
 _FURTHER = _SweepPage(
     part="further",
     sweep="examples/sweeps/hard_further.yaml",
     title="Short further training in the hard scenes",
-    about="""One agent, which has not seen the hard scenes (the sweep's file says how it was trained),
-goes on learning in them for the steps that its variant names; `before` only evaluates it, so that it
-is the same with each seed. All are evaluated without exploration noise on the same held-out episodes
-of the hard scenes, which belong to no evaluation set.""",
+    about="""A run of the preset `cpu`, which has not seen the hard scenes (the sweep's file has the
+command), goes on learning in them for the steps that its variant names; `before` only evaluates it, so
+that it is the same with each seed. All are evaluated with the actor alone, without exploration noise and
+recovery, on the same held-out episodes of the hard scenes, which belong to no evaluation set.""",
 )
 
 

@@ -7,6 +7,7 @@ import pandas as pd
 
 from modpush.files import write_text
 from modpush.reproduction.config import PARTS, ReproduceConfig
+from modpush.reproduction.measure import AGENT
 from modpush.reproduction.verdicts import RULES
 
 __all__ = ["verdict_lists", "write_companion"]
@@ -21,6 +22,18 @@ _ABOUT = {
     "ablations": "What the parts of the method are worth (Sec. IV)",
     "further": "Short further training in the hard scenes (Sec. V-C)",
 }
+_OTHER_PAGES = (
+    ("claims.md", "What the paper's text claims", ", claim by claim, beside what was found here."),
+    (
+        "training/README.md",
+        "The paper's own configuration",
+        ", as far as it was trained, beside `cpu`.",
+    ),
+    ("retrained/README.md", "The agent trained further with the fragment", ", and its weights."),
+)
+"""Pages that are written by hand: file, label and the rest of the sentence."""
+_PART_OF = {"hard/small_cube": "hard200/small_cube"}
+"""Sets whose episodes are the first of another one."""
 
 
 def write_companion(config: ReproduceConfig) -> None:
@@ -33,9 +46,8 @@ def write_companion(config: ReproduceConfig) -> None:
         "`ablations` and `further` only once their sweeps have been run. Episodes that were run are "
         "kept in `runs/reproduce`, so that only missing ones run again.",
         "`agent` is the agent that a command names with `--agent`, `small_cube` where it names none: "
-        "trained with the small cube alone. `agent_retrained` is the one of `--policy-files fragment`: "
-        "`any_object` has been trained from scratch with twelve objects, the fragment among them; the "
-        "paper's agent was trained further with the fragment. The shipped agents move on where they have "
+        "trained with the small cube alone. `agent_retrained` is the agent that `--policy-files "
+        "fragment` names, trained with the fragment as well. The shipped agents move on where they have "
         "come to rest before the goal (docs/evaluation.md); `--recovery False` measures them without.",
         "\n".join(
             ["| page | what | command |", "|---|---|---|"]
@@ -45,10 +57,11 @@ def write_companion(config: ReproduceConfig) -> None:
             ]
         ),
     ]
-    if (config.out / "training" / "README.md").exists():
-        lines.append(
-            "[The paper's own configuration](training/README.md), as far as it was trained, beside `cpu`."
-        )
+    lines += [
+        f"[{label}]({file}){rest}"
+        for file, label, rest in _OTHER_PAGES
+        if (config.out / file).exists()
+    ]
     if missing := [_ABOUT[part] for part in PARTS if part not in found]:
         lines.append("Not there yet: " + "; ".join(missing) + ".")
     if found_verdicts := _read_verdicts(config.out):
@@ -89,16 +102,11 @@ def verdict_lists(verdicts: pd.DataFrame) -> list[str]:
         verdicts: Columns of `judge`, and `table` and `section`.
 
     Returns:
-        Paragraphs. Rows of the controllers are left out: the lists are about the agents.
+        Paragraphs. Rows of the controllers are left out: the lists are about the agents. The counts
+        leave out a set whose episodes are part of another one that is there.
     """
-    agents = verdicts[verdicts["method"].str.startswith("agent")]
-    counts = agents.groupby(["versus", "verdict"], sort=False).size().unstack(fill_value=0)
-    counts = counts.reindex(columns=["ahead", "level", "behind"], fill_value=0)
-    table = ["| against | ahead | level | behind |", "|---|---|---|---|"]
-    table += [
-        f"| {row.Index} | {row.ahead} | {row.level} | {row.behind} |" for row in counts.itertuples()
-    ]
-    paragraphs = ["\n".join(table)]
+    agents = verdicts[verdicts["method"].str.startswith(AGENT)]
+    paragraphs = _count_verdicts(agents)
     for verdict in ("ahead", "level", "behind"):
         chosen = agents[agents["verdict"] == verdict]
         lines = [
@@ -111,3 +119,22 @@ def verdict_lists(verdicts: pd.DataFrame) -> list[str]:
         paragraphs.append(f"### {verdict.capitalize()}")
         paragraphs.append("\n".join(lines) or "Nothing.")
     return paragraphs
+
+
+def _count_verdicts(agents: pd.DataFrame) -> list[str]:
+    """How many verdicts there are of each agent against each method, as a table."""
+    sets = set(agents["set"])
+    part_of = {part: whole for part, whole in _PART_OF.items() if {part, whole} <= sets}
+    counted = agents[~agents["set"].isin(part_of)]
+    counts = counted.groupby(["method", "versus", "verdict"], sort=False).size()
+    table = counts.unstack(fill_value=0).reindex(columns=["ahead", "level", "behind"], fill_value=0)
+    lines = ["| | against | ahead | level | behind |", "|---|---|---|---|---|"]
+    lines += [
+        f"| {method} | {versus} | {row.ahead} | {row.level} | {row.behind} |"
+        for (method, versus), row in table.iterrows()
+    ]
+    texts = [
+        f"The episodes of `{part}` are the first of `{whole}` and not counted again."
+        for part, whole in part_of.items()
+    ]
+    return ["\n".join(lines), *texts]

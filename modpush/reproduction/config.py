@@ -49,7 +49,8 @@ class ReproduceConfig:
     what the agents' configs say."""
     policy_files: Mapping[Name, FilePath] = field(default_factory=dict)
     """Further agents, by the object with which they were trained, for the paper's retrained row:
-    pairs of object and agent's file."""
+    pairs of object and agent, which is the name of a shipped one, a training run's folder, or an
+    agent's file."""
     first: Count | None = None
     """Number of episodes to run of each set, starting with its first; all by default."""
     num_envs: Scenes = 8

@@ -16,10 +16,20 @@ from modpush.evaluation.sets import EvaluationSet
 from modpush.recipes.methods import Method, get_method
 from modpush.reproduction.config import ReproduceConfig
 
-__all__ = ["AGENT", "Measured", "agent_method", "measure", "measure_policy", "methods_for"]
+__all__ = [
+    "AGENT",
+    "RETRAINED",
+    "Measured",
+    "agent_method",
+    "measure",
+    "measure_policy",
+    "methods_for",
+]
 
 AGENT = "agent"
 """Name of the agent that is evaluated everywhere."""
+RETRAINED = "agent_retrained"
+"""Name of the agent that `policy_files` names for an object."""
 _CONTROLLERS = ("corridor", "corridor_faithful")
 
 
@@ -53,9 +63,7 @@ def methods_for(config: ReproduceConfig, pushed_object: str) -> dict[str, Method
     methods = {AGENT: agent_method(config)}
     if pushed_object in config.policy_files:
         source = str(config.policy_files[pushed_object])
-        methods["agent_retrained"] = get_method(
-            source, allow=config.allow, recovery=config.recovery
-        )
+        methods[RETRAINED] = get_method(source, allow=config.allow, recovery=config.recovery)
     return methods | {name: get_method(name) for name in _CONTROLLERS}
 
 
@@ -117,7 +125,7 @@ def measure_policy(
         )
     finally:  # rows of an interrupted run are kept as well
         if (new := _count(folder) - before) > 0:
-            add_session(folder, new, time.perf_counter() - began)
+            add_session(folder, new, time.perf_counter() - began, config.workers)
     return Measured(rows=rows, folder=folder, sessions=read_sessions(folder))
 
 

@@ -13,7 +13,7 @@ from modpush.evaluation.tables import format_table
 from modpush.files import write_text
 from modpush.reproduction.cells import make_cells, make_tests
 from modpush.reproduction.config import ReproduceConfig
-from modpush.reproduction.measure import Measured, measure, methods_for
+from modpush.reproduction.measure import RETRAINED, Measured, measure, methods_for
 from modpush.reproduction.printed import judge, printed_rows, stands_for
 
 __all__ = ["PAPER_TABLES", "Section", "Table", "write_paper_table"]
@@ -115,7 +115,12 @@ SPL has three yardsticks: the exact shortest path inside the workspace, the Lazy
 paper's authors measured their agent, and the staircase of cells by which they measured their
 controller among obstacles. Contact counts a step in which any of four looks shows it; "one look a
 step" counts the look at its end alone, as the authors' code. A printed figure stands in the column
-that is measured as the authors measured it.
+that is measured as the authors measured it, with the standard deviation that the paper prints.
+"""
+_RETRAINED_LEGEND = """
+`agent_retrained` is the agent that `--policy-files` names for an object, which it was trained with. It is
+judged against the paper's agent that was trained further with this object, and `agent` against the
+paper's that was not.
 """
 
 
@@ -153,7 +158,9 @@ def write_paper_table(name: str, config: ReproduceConfig) -> None:
         verdicts += [_test_verdicts(own_tests).assign(**label)]
         seeds.append(f"`{section.evaluation_set}`")
     sources = sources_text(config.command(name), sessions, f"the sets {', '.join(seeds)}")
-    text = "\n".join([f"# {table.title}\n", sources, *blocks, "## How to read it", _LEGEND])
+    retrained = any(RETRAINED in frame["method"].to_numpy() for frame in cells)
+    legend = _LEGEND + (_RETRAINED_LEGEND if retrained else "")
+    text = "\n".join([f"# {table.title}\n", sources, *blocks, "## How to read it", legend])
     write_text(config.out / f"{name}.md", text)
     write_text(config.out / f"{name}.tex", "\n".join(latex))
     for ending, frames in (("cells", cells), ("tests", tests), ("verdicts", verdicts)):
@@ -183,9 +190,11 @@ def _display(cells: pd.DataFrame, section: Section) -> pd.DataFrame:
         line = {"method": str(method), "episodes": str(int(by_metric.loc["success", "count"]))}
         lines.append(line | {_HEADS[m]: _cell(m, by_metric.loc[m]) for m in metrics})
     for row in printed_rows(section.printed):
-        line = dict.fromkeys(lines[0], "–") | {"method": row.name}
+        line = dict.fromkeys(lines[0], "–") | {"method": row.name, "episodes": str(row.episodes)}
         figures = {
-            _HEADS[stands_for(m, row.name, metrics, section.printed)]: f"{v:g}"
+            _HEADS[stands_for(m, row.name, metrics, section.printed)]: (
+                f"{v:g} ± {row.stds[m]:g}" if m in row.stds else f"{v:g}"
+            )
             for m, v in row.figures.items()
         }
         lines.append(line | figures)

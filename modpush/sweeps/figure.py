@@ -30,7 +30,12 @@ def draw_sweep(curves: pd.DataFrame, path: Path, baseline: str) -> None:
     groups = dict.fromkeys(curves.loc[curves["variant"] != baseline, "group"]) or {"": None}
     rows, columns = math.ceil(len(groups) / _COLUMNS), min(_COLUMNS, len(groups))
     figure, axes = plt.subplots(
-        rows, columns, figsize=(4.6 * columns, 3.3 * rows), squeeze=False, sharey=True
+        rows,
+        columns,
+        figsize=(6.2 * columns, 3.3 * rows),
+        squeeze=False,
+        sharey=True,
+        layout="constrained",
     )
     for axis in axes.flat[len(groups) :]:
         axis.axis("off")
@@ -44,10 +49,10 @@ def draw_sweep(curves: pd.DataFrame, path: Path, baseline: str) -> None:
         axis.set(title=str(group), xlabel="environment steps", ylim=(0.0, 1.02))
         axis.locator_params(axis="x", nbins=5)
         axis.grid(alpha=0.3)
-        axis.legend(fontsize="small")
+        # Beside the panel, since a group of many variants would cover its own curves.
+        axis.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
     for row in axes:
         row[0].set_ylabel("success, greedy, held-out")
-    figure.tight_layout()
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
     plt.close(figure)

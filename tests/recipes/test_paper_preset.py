@@ -73,6 +73,13 @@ PRINTED = {
     "env.distance": (0.2, 0.6),
     "curriculum.final_distance": (0.2, 0.6),
     # What this library adds is off.
+    "env.path_ahead": (),
+    "env.raw": False,
+    "env.recovery": False,
+    "replay.n_steps": 1,
+    "actor_average": 0.0,
+    "first_actions": "random",
+    "mirror": False,
     "env.randomize_dynamics": False,
     "env.symmetry": None,
     "zero_init_latent": False,

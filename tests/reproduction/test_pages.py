@@ -8,8 +8,9 @@ from scipy import stats
 from modpush.evaluation.sets import EvaluationSet, load_set
 from modpush.reproduction.ablations import ablation_table
 from modpush.reproduction.cells import make_cells, make_tests
+from modpush.reproduction.companion import verdict_lists
 from modpush.reproduction.example_pictures import choose_examples
-from modpush.reproduction.paper_tables import PAPER_TABLES, _section_text, _test_verdicts
+from modpush.reproduction.paper_tables import PAPER_TABLES, _display, _section_text, _test_verdicts
 from modpush.reproduction.printed import judge, printed_rows
 
 
@@ -105,8 +106,60 @@ def test_printed_figures_stand_beside_what_is_measured_as_there() -> None:
     plain = judge(make_cells(many), "obstacles/fragment")
     assert {"spl", "contact_rate"} <= set(plain["ours"])
     assert judge(make_cells(many), None).empty
-    retrained = printed_rows("obstacles/fragment")[2].figures
-    assert list(retrained.values()) == [0.959, 0.984, 0.01, 0.83, 0.58]
+    retrained = printed_rows("obstacles/fragment")[2]
+    assert list(retrained.figures.values()) == [0.959, 0.984, 0.01, 0.83, 0.58]
+    assert retrained.stds == {"contact_rate": 0.05, "collision_rate": 0.05, "path_length": 0.23}
+    assert printed_rows("hard200/small_cube")[1].episodes == 50
+
+
+def test_agents_are_judged_against_those_that_were_trained_alike() -> None:
+    cells = make_cells({"agent": AGENT, "agent_retrained": CORRIDOR, "corridor": FAITHFUL})
+    pairs = judge(cells, "obstacles/fragment").groupby("method")["versus"].unique().map(set)
+    assert pairs["agent"] == {"paper: agent", "paper: controller"}
+    assert pairs["agent_retrained"] == {"paper: agent, retrained", "paper: controller"}
+    # Without a retrained agent, the one that there is may be either.
+    alone = judge(make_cells(ROWS), "obstacles/fragment")
+    assert (
+        set(alone[alone["method"] == "agent"]["versus"])
+        == pairs["agent"] | pairs["agent_retrained"]
+    )
+    # Without a retrained row in the paper, both stand beside its agent.
+    assert set(judge(cells, "obstacles/large_cube")["versus"]) == pairs["agent"]
+    assert {"agent", "agent_retrained"} <= set(judge(cells, "obstacles/large_cube")["method"])
+
+
+def test_the_printed_deviations_stand_beside_the_means() -> None:
+    section = PAPER_TABLES["hard"].sections[1]
+    shown = _display(make_cells(ROWS), section)
+    assert shown.loc["paper: agent", "contact"] == "0.977 ± 0.06"
+    assert shown.loc["paper: agent", "success"] == "0.88"
+    assert shown["episodes"].tolist() == ["4", "4", "4", "50", "50"]
+
+
+def test_verdicts_are_counted_by_agent_and_once() -> None:
+    def line(evaluation_set: str, method: str, versus: str, verdict: str) -> dict[str, object]:
+        about = {"table": "hard", "section": evaluation_set, "set": evaluation_set}
+        figures = {"ours": "success", "mean": 0.5, "theirs": 0.5}
+        return about | {"method": method, "versus": versus, "verdict": verdict} | figures
+
+    verdicts = pd.DataFrame(
+        [
+            line("hard/small_cube", "agent", "paper: agent", "level"),
+            line("hard200/small_cube", "agent", "paper: agent", "ahead"),
+            line("obstacles/fragment", "agent_retrained", "paper: agent", "behind"),
+            line("obstacles/fragment", "corridor", "paper: agent", "behind"),
+        ]
+    )
+    table, note, *lists = verdict_lists(verdicts)
+    assert table.splitlines()[2:] == [
+        "| agent | paper: agent | 1 | 0 | 0 |",
+        "| agent_retrained | paper: agent | 0 | 0 | 1 |",
+    ]
+    assert "`hard/small_cube` are the first of `hard200/small_cube`" in note
+    assert any("hard/small_cube, agent against paper: agent: success" in text for text in lists)
+    alone = verdict_lists(verdicts[verdicts["set"] == "hard/small_cube"])
+    assert "| agent | paper: agent | 0 | 1 | 0 |" in alone[0]
+    assert alone[1] == "### Ahead"
 
 
 def test_examples_are_chosen_by_the_rule() -> None:
