@@ -27,7 +27,7 @@ def test_a_table_is_written_resumed_and_listed(tmp_path: Path) -> None:
     page = (config.out / "free.md").read_text()
     assert "`modpush reproduce free --first 2`" in page
     assert "The first 2 of 500 episodes." in page
-    assert "| paper: agent | – | 1 | " in page
+    assert "| paper: agent | 500 | 1 | – | 0.943 ± 0.13 | " in page
     assert "Agent minus `corridor_faithful`, paired t-tests:" in page
     assert r"\begin{tabular}" in (config.out / "free.tex").read_text()
     cells = pd.read_csv(config.out / "free_cells.csv").set_index(["method", "metric"])
@@ -55,7 +55,7 @@ def test_a_table_is_written_resumed_and_listed(tmp_path: Path) -> None:
     reproduce(replace(config, parts=("free",), first=3))
     assert stored.read_bytes().startswith(before)  # only the third was run
     assert stored.read_bytes().count(b"\n") == 4
-    assert "minutes for 9 episodes" in (config.out / "free.md").read_text()
+    assert "minutes for 9 episodes, with `--workers 1`" in (config.out / "free.md").read_text()
     companion = (config.out / "README.md").read_text()
     assert companion.index("[free](free.md)") < companion.index("(training/README.md)")
 
