@@ -99,7 +99,7 @@ def verdict_lists(verdicts: pd.DataFrame) -> list[str]:
     """The agents' verdicts as Markdown: counts, and a list each of what is ahead, level and behind.
 
     Args:
-        verdicts: Columns of `judge`, and `table` and `section`.
+        verdicts: Columns of `judge`, and `table`, `section` and `set`.
 
     Returns:
         Paragraphs. Rows of the controllers are left out: the lists are about the agents. The counts

@@ -61,7 +61,8 @@ def test_few_episodes_prove_nothing_against_a_printed_figure() -> None:
 
 
 def test_the_lists_hold_every_verdict_on_an_agent_once() -> None:
-    base = {"table": "free", "section": "Small cube", "low": 0.0, "high": 1.0}
+    about = {"table": "free", "section": "Small cube", "set": "free/small_cube"}
+    base = {**about, "low": 0.0, "high": 1.0}
     lines = [
         ("agent", "paper: agent", "success", 0.98, 0.95, "ahead"),
         ("agent", "paper: agent", "spl", 0.90, 0.91, "level"),

@@ -209,7 +209,7 @@ def test_the_ablations_are_as_many_runs_as_their_file_says(
     sweep = load_sweep(ROOT / "examples" / "sweeps" / "ablations.yaml")
     monkeypatch.chdir(ROOT)  # the autoencoders are named by paths in the repository
     trials = sweep.trials()
-    assert len(trials) == 3 * 40
+    assert len(trials) == 3 * 42
     assert {trial.config.total_steps for trial in trials} == {100_000}
     configs = [trial.config for trial in trials if trial.seed == 0]
     assert len({repr(config) for config in configs}) == len(configs)  # no variant changes nothing
