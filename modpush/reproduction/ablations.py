@@ -30,6 +30,8 @@ class _SweepPage:
     title: str
     about: str
     """The first sentences, with `{steps}` and `{minutes}`."""
+    start: str = ""
+    """The command that trains what the sweep starts from, if it does not start from random weights."""
 
 
 _ABLATIONS = _SweepPage(
@@ -46,10 +48,11 @@ _FURTHER = _SweepPage(
     part="further",
     sweep="examples/sweeps/hard_further.yaml",
     title="Short further training in the hard scenes",
-    about="""A run of the preset `cpu`, which has not seen the hard scenes (the sweep's file has the
-command), goes on learning in them for the steps that its variant names; `before` only evaluates it, so
-that it is the same with each seed. All are evaluated with the actor alone, without exploration noise and
-recovery, on the same held-out episodes of the hard scenes, which belong to no evaluation set.""",
+    about="""A run of the preset `cpu`, which has not seen the hard scenes, goes on learning in them for
+the steps that its variant names; `before` only evaluates it, so that it is the same with each seed. All
+are evaluated with the actor alone, without exploration noise and recovery, on the same held-out episodes
+of the hard scenes, which belong to no evaluation set.""",
+    start="modpush train cpu --train.no-async-collection --out runs/train",
 )
 
 
@@ -144,7 +147,8 @@ def _write_sweep(page: _SweepPage, folder: Path, config: ReproduceConfig) -> Non
     draw_sweep(curves, out.with_suffix(".png"), baseline=str(trials["variant"].iloc[0]))
     for path in paths:
         write_text(config.out / f"{page.part}_{path.name}", path.read_text())
-    command = f"modpush sweep {page.sweep} --out runs/{folder.name}; {config.command(page.part)}"
+    sweep = f"modpush sweep {page.sweep} --out runs/{folder.name}"
+    command = "; ".join(filter(None, [page.start, sweep, config.command(page.part)]))
     finished = trials[trials["state"] == "finished"]
     seeds = ", ".join(str(seed) for seed in sorted(finished["seed"].unique()))
     steps = sorted(trials["total_steps"].unique())

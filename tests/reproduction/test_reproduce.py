@@ -157,7 +157,8 @@ def test_a_sweep_becomes_a_page_with_table_and_figure(tmp_path: Path) -> None:
     )
     reproduce(config)
     page = (config.out / "further.md").read_text()
-    assert "modpush sweep examples/sweeps/hard_further.yaml --out runs/hard_further" in page
+    sweep = "modpush sweep examples/sweeps/hard_further.yaml --out runs/hard_further"
+    assert f"--out runs/train; {sweep}" in page
     assert "0.750 (0.750 to 0.750)" in page
     assert "+0.250" in page
     assert (config.out / "further.png").stat().st_size > 10_000
