@@ -49,6 +49,10 @@ class RewardConfig:
     normalisation: Literal["initial", "constant"] = "initial"
     """Divide the path length and the tool's distance from the object by their values at reset
     ("initial", the paper), or by `path_length` and `approach_distance` ("constant")."""
+    clip: bool = True
+    """Clip both normalised distances at 1. The paper scales them "between 0 and 1" without saying how;
+    its authors' code divides by the values at reset and does not clip. With the clip, the reward no
+    longer changes once object or tool are further away than at reset."""
     path_length: Length = 0.6
     """Path length that counts as 1 with the normalisation "constant" [m]."""
     approach_distance: Length = 0.15
@@ -143,7 +147,9 @@ class PushReward(Transform):
         start = unit = read_key("PushReward", tensordict, self.start_key, 2)
         if config.normalisation == "constant":
             unit = start.new_tensor([config.path_length, config.approach_distance])
-        outcome = StepOutcome(tensordict, next_tensordict, self._keys, unit, config.window_radius)
+        outcome = StepOutcome(
+            tensordict, next_tensordict, self._keys, unit, config.window_radius, clip=config.clip
+        )
         total = torch.zeros_like(start[..., :1], dtype=torch.float32)
         for name, term in self.terms.items():
             value = term(outcome).float() * (self._weights[name] * config.scale)

@@ -46,6 +46,7 @@ class StepOutcome:
         unit: Path length, and distance from the tool's tip to the object's centre, that count as 1,
             `[..., 2]` [m].
         window_radius: Distance of tip and object beyond which the tip is outside the window [m].
+        clip: Clip `fractions` at 1.
     """
 
     def __init__(
@@ -55,10 +56,12 @@ class StepOutcome:
         keys: Mapping[str, NestedKey],
         unit: Tensor,
         window_radius: float,
+        *,
+        clip: bool = True,
     ) -> None:
         self.before = StateBefore(before)
         self._after, self._keys, self._unit = after, keys, unit
-        self._window_radius = window_radius
+        self._window_radius, self._clip = window_radius, clip
 
     def __getitem__(self, key: NestedKey) -> Tensor:
         """The value under any key after the step; the action is that of the step.
@@ -110,17 +113,18 @@ class StepOutcome:
 
     @cached_property
     def fractions(self) -> Tensor:
-        """`lengths` as fractions of those that count as 1, clipped to [0, 1], `[..., 2]`."""
-        return (self.lengths / self._unit.clamp_min(1e-6)).clamp(0.0, 1.0)
+        """`lengths` as fractions of those that count as 1, `[..., 2]`; clipped at 1 unless told otherwise."""
+        fractions = self.lengths / self._unit.clamp_min(1e-6)
+        return fractions.clamp_max(1.0) if self._clip else fractions
 
     @property
     def path_fraction(self) -> Tensor:
-        """The paper's g_dist: path length over that at reset, in [0, 1], `[..., 1]`."""
+        """The paper's g_dist: path length over that at reset, `[..., 1]`, clipped as `fractions`."""
         return self.fractions[..., :1]
 
     @property
     def approach_fraction(self) -> Tensor:
-        """The paper's o_dist: distance from tip to object over that at reset, in [0, 1]."""
+        """The paper's o_dist: distance from tip to object over that at reset, `[..., 1]`, clipped as `fractions`."""
         return self.fractions[..., 1:]
 
     @property
