@@ -4,14 +4,14 @@ from typing import Any
 
 import numpy as np
 import torch
-from numba import njit
 from numpy.typing import NDArray
 from torch import Tensor
 
+from modpush._kernels import njit
 from modpush.agents.corridor.scene import CorridorScene
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def least_clearance(distance: NDArray[Any], u0: float, v0: float, u1: float, v1: float) -> float:
     """Least distance to obstacles on a segment, sampled every half cell.
 
@@ -35,14 +35,14 @@ def least_clearance(distance: NDArray[Any], u0: float, v0: float, u1: float, v1:
     return least
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _clearance_at(distance: NDArray[Any], u: int, v: int) -> float:
     i = min(max(u, 0), distance.shape[1] - 1)
     j = min(max(v, 0), distance.shape[0] - 1)
     return distance[j, i]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def away_from_obstacles(distance: NDArray[Any], u: float, v: float) -> tuple[float, float, float]:
     """The direction that leads away from the nearest obstacle.
 

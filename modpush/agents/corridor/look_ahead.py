@@ -7,9 +7,9 @@ look-ahead with its fallbacks.
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from modpush._kernels import njit
 from modpush.agents.corridor.clearance import least_clearance
 
 
@@ -61,7 +61,7 @@ class Visible(NamedTuple):
     """Past the obstacles."""
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _place_behind(view: View, point: NDArray[Any], behind: float) -> tuple[float, float]:
     """The place to push the object from towards a point, (u, v) [px]."""
     du, dv = view.position[0] - point[0], view.position[1] - point[1]
@@ -69,21 +69,21 @@ def _place_behind(view: View, point: NDArray[Any], behind: float) -> tuple[float
     return view.position[0] + du / length * behind, view.position[1] + dv / length * behind
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _has_room_behind(view: View, point: NDArray[Any], behind: float, clearance: float) -> bool:
     """Whether the place to push from is further than `clearance` from obstacles."""
     u, v = _place_behind(view, point, behind)
     return least_clearance(view.distance, u, v, u, v) > clearance
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _tool_sees_behind(view: View, point: NDArray[Any], limits: Limits) -> bool:
     """Whether the straight line from the tool to that place is as far from obstacles."""
     u, v = _place_behind(view, point, limits.behind)
     return least_clearance(view.distance, u, v, view.tool[0], view.tool[1]) > limits.tool
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _nearest_point(path: NDArray[Any], position: NDArray[Any]) -> int:
     """The index of the path's point nearest to a position."""
     nearest, least = 0, np.inf
@@ -94,7 +94,7 @@ def _nearest_point(path: NDArray[Any], position: NDArray[Any]) -> int:
     return nearest
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _furthest_visible(view: View, limits: Limits, nearest: int, near_obstacle: bool) -> Visible:
     """Look for visible points at every second one, from the goal back to the nearest one."""
     position, last = view.position, view.path.shape[0] - 1
@@ -120,7 +120,7 @@ def _furthest_visible(view: View, limits: Limits, nearest: int, near_obstacle: b
     return Visible(-1, tight, touching)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _fallback(view: View, limits: Limits, nearest: int, visible: Visible) -> int:
     """The index of the point to push towards where none is seen past the outer zone, or -1."""
     for k in visible:
@@ -138,7 +138,7 @@ def _fallback(view: View, limits: Limits, nearest: int, visible: Visible) -> int
     return -1
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def look_ahead(view: View, limits: Limits) -> tuple[float, float]:
     """The point on the path to push towards now.
 

@@ -7,9 +7,9 @@ gripper stalls against the obstacles that the object is to pass.
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from modpush._kernels import njit
 from modpush.agents.corridor.clearance import least_clearance
 
 
@@ -26,7 +26,7 @@ class RoomNeeded(NamedTuple):
     """Distance that the object keeps from obstacles there, unless it is closer already [cells]."""
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def turn_target(
     distance: NDArray[Any], position: NDArray[Any], target: NDArray[Any], room: RoomNeeded
 ) -> tuple[float, float]:
