@@ -43,7 +43,7 @@ class FolderLock:
         self.path = Path(folder) / _NAME
         make_folder(folder)
         try:
-            self._file: IO[str] | None = self.path.open("a+")
+            self._file: IO[str] | None = self.path.open("a+", encoding="utf-8")
         except OSError as error:
             reason = f"the folder cannot be written to ({error.strerror})"
             raise type(error)(error.errno, reason, str(folder)) from None
