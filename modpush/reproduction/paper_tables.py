@@ -99,10 +99,14 @@ _HEADS = {
     "contact_rate": "contact",
     "contact_rate_at_end": "contact, one look a step",
     "collision_rate": "collision",
+    "collision_rate_at_end": "collision, one look a step",
+    "collision_rate_object_at_end": "collision of the object, one look a step",
     "spl": "SPL, exact",
     "spl_authors_agent": "SPL, the authors' agent's yardstick",
     "spl_authors_controller": "SPL, their controller's yardstick",
     "path_length": "path (m)",
+    "mean_jerk": "jerk (m/s³)",
+    "reversal_rate": "reversals",
 }
 _LEGEND = """
 Success and SPL are over all episodes, with 95 % intervals (Wilson's for success, bootstrapped for
@@ -114,8 +118,12 @@ agent, the agent's is `corridor`. `corridor` is Krivic and Piater's controller a
 SPL has three yardsticks: the exact shortest path inside the workspace, the Lazy Theta* by which the
 paper's authors measured their agent, and the staircase of cells by which they measured their
 controller among obstacles. Contact counts a step in which any of four looks shows it; "one look a
-step" counts the look at its end alone, as the authors' code. A printed figure stands in the column
-that is measured as the authors measured it, with the standard deviation that the paper prints.
+step" counts the look at its end alone, as the authors' code. Collisions are those of object, tool or
+arm; with one look a step they are what the authors count for their controller, and of the object
+alone what they count for their agent. Jerk is the mean of the tip's third derivative, and reversals
+are the share of its moves that are turned by more than 90 degrees from the one before. A printed
+figure stands in the column that is measured as the authors measured it, with the standard deviation
+that the paper prints.
 """
 _RETRAINED_LEGEND = """
 `agent_retrained` is the agent that `--policy-files` names for an object, which it was trained with. It is

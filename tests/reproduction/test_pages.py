@@ -80,7 +80,11 @@ def test_printed_figures_stand_beside_what_is_measured_as_there() -> None:
     many = {name: pd.concat([frame] * 15, ignore_index=True) for name, frame in ROWS.items()}
     as_there = {
         name: frame.assign(
-            spl_authors_agent=0.4, spl_authors_controller=0.6, contact_rate_at_end=0.1
+            spl_authors_agent=0.4,
+            spl_authors_controller=0.6,
+            contact_rate_at_end=0.1,
+            collision_rate_at_end=0.2,
+            collision_rate_object_at_end=0.1,
         )
         for name, frame in many.items()
     }
@@ -94,10 +98,11 @@ def test_printed_figures_stand_beside_what_is_measured_as_there() -> None:
     assert ours["paper: agent"].to_dict() == {
         "success": "success",
         "contact_rate": "contact_rate_at_end",
-        "collision_rate": "collision_rate",
+        "collision_rate": "collision_rate_object_at_end",
         "spl": "spl_authors_agent",
     }
     assert ours[("paper: controller", "spl")] == "spl_authors_controller"
+    assert ours[("paper: controller", "collision_rate")] == "collision_rate_at_end"
     assert ours[("paper: agent, retrained", "spl")] == "spl_authors_agent"
     # In free space the controller's staircase would be no way to be longer than: it was Lazy Theta*'s.
     free = judge(make_cells(as_there), "free/small_cube").set_index(["method", "versus", "metric"])
