@@ -7,7 +7,7 @@ import pandas as pd
 
 from modpush.evaluation.tables import METRICS
 
-__all__ = ["PAPER", "PaperFigures", "beside_paper", "printed_spl"]
+__all__ = ["PAPER", "PaperFigures", "beside_paper", "paper_set", "printed_spl"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,6 +124,12 @@ PAPER = {
 """The paper's results by evaluation set. Source: Tables II to IV (Sec. V). `hard200/small_cube` continues
 `hard/small_cube` with further episodes of the same distribution."""
 
+
+def paper_set(evaluation_set: str) -> str:
+    """The name in `PAPER` of a set, whatever the start of its tool (`behind/`) and the tool (`+rod`)."""
+    return evaluation_set.removeprefix("behind/").partition("+")[0]
+
+
 _MEASURED_AS = {
     "success": "success",
     "contact_rate_at_end": "contact_rate",
@@ -143,7 +149,7 @@ def printed_spl(evaluation_set: str, *, of_controller: bool) -> str:
         evaluation_set: Name of the set.
         of_controller: Whether the printed figure is the controller's, not the agent's.
     """
-    staircase = of_controller and not evaluation_set.startswith("free/")
+    staircase = of_controller and not paper_set(evaluation_set).startswith("free/")
     return "spl_authors_controller" if staircase else "spl_authors_agent"
 
 
@@ -155,8 +161,8 @@ def beside_paper(summary: pd.DataFrame, evaluation_set: str) -> pd.DataFrame:
 
     Args:
         summary: What `summarize` returned.
-        evaluation_set: Name of the set. Sets that the paper does not have get empty cells; what follows
-            a `+` does not count (`EvaluationSet.with_tool`).
+        evaluation_set: Name of the set. Sets that the paper does not have get empty cells; the start of
+            the tool and the tool do not count (`paper_set`).
 
     Returns:
         By metric: a column for each method, then `paper_controller`, `paper_agent` and, where there is
@@ -164,7 +170,7 @@ def beside_paper(summary: pd.DataFrame, evaluation_set: str) -> pd.DataFrame:
     """
     table = summary[list(METRICS)].T.rename_axis("metric")
     table.columns.name = None
-    figures = PAPER.get(evaluation_set.partition("+")[0])
+    figures = PAPER.get(paper_set(evaluation_set))
     for column, which in (("paper_controller", 1), ("paper_agent", 0)):
         as_there = {**_MEASURED_AS, printed_spl(evaluation_set, of_controller=which == 1): "spl"}
         pairs = [getattr(figures, as_there.get(metric, ""), None) for metric in METRICS]
