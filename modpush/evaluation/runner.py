@@ -71,6 +71,8 @@ class TrainedAgent(Protocol):
     """A policy that knows its environment, such as `modpush.load_agent` gives."""
 
     policy: Any
+    config: Any
+    """Configuration of its environment, of which `inflation` is read, see `PushEnvConfig`."""
 
     def make_env(self, num_envs: int | None = None, **options: Any) -> EnvBase:
         """The environment that the policy was trained in, with other options of `make_push_env`."""
@@ -189,7 +191,7 @@ def _agent_env(
         num_envs,
         pushed_object=tuple(objects),
         max_waypoints=_MAX_WAYPOINTS,
-        **conditions.agent_options,
+        **conditions.agent_options(agent.config.inflation),
     )
 
 
