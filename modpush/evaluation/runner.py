@@ -245,7 +245,9 @@ def _run_on_cluster(job: _Job) -> Iterator[Episode]:
 
 def _run_here(job: _Job) -> Iterator[Episode]:
     torch.manual_seed(job.config.seed)
-    env = job.env(min(job.config.num_envs, len(job.episodes)))
+    # As many scenes as ever, however few episodes are left: the last bits of a network's outputs, and
+    # with them the course of an episode, depend on the number of rows in its matrix products.
+    env = job.env(job.config.num_envs)
     try:
         yield from run_episodes(env, job.policy, job.episodes, **job.options)
     finally:

@@ -13,6 +13,7 @@ import math
 import torch
 from torch import Tensor
 
+from modpush._batching import sum_in_order
 from modpush.agents.corridor.config import CorridorConfig
 
 
@@ -56,8 +57,8 @@ def fit_angles(alphas: Tensor, valid: Tensor, config: CorridorConfig) -> tuple[T
         mu `[B]` [rad] and kappa `[B]`.
     """
     strength, direction = config.prior_strength, config.prior_direction
-    x = strength * math.cos(direction) + (alphas.cos() * valid).sum(-1)
-    y = strength * math.sin(direction) + (alphas.sin() * valid).sum(-1)
+    x = strength * math.cos(direction) + sum_in_order(alphas.cos() * valid)
+    y = strength * math.sin(direction) + sum_in_order(alphas.sin() * valid)
     count = config.prior_count + valid.sum(-1)
     return torch.atan2(y, x), concentration(torch.hypot(x, y) / count)
 
@@ -75,4 +76,4 @@ def preferred_angle(alphas: Tensor, valid: Tensor, mu: Tensor, kappa: Tensor) ->
         alpha_p `[B]` [rad], 0 where none counts.
     """
     weight = (kappa[:, None] * ((alphas - mu[:, None]).cos() - 1)).exp() * valid
-    return torch.atan2((weight * alphas.sin()).sum(-1), (weight * alphas.cos()).sum(-1))
+    return torch.atan2(sum_in_order(weight * alphas.sin()), sum_in_order(weight * alphas.cos()))

@@ -110,6 +110,20 @@ def test_preferred_angles_by_hand():
         assert mean(alphas, ~valid & False, mu, kappa).item() == 0
 
 
+@pytest.mark.parametrize("rules", [MENDED, FAITHFUL])
+def test_a_scene_s_angles_do_not_depend_on_how_many_another_scene_has(rules):
+    generator = torch.Generator().manual_seed(0)
+    alphas = torch.randn(50, 61, dtype=torch.float64, generator=generator) / 3
+    count = 9  # the places after them are empty, and there only if another scene has so many
+    valid = (torch.arange(61) < count).expand_as(alphas)
+    found = []
+    for noted in (count, 61):
+        given = alphas[:, :noted], valid[:, :noted]
+        mu, kappa = rules.fit_angles(*given, CorridorConfig())
+        found.append(torch.stack([mu, kappa, rules.preferred_angle(*given, mu, kappa)]))
+    assert torch.equal(*found)
+
+
 def test_the_mean_of_angles_across_the_cut_is_on_the_right_side():
     alphas, valid = d(math.pi - 0.1, -math.pi + 0.1)[None], torch.ones(1, 2).bool()
     mu, kappa = d(math.pi), d(3.0)
