@@ -21,6 +21,7 @@ SHARED = {
     "_experimental",
     "_extras",
     "_hash",
+    "_kernels",
     "_keys",
     "_folder_lock",
     "_provenance",

@@ -10,9 +10,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 
+from modpush._kernels import njit
 from modpush.geometry.labels import Label
 
 _HEIGHT_TOLERANCE = np.float32(0.004)
@@ -45,7 +46,7 @@ class Pinhole(NamedTuple):
     v: float
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _find_pixels(pose: NDArray, camera: Pinhole, shape: tuple[int, int], index: NDArray) -> tuple:
     """Write which pixel of the image each of the window's is, at the table; -1 beyond the image.
 
@@ -75,7 +76,7 @@ def _find_pixels(pose: NDArray, camera: Pinhole, shape: tuple[int, int], index: 
     return du0, dv0, cos, -sin, sin, cos
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _read_heights(
     index: NDArray, image: NDArray, labels: NDArray, camera_z: float, out: NDArray
 ) -> None:
@@ -94,7 +95,7 @@ def _read_heights(
             out[i, j] = _REMOVED if label == _OBJECT or label == _ROBOT else height  # noqa: SIM109 (`in` costs half the time again)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _set_upright(
     index: NDArray,
     image: NDArray,
@@ -177,7 +178,7 @@ def _set_upright(
             out[i, j] = height
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def window_one(
     b: int,
     depth: NDArray,
@@ -216,7 +217,7 @@ def window_one(
             window[i, j] = np.float32(outside) if window[i, j] == _OUTSIDE else value
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def window_few(
     batch: int,
     depth: NDArray,
@@ -233,7 +234,7 @@ def window_few(
         window_one(b, depth, segmentation, pose, camera, top, outside, upright, out)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def window_many(
     batch: int,
     depth: NDArray,

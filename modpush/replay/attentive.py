@@ -273,7 +273,7 @@ class AttentiveSampler(Sampler):
         """Do nothing: similarity is the only priority."""
 
     def _empty(self) -> None:
-        self._cursor.last = None
+        self._cursor = WriteCursor()
         self._query = None
 
     def state_dict(self) -> dict[str, Any]:

@@ -5,10 +5,10 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 import torch
-from numba import njit
 from numpy.typing import NDArray
 from torch import Tensor
 
+from modpush._kernels import njit
 from modpush.geometry import Camera
 from modpush.planners import OccupancyMap
 
@@ -99,7 +99,7 @@ class ObstacleDistances:
         return distances
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def least_clearance(distance: NDArray[Any], u0: float, v0: float, u1: float, v1: float) -> float:
     """Least distance to obstacles on the segment from (u0, v0) to (u1, v1) [px], every half cell.
 
@@ -115,7 +115,7 @@ def least_clearance(distance: NDArray[Any], u0: float, v0: float, u1: float, v1:
     return least
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _clearance_at(distance: NDArray[Any], u: int, v: int) -> float:
     """Distance to obstacles of a cell, or of the nearest cell of the grid [cells]."""
     i = min(max(u, 0), distance.shape[1] - 1)
@@ -123,7 +123,7 @@ def _clearance_at(distance: NDArray[Any], u: int, v: int) -> float:
     return distance[j, i]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def away_from_obstacles(distance: NDArray[Any], u: float, v: float) -> tuple[float, float, float]:
     """Direction away from the nearest obstacle at (u, v) [px], and the distance to it.
 

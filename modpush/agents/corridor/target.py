@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from numba import njit
 from numpy.typing import NDArray
 from tensordict import TensorDict
 from torch import Tensor
 
+from modpush._kernels import njit
 from modpush.agents.corridor.config import CorridorConfig
 from modpush.agents.corridor.scene import CorridorScene, least_clearance
 
@@ -58,7 +58,7 @@ class Limits(NamedTuple):
     """Lead of the last fallback's target over the object, in points of the path."""
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _pushing_position(view: View, point: NDArray[Any], behind: float) -> tuple[float, float]:
     """Position from which the tool pushes the object towards a point, (u, v) [px]."""
     du, dv = view.position[0] - point[0], view.position[1] - point[1]
@@ -66,32 +66,21 @@ def _pushing_position(view: View, point: NDArray[Any], behind: float) -> tuple[f
     return view.position[0] + du / length * behind, view.position[1] + dv / length * behind
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _has_room_behind(view: View, point: NDArray[Any], behind: float, clearance: float) -> bool:
     """True if the pushing position has more than `clearance` [cells]."""
     u, v = _pushing_position(view, point, behind)
     return least_clearance(view.distance, u, v, u, v) > clearance
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _tool_can_reach(view: View, point: NDArray[Any], limits: Limits) -> bool:
     """True if the straight line from the tool to the pushing position is clear."""
     u, v = _pushing_position(view, point, limits.behind)
     return least_clearance(view.distance, u, v, view.tool[0], view.tool[1]) > limits.tool
 
 
-@njit(cache=True, nogil=True)
-def _nearest_point(path: NDArray[Any], position: NDArray[Any]) -> int:
-    """Index of the path's point nearest to a position."""
-    nearest, least = 0, np.inf
-    for k in range(path.shape[0]):
-        square = (path[k, 0] - position[0]) ** 2 + (path[k, 1] - position[1]) ** 2
-        if square < least:
-            nearest, least = k, square
-    return nearest
-
-
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _furthest_visible(
     view: View, limits: Limits, nearest: int, near_obstacle: bool
 ) -> tuple[int, int, int]:
@@ -122,7 +111,7 @@ def _furthest_visible(
     return -1, tight, touching
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _fallback(view: View, limits: Limits, nearest: int, visible: tuple[int, int, int]) -> int:
     """Index of the target's point where none is clear of the outer zone, -1 for the target before."""
     _, tight, touching = visible
@@ -141,7 +130,7 @@ def _fallback(view: View, limits: Limits, nearest: int, visible: tuple[int, int,
     return -1
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def look_ahead(view: View, limits: Limits) -> tuple[float, float]:
     """Target on the path, (u, v) [px].
 
@@ -164,7 +153,7 @@ def look_ahead(view: View, limits: Limits) -> tuple[float, float]:
             limits.relative,
             limits.path_step,
         )
-    nearest = _nearest_point(view.path, position)
+    nearest = ((view.path - position) ** 2).sum(1).argmin()
     visible = _furthest_visible(view, limits, nearest, near_obstacle)
     k = visible[0]
     if k < 0 or near_obstacle:
@@ -176,7 +165,7 @@ def look_ahead(view: View, limits: Limits) -> tuple[float, float]:
     return view.path[k, 0], view.path[k, 1]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def turn_target(
     distance: NDArray[Any],
     position: NDArray[Any],

@@ -3,9 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 
+from modpush._kernels import njit
 from modpush.planners.kernels.lazy_theta_star import solve_scene
 from modpush.planners.kernels.maps import MAX_CORNERS, Maps, corner_count, refresh_map
 from modpush.planners.kernels.paths import PathArrays, Queries, place_ends, write_path
@@ -41,7 +42,7 @@ def empty_fields(batch: int) -> Fields:
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _build(b: int, maps: Maps, fields: Fields, x: int, y: int, count: int) -> None:
     nodes = maps.corners[b, : count + 1]
     nodes[count, 0], nodes[count, 1] = x, y
@@ -52,7 +53,7 @@ def _build(b: int, maps: Maps, fields: Fields, x: int, y: int, count: int) -> No
     fields.builds[b] += 1
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _first_corner(b: int, maps: Maps, fields: Fields, x: int, y: int, count: int) -> int:
     """The corner that the shortest path from (x, y) bends at first, -1 if there is no path."""
     nodes, codes = maps.corners[b, : count + 1], maps.codes[b]
@@ -77,7 +78,7 @@ def _first_corner(b: int, maps: Maps, fields: Fields, x: int, y: int, count: int
         length[best] = np.inf
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def plan_one(b: int, maps: Maps, queries: Queries, paths: PathArrays, fields: Fields) -> None:
     """Plan scene b, building its field if map or goal are new."""
     x, y = np.empty(2, dtype=np.int64), np.empty(2, dtype=np.int64)
@@ -110,14 +111,14 @@ def plan_one(b: int, maps: Maps, queries: Queries, paths: PathArrays, fields: Fi
     write_path(paths, b, queries, path_x, path_y)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def plan_few(batch: int, maps: Maps, queries: Queries, paths: PathArrays, fields: Fields) -> None:
     """Plan all scenes, one after the other."""
     for b in range(batch):
         plan_one(b, maps, queries, paths, fields)
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(nogil=True, parallel=True)
 def plan_many(batch: int, maps: Maps, queries: Queries, paths: PathArrays, fields: Fields) -> None:
     """Plan all scenes, on several threads."""
     for b in prange(batch):

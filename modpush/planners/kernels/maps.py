@@ -3,9 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from modpush._kernels import njit
 from modpush.planners.kernels.visibility import convex_corners, vertex_codes
 
 __all__ = ["MAX_CORNERS", "Maps", "corner_count", "empty_maps", "refresh_map"]
@@ -43,7 +43,7 @@ def empty_maps(batch: int, height: int, width: int) -> Maps:
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def refresh_map(maps: Maps, b: int, cells: NDArray) -> bool:
     """Take note of scene b's map; returns whether it differs from the last one."""
     new, old = cells.ravel(), maps.cells[b].ravel()
@@ -58,7 +58,7 @@ def refresh_map(maps: Maps, b: int, cells: NDArray) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def corner_count(maps: Maps, b: int) -> int:
     """Number of scene b's convex corners, listed if they are not yet."""
     if maps.corner_counts[b] < 0:

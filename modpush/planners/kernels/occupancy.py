@@ -3,9 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 
+from modpush._kernels import njit
 from modpush.planners.kernels.bit_grid import (
     View,
     find_blocked,
@@ -75,7 +76,7 @@ def empty_inflated(batch: int, height: int, width: int) -> Inflated:
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def inflate_one(b: int, cells: NDArray, radius: NDArray, out: NDArray) -> None:
     """Inflate scene b: `[B, H, W]` uint8 cells by `[B]` radii [px]."""
     words = (cells.shape[2] + 63) // 64
@@ -86,21 +87,21 @@ def inflate_one(b: int, cells: NDArray, radius: NDArray, out: NDArray) -> None:
     unpack_cells(inflated, out[b])
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def inflate_few(batch: int, cells: NDArray, radius: NDArray, out: NDArray) -> None:
     """Inflate all scenes, one after the other."""
     for b in range(batch):
         inflate_one(b, cells, radius, out)
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(nogil=True, parallel=True)
 def inflate_many(batch: int, cells: NDArray, radius: NDArray, out: NDArray) -> None:
     """Inflate all scenes, on several threads."""
     for b in prange(batch):
         inflate_one(b, cells, radius, out)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def observe_one(
     b: int, views: Views, last: Inflated, bits: NDArray, changed: NDArray, out: NDArray
 ) -> None:
@@ -139,7 +140,7 @@ def observe_one(
     out[b] = last.cells[b]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def observe_few(
     batch: int, views: Views, last: Inflated, bits: NDArray, changed: NDArray, out: NDArray
 ) -> None:
@@ -148,7 +149,7 @@ def observe_few(
         observe_one(b, views, last, bits, changed, out)
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(nogil=True, parallel=True)
 def observe_many(
     batch: int, views: Views, last: Inflated, bits: NDArray, changed: NDArray, out: NDArray
 ) -> None:

@@ -3,9 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from modpush._kernels import njit
 from modpush.planners.kernels.maps import Maps
 from modpush.planners.kernels.visibility import ONE, place
 
@@ -60,7 +60,7 @@ def empty_paths(batch: int, capacity: int) -> PathArrays:
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def place_ends(
     maps: Maps, b: int, queries: Queries, x: NDArray, y: NDArray, paths: PathArrays
 ) -> bool:
@@ -88,7 +88,7 @@ def place_ends(
     return x[0] >= 0
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _add_waypoint(paths: PathArrays, b: int, u: float, v: float) -> None:
     at = paths.sizes[b]
     if at < paths.waypoints.shape[1]:
@@ -97,7 +97,7 @@ def _add_waypoint(paths: PathArrays, b: int, u: float, v: float) -> None:
     paths.sizes[b] = at + 1
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def write_path(paths: PathArrays, b: int, queries: Queries, x: NDArray, y: NDArray) -> None:
     """Write scene b's path.
 

@@ -11,22 +11,22 @@ Leong, "Edge N-Level Sparse Visibility Graphs" (SoCS 2017), and Lozano-Pérez an
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from modpush._kernels import njit
 from modpush.planners.kernels.visibility import ONE, line_of_sight
 
 _FIRST_EDGES = 2048
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def length_of(dx: int, dy: int) -> float:
     """Length in cells of a vector in fixed point."""
     fx, fy = float(dx), float(dy)
     return np.sqrt(fx * fx + fy * fy) / ONE
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def touches(dx: int, dy: int, bx: int, by: int) -> bool:
     """Say whether a line in direction (dx, dy) through a corner stays out of its blocked cell.
 
@@ -39,7 +39,7 @@ def touches(dx: int, dy: int, bx: int, by: int) -> bool:
     return (dx * bx) * (dy * by) <= 0
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def stays_taut(ax: int, ay: int, cx: int, cy: int, bx: int, by: int) -> bool:
     """Say whether a string that comes along (ax, ay) and leaves along (cx, cy) bends round a cell.
 
@@ -62,7 +62,7 @@ def stays_taut(ax: int, ay: int, cx: int, cy: int, bx: int, by: int) -> bool:
     return turn <= 0
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _push_edge(
     key: NDArray, ends: NDArray, size: int, value: float, a: int, b: int
 ) -> tuple[NDArray, NDArray]:
@@ -86,7 +86,7 @@ def _push_edge(
     return key, ends
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _drop_first_edge(key: NDArray, ends: NDArray, size: int) -> None:
     """Take the first of `size` edges out of the heap."""
     last = size - 1
@@ -107,7 +107,7 @@ def _drop_first_edge(key: NDArray, ends: NDArray, size: int) -> None:
     ends[at, 0], ends[at, 1] = a, b
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def taut_search(
     codes: NDArray,
     nodes: NDArray,

@@ -7,9 +7,9 @@ Koenig, Tovey, "Lazy Theta*: Any-Angle Path Planning and Path Length Analysis in
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from modpush._kernels import njit
 from modpush.planners.kernels.heap import heap_pop, heap_set
 from modpush.planners.kernels.visibility import FRACTION_BITS, NE, NW, ONE, SE, SW, line_of_sight
 
@@ -60,7 +60,7 @@ class SearchTree(NamedTuple):
     order: NDArray
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def node_shift(width: int) -> int:
     """Bits of a node's number that hold its column, for a grid `width` cells wide."""
     shift = 1
@@ -69,7 +69,7 @@ def node_shift(width: int) -> int:
     return shift
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def node_position(query: Query, node: int) -> tuple[int, int]:
     """A node's x and y in the vertex frame, fixed point."""
     end = node - (query.codes.shape[0] << query.shift)
@@ -79,7 +79,7 @@ def node_position(query: Query, node: int) -> tuple[int, int]:
     return column << FRACTION_BITS, (node >> query.shift) << FRACTION_BITS
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _distance(query: Query, a: int, b: int) -> float:
     ax, ay = node_position(query, a)
     bx, by = node_position(query, b)
@@ -87,20 +87,20 @@ def _distance(query: Query, a: int, b: int) -> float:
     return np.sqrt(dx * dx + dy * dy) / ONE
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _visible(query: Query, a: int, b: int) -> bool:
     ax, ay = node_position(query, a)
     bx, by = node_position(query, b)
     return line_of_sight(query.codes, ax, ay, bx, by)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _is_crossing(code: int) -> bool:
     """Two blocked cells meet here in a point: no path goes through."""
     return code == (NW | SE) or code == (NE | SW)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _relax(
     query: Query, tree: SearchTree, size: int, node: int, near: int, far: int, lazy: bool
 ) -> int:
@@ -124,7 +124,7 @@ def _relax(
     return heap_set(tree.order, tree.key, tree.slot, size, node, length + tree.heuristic[node])
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _best_expanded_neighbour(query: Query, tree: SearchTree, node: int) -> tuple[int, float]:
     """The expanded neighbour over which `node` is reached soonest, and the way's length."""
     start = query.codes.shape[0] << query.shift
@@ -156,7 +156,7 @@ def _best_expanded_neighbour(query: Query, tree: SearchTree, node: int) -> tuple
     return best, best_length
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _expand(query: Query, tree: SearchTree, size: int, node: int, lazy: bool) -> int:
     """Offer a node's way to all its neighbours."""
     start = query.codes.shape[0] << query.shift
@@ -182,7 +182,7 @@ def _expand(query: Query, tree: SearchTree, size: int, node: int, lazy: bool) ->
     return size
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def theta_search(query: Query, tree: SearchTree, lazy: bool) -> bool:
     """Search a path over the vertices of the grid.
 

@@ -1,9 +1,10 @@
 """Theta* and Lazy Theta* over the whole grid, for a batch of scenes."""
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 
+from modpush._kernels import njit
 from modpush.planners.kernels.maps import Maps, refresh_map
 from modpush.planners.kernels.paths import PathArrays, Queries, place_ends, write_path
 from modpush.planners.kernels.theta_search import (
@@ -17,7 +18,7 @@ from modpush.planners.kernels.theta_search import (
 __all__ = ["plan_few", "plan_many", "solve_over_grid"]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def solve_over_grid(
     b: int,
     maps: Maps,
@@ -55,7 +56,7 @@ def solve_over_grid(
     write_path(paths, b, queries, path_x, path_y)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def plan_one(b: int, maps: Maps, queries: Queries, paths: PathArrays) -> None:
     """Plan scene b by Theta*."""
     x, y = np.empty(2, dtype=np.int64), np.empty(2, dtype=np.int64)
@@ -64,14 +65,14 @@ def plan_one(b: int, maps: Maps, queries: Queries, paths: PathArrays) -> None:
         solve_over_grid(b, maps, queries, x, y, False, paths)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def plan_few(batch: int, maps: Maps, queries: Queries, paths: PathArrays) -> None:
     """Plan all scenes by Theta*, one after the other."""
     for b in range(batch):
         plan_one(b, maps, queries, paths)
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(nogil=True, parallel=True)
 def plan_many(batch: int, maps: Maps, queries: Queries, paths: PathArrays) -> None:
     """Plan all scenes by Theta*, on several threads."""
     for b in prange(batch):

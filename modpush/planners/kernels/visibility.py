@@ -10,8 +10,9 @@ inside, nor slip between two blocked cells that meet in a point.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from modpush._kernels import njit
 
 # 16 bits hold every float32 pixel coordinate from 128 on exactly, and others to 8e-6 px; with grids
 # of up to 4096 cells a side, products of two coordinates stay below 2^57.
@@ -23,7 +24,7 @@ MAX_SIDE = 4096
 NW, NE, SW, SE = 1, 2, 4, 8
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def vertex_codes(cells: NDArray, codes: NDArray) -> None:
     """Write for each vertex which of its four cells are blocked; the outside counts as blocked.
 
@@ -53,7 +54,7 @@ def vertex_codes(cells: NDArray, codes: NDArray) -> None:
                 row[x] += np.uint8(4) * below[x - 1] + np.uint8(8) * below[x]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def convex_corners(codes: NDArray, corners: NDArray) -> int:
     """List the vertices with exactly one blocked cell: the only ones a shortest path bends at.
 
@@ -94,7 +95,7 @@ def convex_corners(codes: NDArray, corners: NDArray) -> int:
     return count
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _visible_along_row(codes: NDArray, y: int, x0: int, x1: int) -> bool:
     """Line of sight between (x0, y) and (x1, y), x0 < x1, all in fixed point."""
     first, last = x0 >> FRACTION_BITS, (x1 - 1) >> FRACTION_BITS
@@ -112,7 +113,7 @@ def _visible_along_row(codes: NDArray, y: int, x0: int, x1: int) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _visible_along_column(codes: NDArray, x: int, y0: int, y1: int) -> bool:
     """Line of sight between (x, y0) and (x, y1), y0 < y1, all in fixed point."""
     first, last = y0 >> FRACTION_BITS, (y1 - 1) >> FRACTION_BITS
@@ -131,7 +132,7 @@ def _visible_along_column(codes: NDArray, x: int, y0: int, y1: int) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def line_of_sight(codes: NDArray, x0: int, y0: int, x1: int, y1: int) -> bool:
     """Say whether the segment stays out of every blocked cell's inside.
 
@@ -193,7 +194,7 @@ def line_of_sight(codes: NDArray, x0: int, y0: int, x1: int, y1: int) -> bool:
             return False
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def to_fixed(u: float, side: int) -> int:
     """Pixel coordinate to the vertex frame in fixed point, clamped to the grid's inside."""
     if u <= -0.5:
@@ -203,7 +204,7 @@ def to_fixed(u: float, side: int) -> int:
     return min(max(int(np.rint((u + 0.5) * ONE)), 1), (side << FRACTION_BITS) - 1)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def nearest_free_cell(codes: NDArray, x: int, y: int) -> tuple[int, int]:
     """The free cell whose centre is nearest to a point, (-1, -1) if all are blocked.
 
@@ -239,7 +240,7 @@ def nearest_free_cell(codes: NDArray, x: int, y: int) -> tuple[int, int]:
     return best_i, best_j
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def place(codes: NDArray, u: float, v: float) -> tuple[int, int, bool]:
     """Put a query point into free space.
 
