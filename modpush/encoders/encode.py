@@ -46,7 +46,7 @@ class Encode(StatelessTransform):
         *,
         mirrored_key: NestedKey | None = None,
     ) -> None:
-        self.latent_dim, self.window_size = encoder_sizes("Encode", encoder)
+        self.latent_dim, self.window_size, _ = encoder_sizes("Encode", encoder)
         out_keys = [latent_key] if mirrored_key is None else [latent_key, mirrored_key]
         super().__init__(in_keys=[window_key], out_keys=out_keys)
         self.encoder, self.mirrored_key = encoder, mirrored_key

@@ -47,15 +47,18 @@ class Pinhole(NamedTuple):
 
 
 @njit(nogil=True, error_model="numpy")
-def _find_pixels(pose: NDArray, camera: Pinhole, shape: tuple[int, int], index: NDArray) -> tuple:
+def _find_pixels(
+    pose: NDArray, camera: Pinhole, step: float, shape: tuple[int, int], index: NDArray
+) -> tuple:
     """Write which pixel of the image each of the window's is, at the table; -1 beyond the image.
 
-    Returns the offset of the window's first pixel from the principal point, and the offsets from
-    column to column and from row to row: u and v of each [px].
+    A window pixel is as long as `step` of the image's. Returns the offset of the window's first pixel
+    from the principal point, and the offsets from column to column and from row to row: u and v of
+    each [px].
     """
     (rows, columns), size = shape, index.shape[0]
     to_pixel, half = camera.focal_length / camera.z, 0.5 * (size - 1)
-    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    cos, sin = step * math.cos(pose[2]), step * math.sin(pose[2])
     du, dv = -(pose[1] - camera.y) * to_pixel, -(pose[0] - camera.x) * to_pixel
     reach = half * (abs(cos) + abs(sin)) + 1.0  # from the middle to the furthest pixel
     u, v = camera.u + 0.5 + du, camera.v + 0.5 + dv
@@ -185,6 +188,7 @@ def window_one(
     segmentation: NDArray,
     pose: NDArray,
     camera: Pinhole,
+    step: float,
     top: float,
     outside: float,
     upright: bool,
@@ -198,6 +202,7 @@ def window_one(
         segmentation: `[B, H, W]` uint8.
         pose: `[B, 3]` float64 (x, y, yaw) of the window's frame, base frame.
         camera: The camera.
+        step: Side of a window pixel on the table in pixels of the image.
         top: Height that is written as 1 [m].
         outside: Written where the image ends.
         upright: Write heights where they stand, not where they are seen.
@@ -206,7 +211,7 @@ def window_one(
     shape, size, window = depth.shape[1:], out.shape[1], out[b]
     image, labels = depth[b].ravel(), segmentation[b].ravel()
     index = np.empty((size, size), np.int32)
-    offsets = _find_pixels(pose[b], camera, shape, index)
+    offsets = _find_pixels(pose[b], camera, step, shape, index)
     _read_heights(index, image, labels, camera.z, window)
     if upright:
         _set_upright(index, image, labels, shape, offsets, camera, top, window)
@@ -224,6 +229,7 @@ def window_few(
     segmentation: NDArray,
     pose: NDArray,
     camera: Pinhole,
+    step: float,
     top: float,
     outside: float,
     upright: bool,
@@ -231,7 +237,7 @@ def window_few(
 ) -> None:
     """All scenes' windows, one after the other; arguments as in `window_one`."""
     for b in range(batch):
-        window_one(b, depth, segmentation, pose, camera, top, outside, upright, out)
+        window_one(b, depth, segmentation, pose, camera, step, top, outside, upright, out)
 
 
 @njit(nogil=True, error_model="numpy", parallel=True)
@@ -241,6 +247,7 @@ def window_many(
     segmentation: NDArray,
     pose: NDArray,
     camera: Pinhole,
+    step: float,
     top: float,
     outside: float,
     upright: bool,
@@ -248,4 +255,4 @@ def window_many(
 ) -> None:
     """All scenes' windows, on several threads; arguments as in `window_one`."""
     for b in prange(batch):
-        window_one(b, depth, segmentation, pose, camera, top, outside, upright, out)
+        window_one(b, depth, segmentation, pose, camera, step, top, outside, upright, out)

@@ -152,7 +152,7 @@ def _window_policy(
                 window = {
                     "frame": transform.frame,
                     "size": transform.size,
-                    "metres_per_pixel": transform.camera.cell_size,
+                    "metres_per_pixel": transform.metres_per_pixel,
                     "height_shown_as_1": transform.max_height,
                     "outside": transform.outside,
                     "upright": transform.upright,

@@ -45,6 +45,7 @@ def environment_fingerprint(env: EnvBase) -> dict[str, Any]:
                 found["window"] = {
                     "frame": transform.frame,
                     "size": transform.size,
+                    "metres_per_pixel": transform.metres_per_pixel,
                     "outside": transform.outside,
                     "max_height": transform.max_height,
                     "upright": transform.upright,
@@ -71,7 +72,8 @@ def environment_fingerprint(env: EnvBase) -> dict[str, Any]:
 def fingerprint_differences(stored: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     """What differs between two fingerprints, in words; empty where nothing does.
 
-    What older files do not say yet is not compared: the sub-goals, and whether the window is upright.
+    What older files do not say yet is not compared: the sub-goals, and whether the window is upright and
+    how large its pixels are.
     """
     found = []
     for name in dict.fromkeys((*stored, *now)):

@@ -8,8 +8,7 @@ from torch import Tensor
 from modpush._arguments import checked_arguments
 from modpush._types import Count, NonNegative, Positive
 from modpush.encoders.base import Encoder, check_window
-from modpush.encoders.window import MAX_HEIGHT, WINDOW_SIZE
-from modpush.geometry.camera import Camera
+from modpush.encoders.window import MAX_HEIGHT, METRES_PER_PIXEL, WINDOW_SIZE
 
 __all__ = ["RayScan"]
 
@@ -27,7 +26,7 @@ class RayScan(Encoder):
         min_height: Lower obstacles block no ray [m].
         max_height: Height that the window shows as 1 [m].
         window_size: Side of the windows [px].
-        pixel_size: Side of a window pixel [m]; by default that of `PushEnv`'s camera on the table.
+        pixel_size: Side of a window pixel on the table [m], the encoder's `metres_per_pixel`.
 
     Raises:
         ValueError: For numbers out of range.
@@ -41,16 +40,15 @@ class RayScan(Encoder):
         min_height: NonNegative = 0.013,
         max_height: Positive = MAX_HEIGHT,
         window_size: Count = WINDOW_SIZE,
-        pixel_size: Positive | None = None,
+        pixel_size: Positive = METRES_PER_PIXEL,
     ) -> None:
         super().__init__()
-        pixel_size = pixel_size if pixel_size is not None else Camera().cell_size
         max_range = max_range if max_range is not None else 0.5 * window_size * pixel_size
         if not min_height < max_height:
             raise ValueError(
                 f"RayScan: min_height must be < max_height = {max_height}, got {min_height}."
             )
-        self.latent_dim, self.window_size = num_rays, window_size
+        self.latent_dim, self.window_size, self.metres_per_pixel = num_rays, window_size, pixel_size
         self.max_range, self.threshold = max_range, min_height / max_height
         # Half a pixel at a time, so that no pixel on the way is jumped over by much.
         steps = torch.arange(0.0, max_range / pixel_size, 0.5, dtype=torch.float32)

@@ -10,9 +10,10 @@ from torch import Tensor, nn
 from torch.nn.functional import softplus
 
 from modpush._arguments import checked_arguments
-from modpush._types import Count
+from modpush._types import Count, Positive
 from modpush._weights import check_weights
 from modpush.encoders.base import Encoder, check_window
+from modpush.encoders.window import METRES_PER_PIXEL
 from modpush.files import read_tensors, write_tensors
 
 __all__ = ["DepthVAE", "shipped_weights"]
@@ -39,6 +40,7 @@ class DepthVAE(Encoder):
         encoder_widths: Channels of the four convolutions.
         decoder_widths: Channels of the maps of side 4, 8, 16 and 32.
         sample: Return a sample of the latent rather than its mean, as the authors' code does.
+        metres_per_pixel: Side of the pixels of its windows on the table [m].
 
     Raises:
         ValueError: If a width or `latent_dim` is < 1, or there are not four of them.
@@ -52,6 +54,7 @@ class DepthVAE(Encoder):
         encoder_widths: Sequence[Count] = (16, 32, 64, 96),
         decoder_widths: Sequence[Count] = (96, 64, 32, 16),
         sample: bool = False,
+        metres_per_pixel: Positive = METRES_PER_PIXEL,
     ) -> None:
         super().__init__()
         for name, widths in (("encoder", encoder_widths), ("decoder", decoder_widths)):
@@ -60,6 +63,7 @@ class DepthVAE(Encoder):
                     f"DepthVAE: {name}_widths must be four numbers, got {tuple(widths)}."
                 )
         self.latent_dim, self.sample = latent_dim, sample
+        self.metres_per_pixel = metres_per_pixel
         self.encoder_widths, self.decoder_widths = tuple(encoder_widths), tuple(decoder_widths)
         a, b, c, d = encoder_widths
         self.encoder = nn.Sequential(
@@ -127,6 +131,7 @@ class DepthVAE(Encoder):
             "encoder_widths": list(self.encoder_widths),
             "decoder_widths": list(self.decoder_widths),
             "sample": self.sample,
+            "metres_per_pixel": self.metres_per_pixel,
         }
 
     @classmethod
