@@ -1,4 +1,4 @@
-"""Compiling the planners' kernels ahead of their first use."""
+"""Compilation of the planners' kernels ahead of their first use."""
 
 import torch
 
