@@ -51,8 +51,9 @@ def _find_pixels(
 ) -> tuple:
     """Write which pixel of the image each of the window's is, at the table; -1 beyond the image.
 
-    A window pixel is as long as `step` of the image's. Returns the offset of the window's first pixel from the principal point, and the offsets from
-    column to column and from row to row: u and v of each [px].
+    A window pixel is as long as `step` of the image's. Returns the offset of the window's first pixel
+    from the principal point, and the offsets from column to column and from row to row: u and v of
+    each [px].
     """
     (rows, columns), size = shape, index.shape[0]
     to_pixel, half = camera.focal_length / camera.z, 0.5 * (size - 1)
