@@ -11,7 +11,7 @@ from scipy.integrate import quad
 from scipy.special import i0
 
 from modpush.agents import CorridorConfig, PushingCorridorController
-from modpush.agents.corridor import authors_code
+from modpush.agents.corridor import authors_code, learning
 from modpush.agents.corridor.learning import (
     activations,
     bessel_ratio,
@@ -111,7 +111,7 @@ def test_preferred_angles_by_hand():
         assert mean(alphas, ~valid & False, mu, kappa).item() == 0
 
 
-@pytest.mark.parametrize("rules", [MENDED, FAITHFUL])
+@pytest.mark.parametrize("rules", [learning, authors_code])
 def test_a_scene_s_angles_do_not_depend_on_how_many_another_scene_has(rules):
     generator = torch.Generator().manual_seed(0)
     alphas = torch.randn(50, 61, dtype=torch.float64, generator=generator) / 3
