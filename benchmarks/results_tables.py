@@ -1,19 +1,24 @@
 """Write the tables of the shipped agents and controllers into README.md and the pages, from their rows.
 
-    python benchmarks/results_tables.py
+    python benchmarks/results_tables.py                       # from the rows in docs/results/paper
+    python benchmarks/results_tables.py runs/reproduce/sets   # and the tables by family first
 
 The rows, of `docs/results/paper/rows` (`small_cube`, the controllers) and
 `docs/results/paper/any_object/rows` (`any_object`), and the verdicts beside them are those of `modpush
-reproduce` (docs/howto/reproduce.md). A table stands between two comments in a page, with its
-explanation, and replaces what is there.
+reproduce` (docs/howto/reproduce.md). A table replaces what stands between its two comments in a page.
+With a folder in which `modpush evaluate` has written, tables by family and the agents' rows are first
+copied to `docs/results/agent`, `any_object` and `baseline`.
 """
 
+import gzip
 import re
+import sys
 from pathlib import Path
 
 import pandas as pd
 
 from modpush.evaluation.published_results import PAPER, measured_as, paper_set
+from modpush.evaluation.sets import BEHIND_SETS, EVALUATION_SETS
 from modpush.reproduction.cells import OVER_ALL
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -180,6 +185,24 @@ BLOCKS = {
 PAGES = ("README.md", "docs/agents.md", "docs/evaluation.md")
 
 
+def keep_tables(evaluated: Path) -> None:
+    """Copy tables by family, and the agents' rows, from a folder of `modpush evaluate`."""
+    places = {"small_cube": "agent/", "any_object": "any_object/"}
+    places |= {name: f"baseline/{name}_" for name in ("corridor", "corridor_faithful")}
+    for policy, place in places.items():
+        for name in (*EVALUATION_SETS, *BEHIND_SETS):
+            found, kept = (
+                evaluated / policy / name,
+                f"{ROOT}/docs/results/{place}{name.replace('/', '_')}",
+            )
+            text = (found / "table.md").read_text()
+            if policy in FOLDERS:
+                text += "\n" + (found / "beside_paper.md").read_text()
+                rows = gzip.compress((found / "episodes.csv").read_bytes(), mtime=0)
+                Path(f"{kept}.csv.gz").write_bytes(rows)
+            Path(f"{kept}.md").write_text(text)
+
+
 def rewrite(text: str) -> str:
     """A page with its tables made anew.
 
@@ -196,6 +219,8 @@ def rewrite(text: str) -> str:
 
 
 if __name__ == "__main__":
+    for folder in sys.argv[1:]:
+        keep_tables(Path(folder))
     for page in PAGES:
         path = ROOT / page
         path.write_text(rewrite(path.read_text()))
