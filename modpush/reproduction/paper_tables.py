@@ -40,7 +40,7 @@ class Table:
 
 
 def _both_starts(*sections: Section) -> tuple[Section, ...]:
-    """Each section, followed by the same with the tool straight behind the object, where there is a set."""
+    """Each section, followed by the same with the tool straight behind, where there is a set."""
     behind = [
         replace(
             s, title=f"{s.title}, tool straight behind", evaluation_set=f"behind/{s.evaluation_set}"
@@ -93,7 +93,7 @@ PAPER_TABLES = {
                 evaluation_set="hard200/small_cube",
                 pushed_object="small_cube",
                 printed="hard/small_cube",
-                note="The first 50 of these episodes are those of `hard/small_cube`, with the same start.",
+                note="The first 50 of these episodes are those of `hard/small_cube` with this start.",
             ),
             Section(
                 title="Wider gaps",
