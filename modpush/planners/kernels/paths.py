@@ -1,4 +1,4 @@
-"""What the searches are asked, and how they hand out paths."""
+"""Queries and results of the searches."""
 
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ __all__ = ["PathArrays", "Queries", "empty_paths", "place_ends", "write_path"]
 
 
 class Queries(NamedTuple):
-    """What a batch of scenes is planned for.
+    """Maps and ends of a batch of scenes.
 
     Attributes:
         cells: `[B, H, W]` uint8, 1 where blocked.
@@ -29,7 +29,7 @@ class Queries(NamedTuple):
 
 
 class PathArrays(NamedTuple):
-    """Where the searches write a batch of paths; see `modpush.planners.Paths`.
+    """Arrays for a batch of paths; see `modpush.planners.Paths`.
 
     Attributes:
         waypoints: `[B, capacity, 2]` float32 (u, v) [px].
@@ -49,7 +49,7 @@ class PathArrays(NamedTuple):
 
 
 def empty_paths(batch: int, capacity: int) -> PathArrays:
-    """Room for a batch of paths of up to `capacity` waypoints."""
+    """Arrays for a batch of paths of up to `capacity` waypoints."""
     return PathArrays(
         waypoints=np.empty((batch, capacity, 2), dtype=np.float32),
         sizes=np.zeros(batch, dtype=np.int64),
@@ -75,7 +75,7 @@ def place_ends(
         paths: Where the result goes.
 
     Returns:
-        Whether there is any free cell.
+        True if there is a free cell.
     """
     start, goal = queries.start[b], queries.goal[b]
     x[0], y[0], paths.start_moved[b] = place(maps.codes[b], start[0], start[1])
@@ -102,7 +102,7 @@ def write_path(paths: PathArrays, b: int, queries: Queries, x: NDArray, y: NDArr
     """Write scene b's path.
 
     Args:
-        paths: Where to.
+        paths: Arrays to write to.
         b: Scene.
         queries: The ends as asked for.
         x: `[N]` int64, N >= 2, the path's x in the vertex frame, fixed point, ends as placed.

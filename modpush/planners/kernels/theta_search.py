@@ -198,7 +198,7 @@ def theta_search(query: Query, tree: SearchTree, lazy: bool) -> bool:
         lazy: Lazy Theta* rather than Theta*.
 
     Returns:
-        Whether the goal was reached.
+        True if the goal was reached.
     """
     start = query.codes.shape[0] << query.shift
     goal = start + 1
