@@ -19,14 +19,12 @@ from modpush.planners import (
     Paths,
     Planner,
     StraightLine,
-    ThetaStar,
     point_along,
 )
 
 MAKERS = {
     "lazy": LazyThetaStar,
     "lazy_grid": lambda **kwargs: LazyThetaStar(nodes="grid", **kwargs),
-    "theta": ThetaStar,
     "a_star": AStar,
     "field": DistanceField,
     "line": StraightLine,
@@ -412,7 +410,7 @@ for batch in (1, 3):
     blocked = torch.rand(batch, 40, 56) < 0.1
     start, goal = torch.zeros(batch, 2), torch.full((batch, 2), 39.0)
     for kind in (planners.AStar, planners.DistanceField, planners.LazyThetaStar,
-                 planners.StraightLine, planners.ThetaStar):
+                 planners.StraightLine):
         kind().plan(blocked, start, goal)
     planners.LazyThetaStar(nodes="grid").plan(blocked, start, goal)
     planners.inflate(blocked, 2.0)

@@ -112,7 +112,7 @@ def observe_one(
         views: Images and settings.
         last: What was inflated last, kept up to date.
         bits: `[B, H, ceil(W / 64)]` uint64, overwritten with the cells before inflation.
-        changed: `[B]` bool, overwritten: whether the cells had to be inflated anew.
+        changed: `[B]` bool, overwritten: True where the cells were inflated.
         out: `[B, H, W]` uint8, overwritten with the inflated cells.
     """
     view = View(
