@@ -22,8 +22,9 @@ class LazyThetaStar(GridPlanner):
     with two corrections, without which its paths were up to 28 % too long. First, a vertex whose
     assumed parent turns out not to be visible gets a longer path than it was queued with; it
     returns to the queue instead of being expanded too early. Second, paths run over the cells'
-    corners, where shortest paths bend, rather than over their centres. What it finds is within 1.1 %
-    of the optimum on the maps of `benchmarks/bench_planners.py`.
+    corners, where shortest paths bend, rather than over their centres. Its paths were up to
+    1.1 % above the optimum on the maps of `benchmarks/bench_planners.py` and up to 3.3 % on a map of
+    noise; there is no bound for all maps.
 
     `nodes="corners"`, the default, keeps the lazy rule but searches only the convex corners of
     blocked cells, all of which are neighbours of each other. This is exact, and much faster as long
