@@ -359,7 +359,7 @@ def main(args: Args) -> None:
     text = "\n\n".join([header, *tables]) + "\n"
     print("\n" + text)
     if args.out is not None:
-        args.out.write_text(text)
+        args.out.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -28,6 +28,7 @@ from safetensors import SafetensorError, safe_open
 from torch import Tensor
 
 from modpush._atomic import replacing
+from modpush._yaml import dump_yaml, load_yaml
 
 __all__ = [
     "read_arrays",
@@ -64,7 +65,7 @@ _DTYPES = {
 def write_text(path: Path | str, text: str) -> None:
     """Write a text file without a seal, atomically."""
     with replacing(path) as unfinished:
-        unfinished.write_text(text)
+        unfinished.write_text(text, encoding="utf-8")
 
 
 def write_json(path: Path | str, data: Mapping[str, Any], kind: str, version: int) -> None:
@@ -88,14 +89,14 @@ def read_json(path: Path | str, kind: str, version: int) -> dict[str, Any]:
 
 def write_yaml(path: Path | str, data: Mapping[str, Any], kind: str, version: int) -> None:
     """Write a mapping as sealed YAML, with the seal in a comment on the first line."""
-    text = f"# {_blank_seal(kind, version)}\n{yaml.safe_dump(dict(data), sort_keys=False)}"
+    text = f"# {_blank_seal(kind, version)}\n{dump_yaml(data)}"
     _write(path, text.encode())
 
 
 def read_yaml(path: Path | str, kind: str, version: int) -> dict[str, Any]:
     """Read what `write_yaml` wrote; errors as `read_json`."""
     with _explained(path, kind):
-        data: dict[str, Any] = yaml.safe_load(_read(path, kind, version))
+        data: dict[str, Any] = load_yaml(_read(path, kind, version))
         return data
 
 

@@ -93,7 +93,7 @@ def evaluate_policies(config: EvaluateConfig) -> dict[str, dict[str, pd.DataFram
         if len(rows) == 1:
             path = config.out / methods[0].name / episodes.name / "beside_paper.md"
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(report)
+        path.write_text(report, encoding="utf-8")
         print(f"\n{report}")
         results[name] = rows
     videos = ", videos" if config.videos else ""

@@ -135,7 +135,7 @@ def export_agent(
     card = {**_card(agent, examples, chain), "window": window, "planning": planning}
     card |= {"recovery": recovery, "frames": _FRAMES}
     with replacing(folder / "card.json") as unfinished:
-        unfinished.write_text(json.dumps(card, indent=2) + "\n")
+        unfinished.write_text(json.dumps(card, indent=2) + "\n", encoding="utf-8")
     written["card.json"] = folder / "card.json"
     return written
 

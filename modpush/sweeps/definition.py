@@ -12,6 +12,7 @@ from modpush._arguments import checked_arguments
 from modpush._checks import check_texts
 from modpush._types import AtLeastOne, Count, Name, Seed
 from modpush._validation import checked, from_plain
+from modpush._yaml import load_yaml
 from modpush.parts import find_part, part_module
 from modpush.training.config import TrainConfig
 from modpush.training.presets import TRAIN_PRESETS
@@ -140,7 +141,8 @@ def override(config: TrainConfig, overrides: Mapping[str, Any], who: str) -> Tra
 
     Args:
         config: The configuration.
-        overrides: Values as in JSON or YAML, by dotted names: `{"env.encoder": "rays"}`.
+        overrides: Values as in JSON or YAML, by dotted names: `{"env.encoder": "rays"}`;
+            words of a name may also be joined by `-`, as on the command line.
         who: Name of the caller, for error messages.
 
     Raises:
@@ -148,7 +150,7 @@ def override(config: TrainConfig, overrides: Mapping[str, Any], who: str) -> Tra
     """
     data = asdict(config)
     for name, value in overrides.items():
-        *folders, last = name.split(".")
+        *folders, last = name.replace("-", "_").split(".")
         inside: Any = data
         for folder in folders:
             if not isinstance(inside.get(folder), dict):
@@ -178,7 +180,7 @@ def load_sweep(source: str | Path) -> Sweep:
     path, text = Path(source), str(source)
     if path.is_file():
         try:
-            return from_plain(Sweep, yaml.safe_load(path.read_text()))
+            return from_plain(Sweep, load_yaml(path.read_bytes()))
         except (ValueError, yaml.YAMLError) as error:
             raise ValueError(f"load_sweep: {path} holds no sweep: {error}") from None
     if part_module(text) is None:

@@ -37,7 +37,7 @@ class ReplayLane:
     @checked_arguments
     def __init__(self, folder: Path | str) -> None:
         self.folder = _folder_of_set(Path(folder))
-        facts = json.loads((self.folder / _ABOUT).read_text())
+        facts = json.loads((self.folder / _ABOUT).read_text(encoding="utf-8"))
         own = self.folder / SET_FILE
         if not own.exists() and facts["set"] not in SET_NAMES:
             raise ValueError(

@@ -197,6 +197,16 @@ def test_start_equal_to_goal(make):
 
 
 @every_planner
+def test_start_equal_to_goal_in_a_blocked_cell(make):
+    blocked = torch.zeros(1, 5, 5, dtype=torch.bool)
+    blocked[0, :2, 2] = True
+    paths = make().plan(blocked, xy(2, 0), xy(2, 0))
+    assert (paths.length.item(), paths.count.item()) == (0.0, 2)
+    assert paths.waypoints[0, :2].tolist() == [[2, 0], [2, 0]]
+    assert torch.stack([paths.found, paths.start_moved, paths.goal_moved]).all()
+
+
+@every_planner
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (3, 5), (64, 64), (65, 130)])
 def test_all_grid_sizes(make, shape):
     blocked = torch.zeros(1, *shape, dtype=torch.bool)

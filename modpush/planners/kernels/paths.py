@@ -75,7 +75,7 @@ def place_ends(
         paths: Where the result goes.
 
     Returns:
-        True if there is a free cell.
+        True if there is something to search: a free cell, and a goal that is not the start.
     """
     start, goal = queries.start[b], queries.goal[b]
     x[0], y[0], paths.start_moved[b] = place(maps.codes[b], start[0], start[1])
@@ -85,6 +85,11 @@ def place_ends(
     paths.length[b] = np.inf
     paths.waypoints[b, :, 0] = start[0]
     paths.waypoints[b, :, 1] = start[1]
+    if x[0] >= 0 and start[0] == goal[0] and start[1] == goal[1]:
+        # Also where that is a blocked cell: it need not be left for a free one and entered again.
+        paths.waypoints[b, :, 0], paths.waypoints[b, :, 1] = goal[0], goal[1]
+        paths.found[b], paths.sizes[b], paths.length[b] = True, 2, 0.0
+        return False
     return x[0] >= 0
 
 
