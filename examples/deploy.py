@@ -52,7 +52,12 @@ def make_env(card: dict, num_envs: int, scene: str) -> EnvBase:
         InitTracker(),
         grid,
         PlannerSubgoals(**planning["subgoals"]),
-        EgocentricWindow(window["frame"], size=window["size"], outside=window["outside"]),
+        EgocentricWindow(
+            window["frame"],
+            size=window["size"],
+            outside=window["outside"],
+            metres_per_pixel=window["metres_per_pixel"],
+        ),
     )
     pushed = card["environment"]["pushed_object"]
     env = PushEnv(num_envs, scene=scene, pushed_object=pushed, seed=0)

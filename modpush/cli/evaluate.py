@@ -4,7 +4,7 @@
     modpush evaluate --policy agent corridor --set all --episodes 100
     modpush evaluate --policy runs/train --set free/small_cube
     modpush evaluate --policy corridor --set smoke        # half a minute
-    modpush evaluate --policy corridor --set hard/small_cube --tool rod
+    modpush evaluate --policy corridor --set behind/hard/small_cube --tool rod
     modpush evaluate --policy any_object --set hard/small_cube --recovery False
 
 For each policy and set `runs/evaluate/<policy>/<set>/` gets `episodes.csv` (a row for each episode),
@@ -27,10 +27,12 @@ from modpush._validation import checked
 from modpush.envs.robot.ur5_2f85 import ToolName
 from modpush.evaluation.report import comparison_report, draw_results, write_tables
 from modpush.evaluation.runner import EvaluationConfig, evaluate
-from modpush.evaluation.sets import EVALUATION_SETS, EvaluationSet, load_set
+from modpush.evaluation.sets import BEHIND_SETS, EVALUATION_SETS, EvaluationSet, load_set
 from modpush.recipes.methods import Method, get_methods
 
 __all__ = ["EvaluateConfig", "evaluate_policies", "main"]
+
+_GROUPS = {"all": EVALUATION_SETS, "behind/all": BEHIND_SETS}
 
 
 @checked
@@ -42,7 +44,9 @@ class EvaluateConfig:
     `corridor`, `corridor_faithful`, `scripted`, a training run's folder, or an agent's file. Several
     are compared with each other."""
     sets: Annotated[AtLeastOne[Name], tyro.conf.arg(name="set")] = ("smoke",)
-    """Evaluation sets by name or file, or `all` for all sets except `smoke` and the tuning sets."""
+    """Evaluation sets by name or file, `all` for all in which the tool starts in any direction from the
+    object, but `smoke` and the tuning sets, or `behind/all` for those in which it starts straight behind
+    the object."""
     tool: ToolName | None = None
     """Tool to use instead of the sets' own, for instance `rod`, the tool in the code of the paper's
     authors; results are stored under `<set>+<tool>`."""
@@ -69,8 +73,8 @@ class EvaluateConfig:
 
     @property
     def set_names(self) -> tuple[str, ...]:
-        """The sets asked for, each once, `all` spelled out."""
-        names = [EVALUATION_SETS if name == "all" else (name,) for name in self.sets]
+        """The sets asked for, each once, `all` and `behind/all` spelled out."""
+        names = [_GROUPS.get(name, (name,)) for name in self.sets]
         return tuple(dict.fromkeys(itertools.chain.from_iterable(names)))
 
 

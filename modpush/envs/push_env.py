@@ -48,39 +48,47 @@ class PushEnv(EnvBase):
     All lengths in metres, all angles in radians, all poses `[x, y, yaw]` in the robot's base frame:
     x forward, y left, z up, the table's top at z = 0.
 
-        ======================= ================== =====================================================
-        key                     shape, dtype       meaning
-        ======================= ================== =====================================================
-        action                  `[B, 3]` float32   (dx, dy, dyaw) of the tool in [-1, 1], times
-                                                   (0.02 m, 0.02 m, 0.05 rad)
-        depth                   `[B, 1, 256, 256]` bird's-eye depth along the optical axis [m]; the table
-                                float32            is at 1.1 (absent with `depth=None`)
-        segmentation            `[B, 1, 256, 256]` what each pixel shows: 0 table, 1 pushed object,
-                                uint8              2 obstacle, 3 robot
-        object_pose             `[B, 3]` float32   pose of the pushed object
-        goal_position           `[B, 2]` float32   goal of the object's centre
-        ee_pose                 `[B, 3]` float32   pose of the tool's tip
-        joint_position          `[B, 6]` float32   angles of the arm's joints
-        object_radius           `[B, 1]` float32   circumscribed radius of the object's footprint
-        object_inscribed_radius `[B, 1]` float32   radius of the circle inside the object's footprint
-        object_symmetry         `[B, 1]` float32   number of yaw angles at which the object looks the
-                                                   same: 4 for a square footprint, 0 for a disc
-        object_support          `[B, 48]` float32  how far the footprint reaches from the object's centre
-                                                   in 48 directions, the first along its own x
-        object_contact          `[B, 1]` bool      tool or arm touched the object during the step
-        obstacle_contact        `[B, 1]` bool      the object touched an obstacle during the step
-        tool_obstacle_contact   `[B, 1]` bool      tool or arm touched an obstacle during the step
-        object_contact_at_end   `[B, 1]` bool      tool or arm touched the object at the step's end
-        target_reachable        `[B, 1]` bool      False if the arm cannot reach the commanded pose
-        obstacle_displacement   `[B, 24]` float32  how far each obstacle has moved since reset (only with
-                                                   `dynamic_obstacles=True`)
-        success                 `[B, 1]` bool      the object's centre is within 5 cm of the goal
-        out_of_bounds           `[B, 1]` bool      that centre is more than 5 cm outside the workspace
-        reward                  `[B, 1]` float32   1 on success, else 0
-        terminated              `[B, 1]` bool      success (and out of bounds with `oob="terminate"`)
-        truncated               `[B, 1]` bool      step limit, or out of bounds
-        done                    `[B, 1]` bool      terminated or truncated
-        ======================= ================== =====================================================
+        ============================ ================== ===============================================
+        key                          shape, dtype       meaning
+        ============================ ================== ===============================================
+        action                       `[B, 3]` float32   (dx, dy, dyaw) of the tool in [-1, 1], times
+                                                        (0.02 m, 0.02 m, 0.05 rad)
+        depth                        `[B, 1, 256, 256]` bird's-eye depth along the optical axis [m];
+                                     float32            the table is at 1.1 (absent with `depth=None`)
+        segmentation                 `[B, 1, 256, 256]` what each pixel shows: 0 table, 1 pushed
+                                     uint8              object, 2 obstacle, 3 robot
+        object_pose                  `[B, 3]` float32   pose of the pushed object
+        goal_position                `[B, 2]` float32   goal of the object's centre
+        ee_pose                      `[B, 3]` float32   pose of the tool's tip
+        joint_position               `[B, 6]` float32   angles of the arm's joints
+        object_radius                `[B, 1]` float32   circumscribed radius of the object's footprint
+        object_inscribed_radius      `[B, 1]` float32   radius of the circle inside the object's
+                                                        footprint
+        object_symmetry              `[B, 1]` float32   number of yaw angles at which the object looks
+                                                        the same: 4 for a square footprint, 0 for a
+                                                        disc
+        object_support               `[B, 48]` float32  how far the footprint reaches from the object's
+                                                        centre in 48 directions, the first along its
+                                                        own x
+        object_contact               `[B, 1]` bool      tool or arm touched the object during the step
+        obstacle_contact             `[B, 1]` bool      the object touched an obstacle during the step
+        tool_obstacle_contact        `[B, 1]` bool      tool or arm touched an obstacle during the step
+        object_contact_at_end        `[B, 1]` bool      the same as `object_contact` at the step's end
+        obstacle_contact_at_end      `[B, 1]` bool      the same as `obstacle_contact` there
+        tool_obstacle_contact_at_end `[B, 1]` bool      the same as `tool_obstacle_contact` there
+        target_reachable             `[B, 1]` bool      False if the arm cannot reach the commanded
+                                                        pose
+        obstacle_displacement        `[B, 24]` float32  how far each obstacle has moved since reset
+                                                        (only with `dynamic_obstacles=True`)
+        success                      `[B, 1]` bool      the object's centre is within 5 cm of the goal
+        out_of_bounds                `[B, 1]` bool      that centre is more than 5 cm outside the
+                                                        workspace
+        reward                       `[B, 1]` float32   1 on success, else 0
+        terminated                   `[B, 1]` bool      success (and out of bounds with
+                                                        `oob="terminate"`)
+        truncated                    `[B, 1]` bool      step limit, or out of bounds
+        done                         `[B, 1]` bool      terminated or truncated
+        ============================ ================== ===============================================
 
     `reset(tensordict, scenarios=None, seed=None, state=None)` starts new episodes in the scenes where
     the key `"_reset"` is True, or in all scenes without that key. With `scenarios` they start from

@@ -33,6 +33,8 @@ _FLAGS = (
     "obstacle_contact",
     "tool_obstacle_contact",
     "object_contact_at_end",
+    "obstacle_contact_at_end",
+    "tool_obstacle_contact_at_end",
 )
 _ENDS = ("success", "out_of_bounds", "done")
 
@@ -97,9 +99,11 @@ class _Log:
         row: int,
         objects: Mapping[str, PushedObject] | None,
         inflation: Circle,
+        control_freq: float,
     ) -> None:
         self.number, self.scenario, self.objects = number, scenario, objects
         self.inflation: Circle = inflation
+        self.control_freq = control_freq
         self.poses = {key: [td[key][row].tolist()] for key in _POSES}
         self.flags: list[list[bool]] = []
         self.rewards: list[float] = []
@@ -114,9 +118,11 @@ class _Log:
         flags = np.array(self.flags)
         metrics = episode_metrics(
             object_position=poses["object_pose"][:, :2],
+            ee_position=poses["ee_pose"][:, :2],
             goal_position=np.array(self.scenario.goal_position),
             reward=np.array(self.rewards),
             **{key: flags[:, i] for i, key in enumerate(_FLAGS)},
+            control_freq=self.control_freq,
             success=success,
             out_of_bounds=out_of_bounds,
             shortest_length=shortest,
@@ -180,7 +186,8 @@ def run_episodes(
     spare = [first[-1]] * (env.batch_size[0] - len(first))  # a first reset is of all scenes
     td = env.reset(scenarios=[scenario for _, scenario in first + spare])
     logs: list[_Log | None] = [
-        _Log(n, s, td, i, _objects_of(env), inflation) for i, (n, s) in enumerate(first)
+        _Log(n, s, td, i, _objects_of(env), inflation, _control_freq(env))
+        for i, (n, s) in enumerate(first)
     ]
     logs += [None] * len(spare)
     while any(logs):
@@ -215,6 +222,11 @@ def _acted(td: Any) -> TensorDictBase:
 def _objects_of(env: EnvBase) -> Mapping[str, PushedObject] | None:
     """The objects of a `PushEnv`, transforms on top or not, by name; None for another environment."""
     return getattr(env, "pushed_objects", None)
+
+
+def _control_freq(env: EnvBase) -> float:
+    """Control steps per second of a `PushEnv`, transforms on top or not; its default for others."""
+    return float(getattr(env, "settings", {}).get("control_freq", 15))
 
 
 def _check_workspace(env: EnvBase) -> None:
@@ -252,7 +264,7 @@ def _restart(
     td = env.reset(td, scenarios=[scenario for _, (_, scenario) in refill])
     td.pop("_reset", None)
     for row, (number, scenario) in refill:
-        logs[row] = _Log(number, scenario, td, row, _objects_of(env), inflation)
+        logs[row] = _Log(number, scenario, td, row, _objects_of(env), inflation, _control_freq(env))
     return td
 
 

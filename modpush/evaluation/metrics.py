@@ -15,11 +15,14 @@ __all__ = [
     "collision_rate",
     "contact_rate",
     "episode_metrics",
+    "mean_jerk",
     "pushed_length",
+    "reversal_rate",
     "success_weighted_by_path_length",
 ]
 
 Flags = NDArray[np.bool_]
+_MOVED = 0.001  # shorter displacements of the tip within a control step are no move [m]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +46,12 @@ class EpisodeMetrics:
     """Share of all control steps in which the object touched an obstacle."""
     collision_rate_arm: float
     """Share of all control steps in which the tool or the arm touched an obstacle."""
+    collision_rate_at_end: float
+    """Share of all control steps at whose end the object, the tool or the arm touched an obstacle, as
+    the authors measured their controller."""
+    collision_rate_object_at_end: float
+    """Share of all control steps at whose end the object touched an obstacle, as they measured their
+    agent."""
     path_length: float
     """Length of the object's path, plus its distance to the goal at the end [m]."""
     final_distance: float
@@ -61,6 +70,10 @@ class EpisodeMetrics:
     """The same against the authors' staircase of cells, by which they measured their controller."""
     out_of_bounds: bool
     """The object left the workspace."""
+    mean_jerk: float
+    """Mean jerk of the tool's tip, see `mean_jerk` [m/s^3]."""
+    reversal_rate: float
+    """Share of the tip's moves against the one before, see `reversal_rate`."""
 
     def to_dict(self) -> dict[str, float | int | bool]:
         """The metrics by name."""
@@ -107,6 +120,36 @@ def pushed_length(position: NDArray[np.float64], goal: NDArray[np.float64]) -> t
     return float(np.linalg.norm(np.diff(position, axis=0), axis=-1).sum()) + final, final
 
 
+def mean_jerk(position: NDArray[np.float64], control_freq: float) -> float:
+    """Mean length of the third derivative of a position, from third differences.
+
+    Args:
+        position: Position at reset and after each step, `[T + 1, 2]` [m].
+        control_freq: Control steps per second [Hz].
+
+    Returns:
+        [m/s^3]; 0 for fewer than three steps.
+    """
+    jerk = np.linalg.norm(np.diff(position, n=3, axis=0), axis=-1) * control_freq**3
+    return float(jerk.mean()) if jerk.size else 0.0
+
+
+def reversal_rate(position: NDArray[np.float64]) -> float:
+    """Share of a point's moves that are turned by more than 90 degrees from the one before.
+
+    Args:
+        position: Position at reset and after each step, `[T + 1, 2]` [m]. Steps in which it moved by
+            less than 1 mm are left out.
+
+    Returns:
+        In [0, 1]; 0 for fewer than two moves.
+    """
+    moves = np.diff(position, axis=0)
+    moves = moves[np.linalg.norm(moves, axis=-1) >= _MOVED]
+    turned = (moves[1:] * moves[:-1]).sum(-1) < 0
+    return float(turned.mean()) if turned.size else 0.0
+
+
 def success_weighted_by_path_length(success: bool, shortest: float, taken: float) -> float:
     """Success weighted by path length, `S * l / max(p, l)`.
 
@@ -134,12 +177,16 @@ def success_weighted_by_path_length(success: bool, shortest: float, taken: float
 def episode_metrics(
     *,
     object_position: NDArray[np.float64],
+    ee_position: NDArray[np.float64],
     goal_position: NDArray[np.float64],
     reward: NDArray[np.float64],
     object_contact: Flags,
     obstacle_contact: Flags,
     tool_obstacle_contact: Flags,
     object_contact_at_end: Flags,
+    obstacle_contact_at_end: Flags,
+    tool_obstacle_contact_at_end: Flags,
+    control_freq: Positive,
     success: bool,
     out_of_bounds: bool,
     shortest_length: Positive,
@@ -150,12 +197,16 @@ def episode_metrics(
 
     Args:
         object_position: The object's position at reset and after each step, `[T + 1, 2]` [m].
+        ee_position: The same of the tool's tip, `[T + 1, 2]` [m].
         goal_position: The goal's position, `[2]` [m].
         reward: Rewards of the steps, `[T]`.
         object_contact: Tool or arm touched the object during the step, `[T]` bool.
         obstacle_contact: The object touched an obstacle, `[T]` bool.
         tool_obstacle_contact: Tool or arm touched an obstacle, `[T]` bool.
         object_contact_at_end: Tool or arm touched the object at the step's end, `[T]` bool.
+        obstacle_contact_at_end: The object touched an obstacle at the step's end, `[T]` bool.
+        tool_obstacle_contact_at_end: Tool or arm touched an obstacle at the step's end, `[T]` bool.
+        control_freq: Control steps per second [Hz].
         success: Whether the goal was reached.
         out_of_bounds: Whether the object left the workspace.
         shortest_length: See `shortest_path` [m].
@@ -168,12 +219,15 @@ def episode_metrics(
     """
     steps = len(object_position) - 1 if isinstance(object_position, np.ndarray) else 0
     _check_array("object_position", object_position, "f", (steps + 1, 2))
+    _check_array("ee_position", ee_position, "f", (steps + 1, 2))
     _check_array("goal_position", goal_position, "f", (2,))
     _check_array("reward", reward, "f", (steps,))
     _check_array("object_contact", object_contact, "b", (steps,))
     _check_array("obstacle_contact", obstacle_contact, "b", (steps,))
     _check_array("tool_obstacle_contact", tool_obstacle_contact, "b", (steps,))
     _check_array("object_contact_at_end", object_contact_at_end, "b", (steps,))
+    _check_array("obstacle_contact_at_end", obstacle_contact_at_end, "b", (steps,))
+    _check_array("tool_obstacle_contact_at_end", tool_obstacle_contact_at_end, "b", (steps,))
     taken, final = pushed_length(object_position, goal_position)
     spl, spl_agent, spl_controller = (
         success_weighted_by_path_length(success, length, taken)
@@ -188,6 +242,8 @@ def episode_metrics(
         collision_rate=collision_rate(obstacle_contact, tool_obstacle_contact),
         collision_rate_object=collision_rate(obstacle_contact),
         collision_rate_arm=collision_rate(tool_obstacle_contact),
+        collision_rate_at_end=collision_rate(obstacle_contact_at_end, tool_obstacle_contact_at_end),
+        collision_rate_object_at_end=collision_rate(obstacle_contact_at_end),
         path_length=taken,
         final_distance=final,
         shortest_length=shortest_length,
@@ -197,6 +253,8 @@ def episode_metrics(
         spl_authors_agent=spl_agent,
         spl_authors_controller=spl_controller,
         out_of_bounds=bool(out_of_bounds),
+        mean_jerk=mean_jerk(ee_position, control_freq),
+        reversal_rate=reversal_rate(ee_position),
     )
 
 

@@ -7,7 +7,7 @@ import pandas as pd
 
 from modpush.evaluation.tables import METRICS
 
-__all__ = ["PAPER", "PaperFigures", "beside_paper", "printed_spl"]
+__all__ = ["PAPER", "PaperFigures", "beside_paper", "measured_as", "paper_set"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,39 +124,44 @@ PAPER = {
 """The paper's results by evaluation set. Source: Tables II to IV (Sec. V). `hard200/small_cube` continues
 `hard/small_cube` with further episodes of the same distribution."""
 
-_MEASURED_AS = {
-    "success": "success",
-    "contact_rate_at_end": "contact_rate",
-    "collision_rate": "collision_rate",
-    "path_length": "path_length",
-}
-"""The paper's figures but for SPL that are measured as this metric is."""
+
+def paper_set(evaluation_set: str) -> str:
+    """The name in `PAPER` of a set, whatever the start of its tool (`behind/`) and the tool (`+rod`)."""
+    return evaluation_set.removeprefix("behind/").partition("+")[0]
 
 
-def printed_spl(evaluation_set: str, *, of_controller: bool) -> str:
-    """Our metric that measures SPL as the authors measured a printed one.
+def measured_as(evaluation_set: str, *, of_controller: bool) -> dict[str, str]:
+    """Our metric that is measured as the authors measured a printed one, by the paper's metric.
 
-    Among obstacles each of the paper's methods is measured by the path of its own planner, in free space
-    both by that of Lazy Theta* (paper Sec. V-B).
+    Contact and collisions are those of the looks at the steps' ends. The agent's collisions are of the
+    object alone, the controller's of object or arm. Among obstacles SPL is by the path of a method's own
+    planner, in free space for both by that of Lazy Theta* (paper Sec. V-B).
 
     Args:
         evaluation_set: Name of the set.
         of_controller: Whether the printed figure is the controller's, not the agent's.
     """
-    staircase = of_controller and not evaluation_set.startswith("free/")
-    return "spl_authors_controller" if staircase else "spl_authors_agent"
+    staircase = of_controller and not paper_set(evaluation_set).startswith("free/")
+    return {
+        "success": "success",
+        "contact_rate": "contact_rate_at_end",
+        "collision_rate": "collision_rate_at_end"
+        if of_controller
+        else "collision_rate_object_at_end",
+        "spl": "spl_authors_controller" if staircase else "spl_authors_agent",
+        "path_length": "path_length",
+    }
 
 
 def beside_paper(summary: pd.DataFrame, evaluation_set: str) -> pd.DataFrame:
     """A summary's means beside the paper's, cell by cell.
 
-    The paper's figures stand where they are measured alike: its SPL as `printed_spl` says, its contact
-    rate beside that of the looks at the steps' ends.
+    The paper's figures stand beside what is measured as they were, see `measured_as`.
 
     Args:
         summary: What `summarize` returned.
-        evaluation_set: Name of the set. Sets that the paper does not have get empty cells; what follows
-            a `+` does not count (`EvaluationSet.with_tool`).
+        evaluation_set: Name of the set. Sets that the paper does not have get empty cells; the start of
+            the tool and the tool do not count (`paper_set`).
 
     Returns:
         By metric: a column for each method, then `paper_controller`, `paper_agent` and, where there is
@@ -164,13 +169,12 @@ def beside_paper(summary: pd.DataFrame, evaluation_set: str) -> pd.DataFrame:
     """
     table = summary[list(METRICS)].T.rename_axis("metric")
     table.columns.name = None
-    figures = PAPER.get(evaluation_set.partition("+")[0])
+    figures = PAPER.get(paper_set(evaluation_set))
     for column, which in (("paper_controller", 1), ("paper_agent", 0)):
-        as_there = {**_MEASURED_AS, printed_spl(evaluation_set, of_controller=which == 1): "spl"}
-        pairs = [getattr(figures, as_there.get(metric, ""), None) for metric in METRICS]
-        table[column] = [float("nan") if pair is None else pair[which] for pair in pairs]
+        for theirs, ours in measured_as(evaluation_set, of_controller=which == 1).items():
+            pair = getattr(figures, theirs, None)
+            table.loc[ours, column] = float("nan") if pair is None else pair[which]
     if figures is not None and figures.retrained is not None:
-        as_there = {**_MEASURED_AS, printed_spl(evaluation_set, of_controller=False): "spl"}
-        retrained = [figures.retrained.get(as_there.get(metric, "")) for metric in METRICS]
-        table["paper_retrained"] = [float("nan") if v is None else v for v in retrained]
+        for theirs, ours in measured_as(evaluation_set, of_controller=False).items():
+            table.loc[ours, "paper_retrained"] = figures.retrained.get(theirs, float("nan"))
     return table

@@ -3,7 +3,8 @@
 Source: paper Sec. V (numbers of episodes, scenes, objects, distances).
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.layouts import (
@@ -33,13 +34,15 @@ class SetRecipe:
     """Range of the distance from start to goal, which is uniform [m]."""
     difficulty: tuple[float, float] = (0.0, 1.0)
     """Range of the scenes' difficulty, which is uniform."""
+    tool_start: Literal["any", "behind"] = "any"
+    """Where the tool starts, see `ScenarioConfig`."""
     conditions: EpisodeConditions = field(default_factory=EpisodeConditions)
     """Conditions under which the episodes are run."""
 
 
 _TIGHT = EpisodeConditions(inflation="inscribed")
 
-RECIPES = {
+_RECIPES = {
     "smoke": SetRecipe(
         seed=1,
         count=20,
@@ -62,6 +65,16 @@ RECIPES = {
     ),
     "tuning/hard": SetRecipe(seed=103, count=100, scenes=HARD_TUNING_SCENES, conditions=_TIGHT),
 }
+_PAPER_SETS = ("free/", "obstacles/", "hard/", "hard200/")
+
+RECIPES = _RECIPES | {
+    f"behind/{name}": replace(recipe, tool_start="behind")
+    for name, recipe in _RECIPES.items()
+    if name.startswith(_PAPER_SETS)
+}
 """By name of the set. `hard200/small_cube` begins with the episodes of `hard/small_cube`. Those whose
-name begins with `tuning/` have other seeds than the others and, where they are hard, other layouts:
-settings are chosen on them and on no other set."""
+name begins with `behind/` are the paper's with the tool straight behind the object, at a place with room
+for the gripper and so for the rod, too: layouts and distances are those of the set named after the `/`,
+and so are start and goal wherever that place is free. Those whose name begins with `tuning/` have other
+seeds than the others and, where they are hard, other layouts: settings are chosen on them and on no
+other set."""

@@ -28,6 +28,7 @@ from modpush.evaluation.set_recipes import RECIPES, SetRecipe
 from modpush.files import read_packed_json, write_packed_json
 
 __all__ = [
+    "BEHIND_SETS",
     "EVALUATION_SETS",
     "SET_NAMES",
     "SET_VERSION",
@@ -48,7 +49,12 @@ SET_NAMES = tuple(RECIPES)
 """Names of all sets in the package."""
 TUNING_SETS = tuple(name for name in SET_NAMES if name.startswith("tuning/"))
 """Names of the sets that settings are chosen on. Nothing is evaluated on them."""
-EVALUATION_SETS = tuple(n for n in SET_NAMES if n != "smoke" and n not in TUNING_SETS)
+BEHIND_SETS = tuple(name for name in SET_NAMES if name.startswith("behind/"))
+"""Names of the sets of the paper in which the tool starts straight behind the object, as in the code of
+its authors. Nothing is chosen on them."""
+EVALUATION_SETS = tuple(
+    n for n in SET_NAMES if n != "smoke" and n not in (*TUNING_SETS, *BEHIND_SETS)
+)
 """Names of the sets that methods are evaluated on. Nothing is chosen on them."""
 
 
@@ -183,6 +189,7 @@ def _draw(recipe: SetRecipe, number: int) -> Scenario:
         difficulty=recipe.difficulty,
         distance=recipe.distance,
         path_inflation=recipe.conditions.inflation,
+        tool_start=recipe.tool_start,
     )
     rng = np.random.default_rng([recipe.seed, number])
     drawn = sample_scenario(rng, config, tool=recipe.conditions.tool)

@@ -20,14 +20,21 @@ METRICS = (
     "contact_rate",
     "contact_rate_at_end",
     "collision_rate",
+    "collision_rate_at_end",
+    "collision_rate_object_at_end",
     "path_length",
+    "mean_jerk",
+    "reversal_rate",
 )
-"""Columns of the paper's tables. Success and SPL are over all episodes, the rest over solved ones."""
+"""Columns of the tables. Success and SPL are over all episodes, the rest over solved ones."""
 LEGEND = (
     "`spl` measures by the exact shortest path inside the workspace, `spl_authors_agent` by the Lazy "
     "Theta* and `spl_authors_controller` by the staircase of cells by which the paper's authors measured "
     "their agent and their controller. `contact_rate` counts a step in which any of four looks shows "
-    "contact, `contact_rate_at_end` one in which a look at its end does, as the authors' code.\n"
+    "contact, `contact_rate_at_end` one in which a look at its end does, as the authors' code. "
+    "`collision_rate` counts object, tool and arm by any of four looks, `collision_rate_at_end` by the "
+    "look at the end, as the authors their controller's, and `collision_rate_object_at_end` the object "
+    "alone, as they their agent's.\n"
 )
 """What the columns of a table of these metrics mean, in Markdown."""
 _OVER_ALL = ("success", "spl", "spl_authors_agent", "spl_authors_controller")
@@ -37,7 +44,11 @@ _OVER_SOLVED = (
     "collision_rate",
     "collision_rate_object",
     "collision_rate_arm",
+    "collision_rate_at_end",
+    "collision_rate_object_at_end",
     "path_length",
+    "mean_jerk",
+    "reversal_rate",
     "steps",
 )
 _IDENTITY = ("episode", "scene", "pushed_object", "difficulty")

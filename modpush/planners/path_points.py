@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from modpush._batching import sum_in_order
 from modpush._checks import check_finite, check_instance, check_real
 from modpush.planners.paths import Paths
 
@@ -77,8 +78,8 @@ def fraction_subgoal(paths: Paths, fraction: float) -> Tensor:
     """
     check_instance("fraction_subgoal", "paths", paths, Paths)
     _check_number("fraction_subgoal", "fraction", fraction, 1.0)
-    lengths = (paths.waypoints[:, 1:] - paths.waypoints[:, :-1]).norm(dim=-1).sum(-1)
-    return _point_along(paths.waypoints, fraction * lengths)
+    legs = (paths.waypoints[:, 1:] - paths.waypoints[:, :-1]).norm(dim=-1)
+    return _point_along(paths.waypoints, fraction * sum_in_order(legs))
 
 
 def lookahead_subgoal(paths: Paths, distance: float) -> Tensor:

@@ -238,7 +238,7 @@ _PRESETS: dict[str, dict[str, Any]] = {
         "frame": "path",
         "action_frame": None,
         "planner": "distance_field",  # the shortest paths, in a fraction of the time
-        "inflation": "circumscribed",  # room for the object at any yaw
+        "inflation": "widest",  # room for the object at any yaw, wherever that leaves a path
         "path_margin": 0.02,  # paths stay away from where an episode ends, if they can
         "subgoal_mode": "lookahead",  # no sub-goal beyond a corner, nor at the object's centre
         "path_ahead": (0.1, 0.2, 0.3),  # where the path turns, before the object is at the corner

@@ -78,6 +78,8 @@ def fingerprint_differences(stored: Mapping[str, Any], now: Mapping[str, Any]) -
     found = []
     for name in dict.fromkeys((*stored, *now)):
         a, b = stored.get(name), now.get(name)
+        if name == "reward" and a is not None and b is not None:
+            a = {"clip": True, **a}  # older files do not say it, and theirs was clipped
         if name == "observation" and a is not None and b is not None:
             found += [f"observation, {text}" for text in observation_differences(a, b)]
         elif name == "subgoals" and (a is None or b is None):

@@ -63,7 +63,9 @@ class AttentiveSampler(Sampler):
             a storage of several dimensions the newest row, one entry per environment.
         query_key: Key of the newest entries that is the query, by default `key`. `("next", key)`
             is one step newer, but after an episode's end it is not where the environment is now.
-        candidate_replacement: Whether a candidate may be drawn twice.
+        candidate_replacement: Whether a candidate may be drawn twice, as in TorchRL's uniform sampling;
+            the paper leaves it open. With `k = 4`, some 60 of a batch of 512 are then copies of others
+            in a buffer of 8,000 entries, and one or none in the paper's million.
         k_end: Value to which `k` is annealed linearly; by default it stays.
         annealing_num_samples: Number of calls of `sample` over which it is annealed.
 

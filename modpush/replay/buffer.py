@@ -9,7 +9,6 @@ from tensordict.utils import NestedKey
 from torchrl.data import (
     LazyMemmapStorage,
     LazyTensorStorage,
-    PrioritizedSampler,
     RandomSampler,
     RoundRobinWriter,
     TensorDictReplayBuffer,
@@ -24,6 +23,7 @@ from modpush.replay.attentive import AttentiveSampler
 from modpush.replay.compact import CompactStorage
 from modpush.replay.config import ReplayConfig
 from modpush.replay.n_step import NStepTransform, forget_open_steps, n_step_transforms
+from modpush.replay.prioritized import PrioritizedSampler
 from modpush.replay.similarity import SIMILARITIES, Similarity
 
 __all__ = ["SAMPLERS", "make_replay_buffer", "update_priorities"]
@@ -98,7 +98,6 @@ def make_replay_buffer(
         ValueError: If a part cannot be found, or a similarity is given for another sampler than an
             attentive one.
         TypeError: If the sampler's callable returns no sampler.
-        RuntimeError: For `sampler="prioritized"` where TorchRL's C++ extension does not load.
     """
     if config.storage == "compact":
         kwargs.setdefault("writer", RoundRobinWriter())  # TorchRL's default stores the index, too
@@ -194,16 +193,7 @@ def _uniform(config: ReplayConfig) -> RandomSampler:
 
 
 def _prioritized(config: ReplayConfig) -> PrioritizedSampler:
-    try:
-        return PrioritizedSampler(
-            config.capacity, alpha=config.priority_alpha, beta=config.priority_beta
-        )
-    except RuntimeError as error:
-        raise RuntimeError(
-            "make_replay_buffer: sampler='prioritized' needs TorchRL's C++ extension, which does "
-            f"not load with torch {torch.__version__} ({error}). Install a torchrl built for this "
-            "torch, or use sampler='attentive' or 'uniform'."
-        ) from error
+    return PrioritizedSampler(config.capacity, config.priority_alpha, config.priority_beta)
 
 
 SAMPLERS: Mapping[str, SamplerFactory] = {

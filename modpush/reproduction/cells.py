@@ -16,10 +16,14 @@ SHOWN = (
     "contact_rate",
     "contact_rate_at_end",
     "collision_rate",
+    "collision_rate_at_end",
+    "collision_rate_object_at_end",
     "spl",
     "spl_authors_agent",
     "spl_authors_controller",
     "path_length",
+    "mean_jerk",
+    "reversal_rate",
 )
 """Columns of the tables, of which those are shown that the rows have."""
 OVER_ALL = ("success", "spl", "spl_authors_agent", "spl_authors_controller")

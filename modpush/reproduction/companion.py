@@ -32,7 +32,7 @@ _OTHER_PAGES = (
     ("retrained/README.md", "The agent trained further with the fragment", ", and its weights."),
 )
 """Pages that are written by hand: file, label and the rest of the sentence."""
-_PART_OF = {"hard/small_cube": "hard200/small_cube"}
+_PART_OF = {f"{start}hard/small_cube": f"{start}hard200/small_cube" for start in ("", "behind/")}
 """Sets whose episodes are the first of another one."""
 
 
@@ -105,10 +105,17 @@ def verdict_lists(verdicts: pd.DataFrame) -> list[str]:
 
     Returns:
         Paragraphs. Rows of the controllers are left out: the lists are about the agents. The counts
-        leave out a set whose episodes are part of another one that is there.
+        are of each start of the tool, and leave out a set whose episodes are part of another one that is
+        there.
     """
     agents = verdicts[verdicts["method"].str.startswith(AGENT)]
-    paragraphs = _count_verdicts(agents)
+    paragraphs = []
+    behind = agents["set"].str.startswith("behind/")
+    starts = {"in any direction from": agents[~behind], "straight behind": agents[behind]}
+    for start, chosen in starts.items():
+        if len(chosen):
+            paragraphs += [f"The tool starts {start} the object:"] if behind.any() else []
+            paragraphs += _count_verdicts(chosen)
     for verdict in ("ahead", "level", "behind"):
         chosen = agents[agents["verdict"] == verdict]
         lines = [

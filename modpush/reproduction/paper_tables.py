@@ -1,6 +1,6 @@
 """The paper's three tables of results: which sets they are of, and their pages."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +8,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from modpush._provenance import Session, sources_text
-from modpush.evaluation.sets import load_set
+from modpush.evaluation.sets import BEHIND_SETS, load_set
 from modpush.evaluation.tables import format_table
 from modpush.files import write_text
 from modpush.reproduction.cells import make_cells, make_tests
@@ -39,6 +39,20 @@ class Table:
     sections: tuple[Section, ...]
 
 
+def _both_starts(*sections: Section) -> tuple[Section, ...]:
+    """Each section, followed by the same with the tool straight behind, where there is a set."""
+    behind = [
+        replace(
+            s, title=f"{s.title}, tool straight behind", evaluation_set=f"behind/{s.evaluation_set}"
+        )
+        for s in sections
+    ]
+    pairs = zip(sections, behind, strict=True)
+    return tuple(
+        s for pair in pairs for s in pair if s in sections or s.evaluation_set in BEHIND_SETS
+    )
+
+
 def _obstacles(title: str, name: str) -> Section:
     key = f"obstacles/{name}"
     return Section(title=title, evaluation_set=key, pushed_object=name, printed=key)
@@ -47,7 +61,7 @@ def _obstacles(title: str, name: str) -> Section:
 PAPER_TABLES = {
     "free": Table(
         title="Table II: straight pushes in free space",
-        sections=(
+        sections=_both_starts(
             Section(
                 title="Small cube",
                 evaluation_set="free/small_cube",
@@ -58,7 +72,7 @@ PAPER_TABLES = {
     ),
     "obstacles": Table(
         title="Table III: scenes with obstacles, one agent for the four objects",
-        sections=(
+        sections=_both_starts(
             _obstacles("Small cube", "small_cube"),
             _obstacles("Large cube", "large_cube"),
             _obstacles("Small cylinder", "small_cylinder"),
@@ -67,7 +81,7 @@ PAPER_TABLES = {
     ),
     "hard": Table(
         title="Table IV: unseen scenes, dense with clutter",
-        sections=(
+        sections=_both_starts(
             Section(
                 title="The authors' layouts, as many episodes as in the paper",
                 evaluation_set="hard/small_cube",
@@ -79,7 +93,7 @@ PAPER_TABLES = {
                 evaluation_set="hard200/small_cube",
                 pushed_object="small_cube",
                 printed="hard/small_cube",
-                note="The first 50 of these episodes are those above.",
+                note="The first 50 of these episodes are those of `hard/small_cube` with this start.",
             ),
             Section(
                 title="Wider gaps",
@@ -99,10 +113,14 @@ _HEADS = {
     "contact_rate": "contact",
     "contact_rate_at_end": "contact, one look a step",
     "collision_rate": "collision",
+    "collision_rate_at_end": "collision, one look a step",
+    "collision_rate_object_at_end": "collision of the object, one look a step",
     "spl": "SPL, exact",
     "spl_authors_agent": "SPL, the authors' agent's yardstick",
     "spl_authors_controller": "SPL, their controller's yardstick",
     "path_length": "path (m)",
+    "mean_jerk": "jerk (m/s³)",
+    "reversal_rate": "reversals",
 }
 _LEGEND = """
 Success and SPL are over all episodes, with 95 % intervals (Wilson's for success, bootstrapped for
@@ -111,11 +129,20 @@ with their standard deviation; their intervals are in the CSV file. A controller
 agent, the agent's is `corridor`. `corridor` is Krivic and Piater's controller as built here,
 `corridor_faithful` the same by the rules of the authors' code.
 
+In the sections "tool straight behind" the tool starts 9 cm straight behind the object as seen from the
+goal, as in the code of the paper's authors; in the others in any direction from the object, since the
+paper's text says "sampled around the object". Contact and SPL depend on the start, so that the printed
+figures stand beside both.
+
 SPL has three yardsticks: the exact shortest path inside the workspace, the Lazy Theta* by which the
 paper's authors measured their agent, and the staircase of cells by which they measured their
 controller among obstacles. Contact counts a step in which any of four looks shows it; "one look a
-step" counts the look at its end alone, as the authors' code. A printed figure stands in the column
-that is measured as the authors measured it, with the standard deviation that the paper prints.
+step" counts the look at its end alone, as the authors' code. Collisions are those of object, tool or
+arm; with one look a step they are what the authors count for their controller, and of the object
+alone what they count for their agent. Jerk is the mean of the tip's third derivative, and reversals
+are the share of its moves that are turned by more than 90 degrees from the one before. A printed
+figure stands in the column that is measured as the authors measured it, with the standard deviation
+that the paper prints.
 """
 _RETRAINED_LEGEND = """
 `agent_retrained` is the agent that `--policy-files` names for an object, which it was trained with. It is

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from modpush.evaluation.published_results import PAPER, PaperFigures, printed_spl
+from modpush.evaluation.published_results import PAPER, PaperFigures, measured_as
 from modpush.reproduction.cells import SHOWN
 from modpush.reproduction.measure import RETRAINED
 from modpush.reproduction.verdicts import against_printed
@@ -37,10 +37,7 @@ def stands_for(metric: str, row: str, metrics: Sequence[str], evaluation_set: st
         metrics: Our columns.
         evaluation_set: The paper's set.
     """
-    as_there = {
-        "contact_rate": "contact_rate_at_end",
-        "spl": printed_spl(evaluation_set or "", of_controller=row == _CONTROLLER),
-    }.get(metric, metric)
+    as_there = measured_as(evaluation_set or "", of_controller=row == _CONTROLLER)[metric]
     return as_there if as_there in metrics else metric
 
 

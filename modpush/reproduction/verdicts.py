@@ -17,7 +17,7 @@ LEVEL = 0.05
 _FEWEST = 30
 """Number of episodes from which on a mean is judged against a printed one: bootstrapped intervals of
 fewer are too narrow, most of all where nearly all values are 0 or 1."""
-LOWER_IS_BETTER = ("collision_rate", "path_length")
+LOWER_IS_BETTER = ("collision_rate", "path_length", "mean_jerk", "reversal_rate")
 """Metrics of which less is better; of all others more is."""
 RULES = f"""
 1. Against a method that was measured here on the same episodes: ahead or behind where the two-sided

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from modpush.cli import EvaluateConfig, evaluate_policies
-from modpush.evaluation.sets import EVALUATION_SETS, EvaluationSet, load_set
+from modpush.evaluation.sets import BEHIND_SETS, EVALUATION_SETS, EvaluationSet, load_set
 
 
 def test_evaluate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -46,6 +46,11 @@ def test_all_stands_for_the_papers_sets() -> None:
 def test_all_leaves_no_other_set_out() -> None:
     names = EvaluateConfig(sets=("smoke", "all", "tuning/hard", "free/small_cube")).set_names
     assert names == ("smoke", *EVALUATION_SETS, "tuning/hard")
+
+
+def test_behind_all_stands_for_the_papers_sets_with_the_tool_behind_the_object() -> None:
+    assert EvaluateConfig(sets=("behind/all",)).set_names == BEHIND_SETS
+    assert len(BEHIND_SETS) == 7
 
 
 def test_policies_and_sets_are_looked_up_before_an_episode_is_run(tmp_path: Path) -> None:

@@ -29,7 +29,9 @@ SMALL_WINDOW = {"camera": SMALL, "metres_per_pixel": SMALL.cell_size}
 
 
 def small_transform(**options):
-    return Compose(EgocentricWindow("base", size=16, **SMALL_WINDOW, **options), Encode(SmallScan()))
+    return Compose(
+        EgocentricWindow("base", size=16, **SMALL_WINDOW, **options), Encode(SmallScan())
+    )
 
 
 class SmallScan(RayScan):

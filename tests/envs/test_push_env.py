@@ -283,6 +283,41 @@ def test_contact_at_a_step_s_end_is_what_physics_shows_then() -> None:
     env.close()
 
 
+def test_collisions_at_a_step_s_end_are_what_physics_shows_then() -> None:
+    """The object is pushed into a wall, again and again."""
+    env = PushEnv(1, depth=None)
+    wall = Obstacle((0.06, 0.1, 0.06), (0.58, 0.0, 0.0))
+    start = scenario((0.42, 0.0, np.pi / 2), (0.50, 0.0, 0.0), goal_position=(0.75, -0.25))
+    td = env.reset(scenarios=[replace(start, obstacles=(wall,))])
+    task = env._batch.tasks[0]
+    bodies = {
+        "obstacle_contact": {task.objects.actors["small_cube"]._bodies[0]},
+        "tool_obstacle_contact": {link._objs[0] for link in task.agent.robot.links},
+    }
+    walls = set(task.contacts._obstacles.rigid_bodies())
+    seen = {key: ([], []) for key in bodies}
+    for step in range(30):
+        td = act(env, td, 1.0 if step % 4 < 3 else -0.6, 0.0, 0.0)
+        for key, group in bodies.items():
+            touching = any(
+                point.separation <= CONTACT_GAP
+                or (point.separation <= 0.005 and point.impulse.any())
+                for contact in task.scene.px.get_contacts()
+                if group.intersection(contact.bodies) and walls.intersection(contact.bodies)
+                for point in contact.points
+            )
+            assert bool(td[f"{key}_at_end"]) == touching
+            seen[key][0].append(bool(td[key]))
+            seen[key][1].append(touching)
+    for during, at_end in seen.values():
+        assert all(a or not b for a, b in zip(during, at_end, strict=True))
+    assert 0 < sum(seen["obstacle_contact"][1]) < 30
+    kept = env.get_state()
+    restored = env.reset(state=kept)
+    assert bool(restored["obstacle_contact_at_end"]) == seen["obstacle_contact"][1][-1]
+    env.close()
+
+
 def test_success_terminates_with_reward_one() -> None:
     env = PushEnv(1, depth=None)
     where = scenario((0.40, 0.0, np.pi / 2), (0.50, 0.0, 0.0), goal_position=(0.60, 0.0))

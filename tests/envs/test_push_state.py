@@ -87,7 +87,7 @@ def damaged(data: dict, path: tuple, value: object) -> dict:
         (("scenes", 1, "physics"), "abc", "SceneState: physics must be numbers"),
         (("scenes", 1, "target"), [0.4, 0.0], "target must be 3 finite numbers"),
         (("scenes", 1, "target", 0), float("inf"), "target must be 3 finite numbers"),
-        (("scenes", 1, "contacts"), [1, 2], "contacts must be 4 booleans"),
+        (("scenes", 1, "contacts"), [1, 2], "contacts must be 6 booleans"),
         (("scenes", 1, "target_reachable"), "yes", "target_reachable must be a boolean"),
         (("scenes", 1, "scenario", "tool_pose"), [3.0, 0.0, 0.0], "out of the arm's reach"),
         (("scenes", 1), {}, "SceneState: the state must hold"),

@@ -45,6 +45,10 @@ def make_episode(number: int, scenario: Scenario, *, success: bool = True) -> Ep
         obstacle_contact=flags[:, 1],
         tool_obstacle_contact=flags[:, 2],
         object_contact_at_end=flags[:, 0],
+        obstacle_contact_at_end=flags[:, 1],
+        tool_obstacle_contact_at_end=flags[:, 2],
+        control_freq=15.0,
+        ee_position=poses[:, :2],
         success=success,
         out_of_bounds=False,
         **dict.fromkeys(

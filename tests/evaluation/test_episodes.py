@@ -52,7 +52,7 @@ def test_results_do_not_depend_on_the_number_of_scenes(env: EnvBase, free: Evalu
 
 def begun(scenario: Scenario, inflation: str = "circumscribed") -> _Log:
     """The log of an episode that has just begun."""
-    return _Log(0, scenario, TensorDict(poses_of(scenario), [1]), 0, None, inflation)
+    return _Log(0, scenario, TensorDict(poses_of(scenario), [1]), 0, None, inflation, 15.0)
 
 
 def poses_of(scenario: Scenario) -> dict[str, torch.Tensor]:
@@ -64,7 +64,8 @@ def poses_of(scenario: Scenario) -> dict[str, torch.Tensor]:
 def test_what_each_flag_of_a_step_counts_for(free: EvaluationSet) -> None:
     scenario = free.scenarios[0]
     on = {"obstacle_contact", "object_contact_at_end", "success", "done"}
-    off = {"object_contact", "tool_obstacle_contact", "out_of_bounds"}
+    on |= {"tool_obstacle_contact_at_end"}
+    off = {"object_contact", "tool_obstacle_contact", "out_of_bounds", "obstacle_contact_at_end"}
     after = {name: torch.tensor([[name in on]]) for name in on | off}
     after |= {**poses_of(scenario), "reward": torch.tensor([[2.5]])}
     step = TensorDict({"next": after}, [1])
@@ -74,6 +75,7 @@ def test_what_each_flag_of_a_step_counts_for(free: EvaluationSet) -> None:
     assert (metrics.success, metrics.out_of_bounds) == (True, False)
     assert (metrics.contact_rate, metrics.contact_rate_at_end) == (0.0, 1.0)
     assert (metrics.collision_rate_object, metrics.collision_rate_arm) == (1.0, 0.0)
+    assert (metrics.collision_rate_at_end, metrics.collision_rate_object_at_end) == (1.0, 0.0)
     # Arm and object, object and obstacle, arm and obstacle.
     assert episode.trajectory.contacts.tolist() == [[False, True, False]]
 
@@ -91,8 +93,8 @@ def test_the_shortest_path_is_by_the_circle_that_the_set_says(free: EvaluationSe
     lengths = {}
     for inflation in ("inscribed", "circumscribed"):
         log = begun(scenario, inflation)
-        log.flags, log.rewards = [[False] * 4], [0.0]
-        log.poses["object_pose"] *= 2
+        log.flags, log.rewards = [[False] * 6], [0.0]
+        log.poses = {key: value * 2 for key, value in log.poses.items()}
         lengths[inflation] = log.finish(False, False).metrics.shortest_length
     assert lengths["inscribed"] == pytest.approx(0.4, rel=1e-3)
     assert lengths["circumscribed"] > 0.5

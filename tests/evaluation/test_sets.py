@@ -12,6 +12,7 @@ from modpush.envs.scenes.objects import get_object
 from modpush.envs.scenes.rectangles import obstacle_distance
 from modpush.evaluation import sets
 from modpush.evaluation.sets import (
+    BEHIND_SETS,
     EVALUATION_SETS,
     SET_NAMES,
     SET_VERSION,
@@ -35,6 +36,13 @@ COUNTS = {
     "tuning/small_cube": 200,
     "tuning/all_objects": 200,
     "tuning/hard": 100,
+    "behind/free/small_cube": 500,
+    "behind/obstacles/small_cube": 1000,
+    "behind/obstacles/large_cube": 1000,
+    "behind/obstacles/small_cylinder": 1000,
+    "behind/obstacles/fragment": 1000,
+    "behind/hard/small_cube": 50,
+    "behind/hard200/small_cube": 200,
 }
 SEVERAL_OBJECTS = ("smoke", "tuning/all_objects")
 
@@ -50,7 +58,7 @@ def test_a_set_has_its_episodes_in_equal_shares(name: str) -> None:
     shares = Counter(s.scene for s in loaded).values()
     assert max(shares) - min(shares) <= 1
     if name not in SEVERAL_OBJECTS:
-        assert loaded.objects == ("small_cube" if "tuning" in name else name.split("/")[1],)
+        assert loaded.objects == ("small_cube" if "tuning" in name else name.split("/")[-1],)
     scenes = len({s.scene for s in loaded})
     assert set(Counter(s.scene for s in loaded.first(2 * scenes)).values()) == {2}
 
@@ -111,13 +119,39 @@ def test_the_larger_hard_set_begins_with_the_paper_s_number_of_episodes() -> Non
 
 
 def test_nothing_that_is_tuned_on_is_evaluated_on() -> None:
-    assert set(TUNING_SETS) | set(EVALUATION_SETS) | {"smoke"} == set(SET_NAMES)
+    evaluated = (*EVALUATION_SETS, *BEHIND_SETS)
+    assert set(TUNING_SETS) | set(evaluated) | {"smoke"} == set(SET_NAMES)
     tuned = {(s.object_pose, s.goal_position) for name in TUNING_SETS for s in load_set(name)}
     assert len(tuned) == 500
-    for name in EVALUATION_SETS:
+    for name in evaluated:
         assert not tuned & {(s.object_pose, s.goal_position) for s in load_set(name)}
-    hard = {s.scene for name in EVALUATION_SETS if "hard" in name for s in load_set(name)}
+    hard = {s.scene for name in evaluated if "hard" in name for s in load_set(name)}
     assert not hard & {s.scene for s in load_set("tuning/hard")}
+
+
+@pytest.mark.parametrize("name", BEHIND_SETS)
+def test_the_tool_starts_straight_behind_the_object_in_the_base_set_s_episodes(name: str) -> None:
+    behind, base = load_set(name), load_set(name.removeprefix("behind/"))
+    kept = 0
+    for episode, other in zip(behind, base, strict=True):
+        assert episode.obstacles == other.obstacles
+        start, goal, tool = (
+            np.array(p[:2]) for p in (episode.object_pose, episode.goal_position, episode.tool_pose)
+        )
+        distance = math.dist(start, goal)
+        assert distance == pytest.approx(
+            math.dist(other.object_pose[:2], other.goal_position), abs=3e-6
+        )
+        np.testing.assert_allclose(tool, start - 0.09 * (goal - start) / distance, atol=1e-5)
+        across = (math.cos(episode.tool_pose[2]), math.sin(episode.tool_pose[2]))
+        assert np.dot(across, (goal - start) / distance) == pytest.approx(0, abs=1e-5)
+        assert obstacle_distance(tool, episode.obstacles) > math.hypot(0.032, 0.011) + 0.0049
+        kept += (episode.object_pose, episode.goal_position) == (
+            other.object_pose,
+            other.goal_position,
+        )
+    assert kept >= 0.9 * len(base)
+    assert behind.with_tool("rod").scenarios == behind.scenarios
 
 
 def test_the_files_are_small() -> None:

@@ -11,7 +11,8 @@ from modpush.evaluation.tables import compare, format_table, summarize, to_displ
 
 def rows(success: list[int], **columns: list[float]) -> pd.DataFrame:
     n = len(success)
-    names = ("collision_rate", "collision_rate_object", "collision_rate_arm", "steps")
+    names = ("", "_object", "_arm", "_at_end", "_object_at_end")
+    names = (*(f"collision_rate{name}" for name in names), "mean_jerk", "reversal_rate", "steps")
     data = {name: [0.0] * n for name in names} | columns
     return pd.DataFrame(
         {
@@ -103,17 +104,23 @@ def test_the_papers_figures_stand_beside_ours() -> None:
         0.995,
     ]
     assert table.loc["contact_rate", ["paper_controller", "paper_agent"]].isna().all()
+    # The authors count the collisions of the object alone for their agent.
+    assert table.loc["collision_rate_object_at_end", "paper_agent"] == 0.008
+    assert table.loc["collision_rate_at_end", "paper_controller"] == 0.011
+    assert table["paper_agent"].notna().sum() == table["paper_controller"].notna().sum() == 5
     assert table.loc["spl_authors_agent", "paper_agent"] == 0.910
     assert table.loc["spl_authors_controller", "paper_controller"] == 0.952
     assert table.loc["spl"].isna().sum() == 2
     free = beside_paper(summarize({"corridor": A}), "free/small_cube")
-    assert np.isnan(free.loc["collision_rate", "paper_agent"])
+    assert np.isnan(free.loc["collision_rate_object_at_end", "paper_agent"])
     # In free space the authors measured both methods by Lazy Theta*.
     assert free.loc["spl_authors_agent", ["paper_controller", "paper_agent"]].tolist() == [
         0.918,
         0.928,
     ]
     assert np.isnan(free.loc["spl_authors_controller", "paper_controller"])
+    behind = beside_paper(summarize({"corridor": A}), "behind/free/small_cube+rod")
+    pd.testing.assert_frame_equal(behind, free)
     assert beside_paper(summarize({"corridor": A}), "smoke")["paper_agent"].isna().all()
 
 

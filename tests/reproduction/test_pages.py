@@ -1,11 +1,13 @@
 """Figures, tests and examples from rows made by hand."""
 
+import itertools
+
 import numpy as np
 import pandas as pd
 import pytest
 from scipy import stats
 
-from modpush.evaluation.sets import EvaluationSet, load_set
+from modpush.evaluation.sets import BEHIND_SETS, EVALUATION_SETS, EvaluationSet, load_set
 from modpush.reproduction.ablations import ablation_table
 from modpush.reproduction.cells import make_cells, make_tests
 from modpush.reproduction.companion import verdict_lists
@@ -66,6 +68,16 @@ def test_the_tests_are_those_of_scipy_over_the_pair() -> None:
         make_tests({"agent": AGENT, "corridor": CORRIDOR.head(3)})
 
 
+def test_the_tables_have_every_set_of_the_paper_with_both_starts_of_the_tool() -> None:
+    sections = [section for table in PAPER_TABLES.values() for section in table.sections]
+    names = [section.evaluation_set for section in sections]
+    assert set(names) == {*EVALUATION_SETS, *BEHIND_SETS}
+    for any_start, behind in itertools.pairwise(sections):
+        if behind.evaluation_set in BEHIND_SETS:
+            assert behind.evaluation_set == f"behind/{any_start.evaluation_set}"
+            assert behind.printed == any_start.printed
+
+
 def test_what_no_pair_solved_is_left_open() -> None:
     tests = make_tests({"agent": AGENT, "corridor": CORRIDOR.assign(success=False)})
     section = PAPER_TABLES["free"].sections[0]
@@ -80,7 +92,11 @@ def test_printed_figures_stand_beside_what_is_measured_as_there() -> None:
     many = {name: pd.concat([frame] * 15, ignore_index=True) for name, frame in ROWS.items()}
     as_there = {
         name: frame.assign(
-            spl_authors_agent=0.4, spl_authors_controller=0.6, contact_rate_at_end=0.1
+            spl_authors_agent=0.4,
+            spl_authors_controller=0.6,
+            contact_rate_at_end=0.1,
+            collision_rate_at_end=0.2,
+            collision_rate_object_at_end=0.1,
         )
         for name, frame in many.items()
     }
@@ -94,10 +110,11 @@ def test_printed_figures_stand_beside_what_is_measured_as_there() -> None:
     assert ours["paper: agent"].to_dict() == {
         "success": "success",
         "contact_rate": "contact_rate_at_end",
-        "collision_rate": "collision_rate",
+        "collision_rate": "collision_rate_object_at_end",
         "spl": "spl_authors_agent",
     }
     assert ours[("paper: controller", "spl")] == "spl_authors_controller"
+    assert ours[("paper: controller", "collision_rate")] == "collision_rate_at_end"
     assert ours[("paper: agent, retrained", "spl")] == "spl_authors_agent"
     # In free space the controller's staircase would be no way to be longer than: it was Lazy Theta*'s.
     free = judge(make_cells(as_there), "free/small_cube").set_index(["method", "versus", "metric"])
@@ -157,6 +174,11 @@ def test_verdicts_are_counted_by_agent_and_once() -> None:
     ]
     assert "`hard/small_cube` are the first of `hard200/small_cube`" in note
     assert any("hard/small_cube, agent against paper: agent: success" in text for text in lists)
+    behind = [line("behind/hard/small_cube", "agent", "paper: agent", "behind")]
+    both = verdict_lists(pd.concat([verdicts, pd.DataFrame(behind)], ignore_index=True))
+    assert both[:3] == ["The tool starts in any direction from the object:", table, note]
+    assert both[3] == "The tool starts straight behind the object:"
+    assert both[4].splitlines()[2:] == ["| agent | paper: agent | 0 | 0 | 1 |"]
     alone = verdict_lists(verdicts[verdicts["set"] == "hard/small_cube"])
     assert "| agent | paper: agent | 0 | 1 | 0 |" in alone[0]
     assert alone[1] == "### Ahead"

@@ -5,6 +5,7 @@ import math
 import torch
 from torch import Tensor
 
+from modpush._batching import sum_in_order
 from modpush.agents.corridor.config import CorridorConfig
 
 
@@ -25,7 +26,7 @@ def fit_angles(alphas: Tensor, valid: Tensor, config: CorridorConfig) -> tuple[T
     kappa = 50.0
     mu = torch.linspace(0, 2 * math.pi, 361, dtype=alphas.dtype, device=alphas.device)
     density = (kappa * ((alphas[:, None] - mu[:, None]).cos() - 1)).exp() * valid[:, None]
-    mean = density.sum(-1) / valid.sum(-1, keepdim=True).clamp_min(1)  # [B, 361]
+    mean = sum_in_order(density) / valid.sum(-1, keepdim=True).clamp_min(1)  # [B, 361]
     mean = torch.where(valid.any(-1, keepdim=True), mean, torch.ones_like(mean))
     prior = config.prior_strength * kappa * (config.prior_direction - mu).cos()
     score = mean.clamp_min(1e-300).log() + prior
@@ -39,6 +40,6 @@ def preferred_angle(alphas: Tensor, valid: Tensor, mu: Tensor, kappa: Tensor) ->
     Arguments as of `learning.preferred_angle`.
     """
     weight = (kappa[:, None] * ((alphas - mu[:, None]).cos() - 1)).exp() * valid
-    total = weight.sum(-1)
-    mean = (weight * alphas).sum(-1) / total.clamp_min(1e-300)
+    total = sum_in_order(weight)
+    mean = sum_in_order(weight * alphas) / total.clamp_min(1e-300)
     return torch.where(total > 0, mean, torch.zeros_like(mean))

@@ -16,6 +16,7 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
+from modpush._batching import sum_in_order
 from modpush.agents.corridor import authors_code
 from modpush.agents.corridor.config import CorridorConfig
 from modpush.agents.corridor.scene import direction_of
@@ -70,8 +71,8 @@ def fit_angles(alphas: Tensor, valid: Tensor, config: CorridorConfig) -> tuple[T
         mu `[B]` [rad] and kappa `[B]`.
     """
     strength, direction = config.prior_strength, config.prior_direction
-    x = strength * math.cos(direction) + (alphas.cos() * valid).sum(-1)
-    y = strength * math.sin(direction) + (alphas.sin() * valid).sum(-1)
+    x = strength * math.cos(direction) + sum_in_order(alphas.cos() * valid)
+    y = strength * math.sin(direction) + sum_in_order(alphas.sin() * valid)
     count = config.prior_count + valid.sum(-1)
     return torch.atan2(y, x), concentration(torch.hypot(x, y) / count)
 
@@ -82,7 +83,7 @@ def preferred_angle(alphas: Tensor, valid: Tensor, mu: Tensor, kappa: Tensor) ->
     It is 0 without a valid angle. `alphas` [rad] and `valid` are `[B, N]`, `mu` [rad] and `kappa` `[B]`.
     """
     weight = (kappa[:, None] * ((alphas - mu[:, None]).cos() - 1)).exp() * valid
-    return torch.atan2((weight * alphas.sin()).sum(-1), (weight * alphas.cos()).sum(-1))
+    return torch.atan2(sum_in_order(weight * alphas.sin()), sum_in_order(weight * alphas.cos()))
 
 
 def activations(

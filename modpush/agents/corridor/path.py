@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from modpush._batching import sum_in_order
 from modpush.agents.corridor.config import CorridorConfig
 from modpush.agents.corridor.scene import CorridorScene
 from modpush.planners import AStar, point_along
@@ -56,7 +57,7 @@ def least_cost_path(
     straight = torch.stack([start, goal], 1)
     straight = torch.cat([straight, goal[:, None].expand(-1, paths.waypoints.shape[1] - 2, 2)], 1)
     line = torch.where(paths.found[:, None, None], paths.waypoints, straight)
-    length = (line[:, 1:] - line[:, :-1]).norm(dim=-1).sum(-1)
+    length = sum_in_order((line[:, 1:] - line[:, :-1]).norm(dim=-1))
     along = length[:, None] * torch.linspace(0.0, 1.0, points).to(length)  # [B, points]
     lines = line.repeat_interleave(points, 0)  # all points of all scenes at once
     return point_along(lines, along.flatten()).reshape(len(line), points, 2)

@@ -17,6 +17,7 @@ from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
 from modpush.envs.scenes.rectangles import (
     nearest_rectangle,
+    obstacle_distance,
     rectangles,
     turned_rectangles,
 )
@@ -31,6 +32,8 @@ _LOW, _SIDE = (0.145, -0.455), 0.91  # the grid's lower corner and the length of
 _BATCH = 256  # candidates drawn at a time
 _BATCHES = 40
 _LAYOUTS = 4
+_TOOL_TO_OBJECT, _TOOL_TO_OBSTACLE = 0.002, 0.005  # least gaps at the start [m]
+_BEHIND = 0.09  # from the object's centre to the tool's tip, with `tool_start="behind"` [m]
 
 _CONDITIONS = (
     "start beyond reach",
@@ -42,6 +45,7 @@ _CONDITIONS = (
     "tool touches the object",
     "tool touches an obstacle",
     "no path",
+    "place behind the object taken",
 )
 """What a candidate must not be, in the order in which it is checked."""
 
@@ -103,6 +107,9 @@ def sample_scenario(
     grid inflated by the object's radius (`ScenarioConfig.path_inflation` says which), and the tool
     stands free and within reach. The number of tries is bounded.
 
+    With `tool_start="behind"` a generator gives the layout, start and goal that it gives with `"any"`,
+    as long as the place behind the object is free; where it is not, start and goal are drawn again.
+
     Args:
         rng: Source of randomness; the result depends on nothing else.
         config: Settings from which to draw.
@@ -130,12 +137,13 @@ def sample_scenario(
         free, limits = _free_space(obstacles, item, config), _limits(config, item, tool)
         for _ in range(_BATCHES):
             candidates = _draw_candidates(rng, config, distance)
-            i, counts = _first_good(candidates, free, limits)
+            tool_poses, taken = _tool_starts(candidates, config, item, tool, obstacles)
+            i, counts = _first_good(candidates, taken, free, limits)
             if i < 0:
                 failed.update(dict(zip(_CONDITIONS, counts.tolist(), strict=True)))
                 continue
-            (x, y), (tool_x, tool_y) = candidates.start[i].tolist(), candidates.tool[i].tolist()
-            goal_x, goal_y = candidates.goal[i].tolist()
+            (x, y), (goal_x, goal_y) = candidates.start[i].tolist(), candidates.goal[i].tolist()
+            tool_x, tool_y, tool_yaw = tool_poses[i].tolist()
             return Scenario(
                 scene=name,
                 difficulty=difficulty,
@@ -143,7 +151,7 @@ def sample_scenario(
                 pushed_object=item.name,
                 object_pose=(x, y, float(candidates.yaw[i])),
                 goal_position=(goal_x, goal_y),
-                tool_pose=(tool_x, tool_y, float(candidates.tool_yaw[i])),
+                tool_pose=(tool_x, tool_y, tool_yaw),
                 dynamics=_sample_dynamics(rng, config, item),
             )
     reasons = ", ".join(f"{reason}: {n}" for reason, n in failed.most_common())
@@ -178,8 +186,8 @@ def _limits(config: ScenarioConfig, item: PushedObject, tool: ToolName) -> _Limi
         motion.min_radius,
         motion.max_radius,
         item.radius + config.clearance,
-        item.radius + tool_radius + 0.002,
-        tool_radius + 0.005,
+        item.radius + tool_radius + _TOOL_TO_OBJECT,
+        tool_radius + _TOOL_TO_OBSTACLE,
     )
     return _Limits(*map(float, numbers))
 
@@ -201,15 +209,46 @@ def _polar(radius: np.ndarray, angle: np.ndarray) -> np.ndarray:
     return radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
 
 
+def _tool_starts(
+    candidates: _Candidates,
+    config: ScenarioConfig,
+    item: PushedObject,
+    tool: ToolName,
+    obstacles: Sequence[Obstacle],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Poses of the tool's tip `[n, 3]`, and which of them are taken, `[n]` bool.
+
+    With `tool_start="any"` these are the candidates' own, which `_first_good` checks itself. Behind the
+    object the circumscribed circles would overlap, so that the gap between the tool's wide side and the
+    object's outline is measured.
+    """
+    if config.tool_start == "any":
+        poses = np.column_stack([candidates.tool, candidates.tool_yaw])
+        return poses, np.zeros(len(poses), bool)
+    away = candidates.start - candidates.goal
+    heading = np.arctan2(away[:, 1], away[:, 0])
+    place = candidates.start + _polar(np.full(len(away), _BEHIND), heading)
+    yaw = (
+        heading % np.pi - np.pi / 2
+    )  # the wide side is along the tool's x, and half a turn no matter
+    outline = np.concatenate(item.footprints())
+    object_extent = (_polar(np.ones(len(away)), heading - candidates.yaw) @ outline.T).max(1)
+    half_extents, reach = TOOLS[tool].tip_half_extents, np.linalg.norm(place, axis=1)
+    taken = object_extent + half_extents[1] + _TOOL_TO_OBJECT > _BEHIND
+    taken |= (reach < MotionConfig.min_radius) | (reach > MotionConfig.max_radius)
+    taken |= obstacle_distance(place, obstacles) < math.hypot(*half_extents) + _TOOL_TO_OBSTACLE
+    return np.column_stack([place, yaw]), taken
+
+
 @njit()
 def _first_good(
-    candidates: _Candidates, free: _FreeSpace, limits: _Limits
+    candidates: _Candidates, taken: np.ndarray, free: _FreeSpace, limits: _Limits
 ) -> tuple[int, np.ndarray]:
     """Index of the first candidate that meets every condition, or -1.
 
     With it how many failed which condition first, in the order of `_CONDITIONS`.
     """
-    counts = np.zeros(9, np.int64)
+    counts = np.zeros(10, np.int64)
     for i in range(len(candidates.start)):
         (sx, sy), (gx, gy) = candidates.start[i], candidates.goal[i]
         tx, ty = candidates.tool[i]
@@ -232,6 +271,8 @@ def _first_good(
             counts[7] += 1
         elif not _joined(sx, sy, gx, gy, free):
             counts[8] += 1
+        elif taken[i]:
+            counts[9] += 1
         else:
             return i, counts
     return -1, counts

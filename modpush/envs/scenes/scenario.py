@@ -4,7 +4,7 @@ import json
 import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, field
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le, MaxLen
 from pydantic import Strict
@@ -135,6 +135,9 @@ class ScenarioConfig:
     only."""
     tool_distance: FractionSpan = (0.08, 0.14)
     """Range of the distance from the object's centre to the tool's tip at the start [m]."""
+    tool_start: Literal["any", "behind"] = "any"
+    """Where the tool starts: in any direction from the object, or 9 cm straight behind it as seen from
+    the goal, its wide side towards the object, as in the code of the paper's authors."""
     randomize_dynamics: bool = False
     """Whether mass, friction and centre of mass are drawn anew for each episode."""
     mass: Annotated[tuple[Mass, Mass], Strict(False), ORDERED] = (0.2, 2.0)

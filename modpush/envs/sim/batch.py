@@ -34,7 +34,7 @@ class Measurement(NamedTuple):
     joint_position: NDArray[np.float64]
     """Angles of the arm's joints, `[B, 6]` [rad]."""
     contacts: NDArray[np.bool_]
-    """What touched during the last step, `[B, 4]`, in the order of `CONTACT_KEYS`."""
+    """What touched during the last step, `[B, 6]`, in the order of `CONTACT_KEYS`."""
     target_reachable: NDArray[np.bool_]
     """False where the commanded pose had no solution, `[B]`."""
 

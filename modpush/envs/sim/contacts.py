@@ -20,11 +20,13 @@ CONTACT_KEYS = (
     "obstacle_contact",
     "tool_obstacle_contact",
     "object_contact_at_end",
+    "obstacle_contact_at_end",
+    "tool_obstacle_contact_at_end",
 )
 """During a control step tool or arm touched the object; the object touched an obstacle; tool or arm
-touched an obstacle; and at the step's end tool or arm touched the object."""
+touched an obstacle; and the same three at the step's end."""
 
-_PUSHED, _AT_END = 0, 3
+_AT_END = 3  # index of the first that is about the step's end
 _ROBOT, _OBJECT, _OBSTACLE = 1, 2, 4
 _KEY_OF_PAIR = {_ROBOT | _OBJECT: 0, _OBJECT | _OBSTACLE: 1, _ROBOT | _OBSTACLE: 2}
 _SPECULATIVE_GAP = 0.005  # bodies that are farther apart than this do not touch, pushed or not [m]
@@ -84,24 +86,23 @@ class CpuContacts:
             self.read()
 
     def read(self) -> None:
-        """Add the present contacts to `touched`, of which the last tells of this look alone."""
+        """Add the present contacts to `touched`, of which the latter half is about this look alone."""
         category, touched = self._category, self.touched
-        touched[_AT_END] = False
+        touched[_AT_END:] = [False] * _AT_END
         for contact in self._scene.px.get_contacts():
             first, second = contact.bodies
             key = _KEY_OF_PAIR.get(category.get(first, 0) | category.get(second, 0))
-            if key is None or touched[_AT_END if key == _PUSHED else key]:
+            if key is None or touched[_AT_END + key]:
                 continue
             if any(
                 point.separation <= CONTACT_GAP
                 or (point.separation <= _SPECULATIVE_GAP and point.impulse.any())
                 for point in contact.points
             ):
-                touched[key] = True
-                touched[_AT_END] |= key == _PUSHED
+                touched[key] = touched[_AT_END + key] = True
 
     def flags(self) -> Tensor:
-        """What has touched, `[1, 4]` bool, in the order of `CONTACT_KEYS`."""
+        """What has touched, `[1, 6]` bool, in the order of `CONTACT_KEYS`."""
         return torch.tensor([self.touched], device=self._device)
 
 
@@ -141,7 +142,7 @@ class CudaContacts:
         """Nothing: impulses are read once, in `flags`."""
 
     def flags(self) -> Tensor:
-        """What touches, `[num_envs, 4]` bool, in the order of `CONTACT_KEYS`."""
+        """What touches, `[num_envs, 6]` bool, in the order of `CONTACT_KEYS`."""
         scene = self._scene
         if not scene._gpu_sim_initialized:
             return torch.zeros(
@@ -155,7 +156,7 @@ class CudaContacts:
             touching[torch.tensor(rows, device=scene.device)].view(scene.num_envs, -1).any(-1)
             for rows in self._rows_of_key
         ]
-        return torch.stack([*columns, columns[_PUSHED]], -1)
+        return torch.stack([*columns, *columns], -1)
 
     def _make_query(self) -> Any:
         pairs: list[tuple[Any, Any]] = []

@@ -103,12 +103,11 @@ class CpuBatch(SceneBatch):
         """See `SceneBatch`."""
         scene = self._scenes[index]
         x, y, yaw = self._target[index].tolist()
-        first, second, third, fourth = scene.contacts.touched
         return SceneState(
             scenario=self.scenario(index),
             physics=np.frombuffer(scene.physics.pack(), dtype=np.float32),
             target=(x, y, yaw),
-            contacts=(first, second, third, fourth),
+            contacts=tuple(scene.contacts.touched),
             target_reachable=bool(self._target_reachable[index]),
         )
 

@@ -66,13 +66,12 @@ class CudaBatch(SceneBatch):
         task = self._task
         controller = task.agent.controller
         x, y, yaw = controller.target[index].tolist()
-        first, second, third, fourth = task.contacts.flags()[index].tolist()
         physics = {k: v for k, v in task.get_state_dict().items() if k != "controller"}
         return SceneState(
             scenario=task.scenarios[index],
             physics=_select_scene(physics, index),
             target=(x, y, yaw),
-            contacts=(first, second, third, fourth),
+            contacts=tuple(task.contacts.flags()[index].tolist()),
             target_reachable=bool(controller.reachable[index]),
         )
 

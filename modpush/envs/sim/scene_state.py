@@ -10,6 +10,7 @@ import numpy as np
 from modpush._checks import check_keys
 from modpush.envs.robot.ur5_2f85 import JOINT_NAMES
 from modpush.envs.scenes.scenario import Scenario
+from modpush.envs.sim.contacts import CONTACT_KEYS
 
 __all__ = ["SceneState", "check_packed"]
 
@@ -23,7 +24,7 @@ class SceneState:
     """Everything that the future of one scene depends on, but for PhysX's contact cache.
 
     Raises:
-        ValueError: If `target` is not three finite numbers, or `contacts` not four truth values.
+        ValueError: If `target` is not three finite numbers, or `contacts` not six truth values.
     """
 
     scenario: Scenario
@@ -32,7 +33,7 @@ class SceneState:
     """On a CPU the numbers that PhysX packs, `[n]` float32; on CUDA ManiSkill's state dictionary."""
     target: tuple[float, float, float]
     """The controller's commanded pose (x, y, yaw) [m, m, rad]."""
-    contacts: tuple[bool, bool, bool, bool]
+    contacts: tuple[bool, ...]
     """What touched during the last step, in the order of `CONTACT_KEYS`."""
     target_reachable: bool
     """False where the commanded pose had no solution."""
@@ -41,8 +42,9 @@ class SceneState:
         """Check what is not checked against an environment."""
         if len(self.target) != 3 or not all(math.isfinite(x) for x in self.target):
             raise ValueError(f"SceneState: target must be 3 finite numbers, got {self.target}.")
-        if len(self.contacts) != 4 or not all(isinstance(x, bool) for x in self.contacts):
-            raise ValueError(f"SceneState: contacts must be 4 booleans, got {self.contacts}.")
+        count = len(CONTACT_KEYS)
+        if len(self.contacts) != count or not all(isinstance(x, bool) for x in self.contacts):
+            raise ValueError(f"SceneState: contacts must be {count} booleans, got {self.contacts}.")
         if not isinstance(self.target_reachable, bool):
             raise ValueError(
                 f"SceneState: target_reachable must be a boolean, got {self.target_reachable!r}."

@@ -11,7 +11,7 @@ from scipy.integrate import quad
 from scipy.special import i0
 
 from modpush.agents import CorridorConfig, PushingCorridorController
-from modpush.agents.corridor import authors_code
+from modpush.agents.corridor import authors_code, learning
 from modpush.agents.corridor.learning import (
     activations,
     bessel_ratio,
@@ -109,6 +109,20 @@ def test_preferred_angles_by_hand():
     assert preferred_angle(alphas, valid, mu, kappa).item() == pytest.approx(circular)
     for mean in (preferred_angle, authors_code.preferred_angle):
         assert mean(alphas, ~valid & False, mu, kappa).item() == 0
+
+
+@pytest.mark.parametrize("rules", [learning, authors_code])
+def test_a_scene_s_angles_do_not_depend_on_how_many_another_scene_has(rules):
+    generator = torch.Generator().manual_seed(0)
+    alphas = torch.randn(50, 61, dtype=torch.float64, generator=generator) / 3
+    count = 9  # the places after them are empty, and there only if another scene has so many
+    valid = (torch.arange(61) < count).expand_as(alphas)
+    found = []
+    for noted in (count, 61):
+        given = alphas[:, :noted], valid[:, :noted]
+        mu, kappa = rules.fit_angles(*given, CorridorConfig())
+        found.append(torch.stack([mu, kappa, rules.preferred_angle(*given, mu, kappa)]))
+    assert torch.equal(*found)
 
 
 def test_the_mean_of_angles_across_the_cut_is_on_the_right_side():

@@ -8,11 +8,12 @@ from scipy.stats import kstest
 
 from modpush.envs.scenes import sampling
 from modpush.envs.scenes.layouts import SCENES, TIGHT_SCENES, get_scene
-from modpush.envs.scenes.objects import OBJECTS
+from modpush.envs.scenes.objects import OBJECTS, PushedObject
 from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.rectangles import obstacle_distance, rectangles, turned_rectangles
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import ScenarioConfig
+from modpush.geometry.shapes import box
 
 GOLDEN = json.loads((Path(__file__).parent / "golden_scenarios.json").read_text())
 """Drawn with the distance first: two episodes of each family, then twenty of three families at once."""
@@ -87,6 +88,63 @@ def test_a_small_tool_may_stand_where_a_large_one_may_not() -> None:
     assert 0.062 <= math.dist(rod.object_pose[:2], rod.tool_pose[:2]) <= 0.064
     with pytest.raises(ValueError, match="tool touches the object"):
         sample_scenario(np.random.default_rng(0), config, tool="2f85")
+
+
+def test_the_tool_may_start_straight_behind_the_object() -> None:
+    for seed in range(20):
+        s, other = (
+            sample_scenario(np.random.default_rng(seed), ScenarioConfig(tool_start=start))
+            for start in ("behind", "any")
+        )
+        x, y = np.subtract(s.goal_position, s.object_pose[:2])
+        heading = math.atan2(y, x)
+        assert s.tool_pose[0] == pytest.approx(s.object_pose[0] - 0.09 * math.cos(heading))
+        assert s.tool_pose[1] == pytest.approx(s.object_pose[1] - 0.09 * math.sin(heading))
+        assert math.cos(s.tool_pose[2] - heading) == pytest.approx(0, abs=1e-9)
+        assert 0.16 <= math.hypot(*s.tool_pose[:2]) <= 0.885
+        if s.goal_position == other.goal_position:
+            assert s.object_pose == other.object_pose
+            assert s.dynamics == other.dynamics
+
+
+def test_a_start_with_an_obstacle_behind_the_object_is_drawn_again() -> None:
+    """Between two walls, 40 cm apart: the gripper's circle of 3.4 cm keeps 5 mm from them."""
+
+    def walls(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
+        return [Obstacle((0.8, 0.04, 0.06), (0.475, y, 0.0)) for y in (-0.22, 0.22)]
+
+    again = 0
+    for seed in range(60):
+        s, other = (
+            sample_scenario(
+                np.random.default_rng(seed),
+                ScenarioConfig(scene=walls, distance=0.2, tool_start=start),
+            )
+            for start in ("behind", "any")
+        )
+        assert obstacle_distance(np.array(s.tool_pose[:2]), s.obstacles) >= 0.0338 + 0.005
+        again += s.goal_position != other.goal_position
+    assert 0 < again < 30
+
+
+def test_the_wide_side_may_be_nearer_than_the_circumscribed_circles() -> None:
+    """Of a cube of 10 cm the corners reach 7.07 cm, the tool's side 1.1 cm: 8 mm are left of 9 cm.
+    Of one of 12 cm they reach 8.5 cm, and with them ahead nothing is left."""
+    cube = PushedObject(name="ten", parts=(box(0.10, 0.10, 0.05),))
+    drawn = ScenarioConfig(pushed_object=cube, tool_start="behind")
+    for seed in range(10):
+        sample_scenario(np.random.default_rng(seed), drawn)
+    cube = PushedObject(name="twelve", parts=(box(0.12, 0.12, 0.05),))
+    drawn = ScenarioConfig(pushed_object=cube, tool_start="behind")
+    for seed in range(10):
+        s = sample_scenario(np.random.default_rng(seed), drawn)
+        to_tool = np.subtract(s.tool_pose[:2], s.object_pose[:2]) / 0.09
+        turn = math.atan2(to_tool[1], to_tool[0]) - s.object_pose[2]
+        assert 0.06 * (abs(math.cos(turn)) + abs(math.sin(turn))) <= 0.09 - 0.011 - 0.002 + 1e-9
+    cube = PushedObject(name="sixteen", parts=(box(0.16, 0.16, 0.05),))
+    drawn = ScenarioConfig(pushed_object=cube, tool_start="behind", tool_distance=(0.16, 0.18))
+    with pytest.raises(ValueError, match="place behind the object taken"):
+        sample_scenario(np.random.default_rng(0), drawn)
 
 
 def config_of(scene: str) -> ScenarioConfig:
