@@ -1,4 +1,4 @@
-"""What an encoder is, and what every encoder needs."""
+"""`Encoder`: the base class of encoders, and checks of their windows."""
 
 import math
 from abc import ABC, abstractmethod
@@ -64,19 +64,19 @@ def encoder_sizes(who: str, encoder: Any) -> tuple[int, int, float]:
 
 @contextmanager
 def evaluating(module: nn.Module) -> Iterator[None]:
-    """Put a module in eval mode for a while; afterwards each part is in the mode it was in."""
+    """Context in which a module is in eval mode; afterwards each submodule has its mode back."""
     training = [part for part in module.modules() if part.training]
     if training:
         module.eval()
     try:
         yield
     finally:
-        for part in training:  # those, and none that were frozen on purpose
+        for part in training:  # but not submodules that were frozen on purpose
             part.training = True
 
 
 def as_floats(window: Tensor) -> Tensor:
-    """Windows as float32 in [0, 1]: bytes are divided by 255, floats stay as they are."""
+    """Windows as float32 in [0, 1]: bytes are divided by 255, floats are unchanged."""
     stored = isinstance(window, Tensor) and window.dtype == torch.uint8
     return window.float() / 255 if stored else window
 
@@ -84,15 +84,14 @@ def as_floats(window: Tensor) -> Tensor:
 def check_window(
     window: Tensor, size: int, who: str, values: bool = True, batched: bool = False
 ) -> None:
-    """Refuse everything that is not a batch of windows.
+    """Raise unless a tensor is a batch of windows.
 
     Args:
         window: `[..., 1, size, size]` float32.
-        size: Side that is expected [px].
-        who: Named in errors.
-        values: Check every value, too: a NaN or an image in other units (millimetres, 0 to 255) is
-            refused instead of encoded to nonsense.
-        batched: Expect just one batch dimension, `[B, 1, size, size]`.
+        size: Expected side [px].
+        who: Name of the caller, for error messages.
+        values: Also check every value, against NaN and other units (millimetres, 0 to 255).
+        batched: Expect exactly one batch dimension, `[B, 1, size, size]`.
 
     Raises:
         TypeError: If it is not a float32 tensor.

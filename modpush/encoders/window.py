@@ -43,7 +43,7 @@ METRES_PER_PIXEL = CAMERA.cell_size
 """Side of a window pixel on the table [m], 3.56 mm: that of a pixel of `PushEnv`'s camera."""
 Outside = Literal["free", "blocked"]
 _PARALLEL_FROM = 64
-"""Number of scenes from which on several threads are used: fewer take less than a millisecond."""
+"""Number of scenes from which on several threads are used; fewer take less than a millisecond."""
 Cast = Callable[[NDArray[np.float64]], tuple[NDArray[np.float32], NDArray[np.uint8]]]
 
 
@@ -59,7 +59,7 @@ def egocentric_window(
     camera: Camera | None = None,
     metres_per_pixel: float = METRES_PER_PIXEL,
 ) -> Tensor:
-    """Cut the local height map around a pose out of bird's-eye images.
+    """Crop the local height map around a pose from bird's-eye images.
 
     The window lies in the pose's frame as the image does in the base frame: up (towards row 0) is
     +x, left (towards column 0) is +y, and the pose is in the middle, between the four central
@@ -71,16 +71,15 @@ def egocentric_window(
 
     Args:
         depth: `[B, H, W]` float32 along the optical axis [m]. Where it is zero, negative or NaN,
-            nothing was seen, which counts as table.
-        segmentation: `[B, H, W]` uint8, values as in `modpush.geometry.Label`; None if nothing has to be
-            removed.
+            there is no measurement, which counts as table.
+        segmentation: `[B, H, W]` uint8, values as in `modpush.geometry.Label`; None removes nothing.
         pose: `[B, 3]` (x, y, yaw) of the window's frame in the base frame [m, rad].
         size: Side of the window [px].
-        max_height: What is shown as 1 [m].
-        outside: What lies beyond the image's border, 0 (`"free"`) or 1 (`"blocked"`).
-        upright: Draw heights where they stand on the table. False draws them where the camera sees
-            them, higher ones further out, together with the sides that it sees: then a bar's
-            picture depends on where on the table it lies.
+        max_height: Height that is shown as 1 [m].
+        outside: Value of pixels beyond the image, `"free"` (0) or `"blocked"` (1).
+        upright: Draw heights where they stand on the table. False draws them where they appear in the
+            image, higher ones further out, together with visible sides: the window of a bar then
+            depends on its position on the table.
         camera: The camera; the default is the one of `PushEnv`, with the image's size.
         metres_per_pixel: Side of a window pixel on the table [m]; an encoder needs the one that it was
             trained with.
@@ -127,9 +126,9 @@ def window_pixels(
     camera: Camera | None = None,
     metres_per_pixel: Positive = METRES_PER_PIXEL,
 ) -> Tensor:
-    """Where in the image the window's pixels are, at a height over the table.
+    """Image coordinates of the window's pixels, at a height over the table.
 
-    Rounded, these are the pixels that `egocentric_window(..., upright=False)` takes at height 0.
+    Rounded, these are the pixels that `egocentric_window(..., upright=False)` reads at height 0.
 
     Args:
         pose: `[..., 3]` (x, y, yaw) of the window's frame in the base frame [m, rad].
@@ -169,11 +168,11 @@ def cast_window(
     camera: Camera | None = None,
     metres_per_pixel: float = METRES_PER_PIXEL,
 ) -> Tensor:
-    """The same window, cast from the scene's shapes without an image of it.
+    """The window of `egocentric_window`, ray-cast from the scene's shapes without a full image.
 
     Args:
-        cast: From pixels `[N, 2]` (u, v) float64 to depth `[N]` float32 [m] and label `[N]` uint8, as
-            `functools.partial(env.cast, index)` of a `PushEnv` does.
+        cast: Function of pixels `[N, 2]` (u, v) float64 that returns depth `[N]` float32 [m] and label
+            `[N]` uint8, such as `functools.partial(env.cast, index)` of a `PushEnv`.
         pose: `[3]` (x, y, yaw) of the window's frame [m, rad].
         size: As in `egocentric_window`.
         max_height: As in `egocentric_window`.
@@ -229,7 +228,7 @@ def _pinhole(camera: Camera) -> Pinhole:
 def check_options(
     who: str, size: int, max_height: float, outside: str, camera_z: float, metres_per_pixel: float
 ) -> None:
-    """Raise where a window cannot be made; errors name `who`."""
+    """Raise for invalid options of a window; errors name `who`."""
     if not isinstance(size, int | np.integer) or isinstance(size, bool) or size < 1:
         raise ValueError(f"{who}: size must be >= 1 px, got {size!r}.")
     if not isinstance(max_height, Real) or not 0 < max_height < camera_z:

@@ -34,9 +34,9 @@ class EgocentricWindow(StatelessTransform):
             the present sub-goal (`"path"`; where the two coincide, the base frame's), or the robot
             base's (`"base"`).
         size: Side of the window [px].
-        outside: Whether what lies beyond the image is `"free"` or `"blocked"`.
+        outside: Value of pixels beyond the image, `"free"` (0) or `"blocked"` (1).
         max_height: Height over the table that is shown as 1 [m].
-        upright: Draw heights where they stand, rather than where the camera sees them.
+        upright: Draw heights where they stand instead of where they appear in the image.
         camera: The camera.
         metres_per_pixel: Side of a window pixel on the table [m], whatever the camera's: the one that the
             encoder was trained with.
@@ -118,7 +118,7 @@ class EgocentricWindow(StatelessTransform):
                 camera=self.camera,
                 metres_per_pixel=self.metres_per_pixel,
             )
-        except ValueError:  # it looks at the pose, and does not know its key
+        except ValueError:  # the function checks the pose without knowing its key
             check_finite("EgocentricWindow", f"{self.object_pose_key!r} or sub-goal", pose)
             raise
         next_tensordict.set(self.window_key, window.reshape(*depth.shape[:-3], *window.shape[1:]))

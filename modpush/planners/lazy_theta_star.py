@@ -22,8 +22,9 @@ class LazyThetaStar(GridPlanner):
     with two corrections, without which its paths were up to 28 % too long. First, a vertex whose
     assumed parent is not visible has a longer path than that by which it was queued; it returns to the
     queue instead of being expanded too early. Second, paths run over the cells' corners, where
-    shortest paths bend, rather than over their centres. The paths are within 1.1 % of the optimum on
-    the maps of `benchmarks/bench_planners.py`.
+    shortest paths bend, rather than over their centres. The paths were up to 1.1 % above the optimum
+    on the maps of `benchmarks/bench_planners.py` and up to 3.3 % on a map of noise; there is no bound
+    for all maps.
 
     `nodes="corners"`, the default, keeps the lazy rule but searches only the convex corners of
     blocked cells, each of which is a neighbour of all others. This is exact, and much faster for few

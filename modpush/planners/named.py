@@ -10,7 +10,6 @@ from modpush.planners.base import Planner
 from modpush.planners.distance_field import DistanceField
 from modpush.planners.lazy_theta_star import LazyThetaStar
 from modpush.planners.straight_line import StraightLine
-from modpush.planners.theta_star import ThetaStar
 
 __all__ = ["PLANNERS", "make_planner"]
 
@@ -18,7 +17,6 @@ PLANNERS: dict[str, Callable[[], Planner]] = {
     "distance_field": DistanceField,
     "lazy_theta_star": LazyThetaStar,
     "lazy_theta_star_grid": partial(LazyThetaStar, nodes="grid"),
-    "theta_star": ThetaStar,
     "a_star": AStar,
     "straight_line": StraightLine,
 }

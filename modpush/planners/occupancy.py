@@ -14,7 +14,7 @@ from modpush._arguments import checked_arguments
 from modpush._checks import check_finite
 from modpush._keys import check_spec_has, read_key, stored_next
 from modpush._resets import scenes_reset
-from modpush._types import NonNegative
+from modpush._types import Count, NonNegative
 from modpush.geometry.camera import Camera, cell_centers
 from modpush.planners.connected import are_connected
 from modpush.planners.kernels.bit_grid import words_per_row
@@ -61,6 +61,7 @@ class OccupancyGrid(Transform):
         camera: The camera and its grid.
         min_height: Height below which obstacles do not block [m].
         upright: See `OccupancyMap`.
+        min_pixels: See `OccupancyMap`; for the noise of a real camera.
         object_radius_key: Read `object_radius` from here instead, `[..., 1]` float [m].
         inscribed_radius_key: Read `inscribed_radius` from here instead, `[..., 1]` float [m].
         depth_key: Read, `[..., 1, H, W]` float32 [m].
@@ -92,6 +93,7 @@ class OccupancyGrid(Transform):
         camera: Camera | None = None,
         min_height: float = 0.013,
         upright: bool = True,
+        min_pixels: Count = 1,
         object_radius_key: NestedKey | None = None,
         inscribed_radius_key: NestedKey | None = None,
         depth_key: NestedKey = "depth",
@@ -131,7 +133,7 @@ class OccupancyGrid(Transform):
         in_keys = [key for key, needed in read.items() if needed and key is not None]
         out_keys = [occupancy_key, blocked_key, *([choice_key] if choices > 1 else [])]
         super().__init__(in_keys=in_keys, out_keys=out_keys)
-        self.map = OccupancyMap(camera, min_height, upright)
+        self.map = OccupancyMap(camera, min_height, upright, min_pixels)
         outside = None
         if bounds is not None:
             outside = torch.stack([cells_outside(self.map.camera, bounds, m) for m in margins])

@@ -1,5 +1,6 @@
 """From depth images to inflated grids, as a function of tensors with a cache."""
 
+import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -8,6 +9,7 @@ from torch import Tensor
 from modpush._arguments import checked_arguments
 from modpush._batching import run_batch
 from modpush._checks import check_depth_unit, check_dtype, check_real, check_shape
+from modpush._types import Count
 from modpush.geometry.camera import Camera
 from modpush.planners.inflation import clamp_radius, radius_per_scene
 from modpush.planners.kernels.bit_grid import words_per_row
@@ -35,6 +37,9 @@ class OccupancyMap:
             distance s from the image's centre stands at s * (1 - z / camera height). For the top of a
             6 cm bar at the image's edge this is 2.5 cm further in. False maps it to the cell of its
             pixel.
+        min_pixels: Smallest number of pixels, connected by sides or corners, that block; smaller
+            groups count as noise. The default keeps all, for computed images. For a real camera see
+            "Noise in the image" in docs/planners.md.
 
     Raises:
         ValueError: If `min_height` does not lie between 0 and the camera's height.
@@ -42,7 +47,11 @@ class OccupancyMap:
 
     @checked_arguments
     def __init__(
-        self, camera: Camera | None = None, min_height: float = 0.013, upright: bool = True
+        self,
+        camera: Camera | None = None,
+        min_height: float = 0.013,
+        upright: bool = True,
+        min_pixels: Count = 1,
     ) -> None:
         self.camera = camera or Camera()
         if not 0 < min_height < self.camera.z:
@@ -52,6 +61,7 @@ class OccupancyMap:
             )
         self.min_height = float(min_height)
         self.upright = bool(upright)
+        self.min_pixels = min_pixels
         self._last: PerThread[Inflated] = PerThread()
         self._inflations: PerThread[int] = PerThread()
 
@@ -138,7 +148,7 @@ class OccupancyMap:
         else:
             before = previous.detach().cpu().contiguous().numpy().view(np.uint64)
         return Views(
-            depth=depth.detach().cpu().contiguous().numpy(),
+            depth=self._without_speckles(depth.detach().cpu().contiguous().numpy()),
             segmentation=segments,
             object_uv=centre,
             object_radius=own,
@@ -148,6 +158,18 @@ class OccupancyMap:
             min_height=self.min_height,
             upright=self.upright,
         )
+
+    def _without_speckles(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The images, `[B, H, W]`, with the table in place of groups of fewer than `min_pixels`."""
+        if self.min_pixels == 1:
+            return depth
+        depth = depth.copy()
+        high = (depth > 0) & (depth < self.camera.z - self.min_height)
+        for image, mask in zip(depth, high.astype(np.uint8), strict=True):
+            _, labels, groups, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+            small = groups[:, cv2.CC_STAT_AREA] < self.min_pixels
+            image[small[labels] & (mask > 0)] = self.camera.z
+        return depth
 
     def _check(
         self,

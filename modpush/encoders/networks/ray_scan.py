@@ -1,4 +1,4 @@
-"""`RayScan`: an encoder with nothing to train."""
+"""`RayScan`: an encoder without parameters."""
 
 import math
 
@@ -16,14 +16,14 @@ __all__ = ["RayScan"]
 class RayScan(Encoder):
     """Distance to the next obstacle along rays from the middle of the window, `[B, num_rays]`.
 
-    Ray k points at 2 pi k / num_rays from ahead (up in the window), turning left. A value is the
-    distance divided by `max_range`, 1 where the ray meets nothing within it or leaves the window.
-    Exact to a pixel.
+    Ray k points at 2 pi k / num_rays from straight ahead (up in the window), counter-clockwise. A value
+    is the distance divided by `max_range`, and 1 where the ray meets no obstacle within it or leaves
+    the window. Exact to a pixel.
 
     Args:
         num_rays: Number of rays.
-        max_range: Distance that is shown as 1 [m]; by default half the window's side.
-        min_height: Lower obstacles block no ray [m].
+        max_range: Distance of the value 1 [m]; by default half the window's side.
+        min_height: Height above which obstacles block rays [m].
         max_height: Height that the window shows as 1 [m].
         window_size: Side of the windows [px].
         pixel_size: Side of a window pixel on the table [m], the encoder's `metres_per_pixel`.
@@ -50,7 +50,7 @@ class RayScan(Encoder):
             )
         self.latent_dim, self.window_size, self.metres_per_pixel = num_rays, window_size, pixel_size
         self.max_range, self.threshold = max_range, min_height / max_height
-        # Half a pixel at a time, so that no pixel on the way is jumped over by much.
+        # In steps of half a pixel, so that hardly a pixel of the ray is skipped.
         steps = torch.arange(0.0, max_range / pixel_size, 0.5, dtype=torch.float32)
         angles = torch.arange(num_rays, dtype=torch.float32) * (2 * math.pi / num_rays)
         middle = 0.5 * (window_size - 1)
@@ -59,7 +59,7 @@ class RayScan(Encoder):
         inside = (rows.clamp(0, window_size - 1) == rows) & (
             columns.clamp(0, window_size - 1) == columns
         )
-        # Places outside the window read one extra pixel, which is always free.
+        # Points outside the window read one extra pixel, which is always free.
         index = torch.where(inside, rows * window_size + columns, window_size**2)
         self.register_buffer("_index", index.flatten(), persistent=False)
         fractions = torch.cat([steps * (pixel_size / max_range), torch.ones_like(steps[:1])])

@@ -24,7 +24,7 @@ _FINAL_SIDE = 4  # of the encoder's last and the decoder's first map [px]
 
 
 class DepthVAE(Encoder):
-    """Four convolutions down to a normal latent, six transposed ones up to a Bernoulli window.
+    """Four convolutions to a normal latent, and six transposed ones to a Bernoulli window.
 
     Each convolution but the last is followed by batch norm and ReLU; max pooling after the first,
     average pooling after the third. As an encoder it returns the latent's mean; `encode` and `decode`
@@ -39,7 +39,7 @@ class DepthVAE(Encoder):
         latent_dim: Number of values in a latent.
         encoder_widths: Channels of the four convolutions.
         decoder_widths: Channels of the maps of side 4, 8, 16 and 32.
-        sample: Return a sample of the latent rather than its mean, as the authors' code does.
+        sample: Return a sample of the latent instead of its mean, as in the authors' code.
         metres_per_pixel: Side of the pixels of its windows on the table [m].
 
     Raises:
@@ -112,7 +112,7 @@ class DepthVAE(Encoder):
         return mean + std * torch.randn_like(std) if self.sample else mean
 
     def reconstruct(self, window: Tensor) -> Tensor:
-        """The window as decoded from the mean of its latent, `[B, 1, 64, 64]` in [0, 1]."""
+        """The window decoded from the mean of its latent, `[B, 1, 64, 64]` in [0, 1]."""
         return self.decode(self.encode(window)[0]).sigmoid()
 
     def save(self, path: Path | str, card: Mapping[str, Any] | None = None) -> None:
@@ -120,7 +120,7 @@ class DepthVAE(Encoder):
 
         Args:
             path: File that is written.
-            card: What is stored with them, such as data, command and figures; anything that JSON holds.
+            card: Further entries of the file, such as data, command and figures; any JSON values.
         """
         config = {**self._architecture(), "card": dict(card or {})}
         write_tensors(path, self.state_dict(), _KIND, _VERSION, config)
@@ -137,11 +137,11 @@ class DepthVAE(Encoder):
     @classmethod
     @checked_arguments
     def from_pretrained(cls, name_or_path: Path | str = "depth_vae") -> "DepthVAE":
-        """A trained one, in eval mode.
+        """Load a trained autoencoder, in eval mode.
 
         Args:
-            name_or_path: Name of shipped weights (`modpush/weights/<name>.safetensors`, a card
-                beside it), or the path of a file that `save` wrote.
+            name_or_path: Name of shipped weights (`modpush/weights/<name>.safetensors`, with a card
+                beside it), or the path of a file of `save`.
 
         Raises:
             FileNotFoundError: If there is no such file; the message lists the shipped names.
@@ -163,10 +163,10 @@ class DepthVAE(Encoder):
         return vae.eval()
 
     def load_weights(self, tensors: Mapping[str, Tensor]) -> None:
-        """Take over all weights, or none of them.
+        """Load all weights, or none of them.
 
         Raises:
-            ValueError: If one is missing, unknown, of another shape or dtype, or not finite.
+            ValueError: If a weight is missing, unknown, of another shape or dtype, or not finite.
         """
         check_weights("DepthVAE", self.state_dict(), tensors)
         self.load_state_dict(dict(tensors))

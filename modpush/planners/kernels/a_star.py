@@ -19,7 +19,7 @@ _DY = np.array([0, 0, 1, -1, 1, 1, -1, -1], dtype=np.int64)
 
 
 class Steps(NamedTuple):
-    """What steps there are, and what they cost.
+    """Steps between cells and their costs.
 
     Attributes:
         weight: `[H, W]` float32, positive; `[1, 1]` stands for the same everywhere.
@@ -34,7 +34,7 @@ class Steps(NamedTuple):
 
 @njit(nogil=True)
 def _remaining(dx: int, dy: int, neighbours: int) -> float:
-    """Length of the shortest way over (dx, dy) cells where nothing is blocked."""
+    """Length of the shortest path over (dx, dy) free cells."""
     dx, dy = abs(dx), abs(dy)
     if neighbours == 4:
         return float(dx + dy)
@@ -59,7 +59,7 @@ def search_cells(
         parent: `[H * W]` int32, overwritten with the cell before; -1 where none.
 
     Returns:
-        Whether the goal was reached.
+        True if the goal was reached.
     """
     width = codes.shape[1] - 1
     weight, neighbours = steps.weight, steps.neighbours

@@ -33,10 +33,10 @@ def _set_cell(bits: NDArray, u: float, v: float, height: int, width: int) -> Non
 
 
 class View(NamedTuple):
-    """What the camera sees of one scene.
+    """Camera images and settings of one scene.
 
     Attributes:
-        depth: `[H, W]` float32 [m]; where it is not positive and finite, nothing is seen.
+        depth: `[H, W]` float32 [m]; values that are not positive and finite mean no measurement.
         segmentation: `[H, W]` uint8, or `[0, 0]`: then what is seen within the object's radius
             around its centre counts as the object.
         object_uv: `[2]` float32, the object's centre on the table grid [px]; read without a
@@ -60,10 +60,10 @@ class View(NamedTuple):
 
 @njit(nogil=True)
 def find_blocked(view: View, bits: NDArray) -> None:
-    """Mark the cells over which something stands that is neither object nor robot.
+    """Mark the cells below obstacles, that is all that is neither object nor robot.
 
     Args:
-        view: What the camera sees.
+        view: Images and settings.
         bits: `[H, ceil(W / 64)]` uint64, overwritten.
     """
     depth, segmentation, object_uv = view.depth, view.segmentation, view.object_uv

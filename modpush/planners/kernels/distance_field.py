@@ -1,4 +1,4 @@
-"""Fields of shortest ways to a goal, and paths read from them, for a batch of scenes."""
+"""Fields of shortest paths to a goal, and paths read from them, for a batch of scenes."""
 
 from typing import NamedTuple
 
@@ -17,11 +17,11 @@ __all__ = ["Fields", "empty_fields", "plan_few", "plan_many"]
 
 
 class Fields(NamedTuple):
-    """For each scene the shortest ways from all corners to the goal.
+    """Shortest paths from all corners to the goal, for each scene.
 
     Attributes:
         goal: `[B, 2]` int64, the goal in the vertex frame, fixed point; -1 if nothing is built.
-        cost: `[B, MAX_CORNERS + 1]` float64, each corner's way to the goal [px]; the goal is last.
+        cost: `[B, MAX_CORNERS + 1]` float64, path length from each corner to the goal [px], goal last.
         parent: `[B, MAX_CORNERS + 1]` int32, the next corner on it.
         builds: `[B]` int64, how often a field was built.
     """
@@ -33,7 +33,7 @@ class Fields(NamedTuple):
 
 
 def empty_fields(batch: int) -> Fields:
-    """Room for the fields of a batch, none built yet."""
+    """Empty fields of a batch."""
     return Fields(
         goal=np.full((batch, 2), -1, dtype=np.int64),
         cost=np.empty((batch, MAX_CORNERS + 1)),
@@ -80,7 +80,7 @@ def _first_corner(b: int, maps: Maps, fields: Fields, x: int, y: int, count: int
 
 @njit(nogil=True)
 def plan_one(b: int, maps: Maps, queries: Queries, paths: PathArrays, fields: Fields) -> None:
-    """Plan scene b, building its field if map or goal are new."""
+    """Plan scene b, and build its field for a new map or goal."""
     x, y = np.empty(2, dtype=np.int64), np.empty(2, dtype=np.int64)
     if refresh_map(maps, b, queries.cells[b]):
         fields.goal[b, 0] = -1

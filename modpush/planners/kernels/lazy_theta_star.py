@@ -1,4 +1,4 @@
-"""Lazy Theta*, over the corners that matter or over the whole grid, for a batch of scenes."""
+"""Lazy Theta*, over convex corners or over the whole grid, for a batch of scenes."""
 
 import numpy as np
 from numba import prange
@@ -8,7 +8,7 @@ from modpush._kernels import njit
 from modpush.planners.kernels.maps import MAX_CORNERS, Maps, corner_count, refresh_map
 from modpush.planners.kernels.paths import PathArrays, Queries, place_ends, write_path
 from modpush.planners.kernels.taut_search import taut_search
-from modpush.planners.kernels.theta_star import solve_over_grid
+from modpush.planners.kernels.theta_search import solve_over_grid
 from modpush.planners.kernels.visibility import line_of_sight
 
 __all__ = ["plan_few", "plan_many", "solve_scene"]
@@ -50,11 +50,11 @@ def solve_scene(
     over_grid: bool,
     paths: PathArrays,
 ) -> None:
-    """Plan scene b; its map is known and its ends are placed."""
+    """Plan scene b, with its map cached and its ends in free space."""
     if line_of_sight(maps.codes[b], x[0], y[0], x[1], y[1]):
         write_path(paths, b, queries, x, y)
     elif over_grid or corner_count(maps, b) > MAX_CORNERS:
-        solve_over_grid(b, maps, queries, x, y, True, paths)
+        solve_over_grid(b, maps, queries, x, y, paths)
     else:
         _solve_over_corners(b, maps, queries, x, y, paths)
 

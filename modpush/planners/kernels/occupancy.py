@@ -28,7 +28,7 @@ __all__ = [
 
 
 class Views(NamedTuple):
-    """What a camera sees of a batch of scenes; fields as in `bit_grid.View`, `[B, ...]` where arrays.
+    """Camera images and settings of a batch; fields as in `bit_grid.View`, arrays `[B, ...]`.
 
     Attributes:
         depth: `[B, H, W]` float32 [m].
@@ -54,7 +54,7 @@ class Views(NamedTuple):
 
 
 class Inflated(NamedTuple):
-    """What was inflated last in each row of the batch.
+    """Cache of the last inflated grid of each scene of the batch.
 
     Attributes:
         bits: `[B, H, ceil(W / 64)]` uint64, the cells before inflation.
@@ -68,7 +68,7 @@ class Inflated(NamedTuple):
 
 
 def empty_inflated(batch: int, height: int, width: int) -> Inflated:
-    """Room for the grids of a batch, none inflated yet."""
+    """An empty cache for the grids of a batch."""
     return Inflated(
         bits=np.zeros((batch, height, words_per_row(width)), dtype=np.uint64),
         radius=np.full(batch, -1.0),
@@ -105,14 +105,14 @@ def inflate_many(batch: int, cells: NDArray, radius: NDArray, out: NDArray) -> N
 def observe_one(
     b: int, views: Views, last: Inflated, bits: NDArray, changed: NDArray, out: NDArray
 ) -> None:
-    """Scene b from depth to inflated cells; what was inflated last is used again if it still holds.
+    """Scene b from depth to inflated cells; the cached grid is used where it is still valid.
 
     Args:
         b: Scene.
-        views: What the camera sees.
+        views: Images and settings.
         last: What was inflated last, kept up to date.
         bits: `[B, H, ceil(W / 64)]` uint64, overwritten with the cells before inflation.
-        changed: `[B]` bool, overwritten: whether the cells had to be inflated anew.
+        changed: `[B]` bool, overwritten: True where the cells were inflated.
         out: `[B, H, W]` uint8, overwritten with the inflated cells.
     """
     view = View(

@@ -1,4 +1,4 @@
-"""The straight line, where nothing is in the way."""
+"""The straight line, where it is free."""
 
 import numpy as np
 from numba import prange

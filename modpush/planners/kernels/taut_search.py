@@ -1,10 +1,10 @@
-"""Exact shortest paths on a grid of blocked cells: a search over corners, lines of sight seen late.
+"""Exact shortest paths on a grid of blocked cells: a search over corners with lazy lines of sight.
 
 A shortest path around blocked cells is a string pulled taut: it bends only at convex corners, and
-at each of them around the blocked cell. So the corners are all the nodes that are needed, and of
-the corners that one might go on to only those in the narrow wedge that keeps the string taut. As in
-Lazy Theta*, an edge waits in the queue unseen, and its line of sight is asked for once, when it
-comes to be taken: then it is the shortest way on that is left, and if it is free it is final.
+at each of them around the blocked cell. So the corners are all the nodes that are needed, and the
+successors of a corner are only those in the narrow wedge that keeps the string taut. As in Lazy
+Theta*, an edge is queued unchecked, and its line of sight is tested once, when it is taken from the
+queue: it is then the shortest edge that is left, and final if it is free.
 
 Source: the lazy rule from Nash, Koenig, Tovey, "Lazy Theta*" (AAAI 2010); taut paths from Oh and
 Leong, "Edge N-Level Sparse Visibility Graphs" (SoCS 2017), and Lozano-Pérez and Wesley (CACM 1979).
@@ -28,7 +28,7 @@ def length_of(dx: int, dy: int) -> float:
 
 @njit(nogil=True)
 def touches(dx: int, dy: int, bx: int, by: int) -> bool:
-    """Say whether a line in direction (dx, dy) through a corner stays out of its blocked cell.
+    """True if a line in direction (dx, dy) through a corner stays out of its blocked cell.
 
     Args:
         dx: Direction, x.
@@ -41,7 +41,7 @@ def touches(dx: int, dy: int, bx: int, by: int) -> bool:
 
 @njit(nogil=True)
 def stays_taut(ax: int, ay: int, cx: int, cy: int, bx: int, by: int) -> bool:
-    """Say whether a string that comes along (ax, ay) and leaves along (cx, cy) bends round a cell.
+    """True if a string that arrives along (ax, ay) and leaves along (cx, cy) bends around a cell.
 
     Args:
         ax: Direction in which the string arrives at the corner, x; it `touches`.

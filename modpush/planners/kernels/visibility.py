@@ -1,12 +1,11 @@
 """Exact visibility among the blocked cells of a grid: vertices, line of sight, nearest free cell.
 
-The kernels below are what every any-angle planner here stands on. Their world is the grid's
-*vertex frame*: cell (i, j) covers the square [i, i+1] x [j, j+1], so that the cells' corners, which
-are what shortest paths bend at, have whole coordinates. The vertex frame is the pixel frame (cell
-centres at integers) shifted by half a cell. Points are held in fixed point with `FRACTION_BITS`
-bits behind the point, so that every question of visibility is answered in integers, without a
-tolerance: a line may touch a blocked cell's corner or run along its side, it may not enter its
-inside, nor slip between two blocked cells that meet in a point.
+All any-angle planners use the kernels below. Coordinates are in the grid's *vertex frame*: cell (i, j)
+covers the square [i, i+1] x [j, j+1], so that the cells' corners, at which shortest paths bend, have
+integer coordinates. The vertex frame is the pixel frame (cell centres at integers) shifted by half a
+cell. Points are in fixed point with `FRACTION_BITS` fractional bits, so that visibility is computed
+in integers, without a tolerance: a line may touch a blocked cell's corner or run along its side, but
+neither enter its interior nor pass between two blocked cells that meet in a point.
 """
 
 import numpy as np
@@ -20,13 +19,13 @@ FRACTION_BITS = 16
 ONE = 1 << FRACTION_BITS
 MAX_SIDE = 4096
 
-# Which of the four cells at a vertex are blocked (y points down the image, as rows do).
+# Bits of the blocked cells among the four at a vertex (y points down the image, as rows do).
 NW, NE, SW, SE = 1, 2, 4, 8
 
 
 @njit(nogil=True)
 def vertex_codes(cells: NDArray, codes: NDArray) -> None:
-    """Write for each vertex which of its four cells are blocked; the outside counts as blocked.
+    """Write the mask of blocked cells at each vertex; the outside counts as blocked.
 
     Args:
         cells: `[H, W]` uint8, 1 where blocked and 0 elsewhere.
@@ -56,7 +55,7 @@ def vertex_codes(cells: NDArray, codes: NDArray) -> None:
 
 @njit(nogil=True)
 def convex_corners(codes: NDArray, corners: NDArray) -> int:
-    """List the vertices with exactly one blocked cell: the only ones a shortest path bends at.
+    """List the vertices with exactly one blocked cell, the only ones at which shortest paths bend.
 
     Args:
         codes: `[H + 1, W + 1]` uint8 from `vertex_codes`.
@@ -134,7 +133,7 @@ def _visible_along_column(codes: NDArray, x: int, y0: int, y1: int) -> bool:
 
 @njit(nogil=True)
 def line_of_sight(codes: NDArray, x0: int, y0: int, x1: int, y1: int) -> bool:
-    """Say whether the segment stays out of every blocked cell's inside.
+    """True if a segment crosses no blocked cell's interior.
 
     Args:
         codes: `[H + 1, W + 1]` uint8 from `vertex_codes`.
@@ -242,7 +241,7 @@ def nearest_free_cell(codes: NDArray, x: int, y: int) -> tuple[int, int]:
 
 @njit(nogil=True)
 def place(codes: NDArray, u: float, v: float) -> tuple[int, int, bool]:
-    """Put a query point into free space.
+    """Move a query point into free space.
 
     A point outside the grid or in a blocked cell goes to the centre of the nearest free cell. A
     point on the line between cells is taken as lying in a free one of them, 2^-16 px inside, so
