@@ -1,6 +1,7 @@
 """The critics of a training run, to look at what they expect."""
 
-from dataclasses import replace
+from collections.abc import Collection
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import torch
@@ -13,6 +14,8 @@ from modpush._state import read_state
 from modpush._validation import from_plain
 from modpush._weights import check_weights
 from modpush.agents.tqc.build import make_tqc
+from modpush.files import reading
+from modpush.parts import check_allowed
 from modpush.training.checkpoints import CHECKPOINT_KIND, CHECKPOINT_VERSION
 from modpush.training.config import TrainConfig
 from modpush.training.run_folder import RunFolder
@@ -43,28 +46,38 @@ class Critics(nn.Module):
 
 
 @checked_arguments
-def load_critics(folder: str | Path, env: EnvBase) -> Critics:
+def load_critics(folder: str | Path, env: EnvBase, *, allow: Collection[str] = ()) -> Critics:
     """The critics in the newest checkpoint of a training run.
 
     Args:
         folder: The run's folder.
         env: The environment that they judge, of the run's agent (`load_agent(folder).make_env(...)`).
+        allow: Modules and packages from which the checkpoint may name its networks and loss.
 
     Raises:
-        ValueError: If the folder has no checkpoint, the run's networks were given as objects, which no
-            file can name, they do not fit the environment, the critics read an encoder that was trained
-            with them, or the loss has none.
+        ValueError: If the folder has no checkpoint, it is damaged or names modules that are not allowed,
+            the run's networks were given as objects, which no file can name, they do not fit the
+            environment, the critics read an encoder that was trained with them, or the loss has none.
     """
     newest = RunFolder(folder).checkpoints.latest()
     if newest is None:
         raise ValueError(f"load_critics: {folder} holds no checkpoint.")
-    state = read_state(newest, CHECKPOINT_KIND, CHECKPOINT_VERSION)
-    config = replace(from_plain(TrainConfig, state["config"]).tqc, device="cpu", execution="eager")
+    with reading(newest, CHECKPOINT_KIND):
+        state = read_state(newest, CHECKPOINT_KIND, CHECKPOINT_VERSION)
+        config = from_plain(TrainConfig, state["config"]).tqc
+        check_allowed(f"load_critics: {newest}", asdict(config), allow)
+    config = replace(config, device="cpu", execution="eager")
     if config.encoder is not None:
         raise ValueError(
             f"load_critics: the critics in {newest} read the latent of an encoder that was trained with "
             "them, which cannot be loaded alone."
         )
+    if (config.actor, config.critic, config.loss) == ("mlp", "mlp", "tqc"):
+        with reading(
+            newest, CHECKPOINT_KIND
+        ):  # without memory at first: a file may ask for any sizes
+            planned = make_tqc(replace(config, device="meta"), env).loss
+            check_weights(f"load_critics: {newest}", planned.state_dict(), state["loss"])
     agent = make_tqc(config, env)
     if not hasattr(agent.loss, "qvalue_network_params"):
         raise ValueError(f"load_critics: the loss of {newest} has no critics of TorchRL's name.")
