@@ -1,8 +1,10 @@
 """The critics of a training run, to look at what they expect."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, replace
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import torch
 from tensordict import TensorDictBase
@@ -14,6 +16,7 @@ from modpush._state import read_state
 from modpush._validation import from_plain
 from modpush._weights import check_weights
 from modpush.agents.tqc.build import make_tqc
+from modpush.agents.tqc.config import TQCConfig
 from modpush.files import reading
 from modpush.parts import check_allowed
 from modpush.training.checkpoints import CHECKPOINT_KIND, CHECKPOINT_VERSION
@@ -66,18 +69,14 @@ def load_critics(folder: str | Path, env: EnvBase, *, allow: Collection[str] = (
         state = read_state(newest, CHECKPOINT_KIND, CHECKPOINT_VERSION)
         config = from_plain(TrainConfig, state["config"]).tqc
         check_allowed(f"load_critics: {newest}", asdict(config), allow)
+        if config.critic == "mlp":
+            _check_size(config, state["loss"])
     config = replace(config, device="cpu", execution="eager")
     if config.encoder is not None:
         raise ValueError(
             f"load_critics: the critics in {newest} read the latent of an encoder that was trained with "
             "them, which cannot be loaded alone."
         )
-    if (config.actor, config.critic, config.loss) == ("mlp", "mlp", "tqc"):
-        with reading(
-            newest, CHECKPOINT_KIND
-        ):  # without memory at first: a file may ask for any sizes
-            planned = make_tqc(replace(config, device="meta"), env).loss
-            check_weights(f"load_critics: {newest}", planned.state_dict(), state["loss"])
     agent = make_tqc(config, env)
     if not hasattr(agent.loss, "qvalue_network_params"):
         raise ValueError(f"load_critics: the loss of {newest} has no critics of TorchRL's name.")
@@ -88,3 +87,13 @@ def load_critics(folder: str | Path, env: EnvBase, *, allow: Collection[str] = (
     ):
         stacked.data.to_module(critic)
     return Critics(agent.critics).eval()
+
+
+def _check_size(config: TQCConfig, loss: Mapping[str, Any]) -> None:
+    """Refuse critics of more weights than a file holds, before memory is allocated for them."""
+    outputs = 1 if config.loss in ("sac", "td3") else config.num_quantiles
+    layers = pairwise((*config.hidden_sizes, outputs))
+    size = config.num_critics * sum(a * b for a, b in layers)
+    held = sum(value.numel() for value in loss.values() if isinstance(value, Tensor))
+    if size > held:
+        raise ValueError(f"its critics would have {size} weights, it holds {held}.")
