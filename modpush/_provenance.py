@@ -6,10 +6,9 @@ import subprocess
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import modpush
-from modpush.files import read_json, write_json
+from modpush.files import read_json, reading, write_json
 
 __all__ = [
     "Session",
@@ -105,8 +104,8 @@ def read_sessions(folder: Path) -> list[Session]:
     path = folder / _NAME
     if not path.exists():
         return []
-    data: list[dict[str, Any]] = read_json(path, _KIND, _VERSION)["sessions"]
-    return [Session(**item) for item in data]
+    with reading(path, _KIND):
+        return [Session(**item) for item in read_json(path, _KIND, _VERSION)["sessions"]]
 
 
 def sources_text(

@@ -81,10 +81,13 @@ def fingerprint_differences(stored: Mapping[str, Any], now: Mapping[str, Any]) -
         if name == "reward" and a is not None and b is not None:
             a = {"clip": True, **a}  # older files do not say it, and theirs was clipped
         if name == "observation" and a is not None and b is not None:
-            found += [f"observation, {text}" for text in observation_differences(a, b)]
+            try:
+                found += [f"observation, {text}" for text in observation_differences(a, b)]
+            except (AttributeError, LookupError, TypeError):  # a file may hold anything
+                found.append(f"observation: trained with {a!r}, this environment has {b!r}")
         elif name == "subgoals" and (a is None or b is None):
             continue
-        elif name == "window" and a is not None and b is not None:
+        elif name == "window" and isinstance(a, Mapping) and isinstance(b, Mapping):
             known = a.keys() & b.keys()
             a, b = ({key: one[key] for key in sorted(known)} for one in (a, b))
             found += [f"window: trained with {a!r}, this environment has {b!r}"] if a != b else []

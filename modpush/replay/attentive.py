@@ -16,6 +16,7 @@ from modpush._checks import check_instance, check_keys
 from modpush._state import read_state, write_state
 from modpush._types import Count, Finite, NonNegativeInteger
 from modpush._validation import check_value
+from modpush.files import reading
 from modpush.parts import find_part
 from modpush.replay.similarity import SIMILARITIES, Similarity
 from modpush.replay.storage_access import draw_distinct, read_entries, valid_shape
@@ -320,7 +321,8 @@ class AttentiveSampler(Sampler):
                 f"AttentiveSampler: {path} holds no {_STATE_FILE}: the buffer was saved with "
                 "another sampler. Load it with that one, or only its storage."
             )
-        self.load_state_dict(read_state(path / _STATE_FILE, _KIND, _VERSION))
+        with reading(path / _STATE_FILE, _KIND):
+            self.load_state_dict(read_state(path / _STATE_FILE, _KIND, _VERSION))
 
     def __repr__(self) -> str:
         return (

@@ -24,6 +24,7 @@ from modpush._arguments import checked_arguments
 from modpush._checks import check_instance
 from modpush._state import read_state, write_state
 from modpush._types import Count, Device
+from modpush.files import reading
 
 __all__ = ["CompactStorage"]
 
@@ -44,9 +45,10 @@ class _Checkpointer(StorageCheckpointerBase):
         write_state(Path(path) / _FILE, state, _KIND, _VERSION)
 
     def loads(self, storage: "CompactStorage", path: str | Path) -> None:
-        state = read_state(Path(path) / _FILE, _KIND, _VERSION)
-        data = TensorDict(state["contents"], batch_size=[state["length"]])
-        storage.load_contents(data, state["links"])
+        with reading(Path(path) / _FILE, _KIND):
+            state = read_state(Path(path) / _FILE, _KIND, _VERSION)
+            data = TensorDict(state["contents"], batch_size=[state["length"]])
+            storage.load_contents(data, state["links"])
 
 
 class CompactStorage(LazyTensorStorage):

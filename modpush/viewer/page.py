@@ -8,7 +8,10 @@ import socket
 import threading
 import time
 import warnings
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from http import HTTPStatus
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 import torch
 
@@ -30,6 +33,7 @@ _CAMERA_OF_TWO = (1.75, 0.0, 1.0), (0.40, 0.0, 0.05)
 _DRAW_PERIOD = 1 / 30  # at high speeds not every step is drawn [s]
 _PORTS = 100  # that are tried, from the one asked for on
 _WAIT_FOR_TAB = 0.1  # [s]
+_LOCAL = ("127.0.0.1", "localhost", "::1")
 
 
 class Page:
@@ -130,7 +134,8 @@ def _make_server(config: PlayConfig) -> "ViserServer":
     import viser
 
     port = _free_port(config.host, config.port)
-    with contextlib.redirect_stdout(io.StringIO()):  # `play` prints the address
+    # `play` prints the address.
+    with contextlib.redirect_stdout(io.StringIO()), _refusing_other_origins(config.host):
         server = viser.ViserServer(host=config.host, port=port, label="modpush")
     server.scene.set_up_direction("+z")
     # Shadows and reflections are slow where WebGL runs in software: without the latter three times as
@@ -166,6 +171,48 @@ def _free_port(host: str, port: int) -> int:
     raise ValueError(
         f"PlayConfig: port must be free, as must one of the {_PORTS} after it, got {port} ({reason})."
     )
+
+
+@contextlib.contextmanager
+def _refusing_other_origins(host: str) -> Iterator[None]:
+    """Have the server that viser starts here answer only its own page, of the pages in a browser.
+
+    A browser lets every page that is open in it connect to any address, and says in `Origin` which page
+    it is. viser does not look at it, and has no option for it.
+    """
+    from websockets.asyncio import server
+
+    serve = server.serve
+
+    def serve_own_page(*args: Any, process_request: Any, **options: Any) -> Any:
+        def process(connection: Any, request: Any) -> Any:
+            if _is_of_page(host, request.headers.get("Origin"), request.headers.get("Host")):
+                return process_request(connection, request)
+            return connection.respond(HTTPStatus.FORBIDDEN, "This is not the page's own origin.\n")
+
+        return serve(*args, process_request=process, **options)
+
+    server.serve = serve_own_page  # type: ignore[assignment, misc]  # it is a class
+    try:
+        yield
+    finally:
+        server.serve = serve  # type: ignore[misc]
+
+
+def _is_of_page(host: str, origin: str | None, asked: str | None) -> bool:
+    """Whether a request is not of a page in a browser, or of the page itself.
+
+    Args:
+        host: Address that the server listens on.
+        origin: The request's `Origin`; None where it is not of a page.
+        asked: Its `Host`. A page elsewhere can have its own name stand for this machine, so that
+            `Origin` agrees with it: where only this machine is listened to, it must be local.
+    """
+    if origin is None:
+        return True
+    if urlsplit(origin).netloc != asked:
+        return False
+    return host not in _LOCAL or urlsplit(origin).hostname in _LOCAL
 
 
 def play(config: PlayConfig | None = None) -> None:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from modpush._checks import check_dtype, check_instance, check_shape
 from modpush.encoders.base import check_window
-from modpush.files import read_tensors, write_tensors
+from modpush.files import read_tensors, reading, write_tensors
 
 __all__ = ["WindowData"]
 
@@ -123,7 +123,8 @@ class WindowData:
             FileNotFoundError: If there is none.
             ValueError: If it is damaged, or of another kind or version.
         """
-        tensors, config = read_tensors(path, _KIND, _VERSION)
-        if missing := {"windows", "family", "held_out"} - set(tensors):
-            raise ValueError(f"{_KIND}: {path} lacks {sorted(missing)}.")
-        return cls(**tensors, config=config)
+        with reading(path, _KIND):
+            tensors, config = read_tensors(path, _KIND, _VERSION)
+            if missing := {"windows", "family", "held_out"} - set(tensors):
+                raise ValueError(f"{_KIND}: {path} lacks {sorted(missing)}.")
+            return cls(**tensors, config=config)

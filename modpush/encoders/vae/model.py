@@ -14,7 +14,7 @@ from modpush._types import Count, Positive
 from modpush._weights import check_weights
 from modpush.encoders.base import Encoder, check_window
 from modpush.encoders.window import METRES_PER_PIXEL
-from modpush.files import read_tensors, write_tensors
+from modpush.files import read_tensors, reading, write_tensors
 
 __all__ = ["DepthVAE", "shipped_weights"]
 
@@ -154,12 +154,13 @@ class DepthVAE(Encoder):
                 f"DepthVAE: no file {path} and no shipped weights of that name, which are "
                 f"{sorted(shipped_weights())}."
             )
-        tensors, config = read_tensors(path, _KIND, _VERSION)
-        try:
-            vae = cls(**{key: value for key, value in config.items() if key != "card"}).float()
+        with reading(path, _KIND):
+            tensors, config = read_tensors(path, _KIND, _VERSION)
+            architecture = {key: value for key, value in config.items() if key != "card"}
+            with torch.device("meta"):  # without memory at first: a file may ask for any sizes
+                check_weights("DepthVAE", cls(**architecture).float().state_dict(), tensors)
+            vae = cls(**architecture).float()
             vae.load_weights(tensors)
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"DepthVAE: {path} does not fit: {error}") from error
         return vae.eval()
 
     def load_weights(self, tensors: Mapping[str, Tensor]) -> None:
