@@ -35,7 +35,7 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         kernel = numba.njit(**options)(function)
         if isinstance(kernel, Dispatcher):  # not with NUMBA_DISABLE_JIT
             with suppress(Exception):  # the source is no file
-                kernel._cache = _Cache(function)
+                setattr(kernel, "_cache", _Cache(function))  # noqa: B010  # numba types it away
         return kernel
 
     return compiled

@@ -68,7 +68,7 @@ class PrioritizedSampler(TorchRLPrioritizedSampler):
     def _init(self) -> None:
         self._sum_tree = _Tree(self._max_capacity, np.add, 0.0)
         self._min_tree = _Tree(self._max_capacity, np.minimum, np.inf)
-        self._max_priority = None
+        self._max_priority: tuple[Tensor, Tensor] | None = None
 
     def sample(self, storage: Storage, batch_size: int) -> tuple[Any, dict[str, Any]]:
         """Draw a batch: its index, and its importance weights as float32."""
@@ -99,12 +99,14 @@ class PrioritizedSampler(TorchRLPrioritizedSampler):
 
     def state_dict(self) -> dict[str, Any]:
         """Exponents and priorities, as plain data and tensors."""
-        largest, where = self._max_priority
+        largest, where = self._max_priority or (None, None)
         return {
             "alpha": self._alpha,
             "beta": self._beta,
             "eps": self._eps,
-            "max_priority": None if largest is None else (float(largest), int(where)),
+            "max_priority": None
+            if largest is None or where is None
+            else (float(largest), int(where)),
             "weights": torch.from_numpy(self._sum_tree.leaves.copy()),
         }
 
@@ -130,7 +132,8 @@ class PrioritizedSampler(TorchRLPrioritizedSampler):
         written = weights.nonzero().flatten()
         self._sum_tree[written] = self._min_tree[written] = weights[written]
         if largest is not None:
-            self._max_priority = tuple(torch.tensor(value, device="cpu") for value in largest)
+            value, where = (torch.tensor(part, device="cpu") for part in largest)
+            self._max_priority = value, where
 
     def dumps(self, path: str | Path) -> None:
         """Write the state into a directory."""
