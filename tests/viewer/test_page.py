@@ -16,6 +16,7 @@ import pytest
 from modpush.envs import Scenario
 from modpush.viewer import Page, PlayConfig
 from modpush.viewer.dragging import ray_on_plane
+from modpush.viewer.page import _is_of_page, _make_server
 
 in_a_browser = pytest.mark.slow  # WebGL in software, which a busy machine may kill
 NAMES = ("chromium", "chromium-browser", "google-chrome")
@@ -272,3 +273,47 @@ def test_a_dragged_point_is_where_the_ray_meets_the_table() -> None:
     assert ray_on_plane(eye, through, 0.0) == pytest.approx([0.2, 0.4])
     assert ray_on_plane(eye, np.array([0.1, 0.0, 1.5]), 0.0) is None
     assert ray_on_plane(eye, np.array([0.1, 0.0, 1.0]), 0.0) is None
+
+
+@pytest.mark.parametrize(
+    ("origin", "host", "answered"),
+    [
+        (None, None, True),  # not a page in a browser
+        ("http://127.0.0.1:{port}", None, True),
+        ("http://localhost:{port}", "localhost:{port}", True),
+        ("http://localhost:9000", "localhost:9000", True),  # through a tunnel
+        ("http://evil.example", None, False),
+        ("http://127.0.0.1:1", None, False),
+        ("null", None, False),
+        (
+            "http://evil.example:{port}",
+            "evil.example:{port}",
+            False,
+        ),  # its name stands for this machine
+    ],
+)
+def test_the_server_answers_no_page_but_its_own(
+    origin: str | None, host: str | None, answered: bool
+) -> None:
+    server = _make_server(PlayConfig(port=0))
+    port = server.get_port()
+    key = "dGhlIHNhbXBsZSBub25jZQ=="
+    lines = [
+        "GET / HTTP/1.1",
+        f"Host: {(host or '127.0.0.1:{port}').format(port=port)}",
+        f"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: {key}",
+        "Sec-WebSocket-Version: 13",
+        *([] if origin is None else [f"Origin: {origin.format(port=port)}"]),
+    ]
+    try:
+        with socket.create_connection(("127.0.0.1", port), timeout=30) as client:
+            client.sendall(("\r\n".join(lines) + "\r\n\r\n").encode())
+            status = client.recv(64).split()[1]
+    finally:
+        server.stop()
+    assert status == (b"101" if answered else b"403")
+
+
+def test_where_others_may_come_the_page_has_any_name_of_this_machine() -> None:
+    assert _is_of_page("0.0.0.0", "http://lab-pc:8080", "lab-pc:8080")
+    assert not _is_of_page("0.0.0.0", "http://evil.example", "lab-pc:8080")
