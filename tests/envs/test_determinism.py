@@ -69,6 +69,17 @@ def test_an_episode_depends_neither_on_those_before_nor_on_num_envs(count) -> No
     batch.close()
 
 
+def test_an_episode_does_not_depend_on_the_centre_of_mass_of_the_one_before() -> None:
+    env, scenarios = make_env(), draw(1)
+    first = [push(env, env.reset(scenarios=[s]), [k], 3)[0] for k, s in enumerate(scenarios)]
+    for k, scenario in enumerate(scenarios):
+        dynamics = replace(scenario.dynamics, center_of_mass=(0.003, -0.002))
+        env.reset(scenarios=[replace(scenario, dynamics=dynamics)])
+        again = push(env, env.reset(scenarios=[scenario]), [k], 3)[0]
+        np.testing.assert_array_equal(again, first[k], err_msg=str(scenario))
+    env.close()
+
+
 @pytest.mark.parametrize("count", COUNTS)
 def test_continuations_of_one_state_are_equal_in_this_and_another_environment(count) -> None:
     env, other = make_env(), make_env(2)

@@ -279,11 +279,12 @@ def test_sub_goals_by_hand():
 def test_sub_goals_do_not_depend_on_the_longest_path_of_the_batch():
     # The others are padded to it. Torch's own sum would add in another order.
     generator = torch.Generator().manual_seed(0)
-    short = [200 * torch.rand(9, 2, generator=generator) for _ in range(50)]
-    long = 200 * torch.rand(61, 2, generator=generator)
-    alone = fraction_subgoal(Paths.from_waypoints(short, torch.zeros(50, 2)), 0.2)
-    beside = fraction_subgoal(Paths.from_waypoints([*short, long], torch.zeros(51, 2)), 0.2)
-    assert torch.equal(alone, beside[:50])
+    short = [200 * torch.rand(6, 2, generator=generator) for _ in range(200)]
+    for count in (14, 32, 62):
+        long = 200 * torch.rand(count, 2, generator=generator)
+        alone = fraction_subgoal(Paths.from_waypoints(short, torch.zeros(200, 2)), 0.9)
+        beside = fraction_subgoal(Paths.from_waypoints([*short, long], torch.zeros(201, 2)), 0.9)
+        assert torch.equal(alone, beside[:200])
 
 
 def test_points_ahead_by_hand():

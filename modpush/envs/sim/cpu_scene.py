@@ -132,8 +132,6 @@ class CpuScene:
     def _place_object(self, item: PushedObject, scenario: Scenario) -> None:
         entity, body = self._entities[item.name], self._bodies[item.name]
         self._scene.sub_scenes[0].add_entity(entity)
-        x, y, yaw = scenario.object_pose
-        entity.pose = bodies.yaw_pose(x, y, item.height / 2, yaw)
         body.linear_velocity = body.angular_velocity = _STILL
         body.wake_up()  # the time that it had been almost at rest would count on
         wanted, (unit, axes) = scenario.dynamics, self._unit_inertia[item.name]
@@ -141,6 +139,9 @@ class CpuScene:
         body.inertia = unit * wanted.mass
         center = [*wanted.center_of_mass, self._height_of_mass[item.name]]
         body.cmass_local_pose = sapien.Pose(center, axes)
+        # After the centre of mass: PhysX keeps the pose of that, and moving it rounds by where it was.
+        x, y, yaw = scenario.object_pose
+        entity.pose = bodies.yaw_pose(x, y, item.height / 2, yaw)
         material = self._objects.material
         material.static_friction = material.dynamic_friction = wanted.friction
         self._pushed_body = body

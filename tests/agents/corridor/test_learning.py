@@ -114,8 +114,8 @@ def test_preferred_angles_by_hand():
 @pytest.mark.parametrize("rules", [learning, authors_code])
 def test_a_scene_s_angles_do_not_depend_on_how_many_another_scene_has(rules):
     generator = torch.Generator().manual_seed(0)
-    alphas = torch.randn(50, 61, dtype=torch.float64, generator=generator) / 3
-    count = 9  # the places after them are empty, and there only if another scene has so many
+    alphas = torch.randn(200, 61, dtype=torch.float64, generator=generator) / 3
+    count = 30  # the places after them are empty, and there only if another scene has so many
     valid = (torch.arange(61) < count).expand_as(alphas)
     found = []
     for noted in (count, 61):
