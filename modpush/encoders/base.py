@@ -4,7 +4,6 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
-from numbers import Real
 from typing import Any
 
 import torch
@@ -55,7 +54,7 @@ def encoder_sizes(who: str, encoder: Any) -> tuple[int, int, float]:
             f"latent_dim={sizes[0]!r} and window_size={sizes[1]!r}."
         )
     scale = getattr(encoder, "metres_per_pixel", METRES_PER_PIXEL)
-    if not isinstance(scale, Real) or not 0 < scale < math.inf:
+    if not isinstance(scale, int | float) or not 0 < scale < math.inf:
         raise TypeError(
             f"{who}: the encoder's metres_per_pixel must be a positive number [m], got {scale!r}."
         )
