@@ -47,6 +47,8 @@ class PrioritizedSampler(TorchRLPrioritizedSampler):
     Source: Schaul et al. (2016), "Prioritized Experience Replay", proportional variant.
     """
 
+    _max_priority: Any  # TorchRL's property of (priority, index)
+
     @checked_arguments
     def __init__(
         self,
