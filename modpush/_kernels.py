@@ -32,7 +32,7 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
-        kernel = numba.njit(**options)(function)
+        kernel: Any = numba.njit(**options)(function)
         if isinstance(kernel, Dispatcher):  # not with NUMBA_DISABLE_JIT
             with suppress(Exception):  # the source is no file
                 kernel._cache = _Cache(function)
