@@ -33,7 +33,7 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
     def compiled(function: Callable[..., Any]) -> Any:
         kernel: Any = numba.njit(**options)(function)
-        if isinstance(kernel, Dispatcher):  # not with NUMBA_DISABLE_JIT
+        if not numba.config.DISABLE_JIT:
             with suppress(Exception):  # the source is no file
                 kernel._cache = _Cache(function)
         return kernel
