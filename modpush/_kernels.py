@@ -32,8 +32,8 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
-        kernel = numba.njit(**options)(function)
-        if isinstance(kernel, Dispatcher):  # not with NUMBA_DISABLE_JIT
+        kernel: Any = numba.njit(**options)(function)
+        if not numba.config.DISABLE_JIT:
             with suppress(Exception):  # the source is no file
                 setattr(kernel, "_cache", _Cache(function))  # noqa: B010  # numba types it away
         return kernel

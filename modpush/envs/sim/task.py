@@ -74,6 +74,8 @@ class ClutterPushEnv(BaseEnv):
     SUPPORTED_REWARD_MODES = ("sparse", "none")
     agent: UR5
 
+    metadata: ClassVar = {"render_modes": (*BaseEnv.SUPPORTED_RENDER_MODES, "none")}
+
     def __init__(
         self,
         num_envs: int = 1,
