@@ -13,7 +13,6 @@ import warnings
 from pathlib import Path
 
 import pandas as pd
-import torch
 
 from modpush.evaluation import (
     EvaluationConfig,
@@ -44,7 +43,6 @@ def evaluate_one(policy: str, episodes: EvaluationSet, folder: Path) -> pd.DataF
 
 def main(name: str, count: int | None, out: Path) -> dict[str, pd.DataFrame]:
     """Evaluate both, and compare them."""
-    torch.set_num_threads(1)  # the scenes are too few to share out
     episodes = load_set(name).first(count)
     rows = {
         policy: evaluate_one(policy, episodes, out / policy / name)

@@ -18,8 +18,6 @@ import warnings
 from dataclasses import replace
 from pathlib import Path
 
-import torch
-
 import modpush
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
 from modpush.training.curve import draw_curve
@@ -42,7 +40,6 @@ def push(agent_file: Path, num_envs: int = 4) -> float:
 
 def main(preset: str, seed: int, out: Path) -> None:
     """Train, or go on with what the folder holds."""
-    torch.set_num_threads(1)
     trainer = Trainer(make_config(preset, seed), out, resume=(out / "checkpoints").exists())
     best = trainer.run()
     draw_curve([out], trainer.folder.curve)

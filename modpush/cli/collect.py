@@ -9,7 +9,6 @@ stopped, and one that asks for more episodes adds them. It needs `pip install 'm
 
 from collections.abc import Sequence
 
-import torch
 import tyro
 
 from modpush.data.config import CollectConfig
@@ -19,7 +18,6 @@ __all__ = ["main"]
 
 def main(arguments: Sequence[str]) -> None:
     """`modpush collect <arguments>`."""
-    torch.set_num_threads(1)
     config = tyro.cli(CollectConfig, prog="modpush collect", description=__doc__, args=[*arguments])
     from modpush.data.collecting import collect_demonstrations
 

@@ -61,11 +61,14 @@ def run_command(arguments: Sequence[str] | None = None) -> int:
         # One thread for the learner; the other core is the environment's. Before torch is imported.
         os.environ.setdefault("OMP_NUM_THREADS", "1")
     warnings.filterwarnings("ignore", message="Failed to find system libvulkan")
+    warnings.filterwarnings("ignore", module="torchvision")  # of parts that nothing here uses
     if not {"", os.getcwd()} & set(sys.path):
         sys.path.insert(0, os.getcwd())  # as `python -m` does, so that "module:name" is found there
     try:
         _run(name, rest)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interrupt:
+        if not interrupt.args or str(interrupt):  # with an empty text the subcommand has said it
+            print(f"\nmodpush {name}: {interrupt or 'Stopped.'}", file=sys.stderr)
         return 130
     except BrokenPipeError:
         if not _output_is_closed():

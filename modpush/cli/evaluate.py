@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import pandas as pd
-import torch
 import tyro
 
 from modpush._types import AtLeastOne, Count, FilePath, Name, NonNegativeInteger, Scenes, Several
@@ -150,8 +149,6 @@ def _evaluate_one(
 
 def main(arguments: Sequence[str]) -> None:
     """`modpush evaluate <arguments>`."""
-    # Kernels on 8 scenes are too short to share out: waiting for each other costs more.
-    torch.set_num_threads(1)
     config = tyro.cli(
         EvaluateConfig, prog="modpush evaluate", description=__doc__, args=[*arguments]
     )

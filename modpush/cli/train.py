@@ -21,11 +21,11 @@ from dataclasses import field, replace
 from pathlib import Path
 from typing import Literal
 
-import torch
 import tyro
 
-from modpush._types import Count, FilePath, Name
+from modpush._types import Count, FilePath, Name, Positive
 from modpush._validation import checked
+from modpush.cli.compiling import announce_compiling
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
 from modpush.training.curve import draw_curve
 from modpush.training.run_folder import RunFolder
@@ -50,6 +50,8 @@ class RunConfig:
     reward_term: Mapping[str, float] = field(default_factory=dict)
     """Weights of your own reward terms, each as "module:function" and a number; they are added to
     `train.env.reward.weights`."""
+    minutes: Positive | None = None
+    """The same as `train.max_minutes`: end after so many minutes, like a completed run."""
     resume: bool = False
     """Resume the run in the folder from its newest checkpoint."""
     threads: Count = 1
@@ -70,8 +72,7 @@ def train_agent(run: RunConfig) -> dict[str, float]:
     Raises:
         KeyboardInterrupt: After an interrupt, once the checkpoint is written.
     """
-    torch.set_num_threads(1)
-    print("The first run on a machine compiles for about a minute before the arm moves.")
+    announce_compiling()
     # Nothing has run in this process yet, so that the worker may share its libraries' memory.
     start_method: Literal["fork", "spawn"] = "fork" if sys.platform == "linux" else "spawn"
     config = run.train
@@ -81,14 +82,16 @@ def train_agent(run: RunConfig) -> dict[str, float]:
         config = replace(config, collector=run.collector)
     if run.num_collectors is not None:
         config = replace(config, num_collectors=run.num_collectors)
+    if run.minutes is not None:
+        config = replace(config, max_minutes=run.minutes)
     if run.reward_term:
         reward = config.env.reward
         reward = replace(reward, weights={**reward.weights, **run.reward_term})
         config = replace(config, env=replace(config.env, reward=reward))
-    trainer = Trainer(config, run.out, resume=run.resume, start_method=start_method)
+    trainer = Trainer(
+        config, run.out, resume=run.resume, start_method=start_method, threads=run.threads
+    )
     folder = trainer.folder
-    torch.set_num_threads(run.threads)  # after the fork, which needs a process of one thread
-
     try:
         best = trainer.run()
     finally:
@@ -121,4 +124,4 @@ def main(arguments: Sequence[str]) -> None:
             print("\nStopped before the first checkpoint; start again with the same command.")
         else:
             print(f"\nStopped; a checkpoint is in {run.out}. Continue with --resume.")
-        raise
+        raise KeyboardInterrupt("") from None

@@ -19,6 +19,8 @@ import modpush.envs  # noqa: F401  # registers the environments
 from modpush._arguments import checked_arguments
 from modpush._extras import require_extra
 from modpush._folder_lock import FolderLock
+from modpush._threads import torch_threads
+from modpush._types import Count
 from modpush.data.card import card_text
 from modpush.data.config import MAX_NUMBER, CollectConfig, episode_seed
 from modpush.data.maniskill_file import write_maniskill
@@ -41,7 +43,9 @@ _TRIES = 10
 
 
 @checked_arguments
-def collect_demonstrations(config: CollectConfig, progress: bool = True) -> Path:
+def collect_demonstrations(
+    config: CollectConfig, progress: bool = True, *, threads: Count = 1
+) -> Path:
     """Run policies from starts drawn for this purpose, and write their episodes and a card.
 
     The folder gets `README.md` (the card), `minari/` (a data set for Minari; point
@@ -52,6 +56,7 @@ def collect_demonstrations(config: CollectConfig, progress: bool = True) -> Path
     Args:
         config: What to collect, and where to write it.
         progress: Show a progress bar.
+        threads: Number of torch's threads meanwhile.
 
     Returns:
         The folder.
@@ -66,7 +71,7 @@ def collect_demonstrations(config: CollectConfig, progress: bool = True) -> Path
     methods = get_methods(config.policy, allow=config.allow)
     labels = [method.name for method in methods]
     spec, spaces = _gym_spec(config)
-    with FolderLock(config.out):
+    with FolderLock(config.out), torch_threads(threads):
         env = make_push_env(config.env, keep_images=True)
         fingerprint = environment_fingerprint(env)
         recorder = RecordingEnv(env, images=config.images)

@@ -21,6 +21,7 @@ from modpush._atomic import clean_leftovers
 from modpush._checks import check_callable
 from modpush._end_with_parent import begin_worker_process
 from modpush._folder_lock import FolderLock
+from modpush._threads import torch_threads
 from modpush._types import Count, Key, Scenes, Seed
 from modpush._validation import checked
 from modpush.envs.scenes.conditions import EpisodeConditions
@@ -60,6 +61,9 @@ class EvaluationConfig:
     """Key of the sub-goal on which the policy acts, see `run_episodes`."""
     progress: bool = True
     """Show a progress bar."""
+    threads: Count = 1
+    """Number of torch's threads in each process while episodes run. Sums are rounded differently with
+    another number."""
 
     @property
     def exploration(self) -> ExplorationType:
@@ -108,6 +112,7 @@ def evaluate(
         Columns `COLUMNS` of `modpush.evaluation.results`, sorted by episode.
 
     Raises:
+        KeyboardInterrupt: After Ctrl-C, with a message that says what is kept.
         ValueError: If the folder holds results of another policy (told by its class, weights, config
             and label) or another set, there is nothing to make the environment with, or its time
             limit, tool or physics are not the set's.
@@ -124,7 +129,7 @@ def evaluate(
         about = {**about, "deterministic": False, "seed": config.seed}
     if resume and (finished := _finished(Path(folder), evaluation_set, about)) is not None:
         return finished
-    with FolderLock(folder):
+    with FolderLock(folder), torch_threads(config.threads):
         clean_leftovers(folder)
         clean_leftovers(Path(folder) / "trajectories")
         store = ResultStore(folder, evaluation_set, about, resume=resume)
@@ -141,11 +146,17 @@ def evaluate(
             desc=evaluation_set.name,
             disable=not config.progress,
         ) as bar:
-            for episode in run(job) if missing else ():
-                store.write(episode)
-                done.append(episode.metrics.success)
-                bar.set_postfix(success=f"{sum(done) / len(done):.3f}", refresh=False)
-                bar.update()
+            try:
+                for episode in run(job) if missing else ():
+                    store.write(episode)
+                    done.append(episode.metrics.success)
+                    bar.set_postfix(success=f"{sum(done) / len(done):.3f}", refresh=False)
+                    bar.update()
+            except KeyboardInterrupt:
+                raise KeyboardInterrupt(
+                    f"Stopped; {len(store.rows())} of {len(evaluation_set)} episodes are in {folder}. "
+                    "The same again continues with the others."
+                ) from None
         return store.rows()
 
 
@@ -256,9 +267,9 @@ def _run_here(job: _Job) -> Iterator[Episode]:
 
 def _work(results: Any, job: _Job) -> None:
     begin_worker_process()
-    torch.set_num_threads(1)  # cores are shared out among the processes
-    for episode in _run_here(job):
-        results.put(episode)
+    with torch_threads(job.config.threads):
+        for episode in _run_here(job):
+            results.put(episode)
 
 
 def _run_in_workers(job: _Job) -> Iterator[Episode]:

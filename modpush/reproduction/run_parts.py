@@ -3,10 +3,9 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-import torch
-
 from modpush._arguments import checked_arguments
 from modpush._folder_lock import FolderLock
+from modpush._threads import torch_threads
 from modpush.reproduction.ablations import write_ablations, write_further
 from modpush.reproduction.companion import write_companion
 from modpush.reproduction.config import ReproduceConfig
@@ -38,10 +37,9 @@ def reproduce(config: ReproduceConfig) -> None:
         ValueError: Before an episode is run, if an agent or an object of `policy_files` is unknown; later
             if the rows kept are of another agent.
     """
-    torch.set_num_threads(1)
     _check_agents(config)
     sweeps = {"ablations": config.sweep, "further": config.further}
-    with FolderLock(config.rows):
+    with FolderLock(config.rows), torch_threads(1):
         for part in config.chosen:
             sweep = None if part in config.parts else sweeps.get(part)
             if sweep is not None and not (sweep / "curves.csv").exists():

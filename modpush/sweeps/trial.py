@@ -112,12 +112,9 @@ def _train(trial: Trial, path: Path) -> None:
     if hasattr(os, "setpgrp"):
         os.setpgrp()  # the sweep passes Ctrl-C on: a second signal would end the run without a checkpoint
     end_with_parent()
-    import torch
-
     from modpush.training.trainer import Trainer
     from modpush.training.worker import StartMethod
 
-    torch.set_num_threads(1)
     folder = RunFolder(path)
     error = path / "logs" / _ERROR
     error.unlink(missing_ok=True)

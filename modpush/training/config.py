@@ -4,7 +4,7 @@ import math
 from dataclasses import asdict, field, replace
 from typing import Any, Literal
 
-from modpush._types import Count, Fraction, Name, NonNegativeInteger, Seed, Several
+from modpush._types import Count, Fraction, Name, NonNegativeInteger, Positive, Seed, Several
 from modpush._validation import checked
 from modpush.agents.tqc.config import TQCConfig
 from modpush.mdp.curriculum import CurriculumConfig
@@ -19,6 +19,7 @@ _MAY_CHANGE = {
     "log_every",
     "checkpoint_every",
     "progress",
+    "max_minutes",
     "collector",
     "num_collectors",
 }
@@ -64,6 +65,9 @@ class TrainConfig:
     the goal is worth."""
     total_steps: Count = 7_000_000
     """Environment steps after which the run ends."""
+    max_minutes: Positive | None = None
+    """Minutes of training, over all sessions of the run, after which it ends like one that has made
+    `total_steps`: with an evaluation and a checkpoint, which come on top. None for no limit."""
     rollout_length: Count = 8
     """Number of steps of each scene between two exchanges of transitions and weights."""
     async_collection: bool = True

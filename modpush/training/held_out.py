@@ -1,7 +1,9 @@
 """The episodes that a run is evaluated on while it trains, and how its policies are compared there."""
 
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import replace
+from multiprocessing.sharedctypes import RawValue
 from typing import Any
 
 import numpy as np
@@ -15,7 +17,7 @@ from modpush.evaluation.episodes import Policy, run_episodes
 from modpush.training.config import TrainConfig
 from modpush.training.parts import env_parts
 
-__all__ = ["HeldOutEpisodes", "held_out_scenarios", "held_out_score"]
+__all__ = ["EvaluationProgress", "HeldOutEpisodes", "held_out_scenarios", "held_out_score"]
 
 _HELD_OUT_SEED = 20_221_023  # no training run and no evaluation set draws with it
 _ENVS = 8
@@ -53,6 +55,29 @@ def held_out_scenarios(
     ]
 
 
+class EvaluationProgress:
+    """How far held-out episodes are, and whether to stop; a process that is started shares it.
+
+    Args:
+        other: Progress of the episodes of another process, which are to stop together with these.
+    """
+
+    def __init__(self, other: "EvaluationProgress | None" = None) -> None:
+        self.stop: Any = RawValue("b", 0) if other is None else other.stop
+        """Its `value` is not 0 if episodes are to stop where they are."""
+        self.ended: Any = RawValue("l", 0)
+        """Its `value` is the number of episodes that have ended in the present call."""
+        self.on_episode: Callable[[], Any] = _nothing
+        """Called in the process of the episodes when one has ended."""
+
+
+def _nothing() -> None: ...
+
+
+class _StoppedError(Exception):
+    """Episodes were to stop where they are."""
+
+
 class HeldOutEpisodes:
     """Runs held-out episodes in an environment of its own, which the first call makes.
 
@@ -60,6 +85,7 @@ class HeldOutEpisodes:
         config: The run's configuration.
         parts: Parts given as objects, see `Trainer`.
         make_env: Makes the environment, see `Trainer`.
+        progress: Is kept up to date, and may stop the episodes.
     """
 
     def __init__(
@@ -67,7 +93,9 @@ class HeldOutEpisodes:
         config: TrainConfig,
         parts: Mapping[str, Any] | None,
         make_env: Callable[..., EnvBase],
+        progress: EvaluationProgress | None = None,
     ) -> None:
+        self._progress = progress or EvaluationProgress()
         self._config, self._make_env, self._parts = config, make_env, env_parts(config, parts)
         self._env: EnvBase | None = None
         self._scenarios = held_out_scenarios(
@@ -84,8 +112,10 @@ class HeldOutEpisodes:
             numbers: Which of the episodes; all of them by default.
 
         Returns:
-            Number, scene and metrics of each, by number.
+            Number, scene and metrics of each, by number. Where they were stopped, of those that had
+            ended.
         """
+        self._progress.ended.value = 0
         if self._env is None:
             few = min(self._config.env.num_envs, _ENVS)  # each takes memory
             env_config = replace(self._config.env, recovery=False, num_envs=few)
@@ -97,12 +127,20 @@ class HeldOutEpisodes:
                 policy,
                 ((number, self._scenarios[number]) for number in chosen),
                 inflation=self._config.env.path_inflation,
+                on_step=self._check_stop,
             )
-            rows = [
-                {"episode": e.number, "scene": e.scenario.scene, **e.metrics.to_dict()}
-                for e in episodes
-            ]
+            rows = []
+            with suppress(_StoppedError):
+                for e in episodes:
+                    row = {"episode": e.number, "scene": e.scenario.scene, **e.metrics.to_dict()}
+                    rows.append(row)
+                    self._progress.ended.value += 1
+                    self._progress.on_episode()
         return sorted(rows, key=lambda row: row["episode"])
+
+    def _check_stop(self, *_: int) -> None:
+        if self._progress.stop.value:
+            raise _StoppedError
 
     def close(self) -> None:
         """Free the simulator."""

@@ -20,7 +20,7 @@ from modpush.recipes.fingerprint import environment_fingerprint
 from modpush.recipes.make_env import make_push_env
 from modpush.training.config import TrainConfig
 from modpush.training.first_actions import FirstActions
-from modpush.training.held_out import HeldOutEpisodes
+from modpush.training.held_out import EvaluationProgress, HeldOutEpisodes
 from modpush.training.parts import env_parts, learner_parts
 from modpush.training.rollout import Rollout, WorkerSpecs
 
@@ -42,6 +42,7 @@ class SceneWorker:
         parts: Parts given as objects, see `Trainer`.
         make_env: Makes the environment.
         make_curriculum: Makes the curriculum, with the arguments of `Curriculum`.
+        progress: Of the held-out episodes, which it may stop.
     """
 
     def __init__(
@@ -51,6 +52,7 @@ class SceneWorker:
         make_env: EnvFactory = make_push_env,
         *,
         make_curriculum: Callable[..., Curriculum] = Curriculum,
+        progress: EvaluationProgress | None = None,
     ) -> None:
         self.config = config
         self._first_policy = FirstActions(config.env) if config.warm_up else None
@@ -71,7 +73,7 @@ class SceneWorker:
             **learner_parts(config, parts),
         )
         self.actor, self.explore = agent.actor, agent.exploration_policy
-        self._held_out = HeldOutEpisodes(config, parts, make_env)
+        self._held_out = HeldOutEpisodes(config, parts, make_env, progress)
         observed = (
             "observation",
             *([config.tqc.image_key] if config.env.encoder == END_TO_END else []),

@@ -1,5 +1,6 @@
 """Signals that end a training run in order."""
 
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -28,6 +29,8 @@ def interrupts_noted(run: Interruptible) -> Iterator[None]:
         if run.interrupted:
             raise KeyboardInterrupt
         run.interrupted = True
+        # Not by `print`, which may be in the middle of its own work.
+        os.write(2, b"\nStopping with a checkpoint; once more stops at once, without one.\n")
 
     with _handled_by(note):
         yield

@@ -5,28 +5,31 @@ import time
 import warnings
 from collections import defaultdict
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from modpush._arguments import checked_arguments
 from modpush._atomic import clean_leftovers
 from modpush._folder_lock import FolderLock
+from modpush._threads import torch_threads
+from modpush._types import Count
 from modpush.recipes.make_env import make_push_env
 from modpush.replay.buffer import make_replay_buffer
+from modpush.training.bar import TrainingBar, quiet_torchrl
 from modpush.training.config import TrainConfig
 from modpush.training.disk import DiskGuard
-from modpush.training.held_out import HeldOutEpisodes, held_out_score
+from modpush.training.held_out import EvaluationProgress, HeldOutEpisodes, held_out_score
 from modpush.training.learner import Learner, weights_of
 from modpush.training.log import RunLog
 from modpush.training.parts import check_parts, check_picklable, replay_parts
 from modpush.training.rollout import Rollout
 from modpush.training.run_folder import check_run_folder
 from modpush.training.scene_worker import EnvFactory, SceneWorker
-from modpush.training.signals import interrupts_noted
+from modpush.training.signals import interrupts_noted, interrupts_raised
 from modpush.training.trainer_state import load_trainer_state, save_trained_agent, trainer_state
 from modpush.training.warm_start import load_initial_weights
 from modpush.training.worker import (
@@ -60,6 +63,8 @@ class Trainer:
             With `async_collection` both processes call it, since the learner's process runs half of the
             held-out episodes.
         start_method: How the worker's process is started, see `ProcessWorker`.
+        threads: Number of torch's threads in this process while `run` trains; the worker's uses one.
+            Sums are rounded differently with another number.
 
     Raises:
         FolderLockedError: If another process writes to the folder.
@@ -79,6 +84,7 @@ class Trainer:
         parts: Mapping[str, Any] | None = None,
         make_env: EnvFactory = make_push_env,
         start_method: StartMethod = "spawn",
+        threads: Count = 1,
     ) -> None:
         if config.num_collectors > 1 and config.collector != "ray":
             raise ValueError(
@@ -92,17 +98,21 @@ class Trainer:
             check_picklable("Trainer", "make_env", make_env)
         make_replay_buffer(config.filled_replay(), **replay_parts(parts))  # refused before all else
         self.config, self.parts, self.make_env = config, dict(parts or {}), make_env
+        self.threads = threads
         self.folder = check_run_folder(folder, config, resume=resume)
         self.lock = FolderLock(folder)
         try:
             check_run_folder(folder, config, resume=resume)
-            self._begin(resume, start_method)
+            with torch_threads(1):  # a process that forks must have no other threads
+                self._begin(resume, start_method)
         except BaseException:
             self.lock.release()
             raise
 
     def _begin(self, resume: bool, start_method: StartMethod) -> None:
         self.guard = DiskGuard()
+        self._progress = EvaluationProgress()
+        self._workers_progress = EvaluationProgress(self._progress)
         clean_leftovers(self.folder.path)
         clean_leftovers(self.folder.checkpoints.folder)
         self.worker = self._make_worker(start_method)
@@ -117,7 +127,7 @@ class Trainer:
                 and config.collector == "local"
                 and config.tqc.device == "cpu"
             ):
-                self.held_out = HeldOutEpisodes(config, self.parts, self.make_env)
+                self.held_out = HeldOutEpisodes(config, self.parts, self.make_env, self._progress)
         except BaseException:
             self.worker.close()
             raise
@@ -128,7 +138,9 @@ class Trainer:
             from modpush.training.ray_worker import RayWorker
 
             return RayWorker(config, self.parts, self.make_env)
-        make_worker = functools.partial(SceneWorker, config, self.parts, self.make_env)
+        make_worker = functools.partial(
+            SceneWorker, config, self.parts, self.make_env, progress=self._workers_progress
+        )
         if config.async_collection:
             return ProcessWorker(make_worker, start_method)
         return InlineWorker(make_worker)
@@ -141,13 +153,17 @@ class Trainer:
         """Time trained in sessions before this one [s]."""
         self.seconds_waited = 0.0
         """Time that the learner waited for rollouts since the log was last written [s]."""
-        self.interrupted = False
-        """Set it to end the run as a signal does, after the present rollout."""
         self.curriculum_state: dict[str, Any] = {}
         self.ahead: Rollout | None = None
         """The rollout after the one that was learned from last, of an interrupted run."""
         self.history: dict[str, Any] | None = None
         """What brought the scenes to where they are after `ahead`."""
+        self.evaluation_due = False
+        """Whether the evaluation after the last rollout was interrupted."""
+        self.finished = False
+        """Whether what follows the last rollout is the end of the run."""
+        self._saved_at = -1
+        self.bar = TrainingBar(replace(config, progress=False))
         self.episodes: dict[str, list[float]] = defaultdict(list)
         """What the episodes reported since the log was last written, by name."""
         self.log = RunLog(config, self.folder, self.guard)
@@ -167,12 +183,28 @@ class Trainer:
         self._began = time.perf_counter() - self.seconds
         self._mark = (self._began + self.seconds, self.steps, self.learner.updates)
 
-    def run(self) -> dict[str, float]:
-        """Train until `total_steps`, or until SIGINT (Ctrl-C), SIGTERM or SIGHUP.
+    @property
+    def interrupted(self) -> bool:
+        """Set it to end the run as a signal does: after the present rollout, or within an evaluation."""
+        return bool(self._progress.stop.value)
 
-        A signal ends the run after the present rollout, with a checkpoint from which it continues
-        as if it had not been interrupted. A second signal ends it at once; it then continues from the
-        previous checkpoint.
+    @interrupted.setter
+    def interrupted(self, value: bool) -> None:
+        self._progress.stop.value = int(value)
+
+    @property
+    def ended(self) -> bool:
+        """Whether the run has made `total_steps` or taken `max_minutes`."""
+        limit = self.config.max_minutes
+        out_of_time = limit is not None and self.minutes() >= limit
+        return self.steps >= self.config.total_steps or out_of_time
+
+    def run(self) -> dict[str, float]:
+        """Train until `total_steps` or `max_minutes`, or until SIGINT (Ctrl-C), SIGTERM or SIGHUP.
+
+        A signal ends the run after the present rollout, or at once within an evaluation, with a
+        checkpoint from which it continues as if it had not been interrupted. A second signal ends it at
+        once; it then continues from the previous checkpoint.
 
         Returns:
             The best evaluation (`held_out_score`), a row of `evaluations.csv`; empty before the first.
@@ -182,30 +214,43 @@ class Trainer:
             NonFiniteLossError: After the batch was saved for inspection.
             CollectionEndedError: If the Ray cluster that the scenes act on is gone; after a checkpoint.
         """
-        bar = tqdm(
-            total=self.config.total_steps,
-            initial=self.steps,
-            unit="step",
-            disable=not self.config.progress,
-            smoothing=0.02,
-        )
+        self.bar = TrainingBar(self.config, self.steps)
         try:
-            with interrupts_noted(self):
-                pending = self._first_rollout()
-                while self.steps < self.config.total_steps:
-                    if self.interrupted:
-                        self._save_as_it_is(pending)
-                        raise KeyboardInterrupt(
-                            f"Stopped; a checkpoint is in {self.folder.path}. Continue with resume=True."
-                        )
-                    pending = self._iterate(pending, bar)
+            with torch_threads(self.threads), quiet_torchrl(), interrupts_noted(self):
+                self._run()
         except CollectionEndedError:
             self.save()
             raise
         finally:
-            bar.close()
+            self.bar.close()
             self.close()
         return self.best_evaluation()
+
+    def _run(self) -> None:
+        if self.evaluation_due:
+            self._evaluate()
+        self._check_interrupt()
+        # Until the scenes act there is nothing that the newest checkpoint does not hold.
+        with interrupts_raised(), self.bar.pause("starting"):
+            pending = self._first_rollout()
+        self.finished = self.ended
+        while not self.finished:
+            if self.interrupted and self.steps != self._saved_at:
+                self._save_as_it_is(pending)
+            self._check_interrupt()
+            pending = self._iterate(pending)
+        if self.evaluation_due:
+            self._check_interrupt()
+
+    def _check_interrupt(self) -> None:
+        """Raise after an interrupt; all that the run needs to continue has been written."""
+        if self.interrupted:
+            newest = self.folder.checkpoints.latest()
+            raise KeyboardInterrupt(
+                f"Stopped before the first checkpoint in {self.folder.path}; begin again."
+                if newest is None
+                else f"Stopped; a checkpoint is in {self.folder.path}. Continue with resume=True."
+            )
 
     def _first_rollout(self) -> Pending[Rollout] | Done[Rollout]:
         if self.ahead is not None and self.config.collector == "ray":
@@ -236,7 +281,7 @@ class Trainer:
         self._write_checkpoint(trainer_state(self, ahead, history))
 
     def _iterate(
-        self, pending: Pending[Rollout] | Done[Rollout], bar: tqdm
+        self, pending: Pending[Rollout] | Done[Rollout]
     ) -> Pending[Rollout] | Done[Rollout]:
         """Take one rollout, have the next one collected, and learn meanwhile."""
         config = self.config
@@ -245,9 +290,10 @@ class Trainer:
         self.seconds_waited += time.perf_counter() - asked
         before = self.steps
         self.store(rollout)
-        bar.update(self.steps - before)
+        self.bar.advance(self.steps - before)
+        self.finished = self.ended
         due = {
-            name: self.steps // every > before // every or self.steps >= config.total_steps
+            name: self.steps // every > before // every or self.finished
             for name, every in (
                 ("evaluate", config.evaluate_every),
                 ("checkpoint", config.checkpoint_every),
@@ -259,12 +305,14 @@ class Trainer:
             pending = self.collect()
         self.learner.learn(before, self.steps)
         if due["log"]:
-            bar.set_postfix(self._write_log(rollout), refresh=False)
+            self._write_log(rollout)
         if due["evaluate"]:
             self._evaluate()
         if due["checkpoint"]:
-            self.save()
-        if pause and self.steps < config.total_steps:
+            with self.bar.pause("writing a checkpoint"):
+                self.save()
+            self._saved_at = self.steps
+        if pause and not self.finished:
             pending = self.collect()
         return pending
 
@@ -307,10 +355,14 @@ class Trainer:
         """
         return (1_000_003 * (self.config.seed + 1) + 10_007 * self.checkpoints_made) % 2**62
 
+    @property
+    def _acts_at_first(self) -> bool:
+        """Whether the scenes still act as `TrainConfig.first_actions` says."""
+        return self.steps < self.config.tqc.learning_starts and not self.config.init_from
+
     def collect(self) -> Pending[Rollout]:
         """Have the scenes act with the present policy."""
-        random = self.steps < self.config.tqc.learning_starts and not self.config.init_from
-        weights = None if random else self.learner.actor_weights()
+        weights = None if self._acts_at_first else self.learner.actor_weights()
         return self.worker.submit(SceneWorker.collect, self.config.rollout_length, weights)
 
     def store(self, rollout: Rollout) -> None:
@@ -323,8 +375,8 @@ class Trainer:
             for name in ("success", "contact", "collision", "steps", "return", "out_of_bounds"):
                 self.episodes[f"{kind}/{name}"].append(episode[name])
 
-    def _write_log(self, rollout: Rollout) -> dict[str, str]:
-        """Write a row of the log; returns what the progress bar shows."""
+    def _write_log(self, rollout: Rollout) -> None:
+        """Write a row of the log, and show it."""
         now, (then, steps, updates) = time.perf_counter(), self._mark
         learner = self.learner
         self._mark = (now, self.steps, learner.updates)
@@ -341,13 +393,13 @@ class Trainer:
         row["minutes"] = self.minutes()
         row["updates"] = float(learner.updates)
         self.log.write(self.steps, row)
-        return {
-            "success": f"{row.get('greedy/success', row.get('noisy/success', 0.0)):.2f}",
-            "level": str(rollout.level),
-            "best": f"{self.best_evaluation().get('success', 0.0):.3f}",
-            "steps/s": f"{row['speed/steps']:.0f}",
-            "updates/s": f"{row['speed/updates']:.0f}",
-        }
+        curriculum = self.config.curriculum.promotion != "off"
+        self.bar.show(
+            row,
+            random=self._acts_at_first,
+            level=str(rollout.level) if curriculum else "",
+            best=self.best_evaluation().get("success"),
+        )
 
     def minutes(self) -> float:
         """Time trained, in all sessions [min]."""
@@ -359,7 +411,12 @@ class Trainer:
 
     def _evaluate(self) -> None:
         weights = weights_of(self.learner.averaged_actor)
-        rows = pd.DataFrame(self.held_out_rows(weights))
+        with self.bar.pause(f"evaluating {self.config.evaluation_episodes} episodes"):
+            found = self.held_out_rows(weights)
+        self.evaluation_due = self.interrupted  # some episodes may not have ended
+        if self.evaluation_due:
+            return
+        rows = pd.DataFrame(found)
         summary = self.log.write_evaluation(self.steps, self.learner.updates, self.minutes(), rows)
         with self.guard(self.folder.last_agent.name):
             save_trained_agent(self, self.folder.last_agent, summary)
@@ -369,9 +426,18 @@ class Trainer:
 
     def held_out_rows(self, weights: dict[str, NDArray]) -> list[dict[str, Any]]:
         """Run the held-out episodes: half of them here, if this process would only wait for them."""
+        count = self.config.evaluation_episodes
+
+        def show() -> None:
+            ended = self._progress.ended.value + self._workers_progress.ended.value
+            self.bar.say(f"evaluating {ended}/{count}")
+
+        self._progress.on_episode = self._workers_progress.on_episode = show
+        self._workers_progress.ended.value = 0
         if self.held_out is None:
             return self.worker.call(SceneWorker.evaluate, weights)
-        count = self.config.evaluation_episodes
         theirs = self.worker.submit(SceneWorker.evaluate, weights, range(count // 2))
         ours = self.held_out.run(self.learner.averaged_actor, range(count // 2, count))
+        while not theirs.wait(0.2):
+            show()
         return [*theirs.result(), *ours]

@@ -48,6 +48,7 @@ def trainer_state(
         "updates": learner.updates,
         "pending_updates": learner.pending_updates,
         "checkpoints_made": trainer.checkpoints_made,
+        "evaluation_due": trainer.evaluation_due,
         "seconds": trainer.seconds,
         "curriculum": trainer.curriculum_state,
         "episodes": dict(trainer.episodes),
@@ -93,6 +94,7 @@ def _restore(trainer: "Trainer", state: dict[str, Any]) -> None:
             learner.buffer.sampler.load_state_dict({**attentive, "newest": None})
     trainer.steps, learner.updates = state["steps"], state["updates"]
     trainer.checkpoints_made = state["checkpoints_made"]
+    trainer.evaluation_due = state.get("evaluation_due", False)  # older ones do not have it
     learner.pending_updates = state["pending_updates"]
     trainer.seconds = state["seconds"]
     trainer.curriculum_state = state["curriculum"]

@@ -50,6 +50,10 @@ class Worker(ABC):
     def _receive(self) -> Any:
         """Wait for the result of the call that was handed over."""
 
+    def _wait(self, seconds: float) -> bool:
+        """Whether `_receive` will not wait, after so many seconds at most."""
+        return True
+
     @abstractmethod
     def close(self) -> None:
         """Free the simulators, and end the process if there is one."""
@@ -85,6 +89,13 @@ class Pending(Generic[R]):
 
     def __init__(self, worker: Worker) -> None:
         self._worker = worker
+
+    def wait(self, seconds: float) -> bool:
+        """Wait for the result for so many seconds at most; whether `result` then gives it at once.
+
+        A worker that has no process of its own, and one on a Ray cluster, is ready in any case.
+        """
+        return self._worker._wait(seconds)
 
     def result(self) -> R:
         """Wait for the result.
@@ -180,6 +191,9 @@ class ProcessWorker(Worker):
 
     def _send(self, method: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
         self._pipe.send((method, arguments))
+
+    def _wait(self, seconds: float) -> bool:
+        return self._pipe.poll(seconds)
 
     def _receive(self) -> Any:
         try:

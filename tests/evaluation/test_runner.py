@@ -131,10 +131,13 @@ def test_an_interrupted_run_ends_as_an_uninterrupted_one(
             raise KeyboardInterrupt
 
     monkeypatch.setattr(ResultStore, "write", write_some)
+    torch.set_num_threads(2)  # of the caller, which the evaluation leaves alone
     for _ in range(2):
-        with pytest.raises(KeyboardInterrupt):
+        with pytest.raises(KeyboardInterrupt, match=r"[26] of 8 episodes are in .* continues"):
             evaluate(get_method(policy), episodes, tmp_path / "parts", config=config)
     rows = evaluate(get_method(policy), episodes, tmp_path / "parts", config=config)
+    assert torch.get_num_threads() == 2
+    torch.set_num_threads(1)
     pd.testing.assert_frame_equal(rows, whole, check_exact=True)
     for number in range(len(episodes)):
         expected, found = (

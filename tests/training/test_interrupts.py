@@ -11,12 +11,15 @@ import time
 from dataclasses import replace
 from types import SimpleNamespace
 
+import pandas as pd
 import psutil
 import pytest
 import torch
 
 from modpush._folder_lock import FolderLock, FolderLockedError
+from modpush.evaluation.episodes import run_episodes
 from modpush.training import Trainer, check_run_folder
+from modpush.training.learner import Learner
 from modpush.training.run_folder import RunFolder
 from modpush.training.signals import interrupts_noted
 from tests.damage import damages
@@ -57,6 +60,56 @@ def test_an_interrupted_run_goes_on_as_if_nothing_had_been(
         assert checkpoints.step(checkpoints.latest()) == steps
     train(folder, config, resume=True)
     assert_same(numbers(unbroken), numbers(folder))
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_an_evaluation_that_is_interrupted_is_made_up_for(unbroken, tmp_path, monkeypatch, number):
+    """The first one comes between two checkpoints, the second together with the last one."""
+    folder, trainers, begun = tmp_path / "run", [], []
+
+    def interrupted(*args, **kwargs):
+        begun.append(None)
+        for episode in run_episodes(*args, **kwargs):
+            yield episode
+            trainers[-1].interrupted |= len(begun) == number
+
+    monkeypatch.setattr("modpush.training.held_out.run_episodes", interrupted)
+    trainers.append(Trainer(SMOKE, folder))
+    with pytest.raises(KeyboardInterrupt, match="a checkpoint is in"):
+        trainers[-1].run()
+    rows = pd.read_csv(folder / "evaluations.csv") if number > 1 else []
+    assert len(rows) == number - 1, "what ended before the others says nothing of the policy"
+    trainers.append(Trainer(SMOKE, folder, resume=True))
+    trainers[-1].run()
+    assert_same(numbers(unbroken), numbers(folder))
+
+
+def test_a_run_ends_after_its_minutes_like_a_completed_one(unbroken, tmp_path):
+    limited = replace(SMOKE, max_minutes=1e-6)
+    best = train(tmp_path / "run", limited)
+    folder = RunFolder(tmp_path / "run")
+    assert best["step"] == 16, "the first rollout is the last"
+    assert folder.checkpoints.step(folder.checkpoints.latest()) == 16
+    assert folder.best_agent.exists()
+    train(tmp_path / "run", replace(limited, max_minutes=60.0), resume=True)
+    assert pd.read_csv(folder.evaluations)["step"].tolist() == [16, 96, 192]
+
+
+def test_a_run_uses_one_thread_and_leaves_the_caller_s_number(tmp_path, monkeypatch):
+    seen, learn = set(), Learner.learn
+
+    def counted(learner, before, now):
+        seen.add(torch.get_num_threads())
+        learn(learner, before, now)
+
+    monkeypatch.setattr(Learner, "learn", counted)
+    torch.set_num_threads(2)
+    try:
+        train(tmp_path / "run", replace(SMOKE, total_steps=32))
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(1)
+    assert seen == {1}
 
 
 @pytest.mark.parametrize("n_steps", [3, pytest.param(1, marks=pytest.mark.slow)])

@@ -35,6 +35,7 @@ from modpush.training import (
     check_run_folder,
     held_out_scenarios,
 )
+from modpush.training.bar import TrainingBar
 from modpush.training.run_folder import RunFolder
 from modpush.training.scene_worker import SceneWorker
 from modpush.training.worker import Done, InlineWorker, ProcessWorker
@@ -337,10 +338,10 @@ def test_what_is_due_is_done_at_the_first_rollout_past_its_step():
         events.append(trainer.steps)
 
     trainer.store = store
-    bar = SimpleNamespace(update=lambda steps: None, set_postfix=lambda *_, **__: None)
+    trainer.bar = TrainingBar(SMOKE)
     pending = Done(None)
     while trainer.steps < 112:
-        pending = trainer._iterate(pending, bar)
+        pending = trainer._iterate(pending)
     assert events == [
         *(16, "collect", "learn"),
         *(32, "learn", "evaluate", "collect"),
