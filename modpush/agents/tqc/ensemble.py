@@ -85,20 +85,18 @@ class BatchedEnsemble:
         Returns:
             The atoms, `[N, *B, n]`.
         """
-        tensors = [
-            (layer, *(params.get((*path, name), None) for name in ("weight", "bias")))
-            for layer, path in self._layers
-        ]
-        dtype, num_critics = next((w.dtype, len(w)) for _, w, _ in tensors if w is not None)
+        tensors = [[params.get(path) for path in paths] for _, paths in self._layers]
+        weight = next(layer[0] for layer in tensors if layer)
         # Features before rows, `[N, d, P]`: the weights' gradients then come out in the weights' layout.
-        flat = torch.cat([x.reshape(-1, x.shape[-1]) for x in inputs], -1).to(dtype).mT
-        x = flat.expand(num_critics, *flat.shape)
-        for layer, weight, bias in tensors:
-            x = _apply(layer, x, weight, bias)
-        return x.mT.reshape(num_critics, *inputs[0].shape[:-1], self.num_atoms)
+        flat = torch.cat([x.reshape(-1, x.shape[-1]) for x in inputs], -1).to(weight.dtype).mT
+        x = flat.expand(len(weight), *flat.shape)
+        for (layer, _), parameters in zip(self._layers, tensors, strict=True):
+            x = _apply(layer, x, *parameters)
+        return x.mT.reshape(len(weight), *inputs[0].shape[:-1], self.num_atoms)
 
 
-def _layers(part: nn.Module, path: _Path) -> Iterator[tuple[nn.Module, _Path]]:
+def _layers(part: nn.Module, path: _Path) -> Iterator[tuple[nn.Module, list[_Path]]]:
+    """Each layer with the paths of its parameters: the weight, then the bias."""
     if type(part) in (nn.Sequential, MLP, AnyFloatMLP) and not getattr(part, "_reshape_out", False):
         for name, child in part._modules.items():  # a module may stand in several places
             assert child is not None
@@ -107,18 +105,20 @@ def _layers(part: nn.Module, path: _Path) -> Iterator[tuple[nn.Module, _Path]]:
     over_features = type(part) is nn.LayerNorm and len(part.normalized_shape) == 1
     if not over_features and type(part) not in (nn.Linear, *_ELEMENTWISE):
         raise NotBatchableError(f"it holds a {type(part).__name__}")
-    yield part, path
+    yield part, [(*path, name) for name, _ in part.named_parameters()]
 
 
-def _apply(layer: nn.Module, x: Tensor, weight: Tensor | None, bias: Tensor | None) -> Tensor:
+def _apply(
+    layer: nn.Module, x: Tensor, weight: Tensor | None = None, bias: Tensor | None = None
+) -> Tensor:
     """One layer of all critics, `[N, d, P]` to `[N, e, P]`."""
-    if isinstance(layer, nn.Linear):
-        assert weight is not None
-        if bias is None:
-            return torch.bmm(weight, x)
-        return torch.baddbmm(bias.unsqueeze(-1), weight, x)
+    if weight is None:
+        if isinstance(layer, nn.LayerNorm):
+            return nn.functional.layer_norm(x.mT, layer.normalized_shape, eps=layer.eps).mT
+        return layer(x)
     if isinstance(layer, nn.LayerNorm):
-        x = nn.functional.layer_norm(x.mT, layer.normalized_shape, eps=layer.eps).mT
-        x = x if weight is None else x * weight.unsqueeze(-1)
+        x = _apply(layer, x) * weight.unsqueeze(-1)
         return x if bias is None else x + bias.unsqueeze(-1)
-    return layer(x)
+    if bias is None:
+        return torch.bmm(weight, x)
+    return torch.baddbmm(bias.unsqueeze(-1), weight, x)

@@ -211,7 +211,7 @@ class TQCLoss(_TorchRLTQCLoss):
     def _actor_parameters(self) -> AbstractContextManager[Any]:
         """A context in which the actor holds the loss's parameters, empty where it already does."""
         actor, params = self.actor_network, self.actor_network_params
-        if {*actor.parameters(), *actor.buffers()} == {*params.parameters(), *params.buffers()}:
+        if {*actor.parameters()} == {*params.parameters()}:
             return nullcontext()
         return params.to_module(actor, preserve_module_state=False)
 
