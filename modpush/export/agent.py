@@ -184,8 +184,8 @@ def _planning(agent: Agent, transforms: Sequence[Transform]) -> dict[str, Any]:
                 found["meaning"] = (
                     "Lengths in metres. Cells outside `bounds`, made smaller by `margin` (larger where "
                     "it is negative), are blocked; of several margins the first that leaves a way "
-                    "counts. With `widest` obstacles are inflated by the radius of the object's circumscribed "
-                    "circle where that leaves a way, else by that of its inscribed circle."
+                    "counts. With `widest` obstacles are inflated by the radius of the object's "
+                    "circumscribed circle where that leaves a way, else by that of its inscribed circle."
                 )
             case PlannerSubgoals():
                 found["subgoals"] = {
