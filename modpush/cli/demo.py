@@ -8,8 +8,9 @@ paper's hard ones, `diagonal_walls` and `maze`.
     modpush demo --policy scripted               # a simpler pusher, along the planner's sub-goals
 
 Writes `runs/demo/`: `table.md`, one picture for each family and `demo.mp4`, top views of the same
-episodes side by side, with the first planned path and the present sub-goal in magenta. With a Vulkan
-device it also writes `arm.mp4`: the first policy's episodes rendered by SAPIEN.
+episodes side by side, with the first planned path and the present sub-goal in magenta. Each says which
+policy pushes which object, and how the episode ended. With a Vulkan device it also writes `arm.mp4`:
+the first policy's episodes rendered by SAPIEN.
 """
 
 import contextlib
@@ -38,11 +39,12 @@ from modpush.envs import (
     find_render_device,
     sample_scenario,
 )
+from modpush.envs.scenes.conditions import EpisodeConditions
+from modpush.envs.scenes.layouts import TIGHT_SCENES
 from modpush.evaluation.episodes import Episode, run_episodes
 from modpush.evaluation.pictures import (
     contact_sheet,
     draw_episode,
-    draw_frames,
     join_clips,
     write_picture,
     write_video,
@@ -126,7 +128,12 @@ def _draw_scenario(config: DemoConfig, scene: str, family: int, k: int) -> Scena
     """An episode of a family with the next object in turn that finds room in it."""
     turn = (family + k) % len(config.pushed_object)
     objects = config.pushed_object[turn:] + config.pushed_object[:turn]
-    base = ScenarioConfig(scene=scene, difficulty=config.difficulty, distance=_DISTANCE)
+    base = ScenarioConfig(
+        scene=scene,
+        difficulty=config.difficulty,
+        distance=_DISTANCE,
+        path_inflation="inscribed" if scene in TIGHT_SCENES else "circumscribed",
+    )
 
     def draw(name: str) -> Scenario:
         rng = np.random.default_rng([config.seed, k])
@@ -145,7 +152,10 @@ def _run(
     frames: Frames = {}
     steps: Counter[int] = Counter()
     num_envs = min(8, len(scenarios))
-    env: EnvBase = method.make_env(num_envs, config.pushed_object, pictures=rendered)
+    # Where only the inscribed circle passes, every policy must plan with it.
+    tight = any(scenario.scene in TIGHT_SCENES for scenario in scenarios)
+    conditions = EpisodeConditions(inflation="inscribed") if tight else None
+    env: EnvBase = method.make_env(num_envs, config.pushed_object, conditions, pictures=rendered)
     simulator = env.base_env
     assert isinstance(simulator, PushEnv)
 
@@ -192,18 +202,44 @@ def _write_pictures(config: DemoConfig, runs: Mapping[str, Sequence[Episode]]) -
             name: episodes[k * config.episodes : (k + 1) * config.episodes]
             for name, episodes in runs.items()
         }
-        pictures = [
-            draw_episode(e.scenario, e.trajectory, caption=f"{name}: {scene} {n}")
-            for name, episodes in shown.items()
-            for n, e in enumerate(episodes)
-        ]
-        write_picture(config.out / f"{scene}.png", contact_sheet(pictures, columns=config.episodes))
-        clips = [
-            list(draw_frames(e[0].scenario, e[0].trajectory, caption=f"{name}: {scene}"))
-            for name, e in shown.items()
-        ]
+        pictures = [_last_picture(name, e) for name, episodes in shown.items() for e in episodes]
+        sheet = contact_sheet(pictures, columns=config.episodes, width=480)
+        write_picture(config.out / f"{scene}.png", sheet)
+        clips = [_clip(name, episodes[0]) for name, episodes in shown.items()]
         video += join_clips(clips)
     write_video(config.out / "demo.mp4", video)
+
+
+def _clip(name: str, episode: Episode) -> list[NDArray[np.uint8]]:
+    """A picture of each step, and the one that says how the episode ended for two seconds."""
+    scenario, course = episode.scenario, episode.trajectory
+    title = _title(name, episode)
+    pictures = [
+        draw_episode(scenario, course, step=step, caption=f"{title}\nstep {step}")
+        for step in range(len(course.object_pose) - 1)
+    ]
+    return pictures + [_last_picture(name, episode)] * 30
+
+
+def _last_picture(name: str, episode: Episode) -> NDArray[np.uint8]:
+    caption = f"{_title(name, episode)}\n{_verdict(episode)}"
+    return draw_episode(episode.scenario, episode.trajectory, caption=caption)
+
+
+def _title(name: str, episode: Episode) -> str:
+    return f"{name} pushes {episode.scenario.pushed_object}, {episode.scenario.scene}"
+
+
+def _verdict(episode: Episode) -> str:
+    """How an episode ended, in words."""
+    metrics = episode.metrics
+    if metrics.success:
+        return f"solved in {metrics.steps} steps"
+    if metrics.out_of_bounds:
+        return f"failed: the object left the workspace after {metrics.steps} steps"
+    return (
+        f"failed: {100 * metrics.final_distance:.0f} cm from the goal after {metrics.steps} steps"
+    )
 
 
 def main(arguments: Sequence[str]) -> None:

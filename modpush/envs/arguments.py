@@ -13,6 +13,9 @@ from torch import Tensor
 
 from modpush._checks import check_dtype
 from modpush.envs.outcome import GOAL_THRESHOLD, is_out_of_bounds
+from modpush.envs.robot.ur5_2f85 import ToolName
+from modpush.envs.scenes.arm_room import check_arm_is_free
+from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.envs.specs import ACTION_SIZE
 from modpush.geometry.workspace import Rectangle
@@ -149,17 +152,25 @@ def scenes_to_reset(tensordict: TensorDictBase | None, num_envs: int) -> list[in
     return torch.nonzero(mask).flatten().tolist()
 
 
-def check_scenarios(scenarios: Sequence[Scenario], count: int, bounds: Rectangle) -> None:
+def check_scenarios(
+    scenarios: Sequence[Scenario],
+    count: int,
+    bounds: Rectangle,
+    tool: ToolName,
+    objects: Mapping[str, PushedObject],
+) -> None:
     """Check the episodes' starts that a reset is given.
 
     Args:
         scenarios: Must hold a `Scenario` for each scene being reset, which is not solved already.
         count: Number of scenes being reset.
         bounds: Lower and upper corner of where the object may be [m].
+        tool: Name of the tool.
+        objects: The objects by name; a scenario with another one is refused elsewhere.
 
     Raises:
         ValueError: If there are more or fewer, or an object starts at its goal or out of bounds: TorchRL
-            refuses an episode that has ended before its first step.
+            refuses an episode that has ended before its first step. Also if the arm is in an obstacle.
         TypeError: If something else is among them.
     """
     who = "PushEnv.reset"
@@ -184,6 +195,9 @@ def check_scenarios(scenarios: Sequence[Scenario], count: int, bounds: Rectangle
                 f"{who}: scenarios[{index}] must start within {bounds}, got {position[0].tolist()}: it "
                 "would have ended before its first step."
             )
+        if scenario.pushed_object in objects:
+            tip_height = objects[scenario.pushed_object].tool_height
+            check_arm_is_free(f"{who}: scenarios[{index}]", scenario, tip_height, tool)
 
 
 def check_alone(**others: Any) -> None:

@@ -224,7 +224,7 @@ class PushEnv(EnvBase):
             check_alone(scenarios=scenarios, seed=seed)
             return self.set_state(state, indices)
         if scenarios is not None:
-            check_scenarios(scenarios, len(indices), self.bounds)
+            check_scenarios(scenarios, len(indices), self.bounds, self._tool, self.pushed_objects)
         restart_generators(self._rngs, indices, seed)
         if scenarios is None:
             scenarios = [

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from modpush._validation import check_value
 from modpush.envs.outcome import is_at_goal, is_out_of_bounds
 from modpush.envs.robot.ur5_2f85 import TOOLS
+from modpush.envs.scenes.arm_room import arm_reach, check_arm_is_free
 from modpush.envs.scenes.layouts import BAR_SECTION, CUBE_SIDE
 from modpush.envs.scenes.objects import get_object
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
@@ -124,6 +125,7 @@ def add_obstacle(
     circles = [
         (scenario.object_pose[:2], object_radius),
         (scenario.goal_position, object_radius),
+        ((0.0, 0.0), arm_reach(size[2]) - _NEW_CLEARANCE),
         *keep_free,
     ]
     centers = np.array([center[:2] for center, _ in circles])
@@ -157,17 +159,20 @@ def check_scene(
         tool_pose: Where the tool's tip is [m, m, rad].
 
     Raises:
-        ValueError: If an obstacle stands where object or tool are, or the object is at the goal or
-            out of bounds.
+        ValueError: If an obstacle stands where object or tool are or where the arm's shoulder turns, or
+            the object is at the goal or out of bounds.
     """
     position = np.array([object_pose[:2]])
     if is_out_of_bounds(position, WORKSPACE.bounds())[0]:
         raise ValueError("The object is out of bounds: begin an episode anew.")
     if is_at_goal(position, np.array([scenario.goal_position]))[0]:
         raise ValueError("The object is at the goal: move the goal away from it.")
-    radius = get_object(scenario.pushed_object).radius
+    item = get_object(scenario.pushed_object)
     points = np.array([object_pose[:2], tool_pose[:2]])
     distance = obstacle_distance(points, scenario.obstacles)
-    for what, gap, least in zip(("object", "tool"), distance, (radius, _TIP_RADIUS), strict=True):
+    for what, gap, least in zip(
+        ("object", "tool"), distance, (item.radius, _TIP_RADIUS), strict=True
+    ):
         if gap < least:
             raise ValueError(f"An obstacle cannot stand where the {what} is.")
+    check_arm_is_free("An obstacle cannot stand there", scenario, item.tool_height, "2f85")

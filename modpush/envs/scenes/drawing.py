@@ -16,6 +16,8 @@ from modpush.geometry.workspace import WORKSPACE
 __all__ = ["draw_top_view", "to_pixels"]
 
 _SHIFT = 4  # fractional bits of cv2's coordinates
+_LEGEND = ("goal", "start", "object", "tool", "planned")
+"""Colours that the line below a picture with a caption explains."""
 _COLORS = {
     "table": (244, 241, 235),
     "workspace": (222, 216, 206),
@@ -73,7 +75,7 @@ def draw_top_view(
         subgoal: x, y of the present sub-goal [m], a magenta disc.
         inflation: Obstacles get a light rim of this width, where the object's centre cannot be [m].
         obstacle_poses: Where the obstacles are now, `[n, 3]`; where they started by default.
-        caption: Written at the top.
+        caption: Lines at the top; with them goes a legend of the colours at the bottom.
         tool: What the arm holds.
         objects: Your own objects by name, as in `PushEnv.pushed_objects`.
 
@@ -109,10 +111,18 @@ def draw_top_view(
         _fill(image, _placed(part, object_pose), "object")
     _fill(image, _placed(_rectangle(*TOOLS[tool].tip_half_extents), ee_pose), "tool")
     if caption:
-        cv2.putText(
-            image, caption, (10, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.5, _COLORS["text"], 1, cv2.LINE_AA
-        )
+        for k, line in enumerate(caption.splitlines()):
+            _write(image, line, (10, 24 + 24 * k))
+        for k, name in enumerate(_LEGEND):
+            x, y = 12 + 108 * k, _HEIGHT - 14
+            cv2.circle(image, (x, y - 5), 6, _COLORS[name], -1, cv2.LINE_AA)
+            _write(image, "path" if name == "planned" else name, (x + 12, y))
     return image
+
+
+def _write(image: NDArray[np.uint8], text: str, place: tuple[int, int]) -> None:
+    font, color = cv2.FONT_HERSHEY_SIMPLEX, _COLORS["text"]
+    cv2.putText(image, text, place, font, 0.6, color, 1, cv2.LINE_AA)
 
 
 def _rectangle(half_length: float, half_width: float) -> NDArray[np.float64]:

@@ -37,7 +37,8 @@ _ACROSS = math.pi / 2  # a bar's long axis along y, across the way out from the 
 
 
 SceneFn = Callable[[np.random.Generator, float], list[Obstacle]]
-"""`(rng, difficulty in [0, 1]) -> obstacles`."""
+"""`(rng, difficulty in [0, 1]) -> obstacles`. A layout with an obstacle where the arm's shoulder and
+upper arm turn, 0.2 m around the robot's axis, is drawn again (`sample_scenario`)."""
 
 
 def _bar(length: float, x: float, y: float, yaw: float) -> Obstacle:
@@ -180,9 +181,6 @@ def random_clutter(
     rng: np.random.Generator, difficulty: float, num_cubes: int = 10, spacing: float = 0.02
 ) -> list[Obstacle]:
     """Cubes anywhere in the workspace, at any angle.
-
-    One that stands within 0.2 m of the robot's axis is in the way of the arm's shoulder where the tool
-    is at the side of the workspace; such episodes can be impossible.
 
     Args:
         rng: Source of randomness.

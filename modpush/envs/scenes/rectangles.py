@@ -8,7 +8,13 @@ import numpy as np
 from modpush._kernels import njit
 from modpush.envs.scenes.obstacle import Obstacle
 
-__all__ = ["nearest_rectangle", "obstacle_distance", "rectangles", "turned_rectangles"]
+__all__ = [
+    "nearest_rectangle",
+    "obstacle_distance",
+    "rectangles",
+    "rectangles_touch",
+    "turned_rectangles",
+]
 
 
 def obstacle_distance(points: np.ndarray, obstacles: Sequence[Obstacle]) -> np.ndarray:
@@ -63,3 +69,28 @@ def nearest_rectangle(x: float, y: float, turned: np.ndarray) -> float:
         v = max(abs(dy * c - dx * s) - turned[k, 5], 0.0)
         least = min(least, u * u + v * v)
     return math.sqrt(least)
+
+
+@numba.njit(cache=True)
+def rectangles_touch(row: np.ndarray, rows: np.ndarray, gap: float) -> bool:
+    """Whether a rectangle (x, y, yaw, length, width) overlaps one of several, made larger by a gap [m].
+
+    Two rectangles are apart if their shadows are on a line along a side of either.
+    """
+    turned = turned_rectangles(np.concatenate((row.reshape(1, 5), rows)))
+    x, y, c, s, half_length, half_width = turned[0]
+    for k in range(1, len(turned)):
+        dx, dy = turned[k, 0] - x, turned[k, 1] - y
+        other_c, other_s, other_length, other_width = turned[k, 2:]
+        cos, sin = abs(c * other_c + s * other_s), abs(c * other_s - s * other_c)
+        apart = (
+            abs(dx * c + dy * s) > half_length + other_length * cos + other_width * sin + gap
+            or abs(dy * c - dx * s) > half_width + other_length * sin + other_width * cos + gap
+            or abs(dx * other_c + dy * other_s)
+            > other_length + half_length * cos + half_width * sin + gap
+            or abs(dy * other_c - dx * other_s)
+            > other_width + half_length * sin + half_width * cos + gap
+        )
+        if not apart:
+            return True
+    return False

@@ -12,7 +12,8 @@ from modpush._checks import check_instance
 from modpush._kernels import njit
 from modpush.envs.robot.control import MotionConfig
 from modpush.envs.robot.ur5_2f85 import TOOLS, ToolName
-from modpush.envs.scenes.layouts import TIGHT_SCENES
+from modpush.envs.scenes.arm_room import obstacle_in_arm, tool_touches
+from modpush.envs.scenes.layouts import TIGHT_SCENES, SceneFn
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
 from modpush.envs.scenes.rectangles import (
@@ -32,7 +33,9 @@ _LOW, _SIDE = (0.145, -0.455), 0.91  # the grid's lower corner and the length of
 _BATCH = 256  # candidates drawn at a time
 _BATCHES = 40
 _LAYOUTS = 4
+_REDRAWS = 100  # of a layout in which the arm has no room
 _TOOL_TO_OBJECT, _TOOL_TO_OBSTACLE = 0.002, 0.005  # least gaps at the start [m]
+_TOOL_GAP = 0.002  # least gap between its upper parts and obstacles [m]
 _BEHIND = 0.09  # from the object's centre to the tool's tip, with `tool_start="behind"` [m]
 
 _CONDITIONS = (
@@ -45,7 +48,7 @@ _CONDITIONS = (
     "tool touches the object",
     "tool touches an obstacle",
     "no path",
-    "place behind the object taken",
+    "place of the tool taken",
 )
 """What a candidate must not be, in the order in which it is checked."""
 
@@ -105,7 +108,8 @@ def sample_scenario(
     The distance from start to goal is drawn first and kept, so that it is uniform over its range
     whatever the layout. Start and goal keep their distance from obstacles, a path joins them on the
     grid inflated by the object's radius (`ScenarioConfig.path_inflation` says which), and the tool
-    stands free and within reach. The number of tries is bounded.
+    stands free and within reach. Layouts with an obstacle where the arm's shoulder and upper arm turn are
+    drawn again. The number of tries is bounded.
 
     With `tool_start="behind"` a generator gives the layout, start and goal that it gives with `"any"`,
     as long as the place behind the object is free; where it is not, start and goal are drawn again.
@@ -117,8 +121,8 @@ def sample_scenario(
 
     Raises:
         TypeError: If the generator or the config has another type.
-        ValueError: If there is no such tool, or no start is found; the message counts which condition
-            failed how often.
+        ValueError: If there is no such tool; if a scene leaves the arm no room in any of its layouts; or
+            if no start is found, and then the message counts which condition failed how often.
     """
     check_instance("sample_scenario", "rng", rng, np.random.Generator)
     check_instance("sample_scenario", "config", config, ScenarioConfig)
@@ -132,13 +136,17 @@ def sample_scenario(
         name, scene = scenes[rng.integers(len(scenes))]
         item = objects[rng.integers(len(objects))]
         difficulty = float(rng.uniform(*config.difficulty_range))
-        obstacles = scene(rng, difficulty)
-        _check_layout(name, obstacles)
+        obstacles = _draw_layout(rng, name, scene, difficulty)
         free, limits = _free_space(obstacles, item, config), _limits(config, item, tool)
         for _ in range(_BATCHES):
             candidates = _draw_candidates(rng, config, distance)
             tool_poses, taken = _tool_starts(candidates, config, item, tool, obstacles)
             i, counts = _first_good(candidates, taken, free, limits)
+            while i >= 0 and tool_touches(
+                tool_poses[i], item.tool_height, obstacles, tool, _TOOL_GAP
+            ):
+                taken[i] = True
+                i, counts = _first_good(candidates, taken, free, limits)
             if i < 0:
                 failed.update(dict(zip(_CONDITIONS, counts.tolist(), strict=True)))
                 continue
@@ -164,6 +172,20 @@ def sample_scenario(
             else ""
         )
     )
+
+
+def _draw_layout(
+    rng: np.random.Generator, name: str, scene: SceneFn, difficulty: float
+) -> list[Obstacle]:
+    """The first layout in which the arm has room."""
+    why: str | None = ""
+    for _ in range(_REDRAWS):
+        obstacles = scene(rng, difficulty)
+        _check_layout(name, obstacles)
+        why = obstacle_in_arm(obstacles)
+        if why is None:
+            return obstacles
+    raise ValueError(f"scene: {name!r} leaves the arm no room in {_REDRAWS} layouts: {why}.")
 
 
 def _check_layout(name: str, obstacles: Any) -> None:

@@ -21,6 +21,8 @@ from torch import Tensor
 from modpush.envs.arguments import check_simulation, make_scenario_config
 from modpush.envs.outcome import GOAL_THRESHOLD, is_at_goal, is_out_of_bounds
 from modpush.envs.robot.ur5_2f85 import Tool
+from modpush.envs.scenes.arm_room import check_arm_is_free
+from modpush.envs.scenes.objects import get_object_of
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.envs.sim.agent import UR5, tip_yaw
@@ -203,6 +205,11 @@ class ClutterPushEnv(BaseEnv):
             raise ValueError(
                 "ClutterPushEnv.reset: scenarios must be a sequence of one Scenario for each of the "
                 f"{len(indices)} scenes being reset, got {scenarios!r}."
+            )
+        for scenario in scenarios:
+            item = get_object_of(self.pushed_objects, scenario.pushed_object)
+            check_arm_is_free(
+                "ClutterPushEnv.reset: scenarios", scenario, item.tool_height, self.agent.tool_name
             )
         if self.cpu_scene is not None:
             self._set_scene_config()  # SAPIEN's settings are global: others may have changed them

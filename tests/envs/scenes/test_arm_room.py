@@ -1,0 +1,169 @@
+"""Obstacles in the arm: by the links' geometry, and by SAPIEN's own contacts."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from modpush.envs import PushEnv
+from modpush.envs.robot.control import MotionConfig
+from modpush.envs.robot.kinematics import DH_D, planar_inverse_kinematics
+from modpush.envs.robot.ur5_2f85 import LINKS, TOOLS
+from modpush.envs.scenes.arm_room import MAX_HEIGHT, arm_reach, obstacle_in_arm, tool_touches
+from modpush.envs.scenes.layouts import SCENES, TIGHT_SCENES
+from modpush.envs.scenes.objects import OBJECTS, get_object
+from modpush.envs.scenes.obstacle import Obstacle
+from modpush.envs.scenes.rectangles import rectangles, rectangles_touch
+from modpush.envs.scenes.sampling import sample_scenario
+from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
+
+START = Scenario(
+    scene="free",
+    difficulty=0.0,
+    obstacles=(),
+    pushed_object="small_cube",
+    object_pose=(0.6, 0.0, 0.0),
+    goal_position=(0.5, 0.0),
+    tool_pose=(0.4, 0.0, 0.0),
+)
+
+
+def surface(shape) -> np.ndarray:
+    """Points on a cylinder's or capsule's surface in its link's frame, at most 4 mm apart, `[n, 3]`."""
+    radius, half_length, _ = shape.size
+    angle, up = np.meshgrid(np.linspace(0, 2 * np.pi, 97), np.linspace(-1, 1, 120))
+    round_end = shape.kind == "capsule"
+    along = up * (half_length + radius * round_end)
+    beyond = np.maximum(np.abs(along) - half_length, 0.0)
+    across = np.sqrt(np.maximum(radius**2 - beyond**2, 0.0))
+    points = np.stack([across * np.cos(angle), across * np.sin(angle), along], -1).reshape(-1, 3)
+    return points @ shape.rotation().T + shape.position
+
+
+@pytest.mark.parametrize("height", [0.02, 0.05, 0.06, 0.08, 0.10, 0.12, MAX_HEIGHT])
+def test_shoulder_and_upper_arm_stay_within_the_reach_at_every_pose_of_the_tool(height) -> None:
+    """The pan turns both about the base's axis, so that only the tool's distance matters."""
+    links = {link.name: link for link in LINKS}
+    points = np.concatenate([surface(shape) for shape in links["upper_arm"].shapes])
+    motion, farthest = MotionConfig(), 0.0
+    for tip_height in (0.0, 0.012, 0.02, 0.05):
+        for distance in np.linspace(motion.min_radius, motion.max_radius, 60):
+            pose = torch.tensor([distance, 0.0, 0.0], dtype=torch.float64)
+            joints, reachable = planar_inverse_kinematics(pose, tip_height + TOOLS["2f85"].length)
+            assert reachable
+            c, s = math.cos(joints[1]), math.sin(joints[1])
+            # The lift joint's axis is level, DH_D[0] over the table.
+            x, y = points[:, 0] * c - points[:, 1] * s, points[:, 0] * s + points[:, 1] * c
+            low = DH_D[0] + y < height
+            farthest = max(farthest, np.hypot(x, points[:, 2])[low].max(initial=0.0))
+    for name in ("base", "shoulder"):
+        assert max(shape.size[0] for shape in links[name].shapes) < farthest or height < 0.03
+    assert farthest <= arm_reach(height)
+    assert farthest > 0.19 or height < 0.05  # hardly more than there is
+
+
+POSES = [
+    (r * math.cos(a), r * math.sin(a), 0.0)
+    for r in (0.44, 0.55, 0.65)
+    for a in np.radians([-70, -35, 0, 35, 55, 70])
+    if abs(r * math.sin(a)) < 0.46 and r * math.cos(a) > 0.09
+]
+"""Poses of the tool in its workspace, to the sides, straight ahead, near and far."""
+
+
+def touched(env: PushEnv, scenarios: list[Scenario]) -> list[bool]:
+    """Whether any link touches an obstacle when nothing is done, by SAPIEN's contacts."""
+    td = env.reset(scenarios=scenarios)
+    after = env.step(td.set("action", torch.zeros(*env.batch_size, 3)))["next"]
+    return after["tool_obstacle_contact"].flatten().tolist()
+
+
+@pytest.mark.parametrize("height", [0.06, 0.10, MAX_HEIGHT])
+def test_only_an_obstacle_within_the_reach_is_touched_by_the_simulated_arm(
+    height: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def start(pose, near: float) -> Scenario:
+        """A block in front of the robot, between the axis and where the tool is."""
+        block = Obstacle((0.05, 0.05, height), (near + 0.025, -0.03, 0.0))
+        away = math.copysign(0.2, -pose[1] or 1.0)
+        return replace(START, obstacles=(block,), tool_pose=pose, object_pose=(0.7, away, 0.0))
+
+    env = PushEnv(len(POSES), depth=None)
+    assert not any(touched(env, [start(pose, arm_reach(height) + 0.002) for pose in POSES]))
+    for pose in POSES[:1]:
+        with pytest.raises(ValueError, match=r"scenarios\[0\]: expected obstacles .* at least 0"):
+            env.reset(scenarios=[start(pose, 0.17)] * len(POSES))
+    for module in ("arguments", "sim.task"):
+        monkeypatch.setattr(f"modpush.envs.{module}.check_arm_is_free", lambda *_: None)
+    assert any(touched(env, [start(pose, 0.165) for pose in POSES]))
+    env.close()
+
+
+def test_an_arm_can_pass_over_no_obstacle_taller_than_the_tallest() -> None:
+    tall = Obstacle((0.05, 0.05, MAX_HEIGHT + 0.01), (0.6, 0.2, 0.0))
+    assert "heights up to 0.15 m" in str(obstacle_in_arm([tall]))
+    with pytest.raises(ValueError, match=r"leaves the arm no room in 100 layouts: .* to 0.15 m"):
+        PushEnv(1, depth=None, scene=lambda rng, difficulty: [tall])
+
+
+def test_two_rectangles_touch_where_their_outlines_or_areas_meet() -> None:
+    """A bar of 12.4 by 2.7 cm at 45 degrees, and a cube whose corner comes near to its side."""
+    bar = np.array([0.5, 0.0, math.pi / 4, 0.124, 0.027])
+    for distance, touches in ((0.0, True), (0.0484, True), (0.0486, False)):
+        # Along the bar's normal, the cube's half side 3.5 cm and the bar's half width 1.35 cm.
+        x, y = 0.5 + distance * math.sqrt(0.5), -distance * math.sqrt(0.5)
+        cube = rectangles([Obstacle((0.07, 0.07, 0.06), (x, y, math.pi / 4))])
+        assert rectangles_touch(bar, cube, 0.0) == touches
+        assert rectangles_touch(bar, cube, 0.001)
+
+
+def test_a_tool_s_upper_part_counts_where_an_obstacle_is_tall_enough() -> None:
+    """The gripper's linkage, 6.2 cm to each side, begins 4.5 cm over its tip."""
+    bar = Obstacle((0.3, 0.06, 0.06), (0.585, 0.0, math.pi / 2))  # from 5.5 cm beside the tool on
+    for tip_height, touches in ((0.0145, True), (0.0152, False)):
+        assert tool_touches((0.5, 0.0, 0.0), tip_height, [bar], "2f85") == touches
+    assert not tool_touches((0.5, 0.0, math.pi / 2), 0.0145, [bar], "2f85")
+    assert not tool_touches((0.5, 0.0, 0.0), 0.0145, [bar], "rod")
+    assert tool_touches((0.555, 0.0, 0.0), 0.02, [bar], "rod")
+
+
+def draw(scene: str, item: str, seed: int) -> Scenario:
+    circle = "inscribed" if scene in TIGHT_SCENES else "circumscribed"
+    config = ScenarioConfig(
+        scene=scene, pushed_object=item, path_inflation=circle, distance=(0.2, 0.35)
+    )
+    return sample_scenario(np.random.default_rng([seed, 17]), config)
+
+
+def is_free(start: Scenario) -> bool:
+    tip_height = get_object(start.pushed_object).tool_height
+    touching = tool_touches(start.tool_pose, tip_height, start.obstacles, "2f85")
+    return not touching and obstacle_in_arm(start.obstacles) is None
+
+
+@pytest.mark.parametrize("item", OBJECTS)
+def test_no_drawn_episode_starts_with_the_arm_in_an_obstacle(item: str) -> None:
+    scenes = [name for name in SCENES if name != "free"]
+    scenes += TIGHT_SCENES if item == "small_cube" else ()
+    env = PushEnv(len(scenes), depth=None, pushed_object=item)
+    for seed in range(4):
+        starts = [draw(scene, item, seed) for scene in scenes]
+        assert all(map(is_free, starts))
+        assert not any(touched(env, starts))
+    env.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("item", OBJECTS)
+@pytest.mark.parametrize("scene", sorted({*SCENES, *TIGHT_SCENES} - {"free"}))
+def test_no_drawn_episode_of_many_starts_with_the_arm_in_an_obstacle(scene, item) -> None:
+    if scene in TIGHT_SCENES and item != "small_cube":
+        pytest.skip("only the small cube passes through these")
+    assert all(is_free(draw(scene, item, seed)) for seed in range(2000))
+    if item == "fragment":  # of it the tool is lowest
+        env = PushEnv(16, depth=None, pushed_object=item)
+        for first in range(0, 160, 16):
+            assert not any(touched(env, [draw(scene, item, first + k) for k in range(16)]))
+        env.close()
