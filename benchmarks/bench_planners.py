@@ -31,7 +31,6 @@ from modpush.planners import (
     OccupancyMap,
     Planner,
     PlannerSubgoals,
-    ThetaStar,
     inflate,
     point_along,
     warmup,
@@ -112,7 +111,6 @@ def bench_queries(queries: list[Query], title: str, slow_queries: int) -> None:
     planners: dict[str, Callable[[Query], float]] = {
         "LazyThetaStar": ours(LazyThetaStar()),
         'LazyThetaStar(nodes="grid")': ours(LazyThetaStar(nodes="grid")),
-        "ThetaStar": ours(ThetaStar()),
         "AStar": ours(AStar()),
         "DistanceField (field built anew)": ours(DistanceField()),
     }

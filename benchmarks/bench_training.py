@@ -268,7 +268,7 @@ def proportional_set_size() -> dict[str, float]:
     """This process and its children [MB]; `anonymous` is what cannot be read from a file again."""
     total = {"pss": 0.0, "anonymous": 0.0}
     for process in [psutil.Process(), *psutil.Process().children(recursive=True)]:
-        with open(f"/proc/{process.pid}/smaps_rollup") as file:
+        with open(f"/proc/{process.pid}/smaps_rollup", encoding="utf-8") as file:
             sizes = {line.split(":")[0]: line.split()[1] for line in file.readlines()[1:]}
         total["pss"] += int(sizes["Pss"]) * 1.024e-3
         total["anonymous"] += int(sizes["Pss_Anon"]) * 1.024e-3

@@ -89,7 +89,7 @@ def main(config: CompareConfig) -> None:
         lines += [f"{line} |" for line in table_of(name, table, config.rows)]
     lines += ["", f"Success is the mean over {', '.join(families)}; the rest is over all episodes."]
     lines += [f"{name}: {speeds(folder)}." for name, (folder,) in groups.items()]
-    (config.out / "table.md").write_text("\n".join(lines) + "\n")
+    (config.out / "table.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     print("\n".join(lines))
 
 

@@ -200,7 +200,7 @@ HEADER = ["task", "learner", "alpha_init", "seed", "step", "return", "success", 
 def append(path: Path, row: list) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     new = not path.exists()
-    with path.open("a", newline="") as file:
+    with path.open("a", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         if new:
             writer.writerow(HEADER)
@@ -213,7 +213,7 @@ def plot(command: Plot) -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    with command.table.open() as file:
+    with command.table.open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     for row in rows:
         row["learner"] += f", initial temperature {row['alpha_init']}"

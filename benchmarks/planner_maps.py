@@ -9,10 +9,11 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 import scipy.ndimage as ndi
-from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
+
+from modpush._kernels import njit
 
 
 def random_map(
@@ -48,7 +49,7 @@ def solvable_maps(
         yield blocked, *random_query(rng, blocked)
 
 
-@njit(cache=True)
+@njit()
 def _sees(padded, sums, x0, y0, x1, y1):
     """Line of sight in the vertex frame, row by row, in floating point.
 
@@ -96,7 +97,7 @@ def _sees(padded, sums, x0, y0, x1, y1):
     return True
 
 
-@njit(cache=True)
+@njit()
 def _visible_pairs(padded, sums, nodes):
     count = len(nodes)
     weight = np.zeros((count, count))

@@ -14,7 +14,7 @@ from torchrl.modules import MLP, BatchRenorm1d, ProbabilisticActor, ValueOperato
 from torchrl.objectives import CrossQLoss, LossModule
 
 from modpush.agents.tqc.config import TQCConfig
-from modpush.agents.tqc.scalar_losses import entropy_settings
+from modpush.agents.tqc.factories import entropy_settings
 from modpush.agents.tqc.specs import LearnerSpecs
 from modpush.replay import AttentiveSampler, ReplayConfig
 

@@ -159,9 +159,9 @@ def main(config: Config) -> WindowData:
     folder = config.output.with_suffix(".parts")
     folder.mkdir(parents=True, exist_ok=True)
     recipe, noted = json.dumps(config.recipe()), folder / "config.json"
-    if noted.exists() and noted.read_text() != recipe:
+    if noted.exists() and noted.read_text(encoding="utf-8") != recipe:
         raise ValueError(f"collect_windows: {folder} was begun with another config; remove it.")
-    noted.write_text(recipe)
+    noted.write_text(recipe, encoding="utf-8")
     paths = [folder / f"{i:05d}.safetensors" for i in range(-(-config.count // config.part))]
     missing = [index for index, path in enumerate(paths) if not path.exists()]
     with tqdm(total=config.count, unit="windows", desc=config.output.name) as bar:

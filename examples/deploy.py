@@ -31,7 +31,7 @@ class OnnxPolicy:
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = 1
         self.session = onnxruntime.InferenceSession(folder / "window_policy.onnx", options)
-        self.card = json.loads((folder / "card.json").read_text())
+        self.card = json.loads((folder / "card.json").read_text(encoding="utf-8"))
         self.names = [entry.name for entry in self.session.get_inputs()]
 
     def __call__(self, state: dict[str, np.ndarray]) -> np.ndarray:
@@ -52,7 +52,12 @@ def make_env(card: dict, num_envs: int, scene: str) -> EnvBase:
         InitTracker(),
         grid,
         PlannerSubgoals(**planning["subgoals"]),
-        EgocentricWindow(window["frame"], size=window["size"], outside=window["outside"]),
+        EgocentricWindow(
+            window["frame"],
+            size=window["size"],
+            outside=window["outside"],
+            metres_per_pixel=window["metres_per_pixel"],
+        ),
     )
     pushed = card["environment"]["pushed_object"]
     env = PushEnv(num_envs, scene=scene, pushed_object=pushed, seed=0)

@@ -159,7 +159,9 @@ def main(config: Config) -> dict[str, Any]:
     metrics["clearance along 16 rays, R²"] = probes(vae, data.where(~data.held_out), unseen, config)
     for name, row in metrics["clearance along 16 rays, R²"].items():
         print(f"{name}: { {k: round(v, 3) for k, v in row.items()} }")
-    (config.output / "metrics.json").write_text(json.dumps(metrics, indent=1, ensure_ascii=False))
+    (config.output / "metrics.json").write_text(
+        json.dumps(metrics, indent=1, ensure_ascii=False), encoding="utf-8"
+    )
     return metrics
 
 

@@ -169,10 +169,10 @@ def log(path: Path, row: dict[str, float]) -> None:
     """Append a row, dropping rows that a resumed run has come before again."""
     rows: list[dict[str, str]] = []
     if path.exists():
-        with path.open(newline="") as file:
+        with path.open(newline="", encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
     kept = [old for old in rows if int(old["images"]) < row["images"]]
-    with path.open("w", newline="") as file:
+    with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(row))
         writer.writeheader()
         writer.writerows([*kept, row])

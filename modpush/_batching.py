@@ -7,6 +7,7 @@ from typing import Any
 
 import numba
 import torch
+from torch import Tensor
 
 _threads_forbidden = False
 # Held while a kernel runs on numba's threads, whose scheduler may not be entered twice at once.
@@ -21,6 +22,15 @@ def _forbid_threads() -> None:
 # A forked child inherits the state of the threading library but none of its threads; OpenMP aborts
 # the process at the first parallel loop. Spawned workers are not concerned.
 os.register_at_fork(after_in_child=_forbid_threads)
+
+
+def sum_in_order(values: Tensor) -> Tensor:
+    """Sum over the last dimension, from the first value to the last, `[..., N]` to `[...]`.
+
+    Where scenes are padded to the longest of a batch, torch's own sum adds in an order that depends on
+    N, and so on the other scenes. Zeros at the end do not change this one.
+    """
+    return values.cumsum(-1)[..., -1]
 
 
 def run_batch(

@@ -4,6 +4,7 @@ import json
 import os
 import socket
 import time
+import warnings
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -30,6 +31,8 @@ class FolderLockedError(OSError):
 class FolderLock:
     """A folder that no other process may write to. It ends with the process, however that ends.
 
+    On a file system without locks it warns that there is none.
+
     Args:
         folder: The folder; made if it is not there.
 
@@ -43,7 +46,7 @@ class FolderLock:
         self.path = Path(folder) / _NAME
         make_folder(folder)
         try:
-            self._file: IO[str] | None = self.path.open("a+")
+            self._file: IO[str] | None = self.path.open("a+", encoding="utf-8")
         except OSError as error:
             reason = f"the folder cannot be written to ({error.strerror})"
             raise type(error)(error.errno, reason, str(folder)) from None
@@ -58,6 +61,12 @@ class FolderLock:
                 f"{folder} is in use by {_description(holder)}. Wait for it, end it, or take another "
                 "folder."
             ) from None
+        except OSError as error:  # NFS without lockd, some Lustre and FUSE mounts
+            warnings.warn(
+                f"The file system of {folder} has no locks ({error.strerror}). Nothing keeps a second "
+                "process from writing to the folder: see to it that there is none.",
+                stacklevel=2,
+            )
         _held.add(self)
         about = {"pid": os.getpid(), "host": socket.gethostname(), "since": time.time()}
         with suppress(OSError):  # the lock holds on a full disk, too

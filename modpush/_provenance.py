@@ -6,10 +6,9 @@ import subprocess
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import modpush
-from modpush.files import read_json, write_json
+from modpush.files import read_json, reading, write_json
 
 __all__ = [
     "Session",
@@ -47,7 +46,11 @@ def commit() -> str:
 
     def git(*words: str) -> str:
         done = subprocess.run(
-            ["git", "-C", str(root), *words], capture_output=True, text=True, check=True
+            ["git", "-C", str(root), *words],
+            capture_output=True,
+            text=True,
+            encoding="utf-8",
+            check=True,
         )
         return done.stdout.strip()
 
@@ -64,7 +67,11 @@ def machine() -> str:
     """Processor and number of cores of this machine."""
     name = platform.processor() or platform.machine()
     if (info := Path("/proc/cpuinfo")).exists():
-        models = [line for line in info.read_text().splitlines() if line.startswith("model name")]
+        models = [
+            line
+            for line in info.read_text(encoding="utf-8").splitlines()
+            if line.startswith("model name")
+        ]
         name = models[0].partition(":")[2].strip() if models else name
     return f"{name}, {os.cpu_count()} cores"
 
@@ -97,8 +104,8 @@ def read_sessions(folder: Path) -> list[Session]:
     path = folder / _NAME
     if not path.exists():
         return []
-    data: list[dict[str, Any]] = read_json(path, _KIND, _VERSION)["sessions"]
-    return [Session(**item) for item in data]
+    with reading(path, _KIND):
+        return [Session(**item) for item in read_json(path, _KIND, _VERSION)["sessions"]]
 
 
 def sources_text(

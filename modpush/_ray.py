@@ -1,13 +1,18 @@
 """Being connected to Ray for a while."""
 
 import os
+import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import ModuleType
+from urllib.parse import urlsplit
 
 from modpush._extras import require_extra
 
 __all__ = ["ray_session"]
+
+_PATIENCE = 5.0
+"""How long a cluster may take to accept a connection [s]."""
 
 
 @contextmanager
@@ -34,6 +39,8 @@ def ray_session(who: str, least: int) -> Iterator[ModuleType]:
 
     own = not ray.is_initialized()
     if own:
+        if gone := _no_answer():  # `ray.init` would wait for it without end
+            raise RuntimeError(f"{who}: no connection to Ray: {gone}")
         try:
             ray.init(include_dashboard=False, log_to_driver=False)
         except Exception as error:  # Ray's own kinds differ with what went wrong
@@ -48,6 +55,18 @@ def ray_session(who: str, least: int) -> Iterator[ModuleType]:
     finally:
         if own:
             ray.shutdown()
+
+
+def _no_answer() -> str | None:
+    """Why the cluster that `RAY_ADDRESS` names cannot be reached; None if it can, or none is named."""
+    address = os.environ.get("RAY_ADDRESS", "")
+    where = urlsplit(address if "://" in address else f"ray://{address}")
+    try:
+        if where.hostname and where.port:
+            socket.create_connection((where.hostname, where.port), _PATIENCE).close()
+    except (OSError, ValueError) as error:
+        return f"nothing answers at {address}, which RAY_ADDRESS names ({error})."
+    return None
 
 
 def _refusal() -> str | None:

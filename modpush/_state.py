@@ -9,7 +9,7 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
-from modpush.files import read_tensors, write_tensors
+from modpush.files import read_tensors, reading, write_tensors
 
 __all__ = ["read_state", "write_state"]
 
@@ -42,8 +42,9 @@ def read_state(path: Path | str, kind: str, version: int) -> Any:
         FileNotFoundError: If there is no such file.
         ValueError: If it is damaged, of another kind or of another version.
     """
-    tensors, outline = read_tensors(path, kind, version)
-    return _rebuilt(outline, tensors)
+    with reading(path, kind):
+        tensors, outline = read_tensors(path, kind, version)
+        return _rebuilt(outline, tensors)
 
 
 def _outline(value: Any, tensors: dict[str, Tensor], place: str) -> Any:

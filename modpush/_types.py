@@ -13,6 +13,7 @@ from pydantic import BeforeValidator, Field, Strict, StringConstraints
 from pydantic_core import PydanticCustomError
 
 __all__ = [
+    "ONE_NUMBER",
     "ORDERED",
     "Angle",
     "Angles",
@@ -70,6 +71,14 @@ def _one_text(value: Any) -> Any:
     return (value,) if isinstance(value, str) else value
 
 
+def _one_number(value: Any) -> Any:
+    """A number as a range from it to itself."""
+    is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    return (value, value) if is_number else value
+
+
+ONE_NUMBER = BeforeValidator(_one_number)
+"""For ranges: a single number may be given, too."""
 _NUMBER = BeforeValidator(_plain_number)
 ORDERED = BeforeValidator(_ordered)
 """For tuples: no set, whose order is not the writer's."""

@@ -82,7 +82,8 @@ def from_plain(kind: type[T], data: Any) -> T:
     try:
         text = json.dumps(data)
     except (TypeError, ValueError, RecursionError) as error:
-        raise ValueError(f"{kind.__name__}: expected plain data, got {error}.") from None
+        found = _unplain(data) if isinstance(error, TypeError) else str(error)
+        raise ValueError(f"{kind.__name__}: expected plain data, got {found}.") from None
     try:
         return _adapter(as_any).validate_json(text)
     except ValidationError as error:
@@ -109,6 +110,21 @@ def check_value(who: str, name: str, value: Any, kind: Any) -> Any:
         return _adapter(kind).validate_python(value)
     except ValidationError as error:
         raise ValueError(_describe(who, error, value, (), name)) from None
+
+
+def _unplain(data: Any, path: str = "") -> str | None:
+    """First value that JSON cannot hold, with its place."""
+    if isinstance(data, Mapping):
+        inner = [(f"{path}.{key}" if path else str(key), value) for key, value in data.items()]
+        if odd := [key for key in data if not isinstance(key, str | int | float | None)]:
+            return f"the name {_shortened(odd[0])} in {path or 'it'}"
+    elif isinstance(data, list | tuple):
+        inner = [(f"{path}[{i}]", value) for i, value in enumerate(data)]
+    elif isinstance(data, str | int | float | None):
+        return None
+    else:
+        return f"{_shortened(data)} for {path or 'it'}"
+    return next(filter(None, (_unplain(value, place) for place, value in inner)), None)
 
 
 @functools.cache

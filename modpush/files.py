@@ -3,12 +3,16 @@
 Each file carries a seal, `<kind> v<version> sha256:<64 digits>`, at a place where its format allows
 for text. The digits are the SHA-256 of the whole file with zeros in their place, so that no change
 of a single bit goes unnoticed, and the file stays readable with the format's own tools.
+
+A seal detects damage, not malice. Readers therefore bound what a file can make them allocate, and
+interpret its content within `reading`, so that every file of another structure is refused by name.
 """
 
 import gzip
 import hashlib
 import io
 import json
+import math
 import mmap
 import os
 import re
@@ -28,13 +32,16 @@ from safetensors import SafetensorError, safe_open
 from torch import Tensor
 
 from modpush._atomic import replacing
+from modpush._yaml import dump_yaml, load_yaml
 
 __all__ = [
+    "parse_yaml",
     "read_arrays",
     "read_json",
     "read_packed_json",
     "read_tensors",
     "read_yaml",
+    "reading",
     "write_arrays",
     "write_json",
     "write_packed_json",
@@ -43,9 +50,27 @@ __all__ = [
     "write_yaml",
 ]
 
-_SEAL = re.compile(rb"([\w.]+) v(\d+) sha256:([0-9a-f]{64})")
+_SEAL = re.compile(rb" v(\d{1,9}) sha256:([0-9a-f]{64})")  # after the kind
+_KIND_BEFORE = re.compile(rb"[\w.]+\Z")
+_LONGEST_KIND = 64
 _BLANK = b"0" * 64
+_MOST_TEXT = 2**26  # of a packed file [bytes]
+_MOST_YAML = 2**20  # YAML takes some seconds for it [bytes]
+_MOST_NODES = 100_000  # of a YAML file, each counted as often as it is referred to
+_MOST_ARRAYS = 2**31  # of all arrays of a file [bytes]
 _GZIP_HEAD = b"\x1f\x8b\x08\x10\0\0\0\0\x02\xff"  # deflate with a comment, no time, no system
+_WRONG_STRUCTURE = (
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    EOFError,
+    LookupError,
+    MemoryError,
+    RuntimeError,  # RecursionError; of zipfile for an unknown compression; of torch for sizes
+    TypeError,
+    gzip.BadGzipFile,
+)
+"""Errors of code that finds another structure in a file's content than it expects."""
 _DTYPES = {
     torch.float64: "F64",
     torch.int64: "I64",
@@ -64,7 +89,7 @@ _DTYPES = {
 def write_text(path: Path | str, text: str) -> None:
     """Write a text file without a seal, atomically."""
     with replacing(path) as unfinished:
-        unfinished.write_text(text)
+        unfinished.write_text(text, encoding="utf-8")
 
 
 def write_json(path: Path | str, data: Mapping[str, Any], kind: str, version: int) -> None:
@@ -80,28 +105,52 @@ def read_json(path: Path | str, kind: str, version: int) -> dict[str, Any]:
         FileNotFoundError: If there is no such file.
         ValueError: If it is damaged, of another kind or of another version.
     """
-    with _explained(path, kind):
-        data: dict[str, Any] = json.loads(_read(path, kind, version))
+    with reading(path, kind):
+        data = _mapping(json.loads(_read(path, kind, version)))
         del data["seal"]
         return data
 
 
 def write_yaml(path: Path | str, data: Mapping[str, Any], kind: str, version: int) -> None:
     """Write a mapping as sealed YAML, with the seal in a comment on the first line."""
-    text = f"# {_blank_seal(kind, version)}\n{yaml.safe_dump(dict(data), sort_keys=False)}"
+    text = f"# {_blank_seal(kind, version)}\n{dump_yaml(data)}"
     _write(path, text.encode())
 
 
 def read_yaml(path: Path | str, kind: str, version: int) -> dict[str, Any]:
     """Read what `write_yaml` wrote; errors as `read_json`."""
-    with _explained(path, kind):
-        data: dict[str, Any] = yaml.safe_load(_read(path, kind, version))
-        return data
+    with reading(path, kind):
+        return _mapping(parse_yaml(_read(path, kind, version)))
+
+
+def parse_yaml(content: bytes | str) -> Any:
+    """Plain data in YAML of moderate size; a few lines of references to references can be of any.
+
+    Raises:
+        ValueError: If it is too large, or refers to itself.
+        yaml.YAMLError: If it is not YAML.
+    """
+    if len(content) > _MOST_YAML:
+        raise ValueError(f"{len(content)} bytes of YAML, expected at most {_MOST_YAML}")
+    data = load_yaml(content)
+    waiting, count = [data], 0
+    while waiting:
+        item = waiting.pop()
+        count += 1
+        if count > _MOST_NODES:
+            raise ValueError(f"more than {_MOST_NODES} values of YAML, or one that holds itself")
+        if isinstance(item, dict):
+            waiting += [*item, *item.values()]
+        elif isinstance(item, list | tuple | set):
+            waiting += item
+    return data
 
 
 def write_packed_json(path: Path | str, data: Any, kind: str, version: int) -> None:
     """Write anything that JSON can hold, compressed by gzip; the same data give the same bytes."""
     content = json.dumps(data, separators=(",", ":")).encode()
+    if len(content) > _MOST_TEXT:  # which nothing would read
+        raise ValueError(f"{kind}: {path} can hold {_MOST_TEXT} bytes of text, got {len(content)}.")
     deflate = zlib.compressobj(9, zlib.DEFLATED, -zlib.MAX_WBITS)
     packed = deflate.compress(content) + deflate.flush()
     end = struct.pack("<LL", zlib.crc32(content), len(content) & 0xFFFFFFFF)
@@ -111,14 +160,20 @@ def write_packed_json(path: Path | str, data: Any, kind: str, version: int) -> N
 
 def read_packed_json(path: Path | str, kind: str, version: int) -> Any:
     """Read what `write_packed_json` wrote; errors as `read_json`."""
-    with _explained(path, kind):
-        return json.loads(gzip.decompress(_read(path, kind, version)))
+    with reading(path, kind):
+        with gzip.GzipFile(fileobj=io.BytesIO(_read(path, kind, version))) as file:
+            text = file.read(_MOST_TEXT + 1)
+        if len(text) > _MOST_TEXT:
+            raise ValueError(f"it holds more than {_MOST_TEXT} bytes of text")
+        return json.loads(text)
 
 
 def write_arrays(
     path: Path | str, arrays: Mapping[str, NDArray[Any]], kind: str, version: int
 ) -> None:
     """Write arrays by name as a compressed `.npz`, with the seal as its comment."""
+    if (size := sum(array.nbytes for array in arrays.values())) > _MOST_ARRAYS:
+        raise ValueError(f"{kind}: {path} can hold {_MOST_ARRAYS} bytes of arrays, got {size}.")
     content = io.BytesIO()
     np.savez_compressed(content, **dict(arrays))  # type: ignore[arg-type]
     with zipfile.ZipFile(content, "a") as file:
@@ -128,11 +183,29 @@ def write_arrays(
 
 def read_arrays(path: Path | str, kind: str, version: int) -> dict[str, NDArray[Any]]:
     """Read what `write_arrays` wrote; errors as `read_json`."""
-    with (
-        _explained(path, kind),
-        np.load(io.BytesIO(_read(path, kind, version)), allow_pickle=False) as data,
-    ):
-        return {name: data[name] for name in data.files}
+    with reading(path, kind):
+        content = io.BytesIO(_read(path, kind, version))
+        _check_sizes(content)
+        with np.load(content, allow_pickle=False) as data:
+            return {name: data[name] for name in data.files}
+
+
+def _check_sizes(content: io.BytesIO) -> None:
+    """Refuse arrays that are larger than their file, or too large, before memory is allocated."""
+    read_header = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }
+    total = 0
+    with zipfile.ZipFile(content) as file:
+        for member in file.infolist():
+            with file.open(member) as array:
+                shape, _, dtype = read_header[np.lib.format.read_magic(array)](array)
+            size = math.prod(shape) * dtype.itemsize
+            total += size
+            if size > member.file_size or total > _MOST_ARRAYS:
+                raise ValueError(f"{member.filename} of shape {list(shape)} is too large")
+    content.seek(0)
 
 
 def write_tensors(
@@ -171,7 +244,7 @@ def write_tensors(
 
 def read_tensors(path: Path | str, kind: str, version: int) -> tuple[dict[str, Tensor], Any]:
     """Read what `write_tensors` wrote: tensors and config; errors as `read_json`."""
-    with _explained(path, kind):
+    with reading(path, kind):
         with Path(path).open("rb") as file, _mapped(file) as content:
             _check_seal(content, path, kind, version)
         with safe_open(path, framework="pt") as tensors:
@@ -198,7 +271,7 @@ def _seal(path: Path) -> None:
         with _mapped(file) as content:
             found = _SEAL.search(content)
             assert found is not None
-            at = found.start(3)
+            at = found.start(2)
             digits = _digest(content, at)
         file.seek(at)
         file.write(digits)
@@ -206,14 +279,18 @@ def _seal(path: Path) -> None:
 
 def _check_seal(content: bytes | mmap.mmap, path: Path | str, kind: str, version: int) -> None:
     found = _SEAL.search(content)
-    if found is None:
+    before = (
+        b"" if found is None else content[max(0, found.start() - _LONGEST_KIND) : found.start()]
+    )
+    what = _KIND_BEFORE.search(before)
+    if found is None or what is None:
         raise ValueError(
             f"{kind}: {path} carries no checksum: it is cut short or damaged, of an earlier version, or "
             "another kind of file."
         )
-    (what, number, digits), at = found.groups(), found.start(3)
-    if what.decode() != kind:
-        raise ValueError(f"{kind}: {path} holds {what.decode()!r}, expected {kind!r}.")
+    (number, digits), at = found.groups(), found.start(2)
+    if what[0].decode() != kind:
+        raise ValueError(f"{kind}: {path} holds {what[0].decode()!r}, expected {kind!r}.")
     if int(number) != version:
         raise ValueError(f"{kind}: {path} is of version {int(number)}, expected {version}.")
     if _digest(content, at) != digits:
@@ -234,18 +311,39 @@ def _read(path: Path | str, kind: str, version: int) -> bytes:
     return content
 
 
+def _mapping(data: Any) -> dict[str, Any]:
+    if not isinstance(data, dict):
+        raise ValueError(f"it holds a {type(data).__name__}, expected a mapping")
+    return data
+
+
 @contextmanager
-def _explained(path: Path | str, kind: str) -> Iterator[None]:
-    """Turn what a file's reader raises into one kind of error that names the file."""
+def reading(path: Path | str, kind: str) -> Iterator[None]:
+    """Turn what reading a file and interpreting its content raises into one error that names the file.
+
+    Args:
+        path: The file.
+        kind: What it should hold, for the message.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        TypeError: If `path` is not a path.
+        ValueError: If it is damaged, or holds something else. One that names the file already is
+            passed on as it is.
+    """
     if not isinstance(path, str | os.PathLike):
         raise TypeError(f"{kind}: path must be a file's path, got {path!r}.")
     if not Path(path).is_file():
         raise FileNotFoundError(f"{kind}: no file {path}.")
     try:
         yield
+    except ValueError as error:
+        if str(path) in str(error):
+            raise
+        raise ValueError(f"{kind}: {path} does not fit: {error}") from error
     except (SafetensorError, zipfile.BadZipFile, zlib.error, yaml.YAMLError, struct.error) as error:
         raise ValueError(f"{kind}: {path} is cut short or damaged ({error}).") from error
-    except (EOFError, KeyError, TypeError, gzip.BadGzipFile, json.JSONDecodeError) as error:
+    except _WRONG_STRUCTURE as error:
         raise ValueError(f"{kind}: {path} is cut short or damaged ({error!r}).") from error
 
 

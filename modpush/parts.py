@@ -3,10 +3,15 @@
 Every place that takes a part (a scene, a planner, an encoder, a reward term, ...) looks it up with
 `find_part`, so that the three ways work everywhere alike. Text is what a configuration file and the
 command line can hold; `part_name` is the inverse.
+
+Whatever comes from a file is data. What a user types or passes is imported as it is; every reader of a
+file passes the text that may name parts through `check_allowed`, before anything is made of it.
 """
 
-from collections.abc import Collection, Iterable, Mapping
+import inspect
+from collections.abc import Collection, Iterator, Mapping
 from importlib import import_module
+from types import ModuleType
 from typing import Any
 
 from modpush._checks import check_texts
@@ -18,7 +23,19 @@ __all__ = [
     "modules_named",
     "part_module",
     "part_name",
+    "parts_named",
 ]
+
+
+_LIBRARY = (
+    "modpush.agents",
+    "modpush.encoders",
+    "modpush.envs",
+    "modpush.mdp",
+    "modpush.planners",
+    "modpush.replay",
+)
+"""The library's packages of parts, from which every file may name them."""
 
 
 class ModulesRefusedError(ValueError):
@@ -42,12 +59,18 @@ def find_part(who: str, part: Any, known: Mapping[str, Any]) -> Any:
         return part
     if part in known:
         return known[part]
-    module, colon, name = part.partition(":")
-    if not (colon and module and name):
+    if part_module(part) is None:
         raise ValueError(
             f"{who}: there is no {part!r}, expected one of {sorted(known)}, or 'module:name' for "
             "a part of your own."
         )
+    *_, found = _walk(who, part)
+    return found
+
+
+def _walk(who: str, part: str) -> Iterator[Any]:
+    """What a `"module:name"` leads to: each object on the way from the module, and the part itself."""
+    module, _, name = part.partition(":")
     try:
         found: Any = import_module(module)
     except ImportError as error:
@@ -56,7 +79,7 @@ def find_part(who: str, part: Any, known: Mapping[str, Any]) -> Any:
         if not hasattr(found, attribute):
             raise ValueError(f"{who}: {part!r} names nothing: {found!r} has no {attribute!r}.")
         found = getattr(found, attribute)
-    return found
+        yield found
 
 
 def part_name(who: str, part: Any, known: Mapping[str, Any]) -> str:
@@ -87,39 +110,83 @@ def part_name(who: str, part: Any, known: Mapping[str, Any]) -> str:
 
 
 def part_module(part: Any) -> str | None:
-    """The module that a `"module:name"` would import; None for anything else."""
-    if not isinstance(part, str) or ":" not in part:
+    """The module that `find_part` would import for a `"module:name"`; None for anything else."""
+    if not isinstance(part, str):
         return None
-    return part.partition(":")[0]
+    module, _, name = part.partition(":")
+    names = [*module.split("."), *name.split(".")]
+    return module if all(map(str.isidentifier, names)) else None
 
 
 def modules_named(data: Any) -> set[str]:
     """The modules of all `"module:name"` in a config as plain data: keys and values, however deep."""
-    if isinstance(data, Mapping):
-        data = [*data, *data.values()]
-    if isinstance(data, (list, tuple)):
-        return set().union(*map(modules_named, data))
-    module = part_module(data)
-    return set() if module is None else {module}
+    return {text.partition(":")[0] for text in parts_named(data)}
 
 
-def check_allowed(who: str, modules: Iterable[str], allow: Collection[str]) -> None:
-    """Refuse modules that are not modpush's and that the caller has not named.
+def parts_named(data: Any) -> set[str]:
+    """All `"module:name"` in a config as plain data: keys and values, however deep."""
+    return {text for text in _texts(data) if part_module(text) is not None}
 
-    A file must never decide what code is run: what it names is imported only if the caller agrees.
+
+def _texts(data: Any) -> set[str]:
+    """All text in plain data; without recursion, since a file may be nested as deeply as it likes."""
+    found, waiting = set(), [data]
+    while waiting:
+        item = waiting.pop()
+        if isinstance(item, str):
+            found.add(item)
+        elif isinstance(item, Mapping):
+            waiting += [*item, *item.values()]
+        elif isinstance(item, list | tuple):
+            waiting += item
+    return found
+
+
+def check_allowed(who: str, data: Any, allow: Collection[str] = ()) -> None:
+    """The gate between a file's data and code.
+
+    A file must never decide which code is run: what it names is imported only if it is one of the
+    library's parts, or in a module that the caller has allowed. There it must be defined: a name that
+    a module has imported from elsewhere, or that leads through another module, is refused, too.
+
+    Args:
+        who: Reader and file, for error messages.
+        data: The part of a file's content that may name parts, as plain data.
+        allow: Modules and packages from which the caller agrees to import; or single parts,
+            `"module:name"`, that the caller has named himself.
 
     Raises:
         TypeError: If `allow` is not of texts.
-        ModulesRefusedError: If a module is neither in `allow` nor inside a package that is.
+        ModulesRefusedError: If the data name anything else; nothing has been imported from there.
+        ValueError: If a part cannot be imported.
     """
     check_texts(who, "allow", allow)
-    allowed = ("modpush", *allow)
-    refused = sorted(
-        {m for m in modules if not any(m == a or m.startswith(f"{a}.") for a in allowed)}
-    )
-    if refused:
+    allowed = (*_LIBRARY, *allow)
+    parts = parts_named(data) - {*allow}
+    if refused := sorted(m for m in modules_named([*parts]) if not _is_within(m, allowed)):
         raise ModulesRefusedError(
             f"{who}: the file names parts in {refused}, which are imported only if you say so: "
             f"pass allow={tuple(refused)!r}, or the parts themselves; on the command line, "
             f"--allow {' '.join(refused)}."
         )
+    for text in sorted(parts):
+        for step in _walk(who, text):
+            home = _home(step)
+            if home is not None and not _is_within(home, allowed):
+                raise ModulesRefusedError(
+                    f"{who}: the file names {text!r}, which leads to {step!r} of {home!r}; expected "
+                    "something that is defined in its own module, or allow that module, too."
+                )
+
+
+def _is_within(module: str, allowed: Collection[str]) -> bool:
+    return any(module == name or module.startswith(f"{name}.") for name in allowed)
+
+
+def _home(found: Any) -> str | None:
+    """The module in which a module, class or function is defined; None for any other object."""
+    if isinstance(found, ModuleType):
+        return f"the module {found.__name__}"
+    if inspect.isclass(found) or inspect.isroutine(found):
+        return str(found.__module__)
+    return None

@@ -48,6 +48,7 @@ def test_what_nothing_can_import_has_no_name():
 def test_modules_are_imported_only_if_they_are_allowed():
     assert part_module("a.b:c") == "a.b"
     assert part_module("name") is None
-    check_allowed("who", ["a.b", "c"], ("a", "c"))
+    assert part_module("cuda:0") is None
+    check_allowed("who", {"tests.own_parts:one_post": ["math:cos"]}, ("tests", "math"))
     with pytest.raises(ValueError, match=r"who: the file names parts in \['ab'\].*allow=\('ab',\)"):
-        check_allowed("who", ["ab"], ("a",))
+        check_allowed("who", ["ab:c"], ("a",))

@@ -10,13 +10,13 @@ import pkgutil
 import types
 import typing
 from collections.abc import Iterator
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union
 
 import numpy as np
 import pytest
 import tyro
-import yaml
 from hypothesis import HealthCheck, assume, given, settings, strategies as st
 from pydantic.dataclasses import is_pydantic_dataclass
 from pydantic.fields import FieldInfo
@@ -24,6 +24,7 @@ from pydantic.fields import FieldInfo
 import modpush
 from modpush._types import Count, Point, Scenes
 from modpush._validation import check_value, from_plain
+from modpush._yaml import dump_yaml, load_yaml
 from modpush.agents.tqc.config import TQCConfig
 from modpush.cli.sweep import SweepConfig
 from modpush.envs.robot.ur5_2f85 import LINKS, TOOLS
@@ -204,14 +205,14 @@ def test_examples_survive_json_yaml_pickle_and_replace(kind: type) -> None:
         return
     plain = json.loads(json.dumps(dataclasses.asdict(item), default=str))
     assert from_plain(kind, plain) == item
-    assert from_plain(kind, yaml.safe_load(yaml.safe_dump(plain))) == item
+    assert from_plain(kind, load_yaml(dump_yaml(plain))) == item
 
 
 @pytest.mark.parametrize("name", TRAIN_PRESETS)
 def test_presets_survive_json_and_yaml(name: str) -> None:
     config = TRAIN_PRESETS[name][1]
     plain = json.loads(json.dumps(dataclasses.asdict(config)))
-    assert from_plain(TrainConfig, yaml.safe_load(yaml.safe_dump(plain))) == config
+    assert from_plain(TrainConfig, load_yaml(dump_yaml(plain))) == config
 
 
 NUMBERS = [
@@ -232,7 +233,7 @@ def test_a_right_number_survives_json_and_yaml(kind: type, name: str, data: Any)
     except ValueError:
         assume(False)  # it does not fit the other fields
     plain = json.loads(json.dumps(dataclasses.asdict(item), default=str))
-    assert from_plain(kind, yaml.safe_load(yaml.safe_dump(plain))) == item
+    assert from_plain(kind, load_yaml(dump_yaml(plain))) == item
 
 
 @settings(max_examples=20, deadline=None)
@@ -294,7 +295,12 @@ def test_lists_and_numpy_numbers_become_python_s_own() -> None:
             "unexpected keyword argument 'tqc.tua'",
         ),
         (lambda: from_plain(TrainConfig, [1]), ValueError, "TrainConfig: it must be of type"),
-        (lambda: from_plain(TrainConfig, {"a": object()}), ValueError, "expected plain data"),
+        (
+            lambda: from_plain(TrainConfig, {"tqc": {"a": [1, date(2026, 1, 1)]}}),
+            ValueError,
+            r"plain data, got datetime.date\(2026, 1, 1\) for tqc.a\[1\]",
+        ),
+        (lambda: from_plain(TrainConfig, {(1, 2): 3}), ValueError, r"got the name \(1, 2\) in it"),
         (lambda: check_value("f", "n", 0, Scenes), ValueError, "f: n must be >= 1, got 0"),
         (lambda: check_value("f", "p", [1, "a"], Point), ValueError, r"f: p\[1\] must be a number"),
     ],

@@ -21,6 +21,7 @@ SHARED = {
     "_experimental",
     "_extras",
     "_hash",
+    "_kernels",
     "_keys",
     "_folder_lock",
     "_provenance",
@@ -31,6 +32,7 @@ SHARED = {
     "_types",
     "_validation",
     "_weights",
+    "_yaml",
     "files",
     "parts",
 }
@@ -246,3 +248,34 @@ def test_opencv_works_beside_the_copy_that_sapien_asks_for() -> None:
     import numpy as np
 
     assert cv2.connectedComponents(np.ones((2, 2), np.uint8))[0] == 2
+
+
+def test_every_text_file_has_its_encoding_named():
+    found = []
+    for path in (path for folder in FOLDERS for path in (ROOT.parent / folder).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and _leaves_encoding_open(node):
+                found.append(f"{path.relative_to(ROOT.parent)}:{node.lineno}")
+    assert not found
+
+
+FOLDERS = ("modpush", "examples", "tools", "benchmarks")
+
+
+def _leaves_encoding_open(call: ast.Call) -> bool:
+    """Whether a call opens text in the environment's encoding; `os.open` and the like do not."""
+    function, of = call.func, ""
+    if isinstance(function, ast.Attribute):
+        name = function.attr
+        of = function.value.id if isinstance(function.value, ast.Name) else ""
+    else:
+        name = getattr(function, "id", "")
+    given = {keyword.arg: keyword.value for keyword in call.keywords}
+    if "encoding" in given or of in ("os", "gzip", "Image", "cv2", "tarfile", "webbrowser"):
+        return False
+    if name == "open":
+        position = 1 if isinstance(function, ast.Name) or of == "io" else 0
+        mode = call.args[position] if len(call.args) > position else given.get("mode")
+        return "b" not in getattr(mode, "value", "")
+    of_path = isinstance(function, ast.Attribute) and name in ("read_text", "write_text")
+    return of_path or "text" in given or "universal_newlines" in given

@@ -23,13 +23,15 @@ def release_notes(tag: str, root: Path = ROOT) -> str:
     Raises:
         ValueError: If tag, version and changelog do not agree.
     """
-    source = (root / "modpush" / "__init__.py").read_text()
+    source = (root / "modpush" / "__init__.py").read_text(encoding="utf-8")
     (version,) = re.findall(r'^__version__ = "([^"]+)"$', source, re.MULTILINE)
     if tag != f"v{version}":
         raise ValueError(
             f"tag must be 'v{version}', the version in modpush/__init__.py, got {tag!r}."
         )
-    parts = re.split(r"^## (.+)\n", (root / "CHANGELOG.md").read_text(), flags=re.MULTILINE)
+    parts = re.split(
+        r"^## (.+)\n", (root / "CHANGELOG.md").read_text(encoding="utf-8"), flags=re.MULTILINE
+    )
     sections = dict(zip(parts[1::2], parts[2::2], strict=True))
     if sections.get("Unreleased", "").strip():
         raise ValueError(f"CHANGELOG.md: 'Unreleased' must be empty, give it to {version}.")

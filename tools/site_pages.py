@@ -20,7 +20,7 @@ LINK = re.compile(r"\]\((?P<path>[^)#:\s]+)(?P<anchor>#[^)]*)?\)")
 
 def public_names(face: Path) -> list[str]:
     """Names that a package's `__init__.pyi` gives, in order."""
-    names = re.findall(r"\bas (\w+)", face.read_text())
+    names = re.findall(r"\bas (\w+)", face.read_text(encoding="utf-8"))
     return [name for name in names if not name.startswith("_")]
 
 
@@ -48,8 +48,11 @@ def source_page(file: Path) -> tuple[str, str]:
     """Address and Markdown of the page that shows a file."""
     name = file.relative_to(ROOT).as_posix()
     if file.suffix == ".md":
-        return f"source/{name}", file.read_text()
-    return f"source/{name}.md", f"# {name}\n\n````{file.suffix[1:]}\n{file.read_text()}\n````\n"
+        return f"source/{name}", file.read_text(encoding="utf-8")
+    return (
+        f"source/{name}.md",
+        f"# {name}\n\n````{file.suffix[1:]}\n{file.read_text(encoding='utf-8')}\n````\n",
+    )
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -62,7 +65,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for package in packages():
         add(f"api/{package.name}.md", api_page(package))
     for name in ("CHANGELOG.md", "CONTRIBUTING.md"):
-        add(f"project/{name}", (ROOT / name).read_text())
+        add(f"project/{name}", (ROOT / name).read_text(encoding="utf-8"))
     for page in [*files.documentation_pages()]:
         for match in LINK.finditer(page.content_string if page.src_uri.endswith(".md") else ""):
             file = outside_file(page.src_uri, match["path"])

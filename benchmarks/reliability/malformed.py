@@ -38,6 +38,7 @@ class Worker:
             stderr=subprocess.DEVNULL,
             env={**os.environ, "OMP_NUM_THREADS": "1"},
             text=True,
+            encoding="utf-8",
             bufsize=1,
         )
         self.answer(_START)
@@ -129,7 +130,7 @@ def main(
 
 def _results(count: int, seed: int, seconds: float, log: Path | None) -> Iterator[dict[str, Any]]:
     """What became of each case: as the log says, and of the others by running them."""
-    known = log.read_text().splitlines() if log is not None and log.exists() else []
+    known = log.read_text(encoding="utf-8").splitlines() if log is not None and log.exists() else []
     yield from (json.loads(line) for line in known[:count])
     worker = Worker(seed) if len(known) < count else None
     for number in range(len(known), count):
@@ -138,7 +139,7 @@ def _results(count: int, seed: int, seconds: float, log: Path | None) -> Iterato
         if result["outcome"] in ("crash", "hang"):
             worker = Worker(seed)
         if log is not None:
-            with log.open("a") as file:
+            with log.open("a", encoding="utf-8") as file:
                 file.write(f"{json.dumps(result)}\n")
         yield result
 

@@ -1,4 +1,4 @@
-"""A scripted pusher: it goes behind the object, pushes it at the target, and corrects its direction."""
+"""A scripted pusher: it moves behind the object, pushes it to the target and corrects the direction."""
 
 import math
 
@@ -26,18 +26,18 @@ class ScriptedPusherConfig:
     margin: NonNegative = 0.012
     """Distance between tool and object while the tool goes around the object [m]."""
     approach_angle: HalfTurn = 0.15
-    """Largest angle off the line from target through object at which the tool closes in [rad]."""
+    """Largest angle from the line through target and object at which the tool approaches [rad]."""
     push_angle: HalfTurn = 0.7
-    """Largest angle off that line at which the tool continues to push while in contact [rad]."""
+    """Largest angle from that line at which a tool in contact continues to push [rad]."""
     steer_gain: Finite = 1.5
-    """Correction of the pushing direction, as a multiple of the angle off the line."""
+    """Correction of the pushing direction, as a multiple of the angle from the line."""
     push_speed: PositiveFraction = 0.7
     """Length of a step while in contact, as a fraction of the largest step."""
     max_turn: Positive = 0.05
-    """Rotation of the tool that the largest action stands for [rad]."""
+    """Rotation of the tool by an action of 1 [rad]."""
 
     def __post_init__(self) -> None:
-        """Check what depends on several fields."""
+        """Check the relations between fields."""
         if not self.approach_angle <= self.push_angle:
             raise ValueError(
                 "ScriptedPusherConfig: expected approach_angle <= push_angle, "
@@ -57,9 +57,9 @@ def scripted_push(
 
     Args:
         object_position: Position of the object, `[B, 2]` [m].
-        target: Where to push the object, `[B, 2]` [m].
+        target: Target of the object, `[B, 2]` [m].
         ee_pose: x, y, yaw of the tool's tip, `[B, 3]` [m, m, rad].
-        contact: Whether the tool touches the object, `[B, 1]` bool.
+        contact: Contact between tool and object, `[B, 1]` bool.
         object_radius: Circumscribed radius of the object, `[B, 1]` [m].
         config: Gains of the pusher.
 
@@ -76,13 +76,13 @@ def scripted_push(
     push = _unit(heading + (1 + config.steer_gain) * off)
     push = push * torch.where(contact[:, 0], config.push_speed, 1.0).to(push)[:, None]
 
-    # Around the object on a circle, in the shorter direction; far from the circle, towards it.
+    # Around the object on a circle, the shorter way; far from the circle, towards it.
     circle = object_radius[:, 0] + config.tool_radius + config.margin
     side = torch.where(off > 0, 1.0, -1.0).to(off)
     inwards = ((distance - circle) / 0.02).clamp(-1.2, 1.2)
-    round_about = _unit(bearing + side * (math.pi / 2 - inwards))
+    around = _unit(bearing + side * (math.pi / 2 - inwards))
 
-    move = torch.where(behind[:, None], push, round_about)
+    move = torch.where(behind[:, None], push, around)
     # The wide side of the gripper faces the pushing direction; half a turn makes no difference.
     turn = wrap_angle(2 * (heading + math.pi / 2 - ee_pose[:, 2])) / 2
     action = torch.cat([move, (turn / config.max_turn)[:, None]], -1)
@@ -105,14 +105,14 @@ class ScriptedPusher(TensorDictModuleBase):
 
     Args:
         config: Gains of the pusher; the tuned ones by default.
-        target_key: Key of the position to which the object is pushed, `[B, 2]` [m], base frame.
+        target_key: Key of the object's target position, `[B, 2]` [m], base frame.
         object_pose_key: Key of the object's pose, `[B, 3]` [m, m, rad], base frame.
         ee_pose_key: Key of the pose of the tool's tip, `[B, 3]` [m, m, rad], base frame.
         contact_key: Key of the contact between tool and object, `[B, 1]` bool.
         object_radius_key: Key of the object's circumscribed radius, `[B, 1]` [m].
-        action_key: Key of the action, `[B, 3]`, written: base frame, as `PushEnv` takes it. Environments
-            of `make_push_env` take it with `action_frame="base"`; the preset `cpu` acts in the path's
-            frame. `get_method("scripted")` has a suitable environment.
+        action_key: Key of the action, written, `[B, 3]` in the base frame, for `PushEnv` and for
+            `make_push_env(action_frame="base")`; the preset `cpu` acts in the path's frame.
+            `get_method("scripted")` has a suitable environment.
     """
 
     @checked_arguments
@@ -137,8 +137,8 @@ class ScriptedPusher(TensorDictModuleBase):
 
         Raises:
             KeyError: If a key is missing; the message lists the keys.
-            TypeError: If one is not a tensor of real numbers.
-            ValueError: If one is of another width, or a pose is not finite.
+            TypeError: If a value is not a tensor of real numbers.
+            ValueError: If a value has another width, or a pose is not finite.
         """
         who = "ScriptedPusher"
         pose_key, target_key, ee_key, contact_key, radius_key = self.in_keys

@@ -24,5 +24,5 @@ def main(arguments: Sequence[str]) -> None:
     from modpush.data.collecting import collect_demonstrations
 
     folder = collect_demonstrations(config)
-    print((folder / "README.md").read_text())
+    print((folder / "README.md").read_text(encoding="utf-8"))
     print(f"Wrote {folder}/.")

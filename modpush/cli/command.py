@@ -2,6 +2,7 @@
 
 import difflib
 import importlib
+import io
 import os
 import select
 import signal
@@ -41,6 +42,11 @@ def run_command(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit status: 0, 2 for a usage error, 130 after an interrupt, 141 if the output was closed.
     """
+    # A character that the terminal's encoding lacks is no error, here and in the processes started.
+    os.environ.setdefault("PYTHONIOENCODING", ":replace")
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
     name, *rest = [*(sys.argv[1:] if arguments is None else arguments)] or ["--help"]
     if name in ("-h", "--help"):
         print(_overview())

@@ -103,7 +103,7 @@ def show_demo(config: DemoConfig) -> str:
     table = _table(runs, config)
     print("\n" + table)
     _write_pictures(config, runs)
-    (config.out / "table.md").write_text(table)
+    (config.out / "table.md").write_text(table, encoding="utf-8")
     told = "no arm.mp4: no Vulkan device"
     if arm:
         path = config.out / "arm.mp4"

@@ -67,7 +67,7 @@ class EvaluateConfig:
     fresh: bool = False
     """Start over instead of resuming an interrupted run."""
     allow: Several[Name] = ()
-    """Modules from which an agent's file may import its author's own parts."""
+    """Modules from which an agent's file or a set's may import its author's own parts."""
     out: FilePath = Path("runs/evaluate")
     """Folder to write to."""
 
@@ -97,7 +97,7 @@ def evaluate_policies(config: EvaluateConfig) -> dict[str, dict[str, pd.DataFram
         if len(rows) == 1:
             path = config.out / methods[0].name / episodes.name / "beside_paper.md"
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(report)
+        path.write_text(report, encoding="utf-8")
         print(f"\n{report}")
         results[name] = rows
     videos = ", videos" if config.videos else ""
@@ -109,7 +109,7 @@ def _load_sets(config: EvaluateConfig) -> dict[str, EvaluationSet]:
     """The chosen part of each set, by what the set was asked for as."""
     sets: dict[str, EvaluationSet] = {}
     for asked in config.set_names:
-        episodes = load_set(asked).first(config.episodes)
+        episodes = load_set(asked, allow=config.allow).first(config.episodes)
         if config.tool is not None:
             episodes = episodes.with_tool(config.tool)
         for other, known in sets.items():

@@ -37,6 +37,8 @@ class SweepConfig:
     """Groups of variants to run in addition to the first variant; all by default."""
     total_steps: Count | None = None
     """Environment steps of each run, instead of what the file says."""
+    allow: Several[Name] = ()
+    """Modules from which the file may import its author's own parts."""
     jobs: Count = 1
     """Number of runs at a time."""
     ray: bool = False
@@ -46,7 +48,7 @@ class SweepConfig:
 def main(arguments: Sequence[str]) -> None:
     """`modpush sweep <arguments>`."""
     config = tyro.cli(SweepConfig, prog="modpush sweep", description=__doc__, args=[*arguments])
-    sweep = load_sweep(config.sweep).of_groups(config.groups)
+    sweep = load_sweep(config.sweep, allow=config.allow).of_groups(config.groups)
     results = run_sweep(
         sweep, config.out, jobs=config.jobs, ray=config.ray, total_steps=config.total_steps
     )

@@ -1,6 +1,7 @@
 """`Demonstration`: one recorded episode, and its file."""
 
 import json
+from collections.abc import Collection
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,8 @@ from numpy.typing import NDArray
 from modpush.envs.robot.ur5_2f85 import JOINT_NAMES
 from modpush.envs.scenes.scenario import Scenario
 from modpush.envs.sim.scene_state import SceneState
-from modpush.files import read_arrays, write_arrays
+from modpush.files import read_arrays, reading, write_arrays
+from modpush.parts import check_allowed
 
 __all__ = ["FLAG_KEYS", "POSE_KEYS", "Demonstration", "body_state"]
 
@@ -101,20 +103,26 @@ class Demonstration:
         write_arrays(path, {"about": np.array(json.dumps(about)), **arrays}, _KIND, _VERSION)
 
     @classmethod
-    def load(cls, path: Path | str) -> "Demonstration":
+    def load(cls, path: Path | str, *, allow: Collection[str] = ()) -> "Demonstration":
         """Read what `save` wrote.
+
+        Args:
+            path: The file.
+            allow: Modules and packages from which it may name its object and its scene.
 
         Raises:
             FileNotFoundError: If there is no such file.
-            ValueError: If it is damaged, or no demonstration.
+            ValueError: If it is damaged, no demonstration, or names modules that are not allowed.
         """
-        arrays = read_arrays(path, _KIND, _VERSION)
-        content: dict[str, Any] = json.loads(str(arrays.pop("about")))
-        content["scenario"] = Scenario.from_dict(content["scenario"])
-        for name, value in arrays.items():
-            group, _, key = name.partition("/")
-            if key:
-                content.setdefault(group, {})[key] = value
-            else:
-                content[name] = value
-        return cls(**content)
+        with reading(path, _KIND):
+            arrays = read_arrays(path, _KIND, _VERSION)
+            content: dict[str, Any] = json.loads(str(arrays.pop("about")))
+            check_allowed(f"{_KIND}: {path}", content["scenario"], allow)
+            content["scenario"] = Scenario.from_dict(content["scenario"])
+            for name, value in arrays.items():
+                group, _, key = name.partition("/")
+                if key:
+                    content.setdefault(group, {})[key] = value
+                else:
+                    content[name] = value
+            return cls(**content)

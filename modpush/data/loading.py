@@ -1,7 +1,8 @@
 """`load_demonstrations`: collected episodes as transitions, and the environment they are of."""
 
+import json
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ from modpush._arguments import checked_arguments
 from modpush._checks import check_texts
 from modpush._extras import require_extra
 from modpush._validation import from_plain
+from modpush.files import reading
+from modpush.parts import check_allowed
 from modpush.recipes.config import PushEnvConfig
 from modpush.recipes.fingerprint import environment_fingerprint, fingerprint_differences
 from modpush.recipes.make_env import make_push_env
@@ -22,6 +25,7 @@ from modpush.recipes.make_env import make_push_env
 __all__ = ["Demonstrations", "load_demonstrations"]
 
 _PACKAGES = ("minari", "h5py")
+_METADATA = "metadata.json"  # Minari's, beside the episodes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +72,7 @@ def load_demonstrations(
     *,
     policies: Collection[str] | None = None,
     only_success: bool = False,
+    allow: Collection[str] = (),
 ) -> Demonstrations:
     """Read what `modpush collect` wrote, from its Minari data set.
 
@@ -75,24 +80,35 @@ def load_demonstrations(
         path: The folder that `collect_demonstrations` wrote to, or a Minari data set's folder in it.
         policies: Take only episodes of these policies.
         only_success: Take only episodes that reached the goal.
+        allow: Modules and packages from which the data set may name parts of its environment.
 
     Raises:
         MissingExtraError: If Minari is not installed.
         FileNotFoundError: If there is no such data set.
-        ValueError: If it is not modpush's, there are several, or no episode is left.
+        ValueError: If it is not modpush's or damaged, there are several, it names modules that are not
+            allowed, or no episode is left.
     """
     if policies is not None:
         check_texts("load_demonstrations", "policies", policies)
     require_extra("load_demonstrations", *_PACKAGES)
     from minari import MinariDataset
 
-    dataset = MinariDataset(_find(Path(path)))
-    about = dataset.storage.metadata.get("modpush")
-    if about is None:
-        raise ValueError(
-            f"load_demonstrations: {path} is not a data set of modpush; for others use TorchRL's "
-            "MinariExperienceReplay."
-        )
+    folder = _find(Path(path))
+    who = f"load_demonstrations: {folder}"
+    with reading(folder / _METADATA, "load_demonstrations"):
+        metadata = json.loads((folder / _METADATA).read_text(encoding="utf-8"))
+        if "modpush" not in metadata:
+            raise ValueError(
+                f"load_demonstrations: {path} is not a data set of modpush; for others use TorchRL's "
+                "MinariExperienceReplay."
+            )
+        if not {"observation_space", "action_space"} <= set(metadata):
+            # Minari would make the environment, and import what its specification names.
+            raise ValueError(f"{who} must hold its observation_space and action_space.")
+        about = metadata["modpush"]
+        config = from_plain(PushEnvConfig, about["env"])
+        check_allowed(who, asdict(config), allow)
+    dataset = MinariDataset(folder)
     known = [dict(m) for m in dataset.storage.get_episode_metadata(range(len(dataset)))]
     if policies is not None and (missing := set(policies) - set(about["policies"])):
         raise ValueError(
@@ -114,7 +130,7 @@ def load_demonstrations(
     return Demonstrations(
         transitions=torch.cat(parts),
         episodes=tuple(known[n] for n in chosen),
-        config=from_plain(PushEnvConfig, about["env"]),
+        config=config,
         fingerprint=about["fingerprint"],
     )
 

@@ -108,6 +108,7 @@ def _trajectory(found: Demonstration, tool: ToolName) -> dict[str, Any]:
             "actors": {item.name: actor},
             "articulations": {f"ur5_{tool}": arm},
             "controller": controller,
+            "layout": np.tile(np.float32(found.scenario.layout_code), (len(found) + 1, 1)),
         },
         "rewards": found.flags["success"][1:].astype(np.float32),
     }

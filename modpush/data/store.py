@@ -12,7 +12,8 @@ from modpush._atomic import clean_leftovers, make_folder
 from modpush.data.demonstration import Demonstration
 from modpush.evaluation.metrics import EpisodeMetrics
 from modpush.evaluation.sealed_rows import append_row, begin_rows, read_rows
-from modpush.files import read_json, write_json
+from modpush.files import read_json, reading, write_json
+from modpush.parts import parts_named
 
 __all__ = ["COLUMNS", "DemonstrationStore"]
 
@@ -48,8 +49,9 @@ class DemonstrationStore:
     @checked_arguments
     def __init__(self, folder: Path | str, about: Mapping[str, Any]) -> None:
         self.folder = folder = make_folder(folder)
+        self._allow = parts_named(about.get("env"))  # the caller's own
         if (folder / "run.json").exists():
-            found = read_json(folder / "run.json", _KIND, _VERSION)["about"]
+            found = _read(folder / "run.json", "about")
             other = sorted(
                 key for key in {*found, *about} if found.get(key, None) != about.get(key, None)
             )
@@ -80,7 +82,7 @@ class DemonstrationStore:
         path = self.folder / "episodes" / name / "policy.json"
         if not path.exists():
             write_json(path, {"policy": dict(about)}, _KIND, _VERSION)
-        found = read_json(path, _KIND, _VERSION)["policy"]
+        found = _read(path, "policy")
         if found != about:
             raise ValueError(
                 f"collect_demonstrations: {self.folder} holds episodes of another policy {name!r}, "
@@ -91,7 +93,7 @@ class DemonstrationStore:
     def policies(self) -> dict[str, dict[str, Any]]:
         """What `claim_policy` noted, by name."""
         return {
-            path.parent.name: read_json(path, _KIND, _VERSION)["policy"]
+            path.parent.name: _read(path, "policy")
             for path in sorted((self.folder / "episodes").glob("*/policy.json"))
         }
 
@@ -134,7 +136,14 @@ class DemonstrationStore:
             ValueError: If one is damaged.
         """
         for row in rows.itertuples():
-            yield Demonstration.load(self._path(str(row.policy), int(row.number)))
+            path = self._path(str(row.policy), int(row.number))
+            yield Demonstration.load(path, allow=self._allow)
 
     def _path(self, policy: str, number: int) -> Path:
         return self.folder / "episodes" / policy / f"{number:06d}.npz"
+
+
+def _read(path: Path, key: str) -> dict[str, Any]:
+    """The mapping under a key of a sealed file."""
+    with reading(path, _KIND):
+        return dict(read_json(path, _KIND, _VERSION)[key])

@@ -1,15 +1,17 @@
-"""What an encoder is, and what every encoder needs."""
+"""`Encoder`: the base class of encoders, and checks of their windows."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
+from numbers import Real
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 
 from modpush._checks import check_dtype
-from modpush.encoders.window import WINDOW_SIZE
+from modpush.encoders.window import METRES_PER_PIXEL, WINDOW_SIZE
 
 __all__ = ["Encoder", "as_floats", "check_window", "encoder_sizes", "evaluating"]
 
@@ -18,28 +20,31 @@ class Encoder(nn.Module, ABC):
     """Implement `forward(window [B, 1, S, S] float32 in [0, 1]) -> [B, latent_dim] float32`.
 
     `Encode` uses it in a transform. Any module with `latent_dim` can be used in its place; one without
-    `window_size` takes windows of 64 pixels.
+    `window_size` takes windows of 64 pixels, and one without `metres_per_pixel` pixels of 3.56 mm.
     """
 
     latent_dim: int
     """Number of values in a latent."""
     window_size: int = WINDOW_SIZE
     """Side of the windows that it takes [px]."""
+    metres_per_pixel: float = METRES_PER_PIXEL
+    """Side of their pixels on the table [m]; the windows of any camera are resampled to it."""
 
     @abstractmethod
     def forward(self, window: Tensor) -> Tensor:
         """Encode `[B, 1, S, S]` windows to `[B, latent_dim]`."""
 
 
-def encoder_sizes(who: str, encoder: Any) -> tuple[int, int]:
-    """Width of an encoder's latent, and side of the windows that it takes [px].
+def encoder_sizes(who: str, encoder: Any) -> tuple[int, int, float]:
+    """Width of an encoder's latent, side of the windows that it takes [px], and of their pixels [m].
 
     Args:
         who: Name of the caller, for error messages.
-        encoder: Any module with `latent_dim`, and `window_size` where that is not 64.
+        encoder: Any module with `latent_dim`; with `window_size` and `metres_per_pixel` where these
+            are not `Encoder`'s.
 
     Raises:
-        TypeError: If it is not a module, or one of the two is not a positive integer.
+        TypeError: If it is not a module, or one of the three is not a positive number.
     """
     sizes = (getattr(encoder, "latent_dim", None), getattr(encoder, "window_size", WINDOW_SIZE))
     whole = all(isinstance(size, int) and size >= 1 for size in sizes)
@@ -49,24 +54,29 @@ def encoder_sizes(who: str, encoder: Any) -> tuple[int, int]:
             f"{WINDOW_SIZE}, an int `window_size` >= 1; got {type(encoder).__name__} with "
             f"latent_dim={sizes[0]!r} and window_size={sizes[1]!r}."
         )
-    return int(sizes[0]), int(sizes[1])  # type: ignore[arg-type]
+    scale = getattr(encoder, "metres_per_pixel", METRES_PER_PIXEL)
+    if not isinstance(scale, Real) or not 0 < scale < math.inf:
+        raise TypeError(
+            f"{who}: the encoder's metres_per_pixel must be a positive number [m], got {scale!r}."
+        )
+    return int(sizes[0]), int(sizes[1]), float(scale)  # type: ignore[arg-type]
 
 
 @contextmanager
 def evaluating(module: nn.Module) -> Iterator[None]:
-    """Put a module in eval mode for a while; afterwards each part is in the mode it was in."""
+    """Context in which a module is in eval mode; afterwards each submodule has its mode back."""
     training = [part for part in module.modules() if part.training]
     if training:
         module.eval()
     try:
         yield
     finally:
-        for part in training:  # those, and none that were frozen on purpose
+        for part in training:  # but not submodules that were frozen on purpose
             part.training = True
 
 
 def as_floats(window: Tensor) -> Tensor:
-    """Windows as float32 in [0, 1]: bytes are divided by 255, floats stay as they are."""
+    """Windows as float32 in [0, 1]: bytes are divided by 255, floats are unchanged."""
     stored = isinstance(window, Tensor) and window.dtype == torch.uint8
     return window.float() / 255 if stored else window
 
@@ -74,15 +84,14 @@ def as_floats(window: Tensor) -> Tensor:
 def check_window(
     window: Tensor, size: int, who: str, values: bool = True, batched: bool = False
 ) -> None:
-    """Refuse everything that is not a batch of windows.
+    """Raise unless a tensor is a batch of windows.
 
     Args:
         window: `[..., 1, size, size]` float32.
-        size: Side that is expected [px].
-        who: Named in errors.
-        values: Check every value, too: a NaN or an image in other units (millimetres, 0 to 255) is
-            refused instead of encoded to nonsense.
-        batched: Expect just one batch dimension, `[B, 1, size, size]`.
+        size: Expected side [px].
+        who: Name of the caller, for error messages.
+        values: Also check every value, against NaN and other units (millimetres, 0 to 255).
+        batched: Expect exactly one batch dimension, `[B, 1, size, size]`.
 
     Raises:
         TypeError: If it is not a float32 tensor.

@@ -14,14 +14,14 @@ from modpush.encoders.base import as_floats, check_window, encoder_sizes, evalua
 __all__ = ["Encode"]
 
 _FEW = 4
-"""Number of images from which on the last bits of a latent do not depend on how many share the call:
-matrix products of fewer rows sum in another order."""
+"""Number of images from which on a latent's last bits do not depend on the number in the call: matrix
+products of fewer rows sum in another order."""
 
 
 class Encode(StatelessTransform):
     """Writes the latent of the window: one call of the encoder for all scenes, in eval mode.
 
-    The encoder is shared, not copied: when its weights are trained, the transform uses the new ones.
+    The encoder is shared, not copied: the transform uses its weights as they are trained.
 
     Args:
         encoder: Any module `[B, 1, S, S] -> [B, latent_dim]` with the attributes `latent_dim` and, if
@@ -46,7 +46,7 @@ class Encode(StatelessTransform):
         *,
         mirrored_key: NestedKey | None = None,
     ) -> None:
-        self.latent_dim, self.window_size = encoder_sizes("Encode", encoder)
+        self.latent_dim, self.window_size, _ = encoder_sizes("Encode", encoder)
         out_keys = [latent_key] if mirrored_key is None else [latent_key, mirrored_key]
         super().__init__(in_keys=[window_key], out_keys=out_keys)
         self.encoder, self.mirrored_key = encoder, mirrored_key
@@ -58,7 +58,7 @@ class Encode(StatelessTransform):
         batch = window.reshape(-1, *window.shape[-3:])
         if self.mirrored_key is not None:
             batch = torch.cat([batch, batch.flip(-1)])  # its columns run along the frame's y
-        # In eval mode, since a latent must not depend on which scenes share the call.
+        # In eval mode, since a latent must not depend on the other scenes of the batch.
         with (
             evaluating(self.encoder),
             torch.set_grad_enabled(self.grad and torch.is_grad_enabled()),

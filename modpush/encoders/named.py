@@ -1,4 +1,4 @@
-"""The encoders by name, and your own encoders."""
+"""Encoders by name, and user-defined encoders."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -20,22 +20,22 @@ ENCODERS: dict[str, Callable[[], nn.Module | None]] = {
     "conv": ConvEncoder,
     "none": lambda: None,
 }
-"""What makes each encoder, by name: the shipped `DepthVAE`, `RayScan`, `ConvEncoder`, or none."""
+"""Factory of each encoder, by name: the shipped `DepthVAE`, `RayScan`, `ConvEncoder`, or none."""
 
 
 def names_a_file(encoder: str | Path) -> bool:
-    """Whether a text or path stands for the file of a `DepthVAE`, be it there or not."""
+    """True if a text or path stands for a file of a `DepthVAE`, which need not exist."""
     text = str(encoder)
     return text.endswith(".safetensors") or "/" in text or Path(text).is_file()
 
 
 def make_encoder(who: str, encoder: Any) -> nn.Module | None:
-    """Find an encoder by its name, its file or `"module:name"`, or take it as an object.
+    """Make an encoder from its name, file or `"module:name"`, or check an encoder object.
 
     Args:
         who: Name of the caller, for error messages.
         encoder: A name in `ENCODERS`; the path of a trained `DepthVAE`; `"module:name"` of an
-            encoder, or of a class or function that makes one without arguments; or such an object
+            encoder, or of a class or function that returns one without arguments; or such an object
             itself. An encoder is a module with the attribute `latent_dim`, see `Encoder`.
 
     Returns:
@@ -43,7 +43,7 @@ def make_encoder(who: str, encoder: Any) -> nn.Module | None:
 
     Raises:
         ValueError: If there is no such encoder, or the file is damaged.
-        TypeError: If what is found is not a module with a `latent_dim`.
+        TypeError: If the object is not a module with a `latent_dim`.
     """
     if encoder is None:
         return None

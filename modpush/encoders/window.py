@@ -20,13 +20,14 @@ from modpush._checks import (
     check_instance,
     check_real,
 )
-from modpush._types import PixelCount
+from modpush._types import PixelCount, Positive
 from modpush.encoders.window_kernel import Pinhole, window_few, window_many
-from modpush.geometry.camera import Camera
+from modpush.geometry.camera import CAMERA, Camera
 from modpush.geometry.labels import Label
 
 __all__ = [
     "MAX_HEIGHT",
+    "METRES_PER_PIXEL",
     "WINDOW_SIZE",
     "Outside",
     "cast_window",
@@ -38,9 +39,11 @@ WINDOW_SIZE = 64
 """Side of the paper's window [px]."""
 MAX_HEIGHT = 0.08
 """Height over the table that a window shows as 1 [m]."""
+METRES_PER_PIXEL = CAMERA.cell_size
+"""Side of a window pixel on the table [m], 3.56 mm: that of a pixel of `PushEnv`'s camera."""
 Outside = Literal["free", "blocked"]
 _PARALLEL_FROM = 64
-"""Number of scenes from which on several threads are used: fewer take less than a millisecond."""
+"""Number of scenes from which on several threads are used; fewer take less than a millisecond."""
 Cast = Callable[[NDArray[np.float64]], tuple[NDArray[np.float32], NDArray[np.uint8]]]
 
 
@@ -54,29 +57,32 @@ def egocentric_window(
     outside: Outside = "free",
     upright: bool = True,
     camera: Camera | None = None,
+    metres_per_pixel: float = METRES_PER_PIXEL,
 ) -> Tensor:
-    """Cut the local height map around a pose out of bird's-eye images.
+    """Crop the local height map around a pose from bird's-eye images.
 
     The window lies in the pose's frame as the image does in the base frame: up (towards row 0) is
     +x, left (towards column 0) is +y, and the pose is in the middle, between the four central
-    pixels. A window pixel is as large as an image pixel on the table (3.56 mm). A value is the height
-    over the table divided by `max_height`, clipped to [0, 1]; 0 is free. Pixels that show the pushed
-    object or the robot count as table, exactly. The nearest pixel is taken, never a mixture: the
-    edges stay sharp, nothing of the object bleeds in, and heights are those of real surfaces.
+    pixels. A window pixel is `metres_per_pixel` wide on the table, whatever the image's are. A value
+    is the height over the table divided by `max_height`, clipped to [0, 1]; 0 is free. Pixels that
+    show the pushed object or the robot count as table, exactly. The nearest pixel is taken, never a
+    mixture: the edges stay sharp, nothing of the object bleeds in, and heights are those of real
+    surfaces.
 
     Args:
         depth: `[B, H, W]` float32 along the optical axis [m]. Where it is zero, negative or NaN,
-            nothing was seen, which counts as table.
-        segmentation: `[B, H, W]` uint8, values as in `modpush.geometry.Label`; None if nothing has to be
-            removed.
+            there is no measurement, which counts as table.
+        segmentation: `[B, H, W]` uint8, values as in `modpush.geometry.Label`; None removes nothing.
         pose: `[B, 3]` (x, y, yaw) of the window's frame in the base frame [m, rad].
         size: Side of the window [px].
-        max_height: What is shown as 1 [m].
-        outside: What lies beyond the image's border, 0 (`"free"`) or 1 (`"blocked"`).
-        upright: Draw heights where they stand on the table. False draws them where the camera sees
-            them, higher ones further out, together with the sides that it sees: then a bar's
-            picture depends on where on the table it lies.
+        max_height: Height that is shown as 1 [m].
+        outside: Value of pixels beyond the image, `"free"` (0) or `"blocked"` (1).
+        upright: Draw heights where they stand on the table. False draws them where they appear in the
+            image, higher ones further out, together with visible sides: the window of a bar then
+            depends on its position on the table.
         camera: The camera; the default is the one of `PushEnv`, with the image's size.
+        metres_per_pixel: Side of a window pixel on the table [m]; an encoder needs the one that it was
+            trained with.
 
     Returns:
         `[B, 1, size, size]` float32 in [0, 1], on the depth's device.
@@ -87,7 +93,8 @@ def egocentric_window(
             unit than metres: in one scene all of it lies beyond the table.
     Source: Sec. IV-A of the paper.
     """
-    camera = _check(depth, segmentation, pose, size, max_height, outside, upright, camera)
+    camera = _check(depth, segmentation, pose, upright, camera)
+    check_options("egocentric_window", size, max_height, outside, camera.z, metres_per_pixel)
     check_depth_unit("egocentric_window", depth, camera.z)
     image = depth.detach().cpu().contiguous()
     if segmentation is None:
@@ -102,7 +109,8 @@ def egocentric_window(
         )
     out = torch.empty(len(image), 1, size, size, dtype=torch.float32, device="cpu")
     beyond = 1.0 if outside == "blocked" else 0.0
-    rest = (poses, _pinhole(camera), float(max_height), beyond, upright, out[:, 0].numpy())
+    step = float(metres_per_pixel) / camera.cell_size
+    rest = (poses, _pinhole(camera), step, float(max_height), beyond, upright, out[:, 0].numpy())
     if len(image) >= _PARALLEL_FROM:
         run_batch(window_few, window_many, len(image), image.numpy(), labels, *rest)
     else:
@@ -112,17 +120,22 @@ def egocentric_window(
 
 @checked_arguments
 def window_pixels(
-    pose: Tensor, size: PixelCount = WINDOW_SIZE, height: float = 0.0, camera: Camera | None = None
+    pose: Tensor,
+    size: PixelCount = WINDOW_SIZE,
+    height: float = 0.0,
+    camera: Camera | None = None,
+    metres_per_pixel: Positive = METRES_PER_PIXEL,
 ) -> Tensor:
-    """Where in the image the window's pixels are, at a height over the table.
+    """Image coordinates of the window's pixels, at a height over the table.
 
-    Rounded, these are the pixels that `egocentric_window(..., upright=False)` takes at height 0.
+    Rounded, these are the pixels that `egocentric_window(..., upright=False)` reads at height 0.
 
     Args:
         pose: `[..., 3]` (x, y, yaw) of the window's frame in the base frame [m, rad].
         size: Side of the window [px].
         height: Height over the table [m].
         camera: The camera; the default is the one of `PushEnv`.
+        metres_per_pixel: Side of a window pixel on the table [m].
 
     Returns:
         `[..., size, size, 2]` (u, v) [px], float64.
@@ -136,7 +149,7 @@ def window_pixels(
         raise ValueError(f"window_pixels: height must be below the camera's, got {height}.")
     pose = pose.double()
     places = torch.arange(size, dtype=torch.float64, device=pose.device)
-    steps = (0.5 * (size - 1) - places) * camera.cell_size
+    steps = (0.5 * (size - 1) - places) * metres_per_pixel
     ahead, left = torch.meshgrid(steps, steps, indexing="ij")
     cos, sin = torch.cos(pose[..., 2, None, None]), torch.sin(pose[..., 2, None, None])
     x = pose[..., 0, None, None] + cos * ahead - sin * left
@@ -153,18 +166,20 @@ def cast_window(
     outside: Outside = "free",
     upright: bool = True,
     camera: Camera | None = None,
+    metres_per_pixel: float = METRES_PER_PIXEL,
 ) -> Tensor:
-    """The same window, cast from the scene's shapes without an image of it.
+    """The window of `egocentric_window`, ray-cast from the scene's shapes without a full image.
 
     Args:
-        cast: From pixels `[N, 2]` (u, v) float64 to depth `[N]` float32 [m] and label `[N]` uint8, as
-            `functools.partial(env.cast, index)` of a `PushEnv` does.
+        cast: Function of pixels `[N, 2]` (u, v) float64 that returns depth `[N]` float32 [m] and label
+            `[N]` uint8, such as `functools.partial(env.cast, index)` of a `PushEnv`.
         pose: `[3]` (x, y, yaw) of the window's frame [m, rad].
         size: As in `egocentric_window`.
         max_height: As in `egocentric_window`.
         outside: As in `egocentric_window`.
         upright: As in `egocentric_window`.
         camera: As in `egocentric_window`.
+        metres_per_pixel: As in `egocentric_window`.
 
     Returns:
         `[1, size, size]` float32, the values that `egocentric_window` reads from the full image.
@@ -172,11 +187,13 @@ def cast_window(
     check_callable("cast_window", "cast", cast)
     check_real("cast_window", "pose", pose, 3)
     camera = camera or Camera()
-    check_options("cast_window", size, max_height, outside, camera.z)
+    check_options("cast_window", size, max_height, outside, camera.z, metres_per_pixel)
     depth = np.full((1, camera.height, camera.width), camera.z, dtype=np.float32)
     labels = np.zeros(depth.shape, dtype=np.uint8)
     heights = (0.0, max_height) if upright else (0.0,)
-    pixels = torch.cat([window_pixels(pose, size, z, camera).reshape(-1, 2) for z in heights])
+    pixels = torch.cat(
+        [window_pixels(pose, size, z, camera, metres_per_pixel).reshape(-1, 2) for z in heights]
+    )
     low, high = (pixels.min(0).values - 1).floor().long(), (pixels.max(0).values + 1).ceil().long()
     columns = np.arange(max(int(low[0]), 0), min(int(high[0]), camera.width - 1) + 1)
     rows = np.arange(max(int(low[1]), 0), min(int(high[1]), camera.height - 1) + 1)
@@ -193,6 +210,7 @@ def cast_window(
         outside=outside,
         upright=upright,
         camera=camera,
+        metres_per_pixel=metres_per_pixel,
     )[0]
 
 
@@ -207,8 +225,10 @@ def _pinhole(camera: Camera) -> Pinhole:
     return Pinhole(*(float(number) for number in numbers))
 
 
-def check_options(who: str, size: int, max_height: float, outside: str, camera_z: float) -> None:
-    """Raise where a window cannot be made; errors name `who`."""
+def check_options(
+    who: str, size: int, max_height: float, outside: str, camera_z: float, metres_per_pixel: float
+) -> None:
+    """Raise for invalid options of a window; errors name `who`."""
     if not isinstance(size, int | np.integer) or isinstance(size, bool) or size < 1:
         raise ValueError(f"{who}: size must be >= 1 px, got {size!r}.")
     if not isinstance(max_height, Real) or not 0 < max_height < camera_z:
@@ -218,15 +238,16 @@ def check_options(who: str, size: int, max_height: float, outside: str, camera_z
         )
     if outside not in get_args(Outside):
         raise ValueError(f"{who}: outside must be one of {get_args(Outside)}, got {outside!r}.")
+    if not isinstance(metres_per_pixel, Real) or not 0 < metres_per_pixel < math.inf:
+        raise ValueError(
+            f"{who}: metres_per_pixel must be positive and finite, got {metres_per_pixel!r}."
+        )
 
 
 def _check(
     depth: Tensor,
     segmentation: Tensor | None,
     pose: Tensor,
-    size: int,
-    max_height: float,
-    outside: str,
     upright: bool,
     camera: Camera | None,
 ) -> Camera:
@@ -238,7 +259,6 @@ def _check(
     if camera is not None:
         check_instance(who, "camera", camera, Camera)
     camera = camera or _camera_of(depth.shape[1], depth.shape[2])
-    check_options(who, size, max_height, outside, camera.z)
     if depth.shape[1:] != (camera.height, camera.width):
         raise ValueError(
             f"{who}: depth must be [B, {camera.height}, {camera.width}] for this camera, "

@@ -1,4 +1,4 @@
-"""`WindowBytes`: the local window as bytes, to be stored and encoded later."""
+"""`WindowBytes`: the local window as bytes, for storage."""
 
 import torch
 from tensordict import NestedKey, TensorDictBase
@@ -12,16 +12,16 @@ __all__ = ["WindowBytes"]
 
 
 class WindowBytes(StatelessTransform):
-    """Replaces the window by whole numbers from 0 to 255, a quarter of the memory.
+    """Quantises the window to integers from 0 to 255, in a quarter of the memory.
 
-    Networks that learn their own encoder read it: a value stands for itself divided by 255.
+    Networks with an encoder of their own read it and divide by 255.
 
     Args:
         window_key: Read, `[..., 1, S, S]` float32 in [0, 1]; written, the same shape, uint8.
 
     Raises:
         KeyError: If the window is missing.
-        ValueError: If a value of it is not in [0, 1]; on a GPU this is not checked.
+        ValueError: If one of its values is not in [0, 1]; on a GPU this is not checked.
     """
 
     def __init__(self, window_key: NestedKey = "window") -> None:
@@ -30,12 +30,12 @@ class WindowBytes(StatelessTransform):
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         window = read_key("WindowBytes", next_tensordict, self.window_key)
-        if window.dtype == torch.uint8:  # stored data, which this has written
+        if window.dtype == torch.uint8:  # stored data, quantised already
             return next_tensordict
         check_real("WindowBytes", repr(self.window_key), window)
-        if window.numel() and window.device.type == "cpu":  # on a GPU the check would stall it
+        if window.numel() and window.device.type == "cpu":  # on a GPU the check would synchronise
             least, most = (float(value) for value in window.detach().aminmax())
-            if not 0.0 <= least <= most <= 1.0:  # beyond, bytes begin anew at 0
+            if not 0.0 <= least <= most <= 1.0:  # beyond, bytes would overflow
                 raise ValueError(
                     f"WindowBytes: {self.window_key!r} must be finite and in [0, 1], got values from "
                     f"{least:g} to {most:g}."
@@ -43,7 +43,7 @@ class WindowBytes(StatelessTransform):
         return next_tensordict.set(self.window_key, (window * 255).round().to(torch.uint8))
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
-        """Make the window's spec one of bytes."""
+        """Replace the window's spec by one of bytes."""
         check_spec_has("WindowBytes", observation_spec, [self.window_key])
         observation_spec[self.window_key] = Bounded(
             low=0,

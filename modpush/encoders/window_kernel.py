@@ -1,26 +1,26 @@
 """Compiled sampling of local windows from bird's-eye images.
 
-In this file pixel edges are at integers, so that cutting off the fraction finds the pixel. Loops
-read arrays themselves: passing an array to a function at each pixel costs more than all the rest.
-Arithmetic and reading are apart, since the compiler vectorises the former only where the latter is
-out of the way.
+In this file pixel edges are at integers, so that truncation finds the pixel. Loops index arrays
+directly: passing an array to a function at each pixel costs more than all the rest. Arithmetic and
+reading are separate, since the compiler vectorises only loops without the latter.
 """
 
 import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 
+from modpush._kernels import njit
 from modpush.geometry.labels import Label
 
 _HEIGHT_TOLERANCE = np.float32(0.004)
-"""Two heights this near are of one surface [m]; also what counts as the bare table."""
+"""Largest difference of heights of one surface, and largest height of the bare table [m]."""
 _FLAT = np.float32(1e-5)
-"""Depths of one level surface differ by rounding only [m]."""
+"""Largest difference of depths of one level surface, from rounding [m]."""
 _MAX_LOOKS = 8
-"""Number of heights that are tried over one table point."""
+"""Largest number of heights that are tried over one table point."""
 _REMOVED, _OUTSIDE = np.float32(-1.0), np.float32(-2.0)
 _OBJECT, _ROBOT = np.uint8(Label.OBJECT), np.uint8(Label.ROBOT)
 
@@ -45,16 +45,19 @@ class Pinhole(NamedTuple):
     v: float
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _find_pixels(pose: NDArray, camera: Pinhole, shape: tuple[int, int], index: NDArray) -> tuple:
-    """Write which pixel of the image each of the window's is, at the table; -1 beyond the image.
+@njit(nogil=True, error_model="numpy")
+def _find_pixels(
+    pose: NDArray, camera: Pinhole, step: float, shape: tuple[int, int], index: NDArray
+) -> tuple:
+    """Write the image pixel of each window pixel at table height; -1 beyond the image.
 
-    Returns the offset of the window's first pixel from the principal point, and the offsets from
-    column to column and from row to row: u and v of each [px].
+    A window pixel is as long as `step` of the image's. Returns the offset of the window's first pixel
+    from the principal point, and the offsets from column to column and from row to row: u and v of
+    each [px].
     """
     (rows, columns), size = shape, index.shape[0]
     to_pixel, half = camera.focal_length / camera.z, 0.5 * (size - 1)
-    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    cos, sin = step * math.cos(pose[2]), step * math.sin(pose[2])
     du, dv = -(pose[1] - camera.y) * to_pixel, -(pose[0] - camera.x) * to_pixel
     reach = half * (abs(cos) + abs(sin)) + 1.0  # from the middle to the furthest pixel
     u, v = camera.u + 0.5 + du, camera.v + 0.5 + dv
@@ -75,11 +78,11 @@ def _find_pixels(pose: NDArray, camera: Pinhole, shape: tuple[int, int], index: 
     return du0, dv0, cos, -sin, sin, cos
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _read_heights(
     index: NDArray, image: NDArray, labels: NDArray, camera_z: float, out: NDArray
 ) -> None:
-    """Write the height that is seen on the table plane [m], or `_REMOVED`, or `_OUTSIDE`."""
+    """Write the height in each pixel [m], or `_REMOVED`, or `_OUTSIDE`."""
     table_depth, zero = np.float32(camera_z), np.float32(0.0)
     table = np.float32(camera_z - 1e-6)  # less is rounding
     for i in range(out.shape[0]):
@@ -89,12 +92,12 @@ def _read_heights(
                 continue
             pixel = np.uint32(index[i, j])
             seen, label = image[pixel], labels[pixel]
-            # The table, or nothing was seen there (0, NaN).
+            # The table, or no measurement (0, NaN).
             height = table_depth - seen if zero < seen < table else zero
             out[i, j] = _REMOVED if label == _OBJECT or label == _ROBOT else height  # noqa: SIM109 (`in` costs half the time again)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _set_upright(
     index: NDArray,
     image: NDArray,
@@ -105,7 +108,7 @@ def _set_upright(
     top: float,
     out: NDArray,
 ) -> None:
-    """Replace heights where they are seen by heights where they stand.
+    """Move heights from where they appear in the image to where they stand.
 
     The point at height z over a table point is seen camera_z / (camera_z - z) times as far from the
     image's centre. A height is searched that is seen where it should be, from the top down; a table
@@ -177,13 +180,14 @@ def _set_upright(
             out[i, j] = height
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def window_one(
     b: int,
     depth: NDArray,
     segmentation: NDArray,
     pose: NDArray,
     camera: Pinhole,
+    step: float,
     top: float,
     outside: float,
     upright: bool,
@@ -197,15 +201,16 @@ def window_one(
         segmentation: `[B, H, W]` uint8.
         pose: `[B, 3]` float64 (x, y, yaw) of the window's frame, base frame.
         camera: The camera.
+        step: Side of a window pixel on the table in pixels of the image.
         top: Height that is written as 1 [m].
-        outside: Written where the image ends.
-        upright: Write heights where they stand, not where they are seen.
+        outside: Value of pixels beyond the image.
+        upright: Write heights where they stand instead of where they appear in the image.
         out: `[B, S, S]` float32.
     """
     shape, size, window = depth.shape[1:], out.shape[1], out[b]
     image, labels = depth[b].ravel(), segmentation[b].ravel()
     index = np.empty((size, size), np.int32)
-    offsets = _find_pixels(pose[b], camera, shape, index)
+    offsets = _find_pixels(pose[b], camera, step, shape, index)
     _read_heights(index, image, labels, camera.z, window)
     if upright:
         _set_upright(index, image, labels, shape, offsets, camera, top, window)
@@ -216,13 +221,14 @@ def window_one(
             window[i, j] = np.float32(outside) if window[i, j] == _OUTSIDE else value
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def window_few(
     batch: int,
     depth: NDArray,
     segmentation: NDArray,
     pose: NDArray,
     camera: Pinhole,
+    step: float,
     top: float,
     outside: float,
     upright: bool,
@@ -230,16 +236,17 @@ def window_few(
 ) -> None:
     """All scenes' windows, one after the other; arguments as in `window_one`."""
     for b in range(batch):
-        window_one(b, depth, segmentation, pose, camera, top, outside, upright, out)
+        window_one(b, depth, segmentation, pose, camera, step, top, outside, upright, out)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def window_many(
     batch: int,
     depth: NDArray,
     segmentation: NDArray,
     pose: NDArray,
     camera: Pinhole,
+    step: float,
     top: float,
     outside: float,
     upright: bool,
@@ -247,4 +254,4 @@ def window_many(
 ) -> None:
     """All scenes' windows, on several threads; arguments as in `window_one`."""
     for b in prange(batch):
-        window_one(b, depth, segmentation, pose, camera, top, outside, upright, out)
+        window_one(b, depth, segmentation, pose, camera, step, top, outside, upright, out)

@@ -11,6 +11,7 @@ from modpush._keys import check_spec_has, read_key
 from modpush._transforms import StatelessTransform
 from modpush.encoders.window import (
     MAX_HEIGHT,
+    METRES_PER_PIXEL,
     WINDOW_SIZE,
     Outside,
     check_options,
@@ -32,11 +33,13 @@ class EgocentricWindow(StatelessTransform):
         frame: Axes of the window: the object's own (`"object"`, the paper's), x from the object to
             the present sub-goal (`"path"`; where the two coincide, the base frame's), or the robot
             base's (`"base"`).
-        size: Side of the window [px]; a pixel is 3.56 mm on the table.
-        outside: Whether what lies beyond the image is `"free"` or `"blocked"`.
+        size: Side of the window [px].
+        outside: Value of pixels beyond the image, `"free"` (0) or `"blocked"` (1).
         max_height: Height over the table that is shown as 1 [m].
-        upright: Draw heights where they stand, rather than where the camera sees them.
+        upright: Draw heights where they stand instead of where they appear in the image.
         camera: The camera.
+        metres_per_pixel: Side of a window pixel on the table [m], whatever the camera's: the one that the
+            encoder was trained with.
         depth_key: Read, `[..., 1, H, W]` float32 [m].
         segmentation_key: Read, `[..., 1, H, W]` uint8: 0 table, 1 pushed object, 2 obstacle, 3
             robot. None removes nothing.
@@ -59,6 +62,7 @@ class EgocentricWindow(StatelessTransform):
         *,
         upright: bool = True,
         camera: Camera | None = None,
+        metres_per_pixel: float = METRES_PER_PIXEL,
         depth_key: NestedKey = "depth",
         segmentation_key: NestedKey | None = "segmentation",
         object_pose_key: NestedKey = "object_pose",
@@ -66,7 +70,9 @@ class EgocentricWindow(StatelessTransform):
         window_key: NestedKey = "window",
     ) -> None:
         self.camera = camera or Camera()
-        check_options("EgocentricWindow", size, max_height, outside, self.camera.z)
+        z = self.camera.z
+        check_options("EgocentricWindow", size, max_height, outside, z, metres_per_pixel)
+        self.metres_per_pixel = metres_per_pixel
         self.frame, self.size, self.outside = frame, size, outside
         self.max_height, self.upright = max_height, upright
         self.depth_key, self.segmentation_key = depth_key, segmentation_key
@@ -110,8 +116,9 @@ class EgocentricWindow(StatelessTransform):
                 outside=self.outside,
                 upright=self.upright,
                 camera=self.camera,
+                metres_per_pixel=self.metres_per_pixel,
             )
-        except ValueError:  # it looks at the pose, and does not know its key
+        except ValueError:  # the function checks the pose without knowing its key
             check_finite("EgocentricWindow", f"{self.object_pose_key!r} or sub-goal", pose)
             raise
         next_tensordict.set(self.window_key, window.reshape(*depth.shape[:-3], *window.shape[1:]))

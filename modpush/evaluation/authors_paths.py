@@ -14,9 +14,9 @@ import math
 import cv2
 import numpy as np
 import torch
-from numba import njit
 from numpy.typing import NDArray
 
+from modpush._kernels import njit
 from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.rectangles import obstacle_distance
 from modpush.envs.scenes.scenario import Scenario
@@ -125,7 +125,7 @@ def _ends(scenario: Scenario, camera: Camera) -> NDArray[np.float64]:
     return camera.project(ends).numpy()
 
 
-@njit(cache=True)
+@njit()
 def _search(blocked: NDArray, start: int, goal: int) -> NDArray:
     """Parents of all cells that were reached, `[H * W]`; the start's is itself."""
     height, width = blocked.shape
@@ -163,7 +163,7 @@ def _search(blocked: NDArray, start: int, goal: int) -> NDArray:
     return parent
 
 
-@njit(cache=True)
+@njit()
 def _neighbours(cell: int, width: int, height: int) -> tuple[int, int, int, int]:
     """The four neighbours; -1 beyond the edge."""
     u, v = cell % width, cell // width
@@ -175,18 +175,18 @@ def _neighbours(cell: int, width: int, height: int) -> tuple[int, int, int, int]
     )
 
 
-@njit(cache=True)
+@njit()
 def _step(blocked: NDArray, cell: int) -> float:
     width = blocked.shape[1]
     return _BLOCKED_STEP if blocked[cell // width, cell % width] else 1.0
 
 
-@njit(cache=True)
+@njit()
 def _distance(a: int, b: int, width: int) -> float:
     return math.hypot(a % width - b % width, a // width - b // width)
 
 
-@njit(cache=True)
+@njit()
 def _sees(blocked: NDArray, a: int, b: int) -> bool:
     """Whether the line between two cells' centres crosses no blocked cell, the last one aside.
 
@@ -227,13 +227,13 @@ def _sees(blocked: NDArray, a: int, b: int) -> bool:
     return True
 
 
-@njit(cache=True)
+@njit()
 def _before(a: tuple[float, float, int], b: tuple[float, float, int]) -> bool:
     """Whether entry a (key, cost, cell) leaves the queue before b: of equal keys the greater cost."""
     return a[1] > b[1] if abs(a[0] - b[0]) < _TIE else a[0] < b[0]
 
 
-@njit(cache=True)
+@njit()
 def _push(queue: list[tuple[float, float, int]], key: float, cost: float, cell: int) -> None:
     queue.append((key, cost, cell))
     i = len(queue) - 1
@@ -242,7 +242,7 @@ def _push(queue: list[tuple[float, float, int]], key: float, cost: float, cell: 
         i = (i - 1) // 2
 
 
-@njit(cache=True)
+@njit()
 def _pop(queue: list[tuple[float, float, int]]) -> int:
     cell = queue[0][2]
     last = queue.pop()

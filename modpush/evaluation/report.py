@@ -52,9 +52,9 @@ def write_tables(rows: pd.DataFrame, folder: Path | str) -> str:
         [summarize({name: frame}) for name, frame in [("all", rows), *by_scene.items()]]
     ).rename_axis("scene")
     text = format_table(to_display(table))
-    (folder / "table.csv").write_text(format_table(table, "csv"))
-    (folder / "table.tex").write_text(format_table(to_display(table), "latex"))
-    (folder / "table.md").write_text(f"{text}\n{LEGEND}")
+    (folder / "table.csv").write_text(format_table(table, "csv"), encoding="utf-8")
+    (folder / "table.tex").write_text(format_table(to_display(table), "latex"), encoding="utf-8")
+    (folder / "table.md").write_text(f"{text}\n{LEGEND}", encoding="utf-8")
     return text
 
 

@@ -71,6 +71,8 @@ class TrainedAgent(Protocol):
     """A policy that knows its environment, such as `modpush.load_agent` gives."""
 
     policy: Any
+    config: Any
+    """Configuration of its environment, of which `inflation` is read, see `PushEnvConfig`."""
 
     def make_env(self, num_envs: int | None = None, **options: Any) -> EnvBase:
         """The environment that the policy was trained in, with other options of `make_push_env`."""
@@ -189,7 +191,7 @@ def _agent_env(
         num_envs,
         pushed_object=tuple(objects),
         max_waypoints=_MAX_WAYPOINTS,
-        **conditions.agent_options,
+        **conditions.agent_options(agent.config.inflation),
     )
 
 
@@ -243,7 +245,9 @@ def _run_on_cluster(job: _Job) -> Iterator[Episode]:
 
 def _run_here(job: _Job) -> Iterator[Episode]:
     torch.manual_seed(job.config.seed)
-    env = job.env(min(job.config.num_envs, len(job.episodes)))
+    # As many scenes as ever, however few episodes are left: the last bits of a network's outputs, and
+    # with them the course of an episode, depend on the number of rows in its matrix products.
+    env = job.env(job.config.num_envs)
     try:
         yield from run_episodes(env, job.policy, job.episodes, **job.options)
     finally:

@@ -10,7 +10,7 @@ from typing import Any
 
 import pandas as pd
 
-from modpush.files import write_text
+from modpush.files import reading, write_text
 
 __all__ = ["append_row", "begin_rows", "read_rows"]
 
@@ -65,6 +65,13 @@ def read_rows(
     Raises:
         ValueError: If the file has other columns or a row is damaged, with the number of its line.
     """
+    with reading(path, "read_rows"):
+        return _read_rows(path, columns, integers, texts)
+
+
+def _read_rows(
+    path: Path, columns: Sequence[str], integers: Iterable[str], texts: Iterable[str]
+) -> pd.DataFrame:
     header, *lines = path.read_bytes().split(b"\n")[:-1] or [b""]
     _check_header(path, header, columns)
     rows = [line.rpartition(b",") for line in lines]

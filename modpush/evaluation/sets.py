@@ -9,7 +9,7 @@ What they are drawn from is in `set_recipes.py`.
 
 import argparse
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import asdict, field, replace
 from importlib.resources import files
 from pathlib import Path
@@ -25,7 +25,8 @@ from modpush.envs.scenes.conditions import EpisodeConditions, ToolName
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.evaluation.set_recipes import RECIPES, SetRecipe
-from modpush.files import read_packed_json, write_packed_json
+from modpush.files import read_packed_json, reading, write_packed_json
+from modpush.parts import check_allowed
 
 __all__ = [
     "BEHIND_SETS",
@@ -131,15 +132,16 @@ class EvaluationSet:
 
 
 @checked_arguments
-def load_set(name: str | Path) -> EvaluationSet:
+def load_set(name: str | Path, *, allow: Collection[str] = ()) -> EvaluationSet:
     """Read an evaluation set: one of the package by its name, or your own file by its path.
 
     Args:
         name: One of `SET_NAMES`, or the path of a file that `EvaluationSet.save` wrote.
+        allow: Modules and packages from which the file may name objects and scenes, `"module:name"`.
 
     Raises:
         ValueError: If there is no such set (the message lists the known ones), or if the file is
-            damaged, no evaluation set, or of another version.
+            damaged, no evaluation set, of another version, or names modules that are not allowed.
     """
     if isinstance(name, str) and name in RECIPES:
         source = Path(str(files("modpush.evaluation"))) / "data" / f"{name}.json.gz"
@@ -149,15 +151,17 @@ def load_set(name: str | Path) -> EvaluationSet:
         raise ValueError(
             f"load_set: no set {str(name)!r}, expected one of {list(SET_NAMES)} or a file's path."
         )
-    content = read_packed_json(source, _KIND, SET_VERSION)
-    if not isinstance(content, dict) or not {"name", "conditions", "episodes"} <= set(content):
-        raise ValueError(f"load_set: {source} must hold a name, conditions and episodes.")
-    return EvaluationSet(
-        name=content["name"],
-        scenarios=tuple(Scenario.from_dict(episode) for episode in content["episodes"]),
-        conditions=EpisodeConditions.from_dict(content["conditions"]),
-        digest=content.get("digest", ""),
-    )
+    with reading(source, _KIND):
+        content = read_packed_json(source, _KIND, SET_VERSION)
+        if not isinstance(content, dict) or not {"name", "conditions", "episodes"} <= set(content):
+            raise ValueError(f"load_set: {source} must hold a name, conditions and episodes.")
+        check_allowed(f"load_set: {source}", content["episodes"], allow)
+        return EvaluationSet(
+            name=content["name"],
+            scenarios=tuple(Scenario.from_dict(episode) for episode in content["episodes"]),
+            conditions=EpisodeConditions.from_dict(content["conditions"]),
+            digest=content.get("digest", ""),
+        )
 
 
 @checked_arguments

@@ -135,7 +135,7 @@ def export_agent(
     card = {**_card(agent, examples, chain), "window": window, "planning": planning}
     card |= {"recovery": recovery, "frames": _FRAMES}
     with replacing(folder / "card.json") as unfinished:
-        unfinished.write_text(json.dumps(card, indent=2) + "\n")
+        unfinished.write_text(json.dumps(card, indent=2) + "\n", encoding="utf-8")
     written["card.json"] = folder / "card.json"
     return written
 
@@ -152,7 +152,7 @@ def _window_policy(
                 window = {
                     "frame": transform.frame,
                     "size": transform.size,
-                    "metres_per_pixel": transform.camera.cell_size,
+                    "metres_per_pixel": transform.metres_per_pixel,
                     "height_shown_as_1": transform.max_height,
                     "outside": transform.outside,
                     "upright": transform.upright,
@@ -183,7 +183,9 @@ def _planning(agent: Agent, transforms: Sequence[Transform]) -> dict[str, Any]:
                 }
                 found["meaning"] = (
                     "Lengths in metres. Cells outside `bounds`, made smaller by `margin` (larger where "
-                    "it is negative), are blocked; of several margins the first that leaves a way counts."
+                    "it is negative), are blocked; of several margins the first that leaves a way "
+                    "counts. With `widest` obstacles are inflated by the radius of the object's "
+                    "circumscribed circle where that leaves a way, else by that of its inscribed circle."
                 )
             case PlannerSubgoals():
                 found["subgoals"] = {

@@ -3,12 +3,11 @@
 from typing import Any
 
 import torch
+from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torchrl.modules import ProbabilisticActor, TanhNormal
 
 from modpush._arguments import checked_arguments
-from modpush.agents.tqc.plain_actor import is_plain_call
-from modpush.agents.tqc.relu_mlp import ReluMLP
 from modpush.geometry.frames import Frame, frame_yaw
 from modpush.mdp.action_frame import turn_action
 from modpush.mdp.push_observation import PushObservation
@@ -44,13 +43,13 @@ class ObservationPolicy(nn.Module):
                 f"{type(policy).__name__} with {kind}."
             )
         network, *others = policy.module
-        if len(others) != 1 or not is_plain_call(network, others[0]):
+        if len(others) != 1 or not _is_plain_call(network, others[0]):
             raise ValueError(
                 "ObservationPolicy: the policy must be one network, called without names or a method, "
                 f"and a distribution of what it gives, got {policy}."
             )
         _check_squashing(others[0])
-        self.network = _without_own_kernels(network.module)
+        self.network = network.module
 
     def forward(self, observation: Tensor) -> Tensor:
         """The action of each observation."""
@@ -131,10 +130,13 @@ def _check_squashing(head: Any) -> None:
         )
 
 
-def _without_own_kernels(module: nn.Module) -> nn.Module:
-    """The same layers in the same order; `ReluMLP` chooses between libraries, which a graph cannot."""
-    if isinstance(module, ReluMLP):
-        return nn.Sequential(*module)
-    if type(module) is nn.Sequential:
-        return nn.Sequential(*(_without_own_kernels(part) for part in module))
-    return module
+def _is_plain_call(network: Any, head: Any) -> bool:
+    """True for a network that takes its inputs in order and returns its head's parameters in order."""
+    return (
+        type(network) is TensorDictModule
+        and network.method is None
+        and network._kwargs is None  # a dictionary of in_keys names the arguments
+        and list(network.out_keys_source) == list(head.in_keys)
+        and all(isinstance(key, str) for key in head.dist_keys)
+        and not any(part._forward_hooks or part._forward_pre_hooks for part in (network, head))
+    )

@@ -1,4 +1,4 @@
-"""Plane geometry, the pinhole camera and solid shapes, which every other package may import.
+"""Plane geometry, the pinhole camera and solid shapes.
 
 Names are imported on first use; `__init__.pyi` lists them.
 """

@@ -12,7 +12,7 @@ def wrap_angle(angle: Tensor) -> Tensor:
     """The same angle in [-pi, pi) [rad], for a real tensor of any shape.
 
     Raises:
-        TypeError: If it is not a real tensor.
+        TypeError: If the angle is not a real tensor.
     """
     if not isinstance(angle, Tensor) or angle.is_complex():
         got = angle.dtype if isinstance(angle, Tensor) else type(angle).__name__
@@ -21,7 +21,7 @@ def wrap_angle(angle: Tensor) -> Tensor:
 
 
 def rotate(vectors: Tensor, angle: Tensor) -> Tensor:
-    """Turn vectors counter-clockwise.
+    """Rotate vectors counter-clockwise.
 
     Args:
         vectors: `[..., 2]`.
@@ -31,8 +31,8 @@ def rotate(vectors: Tensor, angle: Tensor) -> Tensor:
         `[..., 2]`.
 
     Raises:
-        TypeError: If one of them is not a tensor.
-        ValueError: If a last dimension is another one, or the others do not broadcast.
+        TypeError: If an argument is not a tensor.
+        ValueError: If a last dimension differs from the expected one, or the others do not broadcast.
     """
     check_real("rotate", "vectors", vectors, 2)
     check_real("rotate", "angle", angle, 1)

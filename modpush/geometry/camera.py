@@ -1,4 +1,4 @@
-"""The bird's-eye pinhole camera: the one place that turns pixels into metres and back."""
+"""The bird's-eye pinhole camera: conversion of pixels to metres and back."""
 
 import math
 from typing import TypeVar
@@ -15,17 +15,17 @@ from modpush._validation import checked
 __all__ = ["CAMERA", "Camera", "cell_centers"]
 
 Points = TypeVar("Points", Tensor, NDArray[np.float64])
-"""A torch tensor, or a numpy array: what comes in goes out."""
+"""A torch tensor or a numpy array; results have the type of the argument."""
 
 
 @checked
 class Camera:
-    """A pinhole camera that looks straight down on the table, and the grid that it lays over it.
+    """A pinhole camera that looks straight down on the table, and its grid on the table.
 
     Pixel (u, v) is (column, row) with centres at integers. The robot's left (+y) is left in the
-    image, away from the robot (+x) is up. Depth is measured along the optical axis. The grid's
-    cells are the pixels as they fall on the table plane z = 0; higher points appear in the same
-    pixels larger and further out, so that a height z goes with every conversion.
+    image, away from the robot (+x) is up. Depth is measured along the optical axis. The grid's cells
+    are the pixels projected on the table plane z = 0. Higher points appear larger and further out, so
+    that each conversion has a height z.
 
     Raises:
         ValueError: If a size is not a positive integer, a number is not finite, the camera is not
@@ -58,16 +58,16 @@ class Camera:
 
     @property
     def cell_size(self) -> float:
-        """Side of a pixel as it falls on the table [m]."""
+        """Side of a pixel projected on the table [m]."""
         return self.z / self.focal_length
 
     @property
     def principal_point(self) -> tuple[float, float]:
-        """Where the optical axis meets the image, (u, v) [px]."""
+        """Intersection of the optical axis with the image, (u, v) [px]."""
         return 0.5 * (self.width - 1), 0.5 * (self.height - 1)
 
     def project(self, position: Points, z: float | Points = 0.0) -> Points:
-        """The pixels that points are seen at.
+        """Project points to pixels.
 
         Args:
             position: `[..., 2]` (x, y) [m], robot's base frame.
@@ -77,7 +77,7 @@ class Camera:
             `[..., 2]` (u, v) [px], a tensor or an array as `position` is.
 
         Raises:
-            ValueError: If a shape does not fit, or a point is not below the camera.
+            ValueError: If the shapes do not match, or a point is not below the camera.
         """
         _check_points("Camera.project", "position", position, z)
         below = z < self.z
@@ -90,7 +90,7 @@ class Camera:
         return _stack(u, v)
 
     def unproject(self, pixel: Points, z: float | Points = 0.0) -> Points:
-        """The points that pixels see at a height.
+        """Points at a height that are projected to given pixels.
 
         Args:
             pixel: `[..., 2]` (u, v) [px].
@@ -108,7 +108,7 @@ class Camera:
 
 
 def cell_centers(camera: Camera) -> NDArray[np.float64]:
-    """Where the centres of the cells of a camera's grid are, `[H, W, 2]` (x, y) [m]."""
+    """Centres of the cells of a camera's grid, `[H, W, 2]` (x, y) [m]."""
     v, u = np.indices((camera.height, camera.width), dtype=np.float64)
     return camera.unproject(np.stack([u, v], -1))
 
@@ -141,4 +141,4 @@ def _stack(first: Points, second: Points) -> Points:
 
 
 CAMERA = Camera()
-"""The camera of `PushEnv`, and the default everywhere."""
+"""The camera of `PushEnv`, the default of all functions."""

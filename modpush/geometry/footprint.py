@@ -1,4 +1,4 @@
-"""What upright primitives are seen from above: outlines, size, centre and symmetry of a body."""
+"""Footprints of upright primitives: outline, size, centroid and symmetry of a body from above."""
 
 import functools
 import math
@@ -23,15 +23,15 @@ __all__ = [
     "yaw_symmetry",
 ]
 
-_MAX_ORDER = 24  # of a symmetry that is looked for
-_TOLERANCE = 1e-6  # within which two outlines are the same [m]
+_MAX_ORDER = 24  # largest order of a symmetry that is tested
+_TOLERANCE = 1e-6  # largest distance of equal outlines [m]
 
 
 def outline_of(part: Primitive, num_arc: int = 32) -> NDArray[np.float64]:
     """Outline of an upright primitive seen from above, counter-clockwise.
 
     Args:
-        part: A primitive that is turned about z only.
+        part: A primitive that is rotated about z only.
         num_arc: Number of corners for a circle.
 
     Returns:
@@ -51,7 +51,7 @@ def outline_of(part: Primitive, num_arc: int = 32) -> NDArray[np.float64]:
 
 
 def support(parts: Sequence[Primitive], count: int) -> NDArray[np.float64]:
-    """How far upright parts reach in some directions, seen from above.
+    """Support function of upright parts, seen from above.
 
     Args:
         parts: The parts of a body.
@@ -59,8 +59,8 @@ def support(parts: Sequence[Primitive], count: int) -> NDArray[np.float64]:
             angles.
 
     Returns:
-        `[count]` [m]: the largest component of any point of the footprint in each direction, from the
-        body's origin.
+        Largest component of the footprint's points in each direction, from the body's origin, `[count]`
+        [m].
     """
     angle = np.linspace(0.0, 2 * np.pi, count, endpoint=False)
     directions = np.stack([np.cos(angle), np.sin(angle)], -1)
@@ -82,7 +82,7 @@ def circumscribed_radius(parts: Sequence[Primitive]) -> float:
 
 
 def _radius(part: Primitive) -> float:
-    # Three formulas, since they differ in the last bit and shipped agents know these values.
+    # Three formulas, since they differ in the last bit and shipped agents depend on these values.
     if part.kind == "prism":
         return float(np.linalg.norm(outline_of(part), axis=1).max())
     if part.kind == "box":
@@ -110,12 +110,12 @@ def area_and_centroid(outline: NDArray[np.float64]) -> tuple[float, NDArray[np.f
 
 
 def centered(*parts: Primitive) -> tuple[Primitive, ...]:
-    """The same upright parts, moved together so that a `PushedObject` can be made of them.
+    """Shift upright parts together to the origin of a `PushedObject`.
 
-    Their centroid comes to lie over the origin, and the middle of their height at it.
+    Their centroid and the middle of their height are at the origin afterwards.
 
     Raises:
-        TypeError: If there are none, or something else is among them.
+        TypeError: If there are none, or one is not a `Primitive`.
     """
     if not parts or not all(isinstance(part, Primitive) for part in parts):
         raise TypeError(f"centered: parts must be one Primitive or more, got {parts}.")
@@ -130,7 +130,7 @@ def centered(*parts: Primitive) -> tuple[Primitive, ...]:
 
 @functools.cache
 def yaw_symmetry(parts: tuple[Primitive, ...]) -> int:
-    """How many yaw angles of a body look alike: 4 for a cube, 0 for a disc (all of them)."""
+    """Order of a body's rotational symmetry about z: 4 for a cube, 0 for a disc (any angle)."""
     round_parts = all(part.kind in ("cylinder", "capsule") for part in parts)
     if round_parts and all(math.hypot(*part.position[:2]) <= _TOLERANCE for part in parts):
         return 0
@@ -139,7 +139,7 @@ def yaw_symmetry(parts: tuple[Primitive, ...]) -> int:
 
 
 def _looks_the_same(parts: Sequence[Primitive], yaw: float) -> bool:
-    """Whether at every height the turned parts lie within the parts."""
+    """True if the rotated parts lie within the parts at every height."""
     ranges = [vertical_range(part) for part in parts]
     levels = np.unique([end for ends in ranges for end in ends])
     turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
@@ -159,7 +159,7 @@ def _points_along(outline: NDArray[np.float64], count: int = 16) -> NDArray[np.f
 
 
 def _within(part: Primitive, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which points lie in an upright part seen from above, or as good as on its outline, `[n]`."""
+    """Mask of the points in an upright part seen from above, within the tolerance, `[n]`."""
     if part.kind in ("cylinder", "capsule"):
         away = np.linalg.norm(points - np.array(part.position[:2]), axis=1)
         return away <= part.size[0] + _TOLERANCE

@@ -1,4 +1,4 @@
-"""The axes in which an agent sees and acts: the base's, the object's, or those of the planned path."""
+"""Frames of observations and actions: the base's, the object's, or the planned path's."""
 
 from typing import Literal, get_args
 
@@ -10,7 +10,7 @@ from modpush._checks import check_real
 __all__ = ["Frame", "check_frame", "frame_yaw"]
 
 Frame = Literal["base", "object", "path"]
-"""`"base"`: the axes of the robot's base. `"object"`: turned with the object, as in the paper.
+"""`"base"`: the axes of the robot's base. `"object"`: rotated with the object, as in the paper.
 `"path"`: x points from the object to the present sub-goal."""
 
 
@@ -27,8 +27,8 @@ def frame_yaw(frame: Frame, object_pose: Tensor, subgoal: Tensor | None = None) 
 
     Raises:
         TypeError: If a pose or a sub-goal is not a tensor.
-        ValueError: If the frame is unknown, or is `"path"` without a sub-goal, or a last dimension
-            is another one.
+        ValueError: If the frame is unknown or `"path"` without a sub-goal, or a last dimension differs
+            from the expected one.
     """
     check_frame("frame_yaw", frame)
     check_real("frame_yaw", "object_pose", object_pose, 3)
@@ -44,10 +44,10 @@ def frame_yaw(frame: Frame, object_pose: Tensor, subgoal: Tensor | None = None) 
 
 
 def check_frame(who: str, frame: str) -> None:
-    """Check a frame's name.
+    """Check the name of a frame.
 
     Raises:
-        ValueError: If there is no such frame; the known ones are listed.
+        ValueError: If the frame is unknown; the message lists the known ones.
     """
     if frame not in get_args(Frame):
         raise ValueError(f"{who}: frame must be one of {get_args(Frame)}, got {frame!r}.")

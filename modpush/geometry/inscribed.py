@@ -1,4 +1,4 @@
-"""The largest circle about a body's origin that its footprint holds."""
+"""The largest circle about a body's origin within its footprint."""
 
 import math
 from collections.abc import Sequence
@@ -12,15 +12,15 @@ from modpush.geometry.shapes import Primitive
 __all__ = ["inscribed_radius"]
 
 _ARC = 256  # corners of a circle's outline
-_OUTWARD = 1e-6  # how far outside a side it is asked whether another part covers it [m]
+_OUTWARD = 1e-6  # offset outside a side at which its cover by other parts is tested [m]
 
 
 def inscribed_radius(parts: Sequence[Primitive]) -> float:
     """Radius of the largest circle about the body's origin that lies within its footprint [m].
 
-    The footprint is all that the upright, convex parts cover together, seen from above. The radius is
-    0 where the origin lies outside it, and is the distance to the nearest piece of a part's outline
-    that no other part covers.
+    The footprint is the union of the upright, convex parts seen from above. The radius is 0 where the
+    origin lies outside it, and else the distance to the nearest piece of a part's outline that no
+    other part covers.
     """
     if len(parts) == 1 and parts[0].kind in ("cylinder", "capsule"):
         return max(0.0, parts[0].size[0] - math.hypot(*parts[0].position[:2]))
@@ -38,7 +38,7 @@ def inscribed_radius(parts: Sequence[Primitive]) -> float:
 def _distance_to_uncovered(
     start: NDArray[np.float64], end: NDArray[np.float64], others: Sequence[NDArray[np.float64]]
 ) -> float:
-    """Distance of the origin to what no other outline covers of a side, infinite if nothing is left."""
+    """Distance of the origin to the part of a side outside all other outlines, inf if there is none."""
     along = end - start
     length = float(np.linalg.norm(along))
     outward = np.array([along[1], -along[0]]) / length * _OUTWARD
@@ -56,10 +56,10 @@ def _distance_to_uncovered(
 def _covered_share(
     start: NDArray[np.float64], end: NDArray[np.float64], outline: NDArray[np.float64]
 ) -> tuple[float, float]:
-    """From where to where a convex outline covers a segment, as shares of its length.
+    """Interval of a segment within a convex outline, as shares of its length.
 
-    Equal ends say that it covers nothing. The segment is cut by one side after the other (Cyrus and
-    Beck).
+    Equal ends mean that no part of it is within. The segment is clipped at one side after the other
+    (Cyrus and Beck).
     """
     first, last = clearances(np.stack([start, end]), outline)
     low, high = 0.0, 1.0

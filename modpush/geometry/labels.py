@@ -1,4 +1,4 @@
-"""What a pixel of a segmentation image shows."""
+"""Labels of segmentation images."""
 
 from enum import IntEnum
 
@@ -9,7 +9,7 @@ class Label(IntEnum):
     """Values of the segmentation image."""
 
     TABLE = 0
-    """The table, or nothing at all."""
+    """The table, or the background."""
     OBJECT = 1
     """The pushed object."""
     OBSTACLE = 2

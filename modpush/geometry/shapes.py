@@ -1,4 +1,4 @@
-"""Solid primitives: the one description that physics, depth cameras and the scene sampler share."""
+"""Solid primitives, which physics, depth cameras and the scene sampler share."""
 
 import functools
 import math
@@ -19,13 +19,13 @@ KINDS: tuple[Kind, ...] = ("box", "cylinder", "capsule", "prism")
 
 @checked
 class Primitive:
-    """A solid in the frame of the body it belongs to; see `box`, `cylinder`, `capsule`, `prism`.
+    """A solid in the frame of its body; see `box`, `cylinder`, `capsule`, `prism`.
 
     A cylinder, a capsule and a prism stand along their own z axis.
 
     Raises:
-        ValueError: If a size is not positive, a number is not finite, there is no such kind, or a
-            prism's outline is not convex and counter-clockwise or does not have its half extents.
+        ValueError: If a size is not positive, a number is not finite, the kind is unknown, or a
+            prism's outline is not convex and counter-clockwise or has other half extents.
     """
 
     kind: Kind
@@ -40,10 +40,10 @@ class Primitive:
     outline: Several[Point] = ()
     """Prism only: convex outline, counter-clockwise [m]."""
     color: Color = (0.6, 0.6, 0.6)
-    """Red, green and blue in [0, 1]; only rendered pictures show it."""
+    """Red, green and blue in [0, 1], used in rendered images only."""
 
     def __post_init__(self) -> None:
-        """Check what depends on the kind."""
+        """Check the sizes and outline of the kind."""
         sizes = self.size if self.kind in ("box", "prism") else self.size[:2]
         if not min(sizes) > 0:
             raise ValueError(f"Primitive: the sizes of a {self.kind} must be > 0, got {sizes}.")
@@ -68,7 +68,7 @@ def _half_extents(outline: tuple[tuple[float, float], ...]) -> tuple[float, floa
 
 
 def _check_outline(outline: tuple[tuple[float, float], ...]) -> None:
-    """Raise unless the corners turn left everywhere and go round once."""
+    """Raise unless an outline is convex and counter-clockwise."""
     if len(outline) < 3:
         raise ValueError(f"Primitive: the outline of a prism needs 3 corners, got {outline}.")
     corners = np.array(outline)
@@ -79,7 +79,7 @@ def _check_outline(outline: tuple[tuple[float, float], ...]) -> None:
     if not (turns > 0).all() or abs(turns.sum() - 2 * math.pi) > 1e-6:
         raise ValueError(
             "Primitive: the outline of a prism must be convex and counter-clockwise, without corners "
-            f"in line, got {outline}. Make a body that is not convex of several parts."
+            f"in line, got {outline}. Compose a body that is not convex of several parts."
         )
 
 

@@ -1,4 +1,4 @@
-"""The part of the table that episodes take place on."""
+"""The workspace on the table."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ from modpush._validation import check_value
 __all__ = ["BOUNDS_MARGIN", "WORKSPACE", "Rectangle"]
 
 BOUNDS_MARGIN = 0.05
-"""An episode ends when the object's centre is this far outside the workspace [m]."""
+"""Distance of the object's centre outside the workspace at which an episode ends [m]."""
 
 
 class _Corners(NamedTuple):
@@ -42,9 +42,9 @@ class Rectangle(_Corners):
         return super().__new__(cls, low, high)
 
     def bounds(self, margin: float = BOUNDS_MARGIN) -> "Rectangle":
-        """The rectangle that is larger by a margin on every side [m].
+        """The rectangle enlarged by a margin on every side [m].
 
-        With the default margin, where the object's centre may be before an episode ends.
+        With the default margin, an episode ends when the object's centre is outside it.
         """
         (x0, y0), (x1, y1) = self
         margin = check_value("Rectangle.bounds", "margin", margin, Coordinate)
@@ -59,4 +59,4 @@ class Rectangle(_Corners):
 
 
 WORKSPACE = Rectangle((0.20, -0.35), (0.75, 0.35))
-"""Where objects start and goals lie. Source: the authors' released simulation."""
+"""Area of starts and goals. Source: The authors' released simulation."""

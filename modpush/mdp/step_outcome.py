@@ -113,7 +113,7 @@ class StepOutcome:
 
     @cached_property
     def fractions(self) -> Tensor:
-        """`lengths` as fractions of those that count as 1, `[..., 2]`; clipped at 1 unless told otherwise."""
+        """`lengths` as fractions of those that count as 1, by default clipped at 1, `[..., 2]`."""
         fractions = self.lengths / self._unit.clamp_min(1e-6)
         return fractions.clamp_max(1.0) if self._clip else fractions
 
@@ -124,7 +124,10 @@ class StepOutcome:
 
     @property
     def approach_fraction(self) -> Tensor:
-        """The paper's o_dist: distance from tip to object over that at reset, `[..., 1]`, clipped as `fractions`."""
+        """The paper's o_dist: distance from tip to object over that at reset, `[..., 1]`.
+
+        Clipped as `fractions` are.
+        """
         return self.fractions[..., 1:]
 
     @property

@@ -15,5 +15,4 @@ from .path_points import (
 from .paths import Paths as Paths, check_paths as check_paths
 from .straight_line import StraightLine as StraightLine
 from .subgoals import PlannerSubgoals as PlannerSubgoals
-from .theta_star import ThetaStar as ThetaStar
 from .warm_up import warmup as warmup

@@ -1,4 +1,4 @@
-"""A* from cell to cell, with costs if wanted."""
+"""A* from cell to cell, optionally with a cost for each cell."""
 
 import math
 from typing import Any, Literal
@@ -25,8 +25,8 @@ _SAME_EVERYWHERE = np.ones((1, 1, 1), dtype=np.float32)
 class AStar(GridPlanner):
     """A* over cells with 4 or 8 neighbours, never cutting a blocked cell's corner.
 
-    Optimal among the paths from cell centre to cell centre, which the first and the last leg join
-    to ends that are not at one. `Paths.length` is the path's length, also where a weight was
+    Optimal among the paths from cell centre to cell centre; the first and the last leg join them to
+    ends that are not at a centre. `Paths.length` is the path's length, also where a weight was
     minimised instead.
 
     Args:
@@ -48,7 +48,7 @@ class AStar(GridPlanner):
     def plan_weighted(
         self, occupancy: Tensor, weight: Tensor, start: Tensor, goal: Tensor
     ) -> Paths:
-        """As `plan`, least in weight: a step costs its length times its two cells' mean weight.
+        """Plan paths of least weight: a step costs its length times the mean weight of its two cells.
 
         Args:
             occupancy: `[B, H, W]` bool, True where blocked.
@@ -57,9 +57,9 @@ class AStar(GridPlanner):
             goal: `[B, 2]` float (u, v) [px].
 
         Raises:
-            TypeError: As `plan`.
+            TypeError: As for `plan`.
             ValueError: If the weight is not positive and finite, or not of the occupancy's shape; and as
-                `plan`.
+                for `plan`.
         """
         for name, value in (("occupancy", occupancy), ("weight", weight)):
             if not isinstance(value, Tensor):

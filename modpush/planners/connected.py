@@ -1,4 +1,4 @@
-"""Whether free cells join two points of a grid, without planning a path."""
+"""Connectivity of two points through free cells, without planning a path."""
 
 import cv2
 import numpy as np
@@ -12,9 +12,9 @@ __all__ = ["are_connected"]
 
 
 def are_connected(blocked: Tensor, start: Tensor, end: Tensor) -> Tensor:
-    """Whether a path through free cells joins two points, corner cutting not allowed.
+    """True where a path through free cells joins two points without cutting corners.
 
-    As for the planners, a point that lies in a blocked cell is taken to the nearest free one.
+    As in the planners, a point in a blocked cell is moved to the nearest free cell.
 
     Args:
         blocked: `[B, H, W]` bool.
@@ -25,8 +25,8 @@ def are_connected(blocked: Tensor, start: Tensor, end: Tensor) -> Tensor:
         `[B]` bool; False where all cells are blocked.
 
     Raises:
-        TypeError: If `blocked` is not a bool tensor, or a point no tensor of real numbers.
-        ValueError: If a shape does not fit.
+        TypeError: If `blocked` is not a bool tensor, or a point is not a tensor of real numbers.
+        ValueError: If a shape differs from the expected one.
     """
     check_dtype("are_connected", "blocked", blocked, torch.bool)
     batch = len(blocked) if blocked.ndim else 1
@@ -40,10 +40,10 @@ def are_connected(blocked: Tensor, start: Tensor, end: Tensor) -> Tensor:
         end.detach().cpu().numpy(),
         strict=True,
     )
-    return torch.tensor([_joined(*row) for row in rows], dtype=torch.bool, device=blocked.device)
+    return torch.tensor([_connected(*row) for row in rows], dtype=torch.bool, device=blocked.device)
 
 
-def _joined(free: NDArray[np.uint8], start: NDArray, end: NDArray) -> bool:
+def _connected(free: NDArray[np.uint8], start: NDArray, end: NDArray) -> bool:
     _, labels = cv2.connectedComponents(free, connectivity=4)
     first, last = (_label(labels, point) for point in (start, end))
     return first > 0 and first == last

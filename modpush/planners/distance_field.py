@@ -1,4 +1,4 @@
-"""A field of shortest paths to one goal, built once and read again as the object moves."""
+"""Shortest paths to one goal from a field that is built once and read as the object moves."""
 
 from modpush._batching import run_batch
 from modpush.planners.grid_planner import GridPlanner
@@ -13,11 +13,11 @@ __all__ = ["DistanceField"]
 class DistanceField(GridPlanner):
     """Exact paths of a moving object to a fixed goal on a fixed map.
 
-    The first query of a scene that has no straight line to its goal builds the field: the shortest
-    paths from every corner to the goal. Every later query only looks for the first corner of its
-    path. A changed map or goal is noticed by comparison and the field is built anew, scene by scene,
-    so that the paths are always those of `LazyThetaStar`. A map with more than 2048 corners is
-    searched over the grid at each query, as in `LazyThetaStar`.
+    The first query of a scene without a straight line to its goal builds the field: the shortest paths
+    from every corner to the goal. Later queries search only the first corner of their path. Maps and
+    goals are compared with those of the field, which is rebuilt scene by scene where they differ, so
+    that the paths are always those of `LazyThetaStar`. A map with more than 2048 corners is searched
+    over the grid at each query, as in `LazyThetaStar`.
 
     Args:
         cell_size: Metres per pixel; lengths are given in pixels times this.
@@ -29,7 +29,7 @@ class DistanceField(GridPlanner):
 
     @property
     def builds(self) -> int:
-        """How many fields the calling thread has built since its batch size last changed."""
+        """Number of fields that the calling thread has built since its batch size last changed."""
         fields = self._fields.value
         return 0 if fields is None else int(fields.builds.sum())
 

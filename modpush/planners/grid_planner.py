@@ -1,4 +1,4 @@
-"""The base of the planners whose searches are compiled."""
+"""Base class of the planners with compiled searches."""
 
 from abc import abstractmethod
 from typing import Any
@@ -20,10 +20,10 @@ __all__ = ["GridPlanner"]
 
 
 class GridPlanner(Planner):
-    """Implement `_run`: a planner whose search is compiled, with memory of the last maps.
+    """Implement `_run`: a planner with a compiled search and a cache of the last maps.
 
-    The memory only saves work: it is checked against the map of every call, and each thread has its
-    own. So a planner may be shared by threads, copied, pickled, and asked about any scenes in any
+    The cache only saves time: it is compared with the map of every call, and each thread has its own.
+    A planner may therefore be shared by threads, copied and pickled, and plan for any scenes in any
     order.
 
     Args:
@@ -48,8 +48,8 @@ class GridPlanner(Planner):
             The paths, on the occupancy's device.
 
         Raises:
-            TypeError: If the occupancy is not a bool tensor, or an end not a floating point one.
-            ValueError: If shapes do not fit each other, or an end is not finite.
+            TypeError: If the occupancy is not a bool tensor, or an end is not a floating-point tensor.
+            ValueError: If the shapes do not match, or an end is not finite.
         """
         return self._plan(occupancy, start, goal)
 
@@ -75,7 +75,7 @@ class GridPlanner(Planner):
         goal: NDArray[np.float32],
         *options: Any,
     ) -> Paths:
-        """Run the kernels, again with more room where a path turns out to be too long."""
+        """Run the kernels, and again with more room where a path is longer than the arrays."""
         maps = self._maps.value
         if maps is None or maps.cells.shape != occupancy.shape:
             maps = self._maps.value = empty_maps(*occupancy.shape)
@@ -109,9 +109,9 @@ class GridPlanner(Planner):
         """Write a path for each scene.
 
         Args:
-            maps: This thread's memory of the last maps, `[B, ...]`.
+            maps: This thread's cache of the last maps, `[B, ...]`.
             queries: Cells and ends of B scenes.
-            paths: Where to write.
+            paths: Arrays to write to.
         """
 
 
@@ -130,7 +130,7 @@ def _checked_end(who: str, name: str, point: Tensor, batch: int) -> NDArray[np.f
 
 
 def _to_paths(arrays: PathArrays, longest: int) -> Paths:
-    """Wrap what a kernel wrote; the waypoints are cut to the longest path's."""
+    """The paths that a kernel has written, with as many waypoints as the longest path has."""
     return Paths(
         waypoints=torch.from_numpy(arrays.waypoints)[:, :longest],
         count=torch.from_numpy(arrays.sizes),

@@ -1,4 +1,4 @@
-"""Inflating blocked cells by the size of what has to pass."""
+"""Inflation of blocked cells by a radius."""
 
 from numbers import Real
 
@@ -46,7 +46,7 @@ def inflate(blocked: Tensor, radius: float | Tensor) -> Tensor:
 def radius_per_scene(
     radius: float | Tensor, batch: int, who: str, name: str = "radius"
 ) -> NDArray[np.float64]:
-    """A radius, or one for each scene, as `[B]` float64; errors name `who` and `name`.
+    """One radius, or one for each scene, as `[B]` float64; errors name `who` and `name`.
 
     Raises:
         TypeError: If it is neither a number nor a tensor of real numbers.
@@ -70,8 +70,8 @@ def radius_per_scene(
 
 
 def clamp_radius(radius: NDArray[np.float64], height: int, width: int) -> NDArray[np.float64]:
-    """Radii [px] no longer than height and width together, beyond which nothing changes.
+    """Radii [px] limited to height plus width, beyond which the result does not change.
 
-    Every cell is nearer than that to every other one, and the kernels' time grows with the radius.
+    No two cells are further apart, and the kernels' time grows with the radius.
     """
     return np.minimum(radius, float(height + width))

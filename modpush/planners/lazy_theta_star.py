@@ -1,4 +1,4 @@
-"""Lazy Theta*, the paper's planner, over the corners that matter or over the whole grid."""
+"""Lazy Theta*, the paper's planner, over convex corners or over the whole grid."""
 
 from typing import Literal
 
@@ -20,22 +20,23 @@ class LazyThetaStar(GridPlanner):
 
     `nodes="grid"` is the published search over the whole grid, from vertex to neighbouring vertex,
     with two corrections, without which its paths were up to 28 % too long. First, a vertex whose
-    assumed parent turns out not to be visible gets a longer path than it was queued with; it
-    returns to the queue instead of being expanded too early. Second, paths run over the cells'
-    corners, where shortest paths bend, rather than over their centres. What it finds is within 1.1 %
-    of the optimum on the maps of `benchmarks/bench_planners.py`.
+    assumed parent is not visible has a longer path than that by which it was queued; it returns to the
+    queue instead of being expanded too early. Second, paths run over the cells' corners, where
+    shortest paths bend, rather than over their centres. The paths were up to 1.1 % above the optimum
+    on the maps of `benchmarks/bench_planners.py` and up to 3.3 % on a map of noise; there is no bound
+    for all maps.
 
     `nodes="corners"`, the default, keeps the lazy rule but searches only the convex corners of
-    blocked cells, all of which are neighbours of each other. This is exact, and much faster as long
-    as corners are few. A map with more than 2048 of them (noise; ten inflated bars have 440) is
-    searched over the grid instead.
+    blocked cells, each of which is a neighbour of all others. This is exact, and much faster for few
+    corners. A map with more than 2048 of them (noise; ten inflated bars have 440) is searched over
+    the grid instead.
 
     Args:
         cell_size: Metres per pixel; lengths are given in pixels times this.
         nodes: `"corners"` or `"grid"`.
 
     Raises:
-        ValueError: If `nodes` is neither.
+        ValueError: If `nodes` is neither of them.
 
     Source: Nash, Koenig, Tovey, "Lazy Theta*: Any-Angle Path Planning and Path Length Analysis in
         3D" (AAAI 2010), heuristic weight 1, 8-connected.

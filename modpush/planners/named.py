@@ -1,4 +1,4 @@
-"""The planners by name, and your own planners."""
+"""Planners by name, and user-defined planners."""
 
 from collections.abc import Callable
 from functools import partial
@@ -10,7 +10,6 @@ from modpush.planners.base import Planner
 from modpush.planners.distance_field import DistanceField
 from modpush.planners.lazy_theta_star import LazyThetaStar
 from modpush.planners.straight_line import StraightLine
-from modpush.planners.theta_star import ThetaStar
 
 __all__ = ["PLANNERS", "make_planner"]
 
@@ -18,25 +17,24 @@ PLANNERS: dict[str, Callable[[], Planner]] = {
     "distance_field": DistanceField,
     "lazy_theta_star": LazyThetaStar,
     "lazy_theta_star_grid": partial(LazyThetaStar, nodes="grid"),
-    "theta_star": ThetaStar,
     "a_star": AStar,
     "straight_line": StraightLine,
 }
-"""What makes each planner, by name."""
+"""Factory of each planner, by name."""
 
 
 def make_planner(planner: Any, who: str = "make_planner") -> Planner:
-    """The planner that a name, a `"module:name"` or an object stands for.
+    """Make a planner from its name or `"module:name"`, or check a planner object.
 
     Args:
         planner: A name in `PLANNERS`; `"module:name"` of a planner, or of a class or function that
-            makes one without arguments; or such an object itself. A planner is whatever has a method
-            `plan(occupancy, start, goal) -> Paths`, see `Planner`.
+            returns one without arguments; or such an object itself. A planner is any object with a
+            method `plan(occupancy, start, goal) -> Paths`, see `Planner`.
         who: Name of the caller, for error messages.
 
     Raises:
         ValueError: If there is no such planner.
-        TypeError: If what is found has no method `plan`.
+        TypeError: If the object has no method `plan`.
     """
     found = find_part(f"{who}: planner", planner, PLANNERS)
     if isinstance(found, type) or (callable(found) and not hasattr(found, "plan")):

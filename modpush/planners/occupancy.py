@@ -1,4 +1,4 @@
-"""`OccupancyGrid`: from a depth image to the cells that the object's centre cannot be in."""
+"""`OccupancyGrid`: from a depth image to the grid of blocked cells for the object's centre."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -14,7 +14,7 @@ from modpush._arguments import checked_arguments
 from modpush._checks import check_finite
 from modpush._keys import check_spec_has, read_key, stored_next
 from modpush._resets import scenes_reset
-from modpush._types import NonNegative
+from modpush._types import Count, NonNegative
 from modpush.geometry.camera import Camera, cell_centers
 from modpush.planners.connected import are_connected
 from modpush.planners.kernels.bit_grid import words_per_row
@@ -26,60 +26,59 @@ Inflation = Literal["circumscribed", "inscribed", "widest"] | NonNegative
 _SMALL_CUBE_RADIUS = 0.025 * math.sqrt(2.0)  # [m]
 _RADII = ("object_radius", "inscribed_radius")
 _RADII_OF = {"circumscribed": _RADII[:1], "inscribed": _RADII[1:], "widest": _RADII}
-"""Names of the radii that are tried, the wider one first."""
+"""Names of the radii in the order in which they are tried."""
 
 Corners = tuple[Sequence[float], Sequence[float]]
 """Lower and upper corner (x, y) of a rectangle in the robot's base frame [m]."""
 
 
 class OccupancyGrid(Transform):
-    """Writes the cells that the object's centre cannot be in, seen from above.
+    """Writes the grid of cells that are blocked for the object's centre, seen from above.
 
-    Cells are the camera's pixels as they fall on the table. Object and robot do not block;
-    everything else does where it is higher than `min_height`, and is inflated. A map is inflated
-    again only when the cells before inflation change, scene by scene.
+    Cells are the camera's pixels projected on the table. Everything above `min_height` blocks, except
+    for object and robot, and is inflated. A map is inflated again only where the cells before
+    inflation have changed, scene by scene.
 
-    Obstacles that object or robot hide are remembered from the step before, in `blocked_key`. Without a
-    segmentation nothing is remembered, since it is not known what hides the view. Only obstacles lower
-    than the object can hide behind it. If a later transform drops that key, nothing is remembered
-    either, and hidden cells count as free.
+    Obstacles that are occluded by object or robot are kept from the step before, in `blocked_key`.
+    Without a segmentation none are kept, since the occluding pixels are unknown. Only obstacles lower
+    than the object can be occluded by it. If a later transform drops that key, no obstacles are kept
+    either, and occluded cells count as free.
 
     Args:
         object_radius: Radius of the circle around the object's footprint [m]; the default is the
             small cube's.
         inscribed_radius: Radius of the circle inside the object's footprint [m]; the default is the
             small cube's.
-        inflation: By how much obstacles are inflated. `"circumscribed"`: by `object_radius`, so that
-            the object has room at any yaw. `"inscribed"`: by `inscribed_radius`, half the side of a
-            square object. `"widest"`: by `object_radius` as long as that leaves a path from the object
-            to its goal, and from then on until the episode's end by `inscribed_radius`. A number: by
-            this distance [m].
+        inflation: Radius by which obstacles are inflated. `"circumscribed"`: `object_radius`, with room
+            for the object at any yaw. `"inscribed"`: `inscribed_radius`, half the side of a square
+            object. `"widest"`: `object_radius` while it leaves a path from the object to its goal, and
+            then `inscribed_radius` until the end of the episode. A number: this radius [m].
         bounds: Lower and upper corner (x, y) of the workspace in the robot's base frame [m]; cells
             whose centre lies outside are blocked. By default none are.
-        margin: By how much `bounds` are shrunk (or, if negative, enlarged) [m]. Of several margins the
-            first is used as long as it leaves a path from the object to its goal, and from then on until
-            the episode's end the next. With `"widest"` each radius is tried with all of
-            them.
+        margin: Distance by which `bounds` are shrunk (or, if negative, enlarged) [m]. Of several margins
+            each is used while it leaves a path from the object to its goal, and then the next until
+            the end of the episode. With `"widest"` each radius is tried with all margins.
         camera: The camera and its grid.
         min_height: Height below which obstacles do not block [m].
         upright: See `OccupancyMap`.
+        min_pixels: See `OccupancyMap`; for the noise of a real camera.
         object_radius_key: Read `object_radius` from here instead, `[..., 1]` float [m].
         inscribed_radius_key: Read `inscribed_radius` from here instead, `[..., 1]` float [m].
         depth_key: Read, `[..., 1, H, W]` float32 [m].
-        segmentation_key: Read, `[..., 1, H, W]` uint8. None: the object is what stands within
-            `object_radius` of its pose, and a robot in the image blocks.
+        segmentation_key: Read, `[..., 1, H, W]` uint8. None: everything within `object_radius` of the
+            object's pose counts as the object, and a robot in the image blocks.
         object_pose_key: Read without a segmentation, for `"widest"` and for several margins,
             `[..., 3]` (x, y, yaw) [m, rad].
         goal_position_key: Read for `"widest"` and for several margins, `[..., 2]` [m].
         occupancy_key: Written, `[..., 1, H, W]` bool, True where blocked.
         blocked_key: Written and read back, `[..., H, 8 * ceil(W / 64)]` uint8: cells before
             inflation, as bits.
-        choice_key: Written and read back for `"widest"` and for several margins, `[..., 1]` uint8: how
-            many maps have left no path in this episode, 0 for the first radius and margin.
+        choice_key: Written and read back for `"widest"` and for several margins, `[..., 1]` uint8:
+            number of maps without a path in this episode, 0 for the first radius and margin.
 
     Raises:
         ValueError: If a radius is negative or not finite, `inflation` is unknown, there is no margin, or
-            nothing is left within `bounds`.
+            no cell lies within `bounds`.
     """
 
     @checked_arguments
@@ -94,6 +93,7 @@ class OccupancyGrid(Transform):
         camera: Camera | None = None,
         min_height: float = 0.013,
         upright: bool = True,
+        min_pixels: Count = 1,
         object_radius_key: NestedKey | None = None,
         inscribed_radius_key: NestedKey | None = None,
         depth_key: NestedKey = "depth",
@@ -133,7 +133,7 @@ class OccupancyGrid(Transform):
         in_keys = [key for key, needed in read.items() if needed and key is not None]
         out_keys = [occupancy_key, blocked_key, *([choice_key] if choices > 1 else [])]
         super().__init__(in_keys=in_keys, out_keys=out_keys)
-        self.map = OccupancyMap(camera, min_height, upright)
+        self.map = OccupancyMap(camera, min_height, upright, min_pixels)
         outside = None
         if bounds is not None:
             outside = torch.stack([cells_outside(self.map.camera, bounds, m) for m in margins])
@@ -165,9 +165,9 @@ class OccupancyGrid(Transform):
 
         Args:
             tensordict: Read and written.
-            before: The step before, None at an episode's beginning.
-            begins: Scenes whose episodes begin, `[B]` bool, where they are not all; what is written for
-                the others counts for nothing.
+            before: The step before, None at a reset.
+            begins: Scenes that are reset, `[B]` bool, or None for all; the values written for the others
+                are discarded.
         """
         previous = None if before is None else before.get(self.blocked_key, None)
         image = (self.camera.height, self.camera.width)
@@ -184,7 +184,7 @@ class OccupancyGrid(Transform):
         if previous is not None:
             previous = previous.reshape(-1, *previous.shape[-2:])
 
-        def look(choice: Tensor) -> tuple[Tensor, Tensor]:
+        def make_map(choice: Tensor) -> tuple[Tensor, Tensor]:
             radius = self._chosen_radius(tensordict, choice)
             images = depth.reshape(-1, *image), radius, segmentation, position
             occupancy, blocked = self.map(*images, previous, own)
@@ -193,9 +193,11 @@ class OccupancyGrid(Transform):
             return occupancy, blocked
 
         if self._choices > 1:
-            occupancy, blocked = self._first_with_a_way(tensordict, before, look, previous, begins)
+            occupancy, blocked = self._first_map_with_path(
+                tensordict, before, make_map, previous, begins
+            )
         else:
-            occupancy, blocked = look(
+            occupancy, blocked = make_map(
                 torch.zeros(lead.numel(), dtype=torch.long, device=depth.device)
             )
         tensordict.set(self.occupancy_key, occupancy.reshape(*lead, 1, *occupancy.shape[1:]))
@@ -203,7 +205,7 @@ class OccupancyGrid(Transform):
         return tensordict
 
     def _chosen_radius(self, tensordict: TensorDictBase, choice: Tensor) -> float | Tensor:
-        """By how much the obstacles of each scene are inflated, one number or `[B]` [m]."""
+        """Inflation radius of each scene, one number or `[B]` [m]."""
         if isinstance(self.inflation, float):
             return self.inflation
         wide, *tight = (self._radius(tensordict, name) for name in self._radii)
@@ -211,17 +213,17 @@ class OccupancyGrid(Transform):
             return wide
         return torch.where(choice < self._margins_tried, wide, tight[0]).float()
 
-    def _first_with_a_way(
+    def _first_map_with_path(
         self,
         tensordict: TensorDictBase,
         before: TensorDictBase | None,
-        look: Callable[[Tensor], tuple[Tensor, Tensor]],
+        make_map: Callable[[Tensor], tuple[Tensor, Tensor]],
         previous: Tensor | None,
         begins: Tensor | None,
     ) -> tuple[Tensor, Tensor]:
-        """Occupancy and blocked cells with the radius and margin of each scene, which are written.
+        """Occupancy and blocked cells with the first radius and margin that leave a path.
 
-        Whether a way is left is looked at in an episode's beginning and whenever the cells have changed.
+        Their index is written. The path is checked at a reset and when the cells have changed.
         """
         pose = read_key("OccupancyGrid", tensordict, self.object_pose_key, 3)
         goal = read_key("OccupancyGrid", tensordict, self.goal_position_key, 2)
@@ -233,7 +235,7 @@ class OccupancyGrid(Transform):
             if stored is None
             else stored.reshape(-1).long()
         )
-        occupancy, blocked = look(choice)
+        occupancy, blocked = make_map(choice)
         doubtful = choice < self._choices - 1
         if begins is not None:
             doubtful &= begins
@@ -248,7 +250,7 @@ class OccupancyGrid(Transform):
                 break
             doubtful[doubtful.clone()] = ~joined
             choice[doubtful] += 1
-            occupancy, blocked = look(choice)
+            occupancy, blocked = make_map(choice)
             doubtful &= choice < self._choices - 1
         tensordict.set(self.choice_key, choice.to(torch.uint8).reshape(*lead, 1))
         return occupancy, blocked
@@ -256,8 +258,8 @@ class OccupancyGrid(Transform):
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        # TorchRL puts back the old values of scenes that are not being reset. Their maps are made all the
-        # same, since the memory of what was inflated last has a place for each scene of the batch.
+        # TorchRL restores the values of scenes that are not reset. Their maps are computed nevertheless,
+        # since the cache of inflated maps has an entry for each scene of the batch.
         begins = scenes_reset(tensordict, tensordict_reset.batch_size)
         return self._write(tensordict_reset, None, begins)
 
@@ -267,7 +269,7 @@ class OccupancyGrid(Transform):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write the grid for stored data and, in transitions, for their `"next"`.
 
-        Cells that were remembered stay so.
+        Occluded cells keep their stored state.
         """
         self._write(tensordict, tensordict)
         after = stored_next("OccupancyGrid", tensordict, self.in_keys, self.out_keys)
@@ -302,12 +304,12 @@ class OccupancyGrid(Transform):
 
 
 def cells_outside(camera: Camera, bounds: Corners, margin: float = 0.0) -> Tensor:
-    """The cells whose centre lies outside a rectangle on the table.
+    """Mask of the cells whose centre lies outside a rectangle on the table.
 
     Args:
         camera: The camera and its grid.
         bounds: Lower and upper corner (x, y) in the robot's base frame [m].
-        margin: By how much the rectangle is made smaller on each side [m].
+        margin: Distance by which the rectangle is shrunk on each side [m].
 
     Returns:
         `[H, W]` bool.

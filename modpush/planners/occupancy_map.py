@@ -1,5 +1,6 @@
-"""From depth images to inflated grids, as a function of tensors with a memory."""
+"""From depth images to inflated grids, as a function of tensors with a cache."""
 
+import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -8,6 +9,7 @@ from torch import Tensor
 from modpush._arguments import checked_arguments
 from modpush._batching import run_batch
 from modpush._checks import check_depth_unit, check_dtype, check_real, check_shape
+from modpush._types import Count
 from modpush.geometry.camera import Camera
 from modpush.planners.inflation import clamp_radius, radius_per_scene
 from modpush.planners.kernels.bit_grid import words_per_row
@@ -24,17 +26,20 @@ __all__ = ["OccupancyMap"]
 
 
 class OccupancyMap:
-    """Depth images to inflated grids, with memory of what was last inflated.
+    """Inflated grids from depth images, with a cache of the last ones.
 
-    The memory only saves work, and each thread has its own, so that threads may share a map.
+    The cache only saves time, and each thread has its own, so that threads may share a map.
 
     Args:
         camera: The camera and its grid.
-        min_height: What is lower does not block [m].
-        upright: Draw what is seen where it stands on the table: a point of height z, seen by the
-            pixel at distance s from the image's centre, stands at s * (1 - z / camera height). For
-            the top of a 6 cm bar at the image's edge that is 2.5 cm further in than it is seen.
-            False leaves it where it is seen.
+        min_height: Height above which obstacles block [m].
+        upright: Map each point to the table point below it: a point of height z in the pixel at
+            distance s from the image's centre stands at s * (1 - z / camera height). For the top of a
+            6 cm bar at the image's edge this is 2.5 cm further in. False maps it to the cell of its
+            pixel.
+        min_pixels: Smallest number of pixels, connected by sides or corners, that block; smaller
+            groups count as noise. The default keeps all, for computed images. For a real camera see
+            "Noise in the image" in docs/planners.md.
 
     Raises:
         ValueError: If `min_height` does not lie between 0 and the camera's height.
@@ -42,7 +47,11 @@ class OccupancyMap:
 
     @checked_arguments
     def __init__(
-        self, camera: Camera | None = None, min_height: float = 0.013, upright: bool = True
+        self,
+        camera: Camera | None = None,
+        min_height: float = 0.013,
+        upright: bool = True,
+        min_pixels: Count = 1,
     ) -> None:
         self.camera = camera or Camera()
         if not 0 < min_height < self.camera.z:
@@ -52,12 +61,13 @@ class OccupancyMap:
             )
         self.min_height = float(min_height)
         self.upright = bool(upright)
+        self.min_pixels = min_pixels
         self._last: PerThread[Inflated] = PerThread()
         self._inflations: PerThread[int] = PerThread()
 
     @property
     def inflations(self) -> int:
-        """How many grids the calling thread has inflated; a map that stands still adds none."""
+        """Number of grids that the calling thread has inflated; an unchanged map adds none."""
         return self._inflations.value or 0
 
     def __call__(
@@ -69,19 +79,19 @@ class OccupancyMap:
         previous: Tensor | None = None,
         object_radius: float | Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
-        """Say which cells the object's centre cannot be in.
+        """Compute the cells that are blocked for the object's centre.
 
         Args:
-            depth: `[B, H, W]` float32 along the optical axis [m]. Where it is zero, negative or NaN,
-                nothing is seen.
-            radius: By how much blocked cells are inflated, one number or `[B]` [m].
+            depth: `[B, H, W]` float32 along the optical axis [m]; zero, negative and NaN mean no
+                measurement.
+            radius: Radius by which blocked cells are inflated, one number or `[B]` [m].
             segmentation: `[B, H, W]` uint8, values as in `modpush.geometry`; object and robot do not
                 block.
-            object_position: `[B, 2]` (x, y) [m]. Without a segmentation, what stands within
+            object_position: `[B, 2]` (x, y) [m]. Without a segmentation, everything within
                 `object_radius` of it counts as the object; without either, everything blocks.
-            previous: `[B, H, N]` uint8, the second output of the call before: what stood where
-                object or robot now hide the view still stands there. Without a segmentation it is
-                not known what hides the view, and nothing is remembered.
+            previous: `[B, H, N]` uint8, the second output of the call before: cells that are occluded
+                by object or robot keep their state. Without a segmentation it is not used, since the
+                occluding pixels are unknown.
             object_radius: Radius of the object, one number or `[B]` [m]; by default `radius`.
 
         Returns:
@@ -89,11 +99,11 @@ class OccupancyMap:
             cells before inflation, as bits.
 
         Raises:
-            TypeError: If depth is not a float32 tensor, or the segmentation or `previous` not a
-                uint8 one.
-            ValueError: If a shape does not fit, a radius is negative or not finite, or the depth of a
-                scene is in another unit than metres: all of it lies beyond the table; or an object's
-                position is not finite.
+            TypeError: If depth is not a float32 tensor, or the segmentation or `previous` is not a
+                uint8 tensor.
+            ValueError: If a shape differs from the expected one, a radius is negative or not finite,
+                the depth of a scene is in another unit than metres (all of it lies beyond the table),
+                or an object's position is not finite.
         """
         self._check(depth, segmentation, object_position, previous)
         batch, device = len(depth), depth.device
@@ -120,7 +130,7 @@ class OccupancyMap:
         previous: Tensor | None,
         object_radius: float | Tensor | None,
     ) -> Views:
-        """Checked arguments as what the kernels take."""
+        """The arguments of the kernels, from checked ones."""
         batch, height, width = depth.shape
         radii = radius_per_scene(radius, batch, "OccupancyMap") / self.camera.cell_size
         own = radii
@@ -138,7 +148,7 @@ class OccupancyMap:
         else:
             before = previous.detach().cpu().contiguous().numpy().view(np.uint64)
         return Views(
-            depth=depth.detach().cpu().contiguous().numpy(),
+            depth=self._without_speckles(depth.detach().cpu().contiguous().numpy()),
             segmentation=segments,
             object_uv=centre,
             object_radius=own,
@@ -148,6 +158,18 @@ class OccupancyMap:
             min_height=self.min_height,
             upright=self.upright,
         )
+
+    def _without_speckles(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The images, `[B, H, W]`, with the table in place of groups of fewer than `min_pixels`."""
+        if self.min_pixels == 1:
+            return depth
+        depth = depth.copy()
+        high = (depth > 0) & (depth < self.camera.z - self.min_height)
+        for image, mask in zip(depth, high.astype(np.uint8), strict=True):
+            _, labels, groups, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+            small = groups[:, cv2.CC_STAT_AREA] < self.min_pixels
+            image[small[labels] & (mask > 0)] = self.camera.z
+        return depth
 
     def _check(
         self,

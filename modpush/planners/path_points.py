@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from modpush._batching import sum_in_order
 from modpush._checks import check_finite, check_instance, check_real
 from modpush.planners.paths import Paths
 
@@ -15,7 +16,7 @@ __all__ = ["fraction_subgoal", "lookahead_subgoal", "point_along", "points_ahead
 
 
 def point_along(waypoints: Tensor, distance: Tensor) -> Tensor:
-    """The point that lies a given way along a polyline.
+    """The point at a distance along a polyline.
 
     Args:
         waypoints: `[B, P, 2]`, P >= 2; padded by repeating the last point.
@@ -26,8 +27,9 @@ def point_along(waypoints: Tensor, distance: Tensor) -> Tensor:
         `[B, 2]`.
 
     Raises:
-        TypeError: If one of them is not a tensor of real numbers.
-        ValueError: If a shape is another one, a waypoint is not finite, or a distance is NaN.
+        TypeError: If an argument is not a tensor of real numbers.
+        ValueError: If a shape differs from the expected one, a waypoint is not finite, or a distance is
+            NaN.
     """
     check_real("point_along", "waypoints", waypoints, 2)
     check_real("point_along", "distance", distance)
@@ -43,7 +45,7 @@ def point_along(waypoints: Tensor, distance: Tensor) -> Tensor:
 
 
 def _point_along(waypoints: Tensor, distance: Tensor) -> Tensor:
-    """`point_along` of what is known to be right."""
+    """`point_along` of checked arguments."""
     if not waypoints.is_floating_point():
         waypoints = waypoints.float()
     steps = waypoints[:, 1:] - waypoints[:, :-1]  # [B, P-1, 2]
@@ -60,10 +62,10 @@ def _point_along(waypoints: Tensor, distance: Tensor) -> Tensor:
 
 
 def fraction_subgoal(paths: Paths, fraction: float) -> Tensor:
-    """The point after a fraction of each path's length.
+    """The point at a fraction of each path's length.
 
     Args:
-        paths: Of B scenes.
+        paths: Paths of B scenes.
         fraction: In [0, 1].
 
     Returns:
@@ -76,16 +78,15 @@ def fraction_subgoal(paths: Paths, fraction: float) -> Tensor:
     """
     check_instance("fraction_subgoal", "paths", paths, Paths)
     _check_number("fraction_subgoal", "fraction", fraction, 1.0)
-    lengths = (paths.waypoints[:, 1:] - paths.waypoints[:, :-1]).norm(dim=-1).sum(-1)
-    return _point_along(paths.waypoints, fraction * lengths)
+    legs = (paths.waypoints[:, 1:] - paths.waypoints[:, :-1]).norm(dim=-1)
+    return _point_along(paths.waypoints, fraction * sum_in_order(legs))
 
 
 def lookahead_subgoal(paths: Paths, distance: float) -> Tensor:
-    """The point a distance along each path, but not past its first corner.
+    """The point at a distance along each path, but not beyond its first corner.
 
     Args:
-        paths: Of B scenes. If a start was moved, the leg out to free space does not count as the
-            first segment.
+        paths: Paths of B scenes. If a start was moved, the leg to free space is not the first segment.
         distance: [px].
 
     Returns:
@@ -94,7 +95,7 @@ def lookahead_subgoal(paths: Paths, distance: float) -> Tensor:
     Raises:
         TypeError: If `paths` is not `Paths`.
         ValueError: If the distance is negative or not finite.
-    Source: what the authors' code does in place of the fraction.
+    Source: The authors' code, in place of the fraction.
     """
     check_instance("lookahead_subgoal", "paths", paths, Paths)
     _check_number("lookahead_subgoal", "distance", distance, math.inf)
@@ -106,13 +107,13 @@ def lookahead_subgoal(paths: Paths, distance: float) -> Tensor:
 
 
 def points_ahead(paths: Paths, distances: Sequence[float]) -> Tensor:
-    """Points at several distances along each path; past its end, the end.
+    """Points at several distances along each path; beyond its end, the end.
 
     Unlike `lookahead_subgoal` they also lie beyond corners, so that they show where the path turns.
 
     Args:
-        paths: Of B scenes.
-        distances: n of them [px].
+        paths: Paths of B scenes.
+        distances: n distances [px].
 
     Returns:
         `[B, n, 2]` [px].
@@ -131,7 +132,7 @@ def points_ahead(paths: Paths, distances: Sequence[float]) -> Tensor:
 
 
 def _check_number(who: str, name: str, value: Any, most: float) -> None:
-    """Raise unless a number lies in [0, most] and is finite; by hand, since it is asked at every step."""
+    """Raise unless a number is finite and in [0, most]; by hand, since it is called at every step."""
     number = isinstance(value, Real) and not isinstance(value, bool)
     if not (number and 0 <= value <= most and math.isfinite(value)):
         limit = f"a number in [0, {most:g}]" if math.isfinite(most) else "a finite number >= 0"

@@ -1,4 +1,4 @@
-"""`Paths`: what a planner returns."""
+"""`Paths`: the result of a planner."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from modpush._validation import check_value
 __all__ = ["Paths", "check_paths"]
 
 _NEAR = 2.0
-"""Distance along each axis at which a path may begin from where it was asked to [px]: planners round."""
+"""Tolerance of a path's ends along each axis [px], since planners round."""
 _DTYPES = {
     "count": torch.int64,
     "length": torch.float32,
@@ -28,18 +28,17 @@ _DTYPES = {
 class Paths:
     """One planned path for each of B scenes, in the pixel frame.
 
-    The pixel frame has (u, v) = (column, row) and cell centres at integers. A path runs from the
-    start to the goal exactly as they were asked for. If an end lay outside the grid or in a
-    blocked cell, the path's first or last leg joins it to the nearest free cell's centre; that leg
-    alone may cross blocked cells, and `start_moved` or `goal_moved` says so.
+    The pixel frame has (u, v) = (column, row) and cell centres at integers. A path joins exactly the
+    requested start and goal. If an end lies outside the grid or in a blocked cell, the path's first or
+    last leg joins it to the nearest free cell's centre; only that leg may cross blocked cells, and
+    `start_moved` or `goal_moved` is True.
 
     Attributes:
-        waypoints: `[B, P, 2]` float32 [px], start first; past a path's end the goal is repeated.
-            Where no path was found, the start alone.
-        count: `[B]` int64, how many waypoints belong to the path, at least 2; 0 where none was
-            found.
+        waypoints: `[B, P, 2]` float32 [px], start first, padded with the goal; where no path was found,
+            the start alone.
+        count: `[B]` int64, number of the path's waypoints, at least 2; 0 where none was found.
         length: `[B]` float32, [px] times the planner's `cell_size`; inf where none was found.
-        found: `[B]` bool.
+        found: `[B]` bool, a path was found.
         start_moved: `[B]` bool, the start was not free.
         goal_moved: `[B]` bool, the goal was not free.
     """
@@ -55,16 +54,16 @@ class Paths:
     def from_waypoints(
         cls, paths: Sequence[Tensor | None], start: Tensor, cell_size: float = 1.0
     ) -> "Paths":
-        """Pack paths of different lengths, as your own planner has to return them.
+        """Make `Paths` from lists of waypoints, for a user-defined planner.
 
         Args:
-            paths: For each scene its waypoints `[P_b, 2]` [px], P_b >= 2, or None if there is none.
-            start: `[B, 2]` [px], fills in where there is no path.
+            paths: For each scene its waypoints `[P_b, 2]` [px], P_b >= 2, or None if there is no path.
+            start: `[B, 2]` [px], the waypoints where there is no path.
             cell_size: Metres per pixel, or 1 for lengths in pixels.
 
         Raises:
             TypeError: If a path is not a tensor.
-            ValueError: If a shape is another one, or `cell_size` is not positive.
+            ValueError: If a shape differs from the expected one, or `cell_size` is not positive.
         """
         who = "Paths.from_waypoints"
         check_value(who, "cell_size", cell_size, Positive)
@@ -115,20 +114,19 @@ def check_paths(
     start: Tensor | None = None,
     goal: Tensor | None = None,
 ) -> Paths:
-    """Check what a planner returned, before anything is computed from it.
+    """Check the result of a planner.
 
     Args:
-        who: Which planner, for the error messages.
-        paths: What it returned.
-        batch: Number of scenes that it was asked for.
-        start: Where paths were to begin, `[B, 2]` (u, v) [px]; None to leave that unchecked.
-        goal: Where they were to end, the same.
+        who: Name of the planner, for error messages.
+        paths: The result.
+        batch: Expected number of scenes.
+        start: Requested starts, `[B, 2]` (u, v) [px]; None to leave them unchecked.
+        goal: Requested goals, the same.
 
     Raises:
-        TypeError: If it is not a `Paths`, or a field is of another dtype.
-        ValueError: If a field has another shape, a waypoint is not finite, a length is not finite
-            although a path was found, or a path that was found begins or ends elsewhere and does not say
-            that its end was moved.
+        TypeError: If it is not a `Paths`, or a field has another dtype.
+        ValueError: If a field has another shape, a waypoint or the length of a path that was found is
+            not finite, or such a path begins or ends elsewhere although its end is not marked as moved.
     """
     if not isinstance(paths, Paths):
         raise TypeError(f"{who}: plan must return modpush.planners.Paths, got {type(paths)}.")

@@ -1,4 +1,4 @@
-"""A value of its own for each thread."""
+"""Values per thread."""
 
 import threading
 from typing import Generic, TypeVar

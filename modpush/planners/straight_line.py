@@ -1,4 +1,4 @@
-"""The straight line: the planner to measure others against, and to test with."""
+"""The straight line, a baseline for comparisons and tests."""
 
 from modpush._batching import run_batch
 from modpush.planners.grid_planner import GridPlanner
@@ -10,7 +10,7 @@ __all__ = ["StraightLine"]
 
 
 class StraightLine(GridPlanner):
-    """The straight line from start to goal, found only where no blocked cell is in the way.
+    """The straight line from start to goal, found only where it crosses no blocked cell.
 
     Args:
         cell_size: Metres per pixel; lengths are given in pixels times this.

@@ -1,4 +1,4 @@
-"""Sub-goals on the planned path, with the ones of earlier steps."""
+"""`PlannerSubgoals`: sub-goals on the planned path, and those of earlier steps."""
 
 from collections.abc import Sequence
 from typing import Annotated, Literal
@@ -30,30 +30,28 @@ SubgoalMode = Literal["fraction", "lookahead"]
 class PlannerSubgoals(Transform):
     """Plans from the object to the goal at every step and writes the path's length and a sub-goal.
 
-    Everything that outlasts a step is in the tensordict, under `history_key`, so that copies, workers,
-    partial resets and stored data need no special treatment. The planner may remember maps, but only
-    to save time.
+    The state between steps is in the tensordict, under `history_key`, so that copies, workers, partial
+    resets and stored data need no special treatment. The planner may cache maps to save time.
 
-    If there is no path, length and sub-goal of the step before are kept and `path_found` is False;
-    at a reset they are the straight distance and the goal. A start or goal that is not free is not an
-    error, see `Paths`.
+    If there is no path, length and sub-goal of the step before are kept and `path_found` is False; at a
+    reset they are the straight distance and the goal. For a start or goal that is not free see
+    `Paths`.
 
     Args:
-        planner: A planner, see `Planner`; or a string that names one: a name in `PLANNERS` or
-            `"module:name"`. `"distance_field"` is the fastest while map and goal stay the same.
+        planner: A planner, see `Planner`; its name in `PLANNERS`; or its `"module:name"`.
+            `"distance_field"` is the fastest while map and goal are unchanged.
         camera: The camera and its grid; the same as `OccupancyGrid`'s.
         mode: `"fraction"`: the sub-goal lies at a fraction of the path's length; `"lookahead"`: at a
             distance along the path, but not beyond its first corner.
         fraction: Fraction of the path's length, in (0, 1].
         lookahead: Distance along the path [m].
-        lags: Ages of the past sub-goals that are written [steps]; before that many steps of an
-            episode, its first sub-goal is written.
-        ahead: Distances along the path at which points of it are written, also beyond corners [m]. Where
+        lags: Ages of the past sub-goals that are written [steps]; the first sub-goal of the episode
+            stands for older ones.
+        ahead: Distances along the path of the points that are written, also beyond corners [m]. Where
             there is no path, the points of the step before are kept; at a reset they are the goal. Empty
-            writes none.
-        max_waypoints: Number of waypoints in which the path is written: a shorter path is padded with
-            its last point, a longer one loses those before the last. 0 writes no path; else at
-            least 2.
+            for none.
+        max_waypoints: Number of waypoints of the path that are written, at least 2: a shorter path is
+            padded with its last point, a longer one loses those before the last. 0 for no path.
         occupancy_key: Read, `[..., 1, H, W]` bool.
         object_pose_key: Read, `[..., 3]` (x, y, yaw) in the robot's base frame [m, rad].
         goal_position_key: Read, `[..., 2]` (x, y) in the robot's base frame [m].
@@ -107,7 +105,7 @@ class PlannerSubgoals(Transform):
         )
         self.planner = make_planner(planner, "PlannerSubgoals")
         self.camera = camera or Camera()
-        # A planner of one's own that says nothing gives lengths in pixels.
+        # Planners without a `cell_size` give lengths in pixels.
         cell_size = float(getattr(self.planner, "cell_size", 1.0))
         self._metres_per_length = self.camera.cell_size / cell_size
         self.mode = mode
@@ -142,7 +140,7 @@ class PlannerSubgoals(Transform):
         start, end = (self.camera.project(point).reshape(-1, 2) for point in (position, goal))
         try:
             paths = self.planner.plan(occupancy.reshape(-1, *expected[1:]), start, end)
-        except ValueError:  # planners look at their ends, and call them by other names
+        except ValueError:  # planners check their ends under other names
             check_finite(who, repr(self.object_pose_key), position)
             check_finite(who, repr(self.goal_position_key), goal)
             raise
@@ -161,12 +159,12 @@ class PlannerSubgoals(Transform):
     def _write(
         self, tensordict: TensorDictBase, before: TensorDictBase | None, advance: bool
     ) -> TensorDictBase:
-        """Plan, and write.
+        """Plan, and write the results.
 
         Args:
             tensordict: Read and written.
-            before: Where the values of the step before are; None at an episode's beginning.
-            advance: Push the sub-goal into the history, rather than replace the newest.
+            before: The step before; None at a reset.
+            advance: Add the sub-goal to the history instead of replacing the newest.
         """
         paths, position, goal = self._plan(tensordict)
         position, goal = position.float(), goal.float()
@@ -200,7 +198,7 @@ class PlannerSubgoals(Transform):
     def _points_ahead(
         self, paths: Paths, found: Tensor, goal: Tensor, before: TensorDictBase | None
     ) -> Tensor:
-        """Points along each path, `[..., len(ahead), 2]` [m], or what stands for them without a path."""
+        """Points along each path, `[..., len(ahead), 2]` [m], or their substitute without a path."""
         pixels = points_ahead(paths, [d / self.camera.cell_size for d in self.ahead])
         points = self.camera.unproject(pixels).reshape(*goal.shape[:-1], len(self.ahead), 2)
         if before is None:
@@ -214,9 +212,9 @@ class PlannerSubgoals(Transform):
         history = before.get(self.history_key, None)
         if history is None:
             raise KeyError(
-                f"PlannerSubgoals: key {self.history_key!r} is missing in the step before, without "
-                "which the past sub-goals are unknown; do not exclude it from what the "
-                f"environment emits. There are {sorted(map(str, before.keys(True, True)))}."
+                f"PlannerSubgoals: key {self.history_key!r}, which holds the past sub-goals, is missing "
+                "in the step before; do not exclude it from the environment's output. There are "
+                f"{sorted(map(str, before.keys(True, True)))}."
             )
         if history.shape[-2:] != (max(self.lags) + 1, 2):
             raise ValueError(
@@ -228,17 +226,17 @@ class PlannerSubgoals(Transform):
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        # TorchRL puts back the old values of scenes that are not being reset.
+        # TorchRL restores the values of scenes that are not reset.
         return self._write(tensordict_reset, None, advance=False)
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         return self._write(next_tensordict, tensordict, advance=True)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Plan anew for stored data and, in transitions, for their `"next"`.
+        """Plan for stored data and, in transitions, for their `"next"`.
 
-        The history that is stored with the data keeps its older part. Observations without a history
-        and without a `"next"` count as an episode's first.
+        The newest entry of a stored history is replaced. Observations without a history and without a
+        `"next"` count as the first of an episode.
         """
         after = stored_next("PlannerSubgoals", tensordict, self.in_keys, self.out_keys)
         alone = after is None and tensordict.get(self.history_key, None) is None
@@ -265,7 +263,7 @@ class PlannerSubgoals(Transform):
 
 
 def _fit(waypoints: Tensor, count: int) -> Tensor:
-    """`[B, P, 2]` to `[B, count, 2]`: pad by the last point, or drop what comes before it."""
+    """`[B, P, 2]` to `[B, count, 2]`: pad with the last point, or drop points before it."""
     padding = count - waypoints.shape[1]
     if padding >= 0:
         return torch.cat([waypoints, waypoints[:, -1:].expand(-1, padding, 2)], 1)

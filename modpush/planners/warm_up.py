@@ -1,4 +1,4 @@
-"""Compiling the planners' kernels ahead of their first use."""
+"""Compilation of the planners' kernels ahead of their first use."""
 
 import torch
 
@@ -11,7 +11,6 @@ from modpush.planners.inflation import inflate
 from modpush.planners.lazy_theta_star import LazyThetaStar
 from modpush.planners.occupancy_map import OccupancyMap
 from modpush.planners.straight_line import StraightLine
-from modpush.planners.theta_star import ThetaStar
 
 __all__ = ["warmup"]
 
@@ -29,7 +28,7 @@ def warmup(height: PixelCount = 256, width: PixelCount = 256) -> None:
         width: Columns of that grid.
     """
     planners = [AStar(), DistanceField(), LazyThetaStar(nodes="grid"), LazyThetaStar()]
-    for planner in [*planners, StraightLine(), ThetaStar()]:
+    for planner in [*planners, StraightLine()]:
         planner.warmup(height, width)
     camera = Camera(height=height, width=width)
     for batch in (1, 2):

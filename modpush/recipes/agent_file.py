@@ -1,15 +1,15 @@
 """Trained agents on disk: a policy, the configuration of its environment, and its fingerprint."""
 
 import json
-import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import torch
+from annotated_types import Le, MaxLen
 from tensordict.nn import TensorDictModuleBase
 from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
@@ -17,17 +17,17 @@ from torchrl.modules import ProbabilisticActor
 
 from modpush._arguments import checked_arguments
 from modpush._checks import check_instance
-from modpush._types import Count
-from modpush._validation import from_plain
+from modpush._types import AtLeastOne, Count, Name
+from modpush._validation import checked, from_plain
 from modpush._weights import check_weights
 from modpush.agents.tqc.config import TQCConfig
 from modpush.agents.tqc.encoder import make_trained_encoder
 from modpush.agents.tqc.factories import ACTORS
 from modpush.agents.tqc.specs import LearnerSpecs
 from modpush.envs.scenes.objects import get_object
-from modpush.files import read_tensors, write_tensors
+from modpush.files import read_tensors, reading, write_tensors
 from modpush.mdp.stuck_recovery import StuckRecovery, recovering
-from modpush.parts import check_allowed, find_part, part_module, part_name
+from modpush.parts import check_allowed, find_part, part_name
 from modpush.recipes.config import END_TO_END, PushEnvConfig
 from modpush.recipes.fingerprint import environment_fingerprint, fingerprint_differences
 from modpush.recipes.hub import HUB_PREFIX, download_agent
@@ -38,7 +38,37 @@ __all__ = ["BEST_AGENT", "Agent", "load_agent", "observed_symmetry", "save_agent
 BEST_AGENT = "best_agent.safetensors"
 """File of the best agent in a training run's folder."""
 _KIND, _VERSION = "modpush.Agent", 4
-_TEXT_OF_PART = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
+
+
+@checked
+class _Network:
+    """The policy's network in a file, see `save_agent`."""
+
+    hidden_sizes: Annotated[AtLeastOne[Count], MaxLen(1000)]
+    observation_dim: Annotated[Count, Le(1_000_000)]
+    actor: Name
+    encoder: Name | None = None
+    image_key: Name = "window"
+
+
+@checked
+class _Part:
+    """How a part is found again, or what it was."""
+
+    name: Name | None = None
+    was: str | None = None
+
+
+@checked
+class _Content:
+    """What a file holds beside the weights."""
+
+    env: PushEnvConfig
+    network: _Network
+    fingerprint: Mapping[str, Any]
+    parts: Mapping[str, _Part]
+    make_env: _Part | None
+    metadata: Mapping[str, Any]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -242,18 +272,23 @@ def load_agent(
             its config or are not finite.
     """
     path = _find_file(name)
-    tensors, about = read_tensors(path, _KIND, _VERSION)
-    data, network = about["env"], about["network"]
-    described = {**about["parts"], "make_env": about["make_env"] or {}}
+    with reading(path, _KIND):
+        tensors, about = read_tensors(path, _KIND, _VERSION)
+        content = from_plain(_Content, about)
     given = {**(parts or {}), **({} if make_env is None else {"make_env": make_env})}
-    named = {k: d["name"] for k, d in described.items() if "name" in d and k not in given}
-    texts = [*named.values(), *_texts_of_parts(data, given), *_texts_of_parts(network, given)]
-    modules = [part_module(text) for text in texts]
-    check_allowed(f"load_agent: {path}", [m for m in modules if m is not None], allow)
-    config = from_plain(PushEnvConfig, data)
+    own = {**content.parts, **({"make_env": content.make_env} if content.make_env else {})}
+    own = {kind: part for kind, part in own.items() if kind not in given}
+    named = {kind: part.name for kind, part in own.items() if part.name is not None}
+    missing = {kind: part.was or "" for kind, part in own.items() if part.name is None}
+    config, network = content.env, content.network
+    if "actor" in given:
+        network = replace(network, actor="mlp")
+    if "encoder" in given and config.encoder == END_TO_END:
+        network = replace(network, encoder=None)
+    in_config = {kind: value for kind, value in asdict(config).items() if kind not in given}
+    check_allowed(f"load_agent: {path}", [named, in_config, asdict(network)], allow)
     found = {kind: find_part(f"load_agent: {kind}", text, {}) for kind, text in named.items()}
     found |= given
-    missing = {k: d["was"] for k, d in described.items() if "was" in d and k not in given}
     needed = ("actor", "encoder") if config.encoder == END_TO_END else ("actor",)
     if lacking := {kind: missing[kind] for kind in needed if kind in missing}:
         raise ValueError(
@@ -263,8 +298,8 @@ def load_agent(
     return Agent(
         actor=_actor(path, network, config, found, tensors),
         config=config,
-        metadata=about["metadata"],
-        fingerprint=about["fingerprint"],
+        metadata=content.metadata,
+        fingerprint=content.fingerprint,
         factory=found.pop("make_env", make_push_env),
         parts=found,
         missing=missing,
@@ -288,17 +323,17 @@ def _find_file(name: str | Path) -> Path:
 
 def _actor(
     path: Path,
-    network: Mapping[str, Any],
+    network: _Network,
     config: PushEnvConfig,
     parts: Mapping[str, Any],
     tensors: Mapping[str, torch.Tensor],
 ) -> ProbabilisticActor:
     """Build the network that the file describes, and put the weights into it."""
-    encoder = network["encoder"]
+    encoder = network.encoder
     if config.encoder == END_TO_END:
         encoder = parts.get("encoder", encoder)
-    side, image_key = config.window_size, network.get("image_key", "window")
-    observation = Composite(observation=Unbounded((network["observation_dim"],)))
+    side, image_key = config.window_size, network.image_key
+    observation = Composite(observation=Unbounded((network.observation_dim,)))
     observation[image_key] = Bounded(0, 255, (1, side, side), dtype=torch.uint8)
     specs = LearnerSpecs(
         observation=observation,
@@ -306,10 +341,15 @@ def _actor(
         action=Bounded(-1.0, 1.0, (3,), dtype=torch.float32),
         encoder=None if encoder is None else make_trained_encoder(encoder),
     )
-    factory = find_part("load_agent: actor", parts.get("actor", network["actor"]), ACTORS)
+    factory = find_part("load_agent: actor", parts.get("actor", network.actor), ACTORS)
+    who, learner = f"load_agent: {path}", TQCConfig(hidden_sizes=network.hidden_sizes)
     with _default_dtype({tensor.dtype for tensor in tensors.values()}):
-        policy = factory(TQCConfig(hidden_sizes=tuple(network["hidden_sizes"])), specs)
-    check_weights(f"load_agent: {path}", policy.state_dict(), tensors)
+        if factory in ACTORS.values():  # without memory at first: a file may ask for any sizes
+            with reading(path, _KIND):
+                planned = factory(replace(learner, device="meta"), specs)
+                check_weights(who, planned.state_dict(), tensors)
+        policy = factory(learner, specs)
+    check_weights(who, policy.state_dict(), tensors)
     policy.load_state_dict(tensors)
     return policy.eval().requires_grad_(False)
 
@@ -324,16 +364,3 @@ def _default_dtype(dtypes: Collection[torch.dtype]) -> Iterator[None]:
         yield
     finally:
         torch.set_default_dtype(before)
-
-
-def _texts_of_parts(data: Mapping[str, Any], given: Mapping[str, Any]) -> list[str]:
-    """All `"module:name"` in a config, save those of parts that are given as objects."""
-    found: list[str] = []
-    for name, value in data.items():
-        values = value if isinstance(value, list) else [value]
-        if isinstance(value, dict):  # the reward's weights, by the names of its terms
-            found += _texts_of_parts(value, {})
-            values = list(value)
-        if name not in given:
-            found += [v for v in values if isinstance(v, str) and _TEXT_OF_PART.fullmatch(v)]
-    return found

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from annotated_types import Le
 
 from modpush._types import (
+    ONE_NUMBER,
     AtLeastOne,
     Count,
     FractionSpan,
@@ -23,6 +24,7 @@ from modpush._types import (
 from modpush._validation import checked
 from modpush.encoders import ENCODERS
 from modpush.encoders.named import names_a_file
+from modpush.envs.outcome import GOAL_THRESHOLD
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES, SCENES, TIGHT_SCENES
 from modpush.envs.scenes.objects import OBJECTS, random_object_seed
 from modpush.envs.scenes.scenario import GoalDistances
@@ -58,11 +60,11 @@ class PushEnvConfig:
     """Scene families, one of which is drawn for each episode; a single one may be given as a
     string. A curriculum's phases may name others. The preset `paper` has the five of the paper's
     training, which has no empty scene (Sec. IV-B)."""
-    difficulty: FractionSpan = (0.0, 1.0)
-    """Range from which the difficulty of the scenes is drawn uniformly."""
-    distance: GoalDistances = (0.2, 0.6)
-    """Range of the distance from start to goal [m]; by default that of the paper's evaluation (Sec.
-    V-B)."""
+    difficulty: Annotated[FractionSpan, ONE_NUMBER] = (0.0, 1.0)
+    """Range from which the difficulty of the scenes is drawn uniformly; or a number."""
+    distance: Annotated[GoalDistances, ONE_NUMBER] = (0.2, 0.6)
+    """Range of the distance from start to goal [m]; or a number. By default that of the paper's
+    evaluation (Sec. V-B)."""
     frame: Frame = "object"
     """Axes of the observation and of the local window."""
     action_frame: Frame | None = "base"
@@ -148,6 +150,16 @@ class PushEnvConfig:
         Numbers are checked by the parts that take them, and `"module:name"` is imported when the
         environment is made: a config that comes from a file runs no code.
         """
+        for name, (low, high) in (("difficulty", self.difficulty), ("distance", self.distance)):
+            if low > high:
+                raise ValueError(
+                    f"PushEnvConfig: {name} must be a range (low, high), got ({low:g}, {high:g})."
+                )
+        if self.distance[1] < GOAL_THRESHOLD + 1e-4:  # as in ScenarioConfig
+            raise ValueError(
+                f"PushEnvConfig: distance must reach beyond {GOAL_THRESHOLD} m, at which an episode "
+                f"has ended before its first step, got {self.distance}."
+            )
         objects = (
             self.pushed_object if isinstance(self.pushed_object, tuple) else (self.pushed_object,)
         )
@@ -226,7 +238,7 @@ _PRESETS: dict[str, dict[str, Any]] = {
         "frame": "path",
         "action_frame": None,
         "planner": "distance_field",  # the shortest paths, in a fraction of the time
-        "inflation": "circumscribed",  # room for the object at any yaw
+        "inflation": "widest",  # room for the object at any yaw, wherever that leaves a path
         "path_margin": 0.02,  # paths stay away from where an episode ends, if they can
         "subgoal_mode": "lookahead",  # no sub-goal beyond a corner, nor at the object's centre
         "path_ahead": (0.1, 0.2, 0.3),  # where the path turns, before the object is at the corner

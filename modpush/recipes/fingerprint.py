@@ -45,6 +45,7 @@ def environment_fingerprint(env: EnvBase) -> dict[str, Any]:
                 found["window"] = {
                     "frame": transform.frame,
                     "size": transform.size,
+                    "metres_per_pixel": transform.metres_per_pixel,
                     "outside": transform.outside,
                     "max_height": transform.max_height,
                     "upright": transform.upright,
@@ -71,16 +72,22 @@ def environment_fingerprint(env: EnvBase) -> dict[str, Any]:
 def fingerprint_differences(stored: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     """What differs between two fingerprints, in words; empty where nothing does.
 
-    What older files do not say yet is not compared: the sub-goals, and whether the window is upright.
+    What older files do not say yet is not compared: the sub-goals, and whether the window is upright and
+    how large its pixels are.
     """
     found = []
     for name in dict.fromkeys((*stored, *now)):
         a, b = stored.get(name), now.get(name)
+        if name == "reward" and a is not None and b is not None:
+            a = {"clip": True, **a}  # older files do not say it, and theirs was clipped
         if name == "observation" and a is not None and b is not None:
-            found += [f"observation, {text}" for text in observation_differences(a, b)]
+            try:
+                found += [f"observation, {text}" for text in observation_differences(a, b)]
+            except (AttributeError, LookupError, TypeError):  # a file may hold anything
+                found.append(f"observation: trained with {a!r}, this environment has {b!r}")
         elif name == "subgoals" and (a is None or b is None):
             continue
-        elif name == "window" and a is not None and b is not None:
+        elif name == "window" and isinstance(a, Mapping) and isinstance(b, Mapping):
             known = a.keys() & b.keys()
             a, b = ({key: one[key] for key in sorted(known)} for one in (a, b))
             found += [f"window: trained with {a!r}, this environment has {b!r}"] if a != b else []

@@ -10,10 +10,12 @@ from torchrl.envs import Compose, EnvBase, ExcludeTransform, InitTracker, Transf
 
 from modpush._arguments import checked_arguments
 from modpush._types import Seed
+from modpush.encoders.base import encoder_sizes
 from modpush.encoders.encode import Encode
 from modpush.encoders.named import make_encoder
 from modpush.encoders.networks.conv_encoder import ConvEncoder
 from modpush.encoders.networks.ray_scan import RayScan
+from modpush.encoders.window import METRES_PER_PIXEL
 from modpush.encoders.window_bytes import WindowBytes
 from modpush.encoders.window_transform import EgocentricWindow
 from modpush.envs.arguments import parameter_names, refuse_unknown
@@ -143,8 +145,14 @@ def make_push_env(
     module = _make_encoder(config, encoder)
     images = ["depth", "segmentation", "occupancy"]
     if module is not None or config.encoder == END_TO_END:
-        size = int(getattr(module, "window_size", config.window_size))
-        transforms.append(EgocentricWindow(config.frame, size=size, outside=config.window_outside))
+        size, scale = config.window_size, METRES_PER_PIXEL
+        if module is not None:
+            _, size, scale = encoder_sizes("make_push_env", module)
+        transforms.append(
+            EgocentricWindow(
+                config.frame, size=size, outside=config.window_outside, metres_per_pixel=scale
+            )
+        )
         if module is not None:
             mirrored_key = "mirrored_latent" if mirrored else None
             transforms.append(Encode(module, mirrored_key=mirrored_key))

@@ -216,8 +216,8 @@ def _agent_env(
     **options: Any,
 ) -> EnvBase:
     """The environment that an agent was trained in without recovery, with the objects of a set."""
-    given = {} if conditions is None else conditions.agent_options
     found = load_agent(agent, allow=allow)
+    given = {} if conditions is None else conditions.agent_options(found.config.inflation)
     return replace(found, config=replace(found.config, recovery=False)).make_env(
         num_envs,
         **{

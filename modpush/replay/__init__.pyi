@@ -8,6 +8,7 @@ from .n_step import (
     extend_rollout as extend_rollout,
     forget_open_steps as forget_open_steps,
 )
+from .prioritized import PrioritizedSampler as PrioritizedSampler
 from .similarity import (
     LatentSimilarity as LatentSimilarity,
     cosine as cosine,

@@ -16,6 +16,7 @@ from modpush._checks import check_instance, check_keys
 from modpush._state import read_state, write_state
 from modpush._types import Count, Finite, NonNegativeInteger
 from modpush._validation import check_value
+from modpush.files import reading
 from modpush.parts import find_part
 from modpush.replay.similarity import SIMILARITIES, Similarity
 from modpush.replay.storage_access import draw_distinct, read_entries, valid_shape
@@ -63,7 +64,9 @@ class AttentiveSampler(Sampler):
             a storage of several dimensions the newest row, one entry per environment.
         query_key: Key of the newest entries that is the query, by default `key`. `("next", key)`
             is one step newer, but after an episode's end it is not where the environment is now.
-        candidate_replacement: Whether a candidate may be drawn twice.
+        candidate_replacement: Whether a candidate may be drawn twice, as in TorchRL's uniform sampling;
+            the paper leaves it open. With `k = 4`, some 60 of a batch of 512 are then copies of others
+            in a buffer of 8,000 entries, and one or none in the paper's million.
         k_end: Value to which `k` is annealed linearly; by default it stays.
         annealing_num_samples: Number of calls of `sample` over which it is annealed.
 
@@ -273,7 +276,7 @@ class AttentiveSampler(Sampler):
         """Do nothing: similarity is the only priority."""
 
     def _empty(self) -> None:
-        self._cursor.last = None
+        self._cursor = WriteCursor()
         self._query = None
 
     def state_dict(self) -> dict[str, Any]:
@@ -318,7 +321,8 @@ class AttentiveSampler(Sampler):
                 f"AttentiveSampler: {path} holds no {_STATE_FILE}: the buffer was saved with "
                 "another sampler. Load it with that one, or only its storage."
             )
-        self.load_state_dict(read_state(path / _STATE_FILE, _KIND, _VERSION))
+        with reading(path / _STATE_FILE, _KIND):
+            self.load_state_dict(read_state(path / _STATE_FILE, _KIND, _VERSION))
 
     def __repr__(self) -> str:
         return (

@@ -1,7 +1,7 @@
 """A replay buffer in one call."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Self
 
 import torch
 from tensordict import TensorDictBase
@@ -9,7 +9,6 @@ from tensordict.utils import NestedKey
 from torchrl.data import (
     LazyMemmapStorage,
     LazyTensorStorage,
-    PrioritizedSampler,
     RandomSampler,
     RoundRobinWriter,
     TensorDictReplayBuffer,
@@ -23,13 +22,56 @@ from modpush.parts import find_part
 from modpush.replay.attentive import AttentiveSampler
 from modpush.replay.compact import CompactStorage
 from modpush.replay.config import ReplayConfig
-from modpush.replay.n_step import NStepTransform
+from modpush.replay.n_step import NStepTransform, forget_open_steps, n_step_transforms
+from modpush.replay.prioritized import PrioritizedSampler
 from modpush.replay.similarity import SIMILARITIES, Similarity
 
 __all__ = ["SAMPLERS", "make_replay_buffer", "update_priorities"]
 
 SamplerFactory = Callable[[ReplayConfig], Sampler]
 """Makes a sampler from the config."""
+
+
+class _ReplayBuffer(TensorDictReplayBuffer):
+    """Its methods also reach what is kept beside the storage.
+
+    This is: transitions that wait for their n-step returns, batches prepared ahead, and the links
+    of a `CompactStorage`.
+    """
+
+    def empty(self, empty_write_count: bool = True) -> None:
+        self.synchronize()
+        with self._futures_lock:
+            self._clear_prefetch_queue_locked()
+        super().empty(empty_write_count)
+        forget_open_steps(self)
+
+    def __setitem__(self, index: Any, value: Any) -> None:
+        if isinstance(value, TensorDictBase) and n_step_transforms(self):
+            read_key("ReplayBuffer[...] = value", value, "steps_to_next_obs")
+        super().__setitem__(index, value)
+
+    def set_at_(self, key: NestedKey, value: Any, index: Any) -> Self:
+        if not isinstance(self.storage, CompactStorage):
+            return super().set_at_(key, value, index)
+        return self._rewrite(index, lambda rows: rows[key].copy_(torch.as_tensor(value)))
+
+    def set_(self, key: NestedKey, value: Any) -> Self:
+        return self.set_at_(key, value, slice(None))
+
+    def update_(self, input_dict_or_td: Any, clone: bool = False, **kwargs: Any) -> Self:
+        if not isinstance(self.storage, CompactStorage):
+            return super().update_(input_dict_or_td, clone, **kwargs)
+        return self._rewrite(slice(None), lambda rows: rows.update_(input_dict_or_td, **kwargs))
+
+    def _rewrite(self, index: Any, change: Callable[[TensorDictBase], Any]) -> Self:
+        """Change entries of a `CompactStorage`, which links them by their observations."""
+        with self._replay_lock:
+            slots = torch.arange(len(self.storage), device="cpu")[index].reshape(-1)
+            rows = self.storage[slots]
+            change(rows)
+            self.storage[slots] = rows
+        return self
 
 
 @checked_arguments
@@ -56,11 +98,10 @@ def make_replay_buffer(
         ValueError: If a part cannot be found, or a similarity is given for another sampler than an
             attentive one.
         TypeError: If the sampler's callable returns no sampler.
-        RuntimeError: For `sampler="prioritized"` where TorchRL's C++ extension does not load.
     """
     if config.storage == "compact":
         kwargs.setdefault("writer", RoundRobinWriter())  # TorchRL's default stores the index, too
-    buffer = TensorDictReplayBuffer(
+    buffer = _ReplayBuffer(
         storage=_make_storage(config),
         sampler=_make_sampler(config, sampler, similarity),
         batch_size=config.batch_size,
@@ -152,16 +193,7 @@ def _uniform(config: ReplayConfig) -> RandomSampler:
 
 
 def _prioritized(config: ReplayConfig) -> PrioritizedSampler:
-    try:
-        return PrioritizedSampler(
-            config.capacity, alpha=config.priority_alpha, beta=config.priority_beta
-        )
-    except RuntimeError as error:
-        raise RuntimeError(
-            "make_replay_buffer: sampler='prioritized' needs TorchRL's C++ extension, which does "
-            f"not load with torch {torch.__version__} ({error}). Install a torchrl built for this "
-            "torch, or use sampler='attentive' or 'uniform'."
-        ) from error
+    return PrioritizedSampler(config.capacity, config.priority_alpha, config.priority_beta)
 
 
 SAMPLERS: Mapping[str, SamplerFactory] = {

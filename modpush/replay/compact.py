@@ -24,6 +24,7 @@ from modpush._arguments import checked_arguments
 from modpush._checks import check_instance
 from modpush._state import read_state, write_state
 from modpush._types import Count, Device
+from modpush.files import reading
 
 __all__ = ["CompactStorage"]
 
@@ -44,9 +45,10 @@ class _Checkpointer(StorageCheckpointerBase):
         write_state(Path(path) / _FILE, state, _KIND, _VERSION)
 
     def loads(self, storage: "CompactStorage", path: str | Path) -> None:
-        state = read_state(Path(path) / _FILE, _KIND, _VERSION)
-        data = TensorDict(state["contents"], batch_size=[state["length"]])
-        storage.load_contents(data, state["links"])
+        with reading(Path(path) / _FILE, _KIND):
+            state = read_state(Path(path) / _FILE, _KIND, _VERSION)
+            data = TensorDict(state["contents"], batch_size=[state["length"]])
+            storage.load_contents(data, state["links"])
 
 
 class CompactStorage(LazyTensorStorage):
@@ -57,8 +59,9 @@ class CompactStorage(LazyTensorStorage):
     the batches (several environments, whole trajectories, n-step transitions).
 
     Two 4-byte links take the place of the second observation. Writing costs a few microseconds a
-    row on top; reading costs one more gather. Entries must not be changed in place through
-    `buffer[...] = ...` under the keys below. It has one dimension and lives in one process.
+    row on top; reading costs one more gather. Entries are changed by `buffer[index] = transitions`;
+    `set_at_`, `set_` and `update_` do so in buffers of `make_replay_buffer`, but in TorchRL's own
+    buffers must not be used for the keys below. It has one dimension and lives in one process.
     `TensorDictReplayBuffer` stores an `"index"` of 8 bytes beside each transition unless it is given
     TorchRL's plain `RoundRobinWriter`; samples carry their index either way.
 
@@ -107,6 +110,8 @@ class CompactStorage(LazyTensorStorage):
         if len(rows) > self.max_size:  # it would overwrite itself; only its end remains
             rows, slots = rows[-self.max_size :], slots[-self.max_size :]
             cursor, data = slots, rows
+        if not set_cursor and len(slots.unique()) < len(slots):  # a link would have two owners
+            raise ValueError("CompactStorage: indices must differ, got some of them twice.")
         if self.initialized:
             self._unlink(slots)
         super().set(cursor, data.exclude(*self._next_keys), set_cursor=set_cursor)

@@ -33,8 +33,8 @@ class ReplayConfig:
     batch_size: Count = 512
     """Number of transitions in each sample."""
     sampler: str = "attentive"
-    """How transitions are chosen: "attentive", "uniform", "prioritized" (where TorchRL's C++ extension
-    loads), or "module:name" of a callable that takes this config and returns a TorchRL sampler."""
+    """How transitions are chosen: "attentive", "uniform", "prioritized", or "module:name" of a callable
+    that takes this config and returns a TorchRL sampler."""
     k: Candidates = 4
     """Attentive sampling: number of candidates drawn per transition that is kept."""
     k_end: Candidates | None = None

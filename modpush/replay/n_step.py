@@ -1,7 +1,9 @@
 """n-step returns: rewards are summed over several steps before the target bootstraps."""
 
+from typing import Any
+
 import torch
-from tensordict import TensorDictBase
+from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.data import TensorDictReplayBuffer
 from torchrl.envs.transforms import MultiStepTransform
@@ -24,8 +26,10 @@ class NStepTransform(MultiStepTransform):
     *first* step, so that a target would bootstrap from a terminal state; it also stores three
     entries that no loss reads.
 
-    The last `n_steps` transitions of each environment wait for those that follow. Where
-    environments are reset without the end of an episode in the data, call `forget`.
+    The last `n_steps` transitions of each environment wait for those that follow. They are part of
+    the transform's state. Where environments are reset without the end of an episode in the data,
+    call `forget`, also after `empty` of a buffer that is not from `make_replay_buffer`. Transitions
+    that have their n-step returns already, such as those of another buffer, are stored as they are.
 
     Args:
         n_steps: Number of rewards in a sum, >= 1.
@@ -38,6 +42,8 @@ class NStepTransform(MultiStepTransform):
 
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase | None:
         """`[num_envs, time]` or `[time]` to `[n]`, environment after environment within a step."""
+        if "steps_to_next_obs" in tensordict.keys():
+            return tensordict
         if tensordict.ndim not in (1, 2):
             raise ValueError(
                 "NStepTransform: transitions must be [num_envs, time] or [time], got "
@@ -61,6 +67,17 @@ class NStepTransform(MultiStepTransform):
     @waiting.setter
     def waiting(self, transitions: TensorDictBase | None) -> None:
         self._buffer = transitions
+
+    def get_extra_state(self) -> dict[str, Any]:
+        """The waiting transitions as plain data; part of `state_dict`."""
+        if self._buffer is None:
+            return {"shape": [], "waiting": {}}
+        return {"shape": list(self._buffer.shape), "waiting": self._buffer.clone().to_dict()}
+
+    def set_extra_state(self, state: dict[str, Any]) -> None:
+        """Inverse of `get_extra_state`."""
+        waiting = TensorDict(state["waiting"], batch_size=state["shape"]).clone()
+        self._buffer = waiting if state["waiting"] else None
 
 
 def extend_rollout(

@@ -2,9 +2,8 @@
 
 from typing import Any
 
-import torch
 from tensordict import TensorDict, is_tensor_collection
-from torchrl.data import PrioritizedSampler, TensorDictReplayBuffer
+from torchrl.data import TensorDictReplayBuffer
 from torchrl.data.replay_buffers.storages import TensorStorage
 
 from modpush.replay.compact import CompactStorage
@@ -33,7 +32,7 @@ def buffer_state(buffer: TensorDictReplayBuffer) -> dict[str, Any]:
         "length": len(storage),
         "contents": contents,
         "links": storage.links_state() if isinstance(storage, CompactStorage) else None,
-        "sampler": _sampler_state(buffer),
+        "sampler": dict(buffer.sampler.state_dict()),
         "writer": buffer.writer.state_dict(),
         "waiting": [transform.waiting for transform in n_step_transforms(buffer)],
     }
@@ -50,29 +49,7 @@ def load_buffer_state(buffer: TensorDictReplayBuffer, state: dict[str, Any]) -> 
         else:
             storage.set(range(length), data, set_cursor=False)
             storage._len = length  # without a cursor it is not counted
-    _load_sampler_state(buffer, state["sampler"])
+    buffer.sampler.load_state_dict(state["sampler"])
     buffer.writer.load_state_dict(state["writer"])
     for transform, waiting in zip(n_step_transforms(buffer), state["waiting"], strict=True):
         transform.waiting = None if waiting is None else waiting.clone()
-
-
-def _sampler_state(buffer: TensorDictReplayBuffer) -> dict[str, Any]:
-    state = buffer.sampler.state_dict()
-    if isinstance(buffer.sampler, PrioritizedSampler):  # its trees are objects of TorchRL's C++
-        count = range(len(buffer.storage))
-        for name in ("_sum_tree", "_min_tree"):
-            tree = state[name]
-            state[name] = torch.tensor(
-                [float(tree[i]) for i in count], dtype=torch.float64, device="cpu"
-            )
-    return dict(state)
-
-
-def _load_sampler_state(buffer: TensorDictReplayBuffer, state: dict[str, Any]) -> None:
-    if isinstance(buffer.sampler, PrioritizedSampler):
-        for name in ("_sum_tree", "_min_tree"):
-            tree = getattr(buffer.sampler, name)
-            for i, value in enumerate(state[name].tolist()):
-                tree[i] = value
-            state = {**state, name: tree}
-    buffer.sampler.load_state_dict(state)

@@ -146,7 +146,7 @@ def _write_sweep(page: _SweepPage, folder: Path, config: ReproduceConfig) -> Non
     write_text(out.with_suffix(".tex"), format_table(_as_text(table), "latex"))
     draw_sweep(curves, out.with_suffix(".png"), baseline=str(trials["variant"].iloc[0]))
     for path in paths:
-        write_text(config.out / f"{page.part}_{path.name}", path.read_text())
+        write_text(config.out / f"{page.part}_{path.name}", path.read_text(encoding="utf-8"))
     sweep = f"modpush sweep {page.sweep} --out runs/{folder.name}"
     command = "; ".join(filter(None, [page.start, sweep, config.command(page.part)]))
     finished = trials[trials["state"] == "finished"]

@@ -74,7 +74,9 @@ def write_companion(config: ReproduceConfig) -> None:
 
 def _command_of(out: Path, part: str) -> str:
     """The command that a page says it was made with."""
-    (command,) = re.findall(r"^\| command \| (.+) \|$", (out / f"{part}.md").read_text(), re.M)
+    (command,) = re.findall(
+        r"^\| command \| (.+) \|$", (out / f"{part}.md").read_text(encoding="utf-8"), re.M
+    )
     return str(command)
 
 

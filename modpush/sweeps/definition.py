@@ -12,7 +12,8 @@ from modpush._arguments import checked_arguments
 from modpush._checks import check_texts
 from modpush._types import AtLeastOne, Count, Name, Seed
 from modpush._validation import checked, from_plain
-from modpush.parts import find_part, part_module
+from modpush.files import parse_yaml, reading
+from modpush.parts import check_allowed, find_part, part_module
 from modpush.training.config import TrainConfig
 from modpush.training.presets import TRAIN_PRESETS
 from modpush.training.run_folder import RunFolder
@@ -140,7 +141,8 @@ def override(config: TrainConfig, overrides: Mapping[str, Any], who: str) -> Tra
 
     Args:
         config: The configuration.
-        overrides: Values as in JSON or YAML, by dotted names: `{"env.encoder": "rays"}`.
+        overrides: Values as in JSON or YAML, by dotted names: `{"env.encoder": "rays"}`;
+            words of a name may also be joined by `-`, as on the command line.
         who: Name of the caller, for error messages.
 
     Raises:
@@ -148,7 +150,7 @@ def override(config: TrainConfig, overrides: Mapping[str, Any], who: str) -> Tra
     """
     data = asdict(config)
     for name, value in overrides.items():
-        *folders, last = name.split(".")
+        *folders, last = name.replace("-", "_").split(".")
         inside: Any = data
         for folder in folders:
             if not isinstance(inside.get(folder), dict):
@@ -165,22 +167,28 @@ def override(config: TrainConfig, overrides: Mapping[str, Any], who: str) -> Tra
 
 
 @checked_arguments
-def load_sweep(source: str | Path) -> Sweep:
+def load_sweep(source: str | Path, *, allow: Collection[str] = ()) -> Sweep:
     """A sweep from a YAML file, or from Python code as `"module:name"`.
 
     Args:
         source: The file, which holds the fields of `Sweep`; or `"module:name"` of a `Sweep`, or of a
             list of variants, each a `Variant` or a mapping of its fields.
+        allow: Modules and packages from which the file may name parts.
 
     Raises:
-        ValueError: If there is no such file or object, or it is not a sweep; the message names the field.
+        ValueError: If there is no such file or object, it is not a sweep, or the file names modules that
+            are not allowed; the message names the field.
     """
     path, text = Path(source), str(source)
     if path.is_file():
-        try:
-            return from_plain(Sweep, yaml.safe_load(path.read_text()))
-        except (ValueError, yaml.YAMLError) as error:
-            raise ValueError(f"load_sweep: {path} holds no sweep: {error}") from None
+        with reading(path, "load_sweep"):
+            try:
+                sweep = from_plain(Sweep, parse_yaml(path.read_bytes()))
+            except (ValueError, yaml.YAMLError) as error:
+                raise ValueError(f"load_sweep: {path} holds no sweep: {error}") from None
+            named = [sweep.overrides, *(variant.overrides for variant in sweep.variants)]
+            check_allowed(f"load_sweep: {path}", named, allow)
+            return sweep
     if part_module(text) is None:
         raise ValueError(f"load_sweep: source must be a file or 'module:name', got {text!r}.")
     found = find_part("load_sweep", text, {})

@@ -51,7 +51,7 @@ def is_finished(trial: Trial, sweep_folder: Path) -> bool:
 def trial_error(folder: RunFolder) -> str:
     """Last line of the error with which a run ended; empty without one."""
     path = folder.path / "logs" / _ERROR
-    return path.read_text().strip().splitlines()[-1] if path.exists() else ""
+    return path.read_text(encoding="utf-8").strip().splitlines()[-1] if path.exists() else ""
 
 
 def start_trial(trial: Trial, sweep_folder: Path) -> SpawnProcess:
@@ -138,7 +138,7 @@ def _train(trial: Trial, path: Path) -> None:
 def _output_in(path: Path) -> Iterator[None]:
     """Let standard output and error of this process, and of those that it starts, go to a file."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("a") as file:
+    with path.open("a", encoding="utf-8", errors="replace") as file:
         for stream in (sys.stdout, sys.stderr):
             stream.flush()
             os.dup2(file.fileno(), stream.fileno())

@@ -1,7 +1,10 @@
 """The critics of a training run, to look at what they expect."""
 
-from dataclasses import replace
+from collections.abc import Collection, Mapping
+from dataclasses import asdict, replace
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import torch
 from tensordict import TensorDictBase
@@ -13,6 +16,9 @@ from modpush._state import read_state
 from modpush._validation import from_plain
 from modpush._weights import check_weights
 from modpush.agents.tqc.build import make_tqc
+from modpush.agents.tqc.config import TQCConfig
+from modpush.files import reading
+from modpush.parts import check_allowed
 from modpush.training.checkpoints import CHECKPOINT_KIND, CHECKPOINT_VERSION
 from modpush.training.config import TrainConfig
 from modpush.training.run_folder import RunFolder
@@ -43,23 +49,29 @@ class Critics(nn.Module):
 
 
 @checked_arguments
-def load_critics(folder: str | Path, env: EnvBase) -> Critics:
+def load_critics(folder: str | Path, env: EnvBase, *, allow: Collection[str] = ()) -> Critics:
     """The critics in the newest checkpoint of a training run.
 
     Args:
         folder: The run's folder.
         env: The environment that they judge, of the run's agent (`load_agent(folder).make_env(...)`).
+        allow: Modules and packages from which the checkpoint may name its networks and loss.
 
     Raises:
-        ValueError: If the folder has no checkpoint, the run's networks were given as objects, which no
-            file can name, they do not fit the environment, the critics read an encoder that was trained
-            with them, or the loss has none.
+        ValueError: If the folder has no checkpoint, it is damaged or names modules that are not allowed,
+            the run's networks were given as objects, which no file can name, they do not fit the
+            environment, the critics read an encoder that was trained with them, or the loss has none.
     """
     newest = RunFolder(folder).checkpoints.latest()
     if newest is None:
         raise ValueError(f"load_critics: {folder} holds no checkpoint.")
-    state = read_state(newest, CHECKPOINT_KIND, CHECKPOINT_VERSION)
-    config = replace(from_plain(TrainConfig, state["config"]).tqc, device="cpu", execution="eager")
+    with reading(newest, CHECKPOINT_KIND):
+        state = read_state(newest, CHECKPOINT_KIND, CHECKPOINT_VERSION)
+        config = from_plain(TrainConfig, state["config"]).tqc
+        check_allowed(f"load_critics: {newest}", asdict(config), allow)
+        if config.critic == "mlp":
+            _check_size(config, state["loss"])
+    config = replace(config, device="cpu", execution="eager")
     if config.encoder is not None:
         raise ValueError(
             f"load_critics: the critics in {newest} read the latent of an encoder that was trained with "
@@ -75,3 +87,13 @@ def load_critics(folder: str | Path, env: EnvBase) -> Critics:
     ):
         stacked.data.to_module(critic)
     return Critics(agent.critics).eval()
+
+
+def _check_size(config: TQCConfig, loss: Mapping[str, Any]) -> None:
+    """Refuse critics of more weights than a file holds, before memory is allocated for them."""
+    outputs = 1 if config.loss in ("sac", "td3") else config.num_quantiles
+    layers = pairwise((*config.hidden_sizes, outputs))
+    size = config.num_critics * sum(a * b for a, b in layers)
+    held = sum(value.numel() for value in loss.values() if isinstance(value, Tensor))
+    if size > held:
+        raise ValueError(f"its critics would have {size} weights, it holds {held}.")

@@ -1,12 +1,14 @@
 """The files of a training run: config, log, checkpoints, the best agent."""
 
 import json
+from collections.abc import Collection
 from dataclasses import asdict
 from pathlib import Path
 
 from modpush._arguments import checked_arguments
 from modpush._validation import from_plain
-from modpush.files import read_yaml, write_yaml
+from modpush.files import read_yaml, reading, write_yaml
+from modpush.parts import check_allowed
 from modpush.recipes.agent_file import BEST_AGENT
 from modpush.training.checkpoints import Checkpoints
 from modpush.training.config import TrainConfig
@@ -47,18 +49,30 @@ class RunFolder:
         plain = json.loads(json.dumps(asdict(config)))  # tuples as lists
         write_yaml(self.config, plain, _KIND, _VERSION)
 
-    def read_config(self) -> TrainConfig:
+    def read_config(self, *, allow: Collection[str] = ()) -> TrainConfig:
         """Inverse of `write_config`.
 
+        Args:
+            allow: Modules and packages from which the file may name parts.
+
         Raises:
-            ValueError: If the file is damaged or not a run's config; the message names it and the
-                field.
+            ValueError: If the file is damaged, not a run's config, or names modules that are not
+                allowed; the message names it and the field.
         """
-        data = read_yaml(self.config, _KIND, _VERSION)
-        try:
-            return from_plain(TrainConfig, data)
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"RunFolder: {self.config} is not a run's config: {error}") from error
+        config = self.stored_config()
+        check_allowed(f"RunFolder: {self.config}", config.fixed_fields(), allow)
+        return config
+
+    def stored_config(self) -> TrainConfig:
+        """The same, to compare it with another: its parts may be in any modules, so do not make them."""
+        with reading(self.config, _KIND):
+            data = read_yaml(self.config, _KIND, _VERSION)
+            try:
+                return from_plain(TrainConfig, data)
+            except ValueError as error:
+                raise ValueError(
+                    f"RunFolder: {self.config} is not a run's config: {error}"
+                ) from error
 
 
 @checked_arguments
@@ -92,7 +106,7 @@ def check_run_folder(path: str | Path, config: TrainConfig, *, resume: bool) -> 
             f"check_run_folder: {folder.path} holds no checkpoint to resume from, and no run that "
             "was begun."
         )
-    if different := config.differences(folder.read_config()):
+    if different := config.differences(folder.stored_config()):
         raise ValueError(
             f"check_run_folder: {folder.path} holds a run of another config. What differs: "
             + "; ".join(different)

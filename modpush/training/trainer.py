@@ -16,12 +16,13 @@ from modpush._arguments import checked_arguments
 from modpush._atomic import clean_leftovers
 from modpush._folder_lock import FolderLock
 from modpush.recipes.make_env import make_push_env
+from modpush.replay.buffer import make_replay_buffer
 from modpush.training.config import TrainConfig
 from modpush.training.disk import DiskGuard
 from modpush.training.held_out import HeldOutEpisodes, held_out_score
 from modpush.training.learner import Learner, weights_of
 from modpush.training.log import RunLog
-from modpush.training.parts import check_parts, check_picklable
+from modpush.training.parts import check_parts, check_picklable, replay_parts
 from modpush.training.rollout import Rollout
 from modpush.training.run_folder import check_run_folder
 from modpush.training.scene_worker import EnvFactory, SceneWorker
@@ -89,6 +90,7 @@ class Trainer:
         check_parts("Trainer", config, parts, pickled=spawned)
         if spawned:
             check_picklable("Trainer", "make_env", make_env)
+        make_replay_buffer(config.filled_replay(), **replay_parts(parts))  # refused before all else
         self.config, self.parts, self.make_env = config, dict(parts or {}), make_env
         self.folder = check_run_folder(folder, config, resume=resume)
         self.lock = FolderLock(folder)

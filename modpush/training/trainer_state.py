@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 from torchrl.checkpoint import GlobalRNGState
 
+from modpush.files import reading
 from modpush.recipes.agent_file import observed_symmetry, save_agent
 from modpush.recipes.fingerprint import fingerprint_differences
 from modpush.replay.attentive import AttentiveSampler
 from modpush.replay.state import buffer_state, load_buffer_state
+from modpush.training.checkpoints import CHECKPOINT_KIND
 from modpush.training.config import field_differences
 from modpush.training.rollout import Rollout
 
@@ -61,15 +63,22 @@ def load_trainer_state(trainer: "Trainer", state: dict[str, Any]) -> None:
     """Inverse of `trainer_state`.
 
     Raises:
-        ValueError: If the state is that of another run.
+        ValueError: If the state is that of another run, or of another structure.
     """
-    differences = fingerprint_differences(state["fingerprint"], trainer.specs.fingerprint)
-    differences += field_differences(state["config"], trainer.config.fixed_fields())
+    path = trainer.folder.checkpoints.latest() or trainer.folder.path
+    with reading(path, CHECKPOINT_KIND):
+        differences = fingerprint_differences(state["fingerprint"], trainer.specs.fingerprint)
+        differences += field_differences(state["config"], trainer.config.fixed_fields())
     if differences:
         raise ValueError(
             f"Trainer: the checkpoints in {trainer.folder.path} are of another run: "
             + "; ".join(differences)
         )
+    with reading(path, CHECKPOINT_KIND):
+        _restore(trainer, state)
+
+
+def _restore(trainer: "Trainer", state: dict[str, Any]) -> None:
     learner = trainer.learner
     learner.agent.loss.load_state_dict(state["loss"])
     learner.load_average_state(state["average"])

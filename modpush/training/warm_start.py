@@ -9,7 +9,8 @@ from torchrl.objectives import LossModule
 from modpush._state import read_state
 from modpush._validation import from_plain
 from modpush._weights import check_weights
-from modpush.parts import ModulesRefusedError, modules_named
+from modpush.files import reading
+from modpush.parts import ModulesRefusedError, check_allowed, modules_named, parts_named
 from modpush.recipes.agent_file import Agent, load_agent, observed_symmetry, shipped_agents
 from modpush.recipes.config import PushEnvConfig
 from modpush.recipes.fingerprint import fingerprint_differences
@@ -57,12 +58,17 @@ def load_initial_weights(
         actor.load_state_dict(agent.actor.state_dict())
         _copy_to_targets(learner.agent.loss)
         return
-    state = read_state(checkpoint, CHECKPOINT_KIND, CHECKPOINT_VERSION)
-    trained_in = from_plain(PushEnvConfig, state["config"]["env"])
-    symmetry = state.get("symmetry", observed_symmetry(trained_in))  # earlier checkpoints lack it
-    _check_environment(who, state["fingerprint"], symmetry, config, specs, parts)
+    with reading(checkpoint, CHECKPOINT_KIND):
+        state = read_state(checkpoint, CHECKPOINT_KIND, CHECKPOINT_VERSION)
+        if "symmetry" not in state:  # of an earlier version
+            trained_in = from_plain(PushEnvConfig, state["config"]["env"])
+            check_allowed(f"{who}: {checkpoint}", trained_in.pushed_object, _allowed(config, parts))
+            state["symmetry"] = observed_symmetry(trained_in)
+        fingerprint, stored = dict(state["fingerprint"]), dict(state["loss"])
+        symmetry = state["symmetry"]
+    _check_environment(who, fingerprint, symmetry, config, specs, parts)
     loss = learner.agent.loss
-    own, given = loss.state_dict(), _weights_in(state["loss"])
+    own, given = loss.state_dict(), _weights_in(stored)
     check_weights(who, _weights_in(own), given)
     loss.load_state_dict({**own, **given})
 
@@ -77,13 +83,10 @@ def _load_agent(
             f"{who}: expected a run's folder, a checkpoint, an agent's file, or a shipped agent "
             f"({', '.join(shipped_agents())}); there is nothing of that name."
         )
-    # The caller has named these modules already, or imported them, as those of parts of this run.
-    own = config.fixed_fields()
-    allow = modules_named([own["env"], own["tqc"], own["replay"]]) | _modules_of(parts)
     # The rest of its environment is the file's own, with which this run's is compared.
     given = {kind: parts[kind] for kind in ("actor", "encoder") if kind in parts}
     try:
-        agent = load_agent(source, parts=given, allow=sorted(allow))
+        agent = load_agent(source, parts=given, allow=_allowed(config, parts))
     except ModulesRefusedError as error:
         raise ValueError(
             f"{who}: it was trained with parts that this run does not have; name them in this "
@@ -98,6 +101,13 @@ def _load_agent(
             )
         trained_with = parts["pushed_object"]
     return agent, observed_symmetry(agent.config, trained_with)
+
+
+def _allowed(config: TrainConfig, parts: Mapping[str, Any]) -> list[str]:
+    """Modules that the caller has named already, or imported, as those of parts of this run."""
+    own = config.fixed_fields()
+    named = [own["env"], own["tqc"], own["replay"]]
+    return sorted(modules_named(named) | parts_named(named) | _modules_of(parts))
 
 
 def _modules_of(parts: Mapping[str, Any]) -> set[str]:

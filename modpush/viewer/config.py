@@ -50,7 +50,8 @@ class PlayConfig:
     out: Path = Path("runs/play")
     """Folder to which recorded videos are written."""
     allow: Several[Name] = ()
-    """Modules from which an agent's file may import its author's own parts."""
+    """Modules from which the file of an agent, a run or a replayed set may import its author's own
+    parts."""
 
     def __post_init__(self) -> None:
         """Check the names."""

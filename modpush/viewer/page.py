@@ -1,11 +1,17 @@
 """`play`: opens the page."""
 
 import contextlib
+import errno
 import io
+import os
+import socket
 import threading
 import time
 import warnings
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from http import HTTPStatus
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 import torch
 
@@ -25,7 +31,9 @@ _CAMERA_OF_ONE = (1.08, -0.45, 0.72), (0.40, 0.0, 0.05)
 _CAMERA_OF_TWO = (1.75, 0.0, 1.0), (0.40, 0.0, 0.05)
 """Where the camera stands and what it looks at in the beginning [m]."""
 _DRAW_PERIOD = 1 / 30  # at high speeds not every step is drawn [s]
+_PORTS = 100  # that are tried, from the one asked for on
 _WAIT_FOR_TAB = 0.1  # [s]
+_LOCAL = ("127.0.0.1", "localhost", "::1")
 
 
 class Page:
@@ -58,8 +66,10 @@ class Page:
 
     @property
     def address(self) -> str:
-        """Where the page is."""
-        return f"http://{self.config.host}:{self.server.get_port()}"
+        """Where the page is, seen from this machine."""
+        # Every address of this machine is listened on by these, and none is called so.
+        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.config.host, self.config.host)
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.server.get_port()}"
 
     def run(self) -> None:
         """Run until `stop` is called or the program is interrupted."""
@@ -123,8 +133,10 @@ def _make_server(config: PlayConfig) -> "ViserServer":
     require_extra("modpush.viewer.play", "viser")
     import viser
 
-    with contextlib.redirect_stdout(io.StringIO()):  # `play` prints the address
-        server = viser.ViserServer(host=config.host, port=config.port, label="modpush")
+    port = _free_port(config.host, config.port)
+    # `play` prints the address.
+    with contextlib.redirect_stdout(io.StringIO()), _refusing_other_origins(config.host):
+        server = viser.ViserServer(host=config.host, port=port, label="modpush")
     server.scene.set_up_direction("+z")
     # Shadows and reflections are slow where WebGL runs in software: without the latter three times as
     # many pictures are drawn. An even light stands in for them.
@@ -132,6 +144,75 @@ def _make_server(config: PlayConfig) -> "ViserServer":
     server.scene.configure_environment_map(hdri=None)
     server.scene.add_light_ambient("/ambient_light", intensity=1.0)
     return server
+
+
+def _free_port(host: str, port: int) -> int:
+    """The first port that can be listened on; viser would wait for ever where there is none.
+
+    Raises:
+        ValueError: If the host is not this machine, or its ports from this one on are taken.
+    """
+    for candidate in range(port, min(port + _PORTS, 65536)):
+        try:
+            family, kind, _, _, address = socket.getaddrinfo(
+                host, candidate, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+            )[0]
+            with socket.socket(family, kind) as tried:
+                if os.name == "posix":
+                    tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                tried.bind(address)
+                return candidate
+        except OSError as error:
+            if error.errno not in (errno.EADDRINUSE, errno.EACCES):
+                raise ValueError(
+                    f"PlayConfig: host must be an address of this machine, got {host!r} ({error})."
+                ) from None
+            reason = error
+    raise ValueError(
+        f"PlayConfig: port must be free, as must one of the {_PORTS} after it, got {port} ({reason})."
+    )
+
+
+@contextlib.contextmanager
+def _refusing_other_origins(host: str) -> Iterator[None]:
+    """Have the server that viser starts here answer only its own page, of the pages in a browser.
+
+    A browser lets every page that is open in it connect to any address, and says in `Origin` which page
+    it is. viser does not look at it, and has no option for it.
+    """
+    from websockets.asyncio import server
+
+    serve = server.serve
+
+    def serve_own_page(*args: Any, process_request: Any, **options: Any) -> Any:
+        def process(connection: Any, request: Any) -> Any:
+            if _is_of_page(host, request.headers.get("Origin"), request.headers.get("Host")):
+                return process_request(connection, request)
+            return connection.respond(HTTPStatus.FORBIDDEN, "This is not the page's own origin.\n")
+
+        return serve(*args, process_request=process, **options)
+
+    server.serve = serve_own_page  # type: ignore[assignment, misc]  # it is a class
+    try:
+        yield
+    finally:
+        server.serve = serve  # type: ignore[misc]
+
+
+def _is_of_page(host: str, origin: str | None, asked: str | None) -> bool:
+    """Whether a request is not of a page in a browser, or of the page itself.
+
+    Args:
+        host: Address that the server listens on.
+        origin: The request's `Origin`; None where it is not of a page.
+        asked: Its `Host`. A page elsewhere can have its own name stand for this machine, so that
+            `Origin` agrees with it: where only this machine is listened to, it must be local.
+    """
+    if origin is None:
+        return True
+    if urlsplit(origin).netloc != asked:
+        return False
+    return host not in _LOCAL or urlsplit(origin).hostname in _LOCAL
 
 
 def play(config: PlayConfig | None = None) -> None:
@@ -151,7 +232,8 @@ def play(config: PlayConfig | None = None) -> None:
     page = Page(config)
     if config.port and page.server.get_port() != config.port:
         print(f"Port {config.port} is taken.")
-    print(f"The page is at {page.address} (Ctrl-C ends it).", flush=True)
+    elsewhere = "" if config.host in page.address else ", elsewhere at this machine's own address"
+    print(f"The page is at {page.address}{elsewhere} (Ctrl-C ends it).", flush=True)
     try:
         page.run()
     except KeyboardInterrupt:

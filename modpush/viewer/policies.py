@@ -43,7 +43,7 @@ def make_lane(policy: str, allow: Collection[str] = ()) -> PolicyLane:
         agent = _load(policy, allow)
         name = policy if policy == "agent" else Path(policy).stem
         env = agent.make_env(1, **options)
-        return PolicyLane(name, env, agent.policy, critics=_critics(policy, env))
+        return PolicyLane(name, env, agent.policy, critics=_critics(policy, env, allow))
     # Here, since the simulator comes with it.
     from modpush.recipes.config import PushEnvConfig
     from modpush.recipes.make_env import make_push_env
@@ -58,14 +58,14 @@ def make_lane(policy: str, allow: Collection[str] = ()) -> PolicyLane:
     return PolicyLane(policy, env, method.make_policy(), **keys)
 
 
-def _critics(policy: str, env: "EnvBase") -> "Critics | None":
+def _critics(policy: str, env: "EnvBase", allow: Collection[str]) -> "Critics | None":
     """The critics of a training run; None where there is no checkpoint, or it cannot be read alone."""
     if not Path(policy).is_dir():
         return None
     from modpush.training.critics import load_critics
 
     try:
-        return load_critics(policy, env)
+        return load_critics(policy, env, allow=allow)
     except ValueError:
         return None
 

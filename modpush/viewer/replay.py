@@ -1,6 +1,7 @@
 """Stored episodes of an evaluation, shown step by step."""
 
 import json
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from modpush.envs.scenes.objects import get_object
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.results import SET_FILE, load_trajectory
 from modpush.evaluation.sets import SET_NAMES, EvaluationSet, load_set
+from modpush.files import reading
 from modpush.geometry.workspace import WORKSPACE
 from modpush.viewer.lane import FLAGS, Snapshot
 
@@ -28,6 +30,7 @@ class ReplayLane:
 
     Args:
         folder: The folder that it wrote for a policy and a set, or that of a policy with a single set.
+        allow: Modules and packages from which the set's file may name objects and scenes.
 
     Raises:
         ValueError: If the folder holds no episodes, or those of several sets; if its set has
@@ -35,16 +38,18 @@ class ReplayLane:
     """
 
     @checked_arguments
-    def __init__(self, folder: Path | str) -> None:
+    def __init__(self, folder: Path | str, *, allow: Collection[str] = ()) -> None:
         self.folder = _folder_of_set(Path(folder))
-        facts = json.loads((self.folder / _ABOUT).read_text())
+        with reading(self.folder / _ABOUT, "ReplayLane"):
+            facts = json.loads((self.folder / _ABOUT).read_text(encoding="utf-8"))
+            facts = {name: str(facts[name]) for name in ("set", "episodes")}
         own = self.folder / SET_FILE
         if not own.exists() and facts["set"] not in SET_NAMES:
             raise ValueError(
                 f"ReplayLane: {self.folder} is of {facts['set']!r}, which is not a set of the package, "
                 f"and holds no {SET_FILE}; evaluate it again."
             )
-        self.set: EvaluationSet = load_set(own if own.exists() else facts["set"])
+        self.set: EvaluationSet = load_set(own if own.exists() else facts["set"], allow=allow)
         """The episodes that were evaluated."""
         if not own.exists() and self.set.digest != facts["episodes"]:
             raise ValueError(f"ReplayLane: {self.folder} is of other episodes than {facts['set']}.")

@@ -56,7 +56,9 @@ class Session:
         self._commands = CommandQueue()
         self._ticks_since_end = 0
         if self.config.replay:
-            self.lanes = [ReplayLane(folder) for folder in self.config.replay]
+            self.lanes = [
+                ReplayLane(folder, allow=self.config.allow) for folder in self.config.replay
+            ]
             self.seed = max(self.seed, self.episode_numbers[0])
         else:
             self._make_lanes(self.config.policy)

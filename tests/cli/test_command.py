@@ -1,5 +1,6 @@
 """The command as a whole: what it lists, what it refuses, and how it says so."""
 
+import io
 import shlex
 import subprocess
 import sys
@@ -81,6 +82,16 @@ def test_a_missing_extra_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -
     ):
         require_extra("modpush play", "no_such_package")
     require_extra("modpush play", "onnx")
+
+
+def test_a_character_that_the_terminal_lacks_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    written = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, encoding="latin-1"))
+    monkeypatch.setenv("PYTHONIOENCODING", "")
+    monkeypatch.setitem(SUBCOMMANDS, "demo", "0.9 – ±")
+    assert run_command([]) == 0
+    sys.stdout.flush()
+    assert "0.9 ? ±" in written.getvalue().decode("latin-1")
 
 
 def test_an_output_that_is_closed_early_ends_quietly() -> None:

@@ -81,6 +81,7 @@ def test_maniskills_dataset_reads_it(collected) -> None:
 
 
 def test_maniskills_replay_tool_solves_the_episodes_again(collected, monkeypatch) -> None:
+    # As its command line with `--use-env-states --render-mode none`, which makes no pictures.
     results: list[replay_trajectory.ReplayResult] = []
     original = replay_trajectory.replay_cpu_sim
 
@@ -91,7 +92,7 @@ def test_maniskills_replay_tool_solves_the_episodes_again(collected, monkeypatch
     about = json.loads((collected / "trajectory.json").read_text())
     monkeypatch.setattr(replay_trajectory, "replay_cpu_sim", counted)
     args = replay_trajectory.Args(
-        traj_path=str(collected / "trajectory.h5"), use_env_states=True, render_mode=None
+        traj_path=str(collected / "trajectory.h5"), use_env_states=True, render_mode="none"
     )
     replay_trajectory.main(args)
     assert sum(result.num_replays for result in results) == 6

@@ -12,6 +12,7 @@ from torch.distributions import Bernoulli, Independent, Normal, kl_divergence
 from modpush.encoders import DepthVAE, VAELoss, shipped_weights, vae_quality
 from modpush.encoders.vae.loss import bernoulli_entropy
 from modpush.encoders.vae.quality import encode_all
+from modpush.geometry import Camera
 from tests.encoders.scenes import CUBE, moved, window_of
 
 TINY = {"latent_dim": 5, "encoder_widths": (2, 3, 4, 5), "decoder_widths": (5, 4, 3, 2)}
@@ -234,3 +235,9 @@ def test_encoding_all_windows_changes_nothing_in_the_encoder():
     assert vae.training
     assert all(torch.equal(value, before[name]) for name, value in vae.state_dict().items())
     torch.testing.assert_close(latents[:1], encode_all(vae, windows[:1].__getitem__, 1))
+
+
+def test_the_file_says_how_large_the_pixels_of_its_windows_are(tmp_path):
+    assert DepthVAE.from_pretrained().metres_per_pixel == Camera().cell_size  # from before it did
+    DepthVAE(**TINY, metres_per_pixel=0.002).save(tmp_path / "vae.safetensors")
+    assert DepthVAE.from_pretrained(tmp_path / "vae.safetensors").metres_per_pixel == 0.002

@@ -25,10 +25,13 @@ from modpush.planners import OccupancyGrid, PlannerSubgoals, StraightLine
 from tests.planners.table_scene import TableEnv
 
 SMALL = Camera(height=64, width=64)
+SMALL_WINDOW = {"camera": SMALL, "metres_per_pixel": SMALL.cell_size}
 
 
 def small_transform(**options):
-    return Compose(EgocentricWindow("base", size=16, camera=SMALL, **options), Encode(SmallScan()))
+    return Compose(
+        EgocentricWindow("base", size=16, **SMALL_WINDOW, **options), Encode(SmallScan())
+    )
 
 
 class SmallScan(RayScan):
@@ -107,7 +110,7 @@ def test_in_the_path_frame_the_sub_goal_is_up():
         subgoal=torch.tensor([[0.60, 0.2]]),
         batch_size=[1],
     )
-    transform = EgocentricWindow("path", 16, segmentation_key=None, camera=SMALL, upright=False)
+    transform = EgocentricWindow("path", 16, segmentation_key=None, **SMALL_WINDOW, upright=False)
     row, column = transform(data)["window"][0, 0].nonzero().double().mean(0)
     assert row < 3
     assert column == pytest.approx(7.5, abs=1)
@@ -148,7 +151,7 @@ def test_keys_can_be_renamed_and_nested():
             EgocentricWindow(
                 "base",
                 size=16,
-                camera=SMALL,
+                **SMALL_WINDOW,
                 depth_key=("eye", "depth"),
                 segmentation_key=("eye", "seg"),
                 object_pose_key=("state", "pose"),
@@ -297,7 +300,7 @@ def test_windows_that_bytes_cannot_hold_are_refused(value):
 @pytest.mark.parametrize("size", [15, 16, 32, 64])
 def test_an_encoder_s_window_size_holds_from_the_image_to_the_latent(size):
     for encoder in (ConvEncoder(6, window_size=size), RayScan(6, window_size=size)):
-        window = EgocentricWindow(size=encoder.window_size, camera=SMALL)
+        window = EgocentricWindow(size=encoder.window_size, **SMALL_WINDOW)
         env = TransformedEnv(TableEnv(2), Compose(window, Encode(encoder)))
         check_env_specs(env)
         assert env.reset()["latent"].shape == (2, 6)
@@ -327,8 +330,8 @@ def test_stored_transitions_are_rewritten_in_root_and_next():
 def test_the_sub_goal_s_key_can_be_nested():
     data = TableEnv(2).reset()
     data["plan", "subgoal"] = data["subgoal"] = torch.tensor([[0.4, 0.3], [0.7, -0.1]])
-    window = EgocentricWindow("path", 16, camera=SMALL)
-    nested = EgocentricWindow("path", 16, camera=SMALL, subgoal_key=("plan", "subgoal"))
+    window = EgocentricWindow("path", 16, **SMALL_WINDOW)
+    nested = EgocentricWindow("path", 16, **SMALL_WINDOW, subgoal_key=("plan", "subgoal"))
     assert torch.equal(nested(data.clone())["window"], window(data.clone())["window"])
 
 

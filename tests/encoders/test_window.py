@@ -182,6 +182,36 @@ def test_what_lies_beyond_the_image_is_free_or_blocked():
     assert (window[0, 0, 32:] == 0).all()
 
 
+@pytest.mark.parametrize("upright", [True, False])
+def test_a_camera_of_twice_the_resolution_gives_the_same_window(env, upright):
+    data = env.reset()
+    images = [data["depth"][:, 0], data["segmentation"][:, 0]]
+    doubled = [image.repeat_interleave(2, 1).repeat_interleave(2, 2) for image in images]
+    for size in (64, 33):
+        options = {"size": size, "outside": "blocked", "upright": upright}
+        windows = egocentric_window(*images, data["object_pose"], **options)
+        finer = egocentric_window(*doubled, data["object_pose"], **options)
+        if upright:  # two neighbours that show one height may now be halves of one pixel
+            assert ((finer - windows).abs() > 0.02).float().mean() < 0.002
+        else:
+            assert torch.equal(finer, windows)
+
+
+def test_a_window_of_another_scale():
+    pushed, bar = (CUBE, (0.55, 0.25, 0.0)), (BAR, (0.60, 0.25, 0.0))
+    window = window_of([bar], pushed, metres_per_pixel=0.002, outside="blocked")
+    rows, columns = (window[0, 0] > 0.2).nonzero().unbind(1)
+    assert rows.max() - rows.min() + 1 == pytest.approx(
+        0.10 / 0.002 - 8, abs=2
+    )  # 64 px end within it
+    assert columns.max() - columns.min() + 1 == pytest.approx(0.06 / 0.002, abs=1)
+    near, far = (
+        window_pixels(torch.tensor([MIDDLE]), 2, metres_per_pixel=m) for m in (0.002, 0.02)
+    )
+    assert (far[0, 1, 1] - far[0, 0, 0]).norm() == pytest.approx(0.02 * math.sqrt(2) / PIXEL)
+    assert (near[0, 1, 1] - near[0, 0, 0]).norm() == pytest.approx(0.002 * math.sqrt(2) / PIXEL)
+
+
 def test_pixels_that_saw_nothing_count_as_table():
     depth, labels = image([(BAR, (0.66, 0.0, 0.0))])
     depth[:, ::3], depth[:, 1::3], depth[:, 2::3] = 0.0, math.nan, -1.0
@@ -233,6 +263,11 @@ def test_other_sizes_and_cameras():
         ),
         ({"size": 0}, ValueError, "size must be >= 1 px, got 0"),
         ({"max_height": 2.0}, ValueError, "between 0 and the camera's height 1.1 m, got 2.0"),
+        (
+            {"metres_per_pixel": 0.0},
+            ValueError,
+            "metres_per_pixel must be positive and finite, got 0.0",
+        ),
         ({"outside": "wall"}, ValueError, r"one of \('free', 'blocked'\), got 'wall'"),
         ({"camera": Camera()}, ValueError, r"\[B, 256, 256\] for this camera, got \[1, 9, 9\]"),
     ],

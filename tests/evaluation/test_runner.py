@@ -115,6 +115,35 @@ def test_a_killed_run_leaves_no_worker_and_goes_on_where_it_stopped(
     assert_same_results(rows.head(10), unbroken)
 
 
+@pytest.mark.parametrize("policy", ["corridor", "any_object"])
+def test_an_interrupted_run_ends_as_an_uninterrupted_one(
+    policy: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    episodes = load_set("smoke").first(9)
+    config = EvaluationConfig(num_envs=5, progress=False)
+    whole = evaluate(get_method(policy), episodes, tmp_path / "whole", config=config)
+    write, written = ResultStore.write, []
+
+    def write_some(store: ResultStore, episode: Episode) -> None:
+        write(store, episode)
+        written.append(episode.number)
+        if len(written) in (2, 7):  # seven are left, then two: fewer than there are scenes
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(ResultStore, "write", write_some)
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt):
+            evaluate(get_method(policy), episodes, tmp_path / "parts", config=config)
+    rows = evaluate(get_method(policy), episodes, tmp_path / "parts", config=config)
+    pd.testing.assert_frame_equal(rows, whole, check_exact=True)
+    for number in range(len(episodes)):
+        expected, found = (
+            vars(load_trajectory(tmp_path / which, number)) for which in ("whole", "parts")
+        )
+        for name, values in expected.items():
+            np.testing.assert_array_equal(found[name], values, err_msg=name)
+
+
 def test_a_finished_run_is_not_run_again(tmp_path: Path, free: EvaluationSet) -> None:
     episodes = free.first(2)
     store = ResultStore(tmp_path, episodes, describe_policy(ScriptedPusher()))

@@ -38,6 +38,11 @@ def _sample(observation: Tensor) -> Any:
     return buffer.sample()
 
 
+def _update_priorities(td_error: Tensor) -> None:
+    buffer = filled(sampler="prioritized")
+    replay.update_priorities(buffer, buffer.sample(), TensorDict({"td_error": td_error}))
+
+
 def targets() -> list[Target]:
     """All of them."""
     return [*_makers(), *_use()]
@@ -162,8 +167,14 @@ def _use() -> list[Target]:
             bad={"buffer": [None, 3, []]},
             only=["buffer"],
         ),
-        # Not `update_priorities`: only TorchRL's prioritized sampler reads its arguments, whose C++
-        # extension does not load with every torch.
+        Target(
+            name="update_priorities",
+            call=_update_priorities,
+            given=lambda: {"td_error": torch.rand(4)},
+            bad={"td_error": [-torch.ones(4), torch.full((4,), math.nan)]},
+            only=["td_error"],
+            also={"td_error": ["priority"]},
+        ),
         Target(
             name="CompactStorage.set",
             call=lambda data: replay.CompactStorage(16).set(range(4), data),

@@ -58,7 +58,7 @@ def _plans() -> list[Target]:
             given=lambda kind=kind: {"cell_size": 1.0},
             bad={"cell_size": NOT_POSITIVE},
         )
-        for kind in (planners.DistanceField, planners.ThetaStar, planners.StraightLine)
+        for kind in (planners.DistanceField, planners.StraightLine)
     ]
     weight = torch.ones(3, 16, 16)
     return [

@@ -74,6 +74,7 @@ def look_everywhere() -> None:
                 for x in (0.6, 0.9, -1e6, 1e300):
                     pose = torch.tensor([[x, 0.1, 0.4], [0.6, x, -1e5]], dtype=torch.float64)
                     options = {"size": size, "upright": upright, "camera": camera}
+                    options["metres_per_pixel"] = camera.cell_size
                     egocentric_window(depth, labels, pose, **options)
                     egocentric_window(depth, None, pose, outside="blocked", **options)
     many = torch.full((64, 8, 8), 1.05)

@@ -9,10 +9,10 @@ import torch
 from hypothesis import given, settings, strategies as st
 from planner_maps import family_maps, shortest_length, solvable_maps, visible
 
-from modpush.planners import DistanceField, LazyThetaStar, StraightLine, ThetaStar
+from modpush.planners import DistanceField, LazyThetaStar, StraightLine
 
 EXACT = {"corners": LazyThetaStar(), "field": DistanceField()}
-CLOSE = {"lazy_grid": LazyThetaStar(nodes="grid"), "theta": ThetaStar()}
+CLOSE = {"lazy_grid": LazyThetaStar(nodes="grid")}
 
 
 def plan(planner, blocked, start, goal):

@@ -68,6 +68,20 @@ def test_inflation_takes_a_radius_for_each_scene():
     assert out.sum((1, 2)).tolist() == [1, 5, 9]
 
 
+def test_groups_of_few_pixels_are_taken_for_noise():
+    depth = torch.full((2, CAMERA.height, CAMERA.width), CAMERA.z)
+    depth[:, 100, 100] = 0.9  # a flying pixel
+    depth[1, 50, 50] = depth[1, 51, 51] = depth[1, 50, 52] = 0.9  # three that touch at corners
+    depth[:, 200:204, 30:34] = 1.0
+    before = depth.clone()
+    exact, _ = OccupancyMap(upright=False)(depth, 0.0)
+    assert exact.sum((1, 2)).tolist() == [17, 20]
+    for min_pixels, left in ((2, [16, 19]), (4, [16, 16]), (17, [0, 0])):
+        blocked, _ = OccupancyMap(upright=False, min_pixels=min_pixels)(depth, 0.0)
+        assert blocked.sum((1, 2)).tolist() == left
+    assert torch.equal(depth, before)
+
+
 @pytest.mark.parametrize("radius", [100.0, 1e6, 1e19, 1e300])
 def test_a_radius_beyond_the_grid_blocks_it_all(radius):
     blocked = torch.zeros(2, 20, 30, dtype=torch.bool)

@@ -19,14 +19,12 @@ from modpush.planners import (
     Paths,
     Planner,
     StraightLine,
-    ThetaStar,
     point_along,
 )
 
 MAKERS = {
     "lazy": LazyThetaStar,
     "lazy_grid": lambda **kwargs: LazyThetaStar(nodes="grid", **kwargs),
-    "theta": ThetaStar,
     "a_star": AStar,
     "field": DistanceField,
     "line": StraightLine,
@@ -196,6 +194,16 @@ def test_start_equal_to_goal(make):
     assert paths.found.item()
     assert paths.length.item() == 0.0
     assert paths.count.item() == 2
+
+
+@every_planner
+def test_start_equal_to_goal_in_a_blocked_cell(make):
+    blocked = torch.zeros(1, 5, 5, dtype=torch.bool)
+    blocked[0, :2, 2] = True
+    paths = make().plan(blocked, xy(2, 0), xy(2, 0))
+    assert (paths.length.item(), paths.count.item()) == (0.0, 2)
+    assert paths.waypoints[0, :2].tolist() == [[2, 0], [2, 0]]
+    assert torch.stack([paths.found, paths.start_moved, paths.goal_moved]).all()
 
 
 @every_planner
@@ -412,7 +420,7 @@ for batch in (1, 3):
     blocked = torch.rand(batch, 40, 56) < 0.1
     start, goal = torch.zeros(batch, 2), torch.full((batch, 2), 39.0)
     for kind in (planners.AStar, planners.DistanceField, planners.LazyThetaStar,
-                 planners.StraightLine, planners.ThetaStar):
+                 planners.StraightLine):
         kind().plan(blocked, start, goal)
     planners.LazyThetaStar(nodes="grid").plan(blocked, start, goal)
     planners.inflate(blocked, 2.0)

@@ -276,6 +276,16 @@ def test_sub_goals_by_hand():
     assert lookahead_subgoal(straight_and_bent(), 40.0).tolist() == [[30.0, 0.0]]
 
 
+def test_sub_goals_do_not_depend_on_the_longest_path_of_the_batch():
+    # The others are padded to it. Torch's own sum would add in another order.
+    generator = torch.Generator().manual_seed(0)
+    short = [200 * torch.rand(9, 2, generator=generator) for _ in range(50)]
+    long = 200 * torch.rand(61, 2, generator=generator)
+    alone = fraction_subgoal(Paths.from_waypoints(short, torch.zeros(50, 2)), 0.2)
+    beside = fraction_subgoal(Paths.from_waypoints([*short, long], torch.zeros(51, 2)), 0.2)
+    assert torch.equal(alone, beside[:50])
+
+
 def test_points_ahead_by_hand():
     # Beyond the corner after 30 px, and not past the end after 50 px.
     found = points_ahead(straight_and_bent(), (10.0, 35.0, 60.0))

@@ -48,6 +48,21 @@ def test_an_encoder_that_nothing_would_train_is_refused():
         PushEnvConfig(encoder="conv")
 
 
+def test_a_range_may_be_given_as_a_number():
+    config = PushEnvConfig(difficulty=0.5, distance=1)
+    assert (config.difficulty, config.distance) == ((0.5, 0.5), (1.0, 1.0))
+    with pytest.raises(ValueError, match=r"difficulty must be a range \(low, high\), got \(1, 0\)"):
+        PushEnvConfig(difficulty=(1, 0))
+    with pytest.raises(
+        ValueError, match=r"distance must be a range \(low, high\), got \(0.6, 0.2\)"
+    ):
+        PushEnvConfig(distance=(0.6, 0.2))
+    with pytest.raises(ValueError, match=r"distance must reach beyond 0.05 m"):
+        PushEnvConfig(distance=0.05)
+    with pytest.raises(ValueError, match="PushEnvConfig: difficulty must be"):
+        PushEnvConfig(difficulty=True)
+
+
 def test_a_single_scene_may_be_given_as_text():
     assert PushEnvConfig(scene="slot") == PushEnvConfig(scene=("slot",))
     with pytest.raises(ValueError, match=r"scene must be one of .*'slot'.* got 'slit'"):

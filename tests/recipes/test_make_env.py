@@ -10,7 +10,7 @@ from torch import nn
 from torchrl.envs import ParallelEnv, check_env_specs
 from torchrl.envs.utils import step_mdp
 
-from modpush.encoders import ConvEncoder
+from modpush.encoders import ConvEncoder, RayScan
 from modpush.envs import ScenarioConfig
 from modpush.envs.scenes.objects import OBJECTS, PushedObject
 from modpush.envs.scenes.sampling import sample_scenario
@@ -18,6 +18,7 @@ from modpush.geometry import box, rotate
 from modpush.mdp import PATH_AHEAD_ENTRIES, Curriculum, Entry, RewardConfig
 from modpush.planners import OccupancyGrid, StraightLine
 from modpush.recipes import PushEnvConfig, make_push_env
+from modpush.recipes.fingerprint import environment_fingerprint
 from tests.own_parts import MeanHeight, goal_direction
 
 RAYS = PushEnvConfig.preset("cpu", num_envs=2, encoder="rays", scene=("posts",))
@@ -254,3 +255,14 @@ def test_an_encoder_that_is_given_takes_the_place_of_one_trained_end_to_end():
     env = make_push_env(RAYS, encoder="end_to_end")
     assert "window" in env.observation_spec.keys()
     env.close()
+
+
+def test_the_window_has_the_scale_of_its_encoder():
+    env = make_push_env(RAYS, encoder=RayScan(8, window_size=32, pixel_size=0.002), seed=0)
+    window = environment_fingerprint(env)["window"]
+    env.close()
+    assert (window["size"], window["metres_per_pixel"]) == (32, 0.002)
+    encoder = RayScan(8)
+    encoder.metres_per_pixel = 0.0
+    with pytest.raises(TypeError, match="metres_per_pixel must be a positive number"):
+        make_push_env(RAYS, encoder=encoder)

@@ -10,7 +10,14 @@ from modpush.envs import EpisodeConditions
 from modpush.evaluation.results import describe_policy
 from modpush.mdp import StuckRecovery
 from modpush.planners import OccupancyGrid
-from modpush.recipes import METHODS, PushEnvConfig, get_method, get_methods, make_push_env
+from modpush.recipes import (
+    METHODS,
+    PushEnvConfig,
+    get_method,
+    get_methods,
+    load_agent,
+    make_push_env,
+)
 from modpush.recipes.agent_file import shipped_agents
 
 
@@ -73,13 +80,28 @@ def test_the_environment_is_as_a_set_says(name: str) -> None:
 def test_an_agent_s_environment_is_as_a_set_says_and_not_as_it_was_trained_in() -> None:
     conditions = EpisodeConditions(max_episode_steps=40, sim_freq=240, inflation="inscribed")
     config = PushEnvConfig(num_envs=1, encoder="rays", max_episode_steps=9, tool="rod")
-    env = make_push_env(config, **conditions.agent_options, seed=0)
+    options = conditions.agent_options("circumscribed")
+    env = make_push_env(config, **options, seed=0)
     assert not conditions.differences(env.settings)
     (grid,) = (t for t in env.transform if isinstance(t, OccupancyGrid))
     assert grid.inflation == "inscribed"
     env.close()
     own = EpisodeConditions(inflation="circumscribed")
-    assert "inflation" not in own.agent_options  # on the other sets it plans on its own map
+    assert "inflation" not in own.agent_options(0.05)  # on the other sets it plans on its own map
+
+
+@pytest.mark.parametrize("name", shipped_agents())
+def test_a_shipped_agent_plans_with_the_widest_inflation_everywhere(name: str) -> None:
+    agent, tight = load_agent(name), EpisodeConditions(inflation="inscribed")
+    assert agent.config.inflation == "widest"
+    for env in (
+        agent.make_env(2, scene="diagonal_walls", pushed_object="small_cube", seed=0),
+        get_method(name).make_env(2, ("small_cube",), tight, scene="diagonal_walls", seed=0),
+    ):
+        (grid,) = (t for t in env.transform if isinstance(t, OccupancyGrid))
+        assert grid.inflation == "widest"
+        assert env.reset()["path_found"].all()
+        env.close()
 
 
 def test_an_agent_s_file_and_a_run_s_folder_are_found(tmp_path: Path) -> None:

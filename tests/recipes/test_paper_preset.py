@@ -158,7 +158,7 @@ def test_all_in_which_the_cpu_preset_departs_from_the_paper():
         "env.frame": "path",
         "env.action_frame": None,
         "env.planner": "distance_field",
-        "env.inflation": "circumscribed",
+        "env.inflation": "widest",
         "env.path_margin": 0.02,
         "env.subgoal_mode": "lookahead",
         "env.path_ahead": (0.1, 0.2, 0.3),

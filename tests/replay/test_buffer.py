@@ -4,11 +4,12 @@ import sys
 import pytest
 import torch
 from tensordict import TensorDict
-from torchrl.data import LazyMemmapStorage, LazyTensorStorage, PrioritizedSampler, RandomSampler
+from torchrl.data import LazyMemmapStorage, LazyTensorStorage, RandomSampler
 
 from modpush.replay import (
     AttentiveSampler,
     CompactStorage,
+    PrioritizedSampler,
     ReplayConfig,
     make_replay_buffer,
     update_priorities,
@@ -30,7 +31,12 @@ def trajectory(steps: int) -> TensorDict:
     [("tensor", LazyTensorStorage), ("memmap", LazyMemmapStorage), ("compact", CompactStorage)],
 )
 @pytest.mark.parametrize(
-    ("sampler", "sampler_cls"), [("attentive", AttentiveSampler), ("uniform", RandomSampler)]
+    ("sampler", "sampler_cls"),
+    [
+        ("attentive", AttentiveSampler),
+        ("uniform", RandomSampler),
+        ("prioritized", PrioritizedSampler),
+    ],
 )
 def test_every_combination_samples(storage, cls, sampler, sampler_cls):
     buffer = make_replay_buffer(ReplayConfig(**SMALL, storage=storage, sampler=sampler))
@@ -40,6 +46,7 @@ def test_every_combination_samples(storage, cls, sampler, sampler_cls):
     sample = buffer.sample()
     assert sample["next", "observation"].shape == (8, 5)
     assert ("similarity" in sample) == (sampler == "attentive")
+    assert ("priority_weight" in sample) == (sampler == "prioritized")
 
 
 def test_the_sampler_takes_its_settings_from_the_config():
@@ -49,34 +56,6 @@ def test_the_sampler_takes_its_settings_from_the_config():
     sampler = make_replay_buffer(config).sampler
     assert (sampler.k, sampler.k_end, sampler.annealing_num_samples) == (3, 1, 7)
     assert (sampler.similarity.__name__, sampler.num_queries) == ("negative_l2", 2)
-
-
-def extension_loads() -> bool:
-    try:
-        PrioritizedSampler(8, alpha=0.6, beta=0.4)
-    except RuntimeError:
-        return False
-    return True
-
-
-@pytest.mark.skipif(not extension_loads(), reason="TorchRL's C++ extension does not load")
-def test_prioritized_samples_carry_their_weights():
-    buffer = make_replay_buffer(ReplayConfig(**SMALL, sampler="prioritized"))
-    buffer.extend(trajectory(60))
-    assert "priority_weight" in buffer.sample()
-
-
-def test_prioritized_without_its_extension_says_what_to_do(monkeypatch):
-    def refuse(*args, **kwargs):
-        raise RuntimeError("SumSegmentTreeFp32 is not available")
-
-    monkeypatch.setattr("modpush.replay.buffer.PrioritizedSampler", refuse)
-    message = (
-        r"^make_replay_buffer: sampler='prioritized' needs TorchRL's C\+\+ extension, .*"
-        r"\(SumSegmentTreeFp32 is not available\)\. Install a torchrl built for this torch, or use "
-    )
-    with pytest.raises(RuntimeError, match=message):
-        make_replay_buffer(ReplayConfig(**SMALL, sampler="prioritized"))
 
 
 @pytest.mark.parametrize(
@@ -202,7 +181,6 @@ def test_priorities_are_ignored_by_other_samplers(sampler):
     assert str(buffer.sampler.state_dict()) == before
 
 
-@pytest.mark.skipif(not extension_loads(), reason="TorchRL's C++ extension does not load")
 def test_large_priorities_are_drawn_more_often():
     buffer = make_replay_buffer(ReplayConfig(**SMALL, sampler="prioritized"))
     buffer.extend(trajectory(60))

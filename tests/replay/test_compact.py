@@ -287,3 +287,26 @@ def test_of_a_write_longer_than_the_storage_the_end_remains(threads):
     stored = storage.get(torch.arange(4500, 5500) % 1000)
     for key in data.keys(True, True):
         assert torch.equal(stored[key], data[4500:][key]), key
+
+
+def test_changes_in_place_are_those_of_the_ordinary_storage():
+    data = trajectories(2, 9, 4).transpose(0, 1).reshape(-1)
+    one, other = (
+        make_replay_buffer(
+            ReplayConfig(capacity=50, batch_size=4, sampler="uniform", storage=storage)
+        )
+        for storage in ("compact", "tensor")
+    )
+    for buffer in (one, other):
+        buffer.extend(data.clone())
+        buffer.set_at_("observation", torch.full((2, 3), 5.0), torch.tensor([3, 8]))
+        buffer.set_at_(("next", "observation"), torch.full((3,), 6.0), 5)
+        buffer.set_at_(("next", "reward"), torch.zeros(4, 1), slice(2, 6))
+        buffer.update_({"next": {"observation": buffer[:]["next", "observation"] + 1}})
+        buffer.set_(("next", "done"), torch.ones(18, 1, dtype=torch.bool))
+        buffer[torch.tensor([0, 1])] = buffer[torch.tensor([7, 8])].clone()
+    for key in data.keys(True, True):
+        assert torch.equal(one[:][key], other[:][key]), key
+    assert_links_are_consistent(one.storage)
+    with pytest.raises(ValueError, match="indices must differ"):
+        one[torch.tensor([1, 1])] = data[:2]

@@ -189,3 +189,61 @@ def test_targets_discount_by_the_number_of_steps(critic):
     # 2 + 1.5 + 1 = 4.5, 3 + 2 = 5, 4; step 4 bootstraps again: 5 + 3 + 1.75 + 1 = 10.75.
     torch.testing.assert_close(targets, torch.tensor([3.75, 4.5, 5.0, 4.0, 10.75]))
     assert agent.update(buffer.sample())["loss_qvalue"].isfinite()
+
+
+def test_nothing_waits_in_an_emptied_buffer():
+    buffer = make_buffer()
+    extend_rollout(buffer, stretch(1, 5), num_envs=1)
+    buffer.empty()
+    extend_rollout(buffer, stretch(1, 6, start=50), num_envs=1)
+    assert buffer[:]["observation"].flatten().tolist() == [50, 51, 52]
+
+
+@pytest.mark.parametrize("way", ["state_dict", "dumps"])
+@pytest.mark.parametrize("begun", [0, 5])  # transitions that wait in the other buffer
+def test_what_waits_is_part_of_the_state(tmp_path, way, begun):
+    buffer, other = make_buffer(), make_buffer()
+    extend_rollout(buffer, stretch(2, 5), num_envs=2)
+    if begun:
+        extend_rollout(other, stretch(2, begun, start=70), num_envs=2)
+    if way == "dumps":
+        buffer.dumps(tmp_path)
+        other.loads(tmp_path)
+    else:
+        other.load_state_dict(buffer.state_dict())
+    for each in (buffer, other):
+        extend_rollout(each, stretch(2, 3, start=5), num_envs=2)
+    assert (buffer[:] == other[:]).all()
+    assert buffer[:]["observation"].max() == 104  # seven steps but for the last three
+
+
+def test_nothing_waits_after_the_state_of_a_new_buffer():
+    buffer, other = make_buffer(), make_buffer()
+    for each, first in ((buffer, 0), (other, 70)):
+        extend_rollout(each, stretch(1, 4, start=first), num_envs=1)
+    forget_open_steps(buffer)
+    other.load_state_dict(buffer.state_dict())
+    extend_rollout(other, stretch(1, 4, start=20), num_envs=1)
+    assert other[:]["observation"].flatten().tolist() == [0, 20]
+
+
+def test_stored_returns_are_not_summed_again():
+    buffer, other = make_buffer(), make_buffer()
+    extend_rollout(buffer, stretch(1, 9), num_envs=1)
+    rows = buffer[:].exclude("index")
+    other.extend(rows.clone())
+    assert (other[:].exclude("index") == rows).all()
+    other[torch.tensor([0, 1])] = rows[4:].clone()
+    assert other[:]["observation"].flatten().tolist() == [4, 5, 2, 3, 4, 5]
+    assert "index" in other[:]
+    with pytest.raises(KeyError, match="steps_to_next_obs"):
+        other[torch.tensor([0, 1])] = stretch(1, 2)
+
+
+def test_no_batch_prepared_ahead_outlives_empty():
+    buffer = make_buffer(n_steps=1, prefetch=2)
+    buffer.extend(stretch(1, 20))
+    buffer.sample()
+    buffer.empty()
+    buffer.extend(stretch(1, 20, start=50))
+    assert min(float(buffer.sample()["observation"].min()) for _ in range(3)) >= 50

@@ -62,6 +62,21 @@ def test_a_wrong_override_names_variant_and_field(overrides, text) -> None:
         sweep.trials()
 
 
+def test_a_file_is_read_as_yaml_1_2_with_the_command_line_s_names(tmp_path: Path) -> None:
+    file = tmp_path / "sweep.yaml"
+    text = "{preset: smoke, variants: [{name: off, overrides: {tqc.actor-lr: 3e-4}}]}"
+    file.write_text(text, encoding="utf-8")
+    (trial,) = load_sweep(file).trials()
+    assert (trial.variant.name, trial.config.tqc.actor_lr) == ("off", 3e-4)
+    file.write_text(text.replace("3e-4", "2026-01-01"), encoding="utf-8")
+    with pytest.raises(ValueError, match=r"tqc.actor_lr must be a number, got '2026-01-01'"):
+        load_sweep(file).trials()
+    file.write_text(text.replace("3e-4", "!!set {a}"), encoding="utf-8")
+    place = r"variants\[0\]\.overrides\.tqc\.actor-lr"
+    with pytest.raises(ValueError, match="plain data, got {'a'} for " + place):
+        load_sweep(file)
+
+
 def test_what_is_no_sweep_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="variants must differ, got \\['a'\\] several times"):
         Sweep(variants=(Variant(name="a"), Variant(name="a")))

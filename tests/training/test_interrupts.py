@@ -1,5 +1,6 @@
 """Runs that are killed, interrupted, damaged or doubled."""
 
+import errno
 import os
 import pickle
 import shutil
@@ -224,6 +225,17 @@ def test_a_run_holds_its_folder_until_it_is_closed(tmp_path):
         Trainer(SMOKE, tmp_path / "run")
     trainer.close()
     FolderLock(tmp_path / "run").release()
+
+
+def test_a_file_system_without_locks_is_warned_of(tmp_path, monkeypatch) -> None:
+    def refuse(*_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr("fcntl.flock", refuse)
+    with pytest.warns(UserWarning, match=r"has no locks \(No locks available\).*second process"):
+        lock = FolderLock(tmp_path / "run")
+    assert str(os.getpid()) in lock.path.read_text(encoding="utf-8")
+    lock.release()
 
 
 def test_a_full_disk_at_every_write_leaves_the_run_alive(unbroken, tmp_path):

@@ -23,6 +23,7 @@ from torchrl.envs import EnvBase
 
 import modpush
 from modpush._extras import MissingExtraError
+from modpush._ray import ray_session
 from modpush.recipes.agent_file import load_agent
 from modpush.recipes.make_env import make_push_env
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
@@ -290,6 +291,22 @@ def test_the_head_gone_ends_the_run_with_a_checkpoint(tmp_path: Path) -> None:
     local = Trainer(replace(SMOKE, total_steps=seen + 200), folder, resume=True)
     assert local.steps >= seen, "the checkpoint must hold all that was learned from"
     local.run()
+
+
+@pytest.mark.parametrize("form", ["127.0.0.1:{}", "ray://127.0.0.1:{}"])
+def test_a_cluster_that_is_gone_is_named_at_once(monkeypatch, form: str) -> None:
+    pytest.importorskip("ray")
+    address = form.format(free_port())
+    monkeypatch.setenv("RAY_ADDRESS", address)
+    began = time.monotonic()
+    with (
+        pytest.raises(
+            RuntimeError, match=f"test: no connection to Ray: nothing answers at {address}"
+        ),
+        ray_session("test", 1),
+    ):
+        pass
+    assert time.monotonic() - began < 30
 
 
 TOKEN = """

@@ -591,6 +591,8 @@ OWN_SAMPLER = "tests.own_parts:newest_half"
     ("sampler", "n_steps"),
     [
         (OWN_SAMPLER, 3),
+        ("prioritized", 3),
+        pytest.param("prioritized", 1, marks=pytest.mark.slow),
         pytest.param(OWN_SAMPLER, 1, marks=pytest.mark.slow),
         pytest.param("uniform", 3, marks=pytest.mark.slow),
         pytest.param("uniform", 1, marks=pytest.mark.slow),
@@ -656,6 +658,14 @@ def test_a_loss_of_ones_own_is_trained(tmp_path):
 def test_parts_of_an_unknown_kind_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"parts has no \['coder'\], expected some of \['actor', "):
         Trainer(SMOKE, tmp_path / "run", parts={"coder": None})
+
+
+def test_a_sampler_that_is_none_is_refused_before_any_work(tmp_path, monkeypatch):
+    monkeypatch.setattr(Trainer, "_begin", lambda *args: pytest.fail("the run began"))
+    replay = replace(SMOKE.replay, sampler="tests.own_parts:MeanHeight")
+    with pytest.raises(TypeError, match="make_replay_buffer: sampler must"):
+        Trainer(replace(SMOKE, replay=replay), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
 
 
 def test_a_part_that_cannot_be_pickled_is_refused_before_any_work(tmp_path):

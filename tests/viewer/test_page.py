@@ -1,11 +1,13 @@
 """The page in a real browser, headless, with WebGL in software."""
 
+import errno
 import shutil
 import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -240,6 +242,29 @@ def test_a_busy_port_gives_way_to_the_next_free_one() -> None:
         assert page.server.get_port() > port
         assert page.address == f"http://127.0.0.1:{page.server.get_port()}"
         page.close()
+
+
+@pytest.mark.parametrize("host", ["10.255.255.1", "no-such-host.invalid"])
+def test_a_host_that_is_not_this_machine_is_refused_at_once(host) -> None:
+    with pytest.raises(ValueError, match=f"host must be an address of this machine, got '{host}'"):
+        Page(PlayConfig(host=host, policy=("hand",)))
+
+
+def test_no_port_is_left(monkeypatch) -> None:
+    def taken(*_):
+        raise OSError(errno.EADDRINUSE, "Address already in use")
+
+    monkeypatch.setattr(socket.socket, "bind", taken)
+    with pytest.raises(ValueError, match=r"port must be free.* got 65535 \(.*already in use"):
+        Page(PlayConfig(port=65535, policy=("hand",)))
+
+
+@pytest.mark.parametrize(("host", "seen"), [("0.0.0.0", "127.0.0.1"), ("::", "[::1]")])
+def test_the_printed_address_can_be_opened(host, seen) -> None:
+    page = Page.__new__(Page)
+    page.config = PlayConfig(host=host)
+    page.server = SimpleNamespace(get_port=lambda: 8081)
+    assert page.address == f"http://{seen}:8081"
 
 
 def test_a_dragged_point_is_where_the_ray_meets_the_table() -> None:

@@ -1,10 +1,11 @@
-"""Steps of the authors' code that `modpush` mends, kept as they are to compare with."""
+"""Mistakes of the authors' code, kept for comparison by `faithful_config`."""
 
 import math
 
 import torch
 from torch import Tensor
 
+from modpush._batching import sum_in_order
 from modpush.agents.corridor.config import CorridorConfig
 
 
@@ -15,24 +16,17 @@ def wrap_angle(angle: Tensor) -> Tensor:
 
 
 def fit_angles(alphas: Tensor, valid: Tensor, config: CorridorConfig) -> tuple[Tensor, Tensor]:
-    """The authors' (mu, kappa): a slip of precedence pins kappa to 50, the end of their grid.
+    """The authors' (mu, kappa), `[B]` each; arguments as of `learning.fit_angles`.
 
-    Their prior multiplies by I0(kappa)^c where it should divide; over their grid that outweighs
-    any data. Mu is sought on whole degrees, with the mean of the angles' densities (not their
-    product) as the likelihood.
-
-    Args:
-        alphas: `[B, N]` [rad].
-        valid: Which of them count, `[B, N]` bool.
-        config: The prior.
-
-    Returns:
-        mu `[B]` in [0, 2 pi] [rad] and kappa `[B]`, 50.
+    By a slip of precedence their prior multiplies by I0(kappa)^c instead of dividing by it. Over their
+    grid this outweighs any data, so that kappa is always 50, the end of the grid. Mu is one of the
+    whole degrees in [0, 2 pi] [rad]; the likelihood is the mean of the angles' densities instead of
+    their product.
     """
     kappa = 50.0
     mu = torch.linspace(0, 2 * math.pi, 361, dtype=alphas.dtype, device=alphas.device)
     density = (kappa * ((alphas[:, None] - mu[:, None]).cos() - 1)).exp() * valid[:, None]
-    mean = density.sum(-1) / valid.sum(-1, keepdim=True).clamp_min(1)  # [B, 361]
+    mean = sum_in_order(density) / valid.sum(-1, keepdim=True).clamp_min(1)  # [B, 361]
     mean = torch.where(valid.any(-1, keepdim=True), mean, torch.ones_like(mean))
     prior = config.prior_strength * kappa * (config.prior_direction - mu).cos()
     score = mean.clamp_min(1e-300).log() + prior
@@ -41,18 +35,11 @@ def fit_angles(alphas: Tensor, valid: Tensor, config: CorridorConfig) -> tuple[T
 
 
 def preferred_angle(alphas: Tensor, valid: Tensor, mu: Tensor, kappa: Tensor) -> Tensor:
-    """The authors' weighted mean of angles, taken of the numbers and not of the directions.
+    """The authors' weighted mean of the angles as numbers instead of directions, `[B]` [rad].
 
-    Args:
-        alphas: `[B, N]` [rad].
-        valid: Which of them count, `[B, N]` bool.
-        mu: `[B]` [rad].
-        kappa: `[B]`.
-
-    Returns:
-        alpha_p `[B]` [rad], 0 where none counts.
+    Arguments as of `learning.preferred_angle`.
     """
     weight = (kappa[:, None] * ((alphas - mu[:, None]).cos() - 1)).exp() * valid
-    total = weight.sum(-1)
-    mean = (weight * alphas).sum(-1) / total.clamp_min(1e-300)
+    total = sum_in_order(weight)
+    mean = sum_in_order(weight * alphas) / total.clamp_min(1e-300)
     return torch.where(total > 0, mean, torch.zeros_like(mean))

@@ -30,85 +30,82 @@ class CorridorConfig:
     """
 
     rules: Literal["mended", "faithful"] = "mended"
-    """Whether the mistakes in the authors' code are corrected (`mended`) or kept (`faithful`)."""
+    """`"mended"` corrects the mistakes in the authors' code, `"faithful"` keeps them."""
     prior_strength: NonNegative = 5.84
-    """Parameter R0 of the prior on (mu, kappa): length of the sum of the unit vectors that it stands
-    for."""
+    """Parameter R0 of the prior on (mu, kappa): length of the sum of its pseudo-observations."""
     prior_count: NonNegative = 7.0
-    """Parameter c of the prior: number of angles that it stands for; with R0 the mode is kappa 3.37."""
+    """Parameter c of the prior: number of its pseudo-observations; with R0 the mode is kappa 3.37."""
     prior_direction: Angle = 0.0
-    """Parameter phi of the prior: the angle that it expects to be best [rad]."""
+    """Parameter phi of the prior: expected best pushing angle [rad]."""
     inversion: Finite = 0.4
-    """Value of psi_relocate from which on the tool goes round the object instead of pushing it.
+    """Value of psi_relocate from which on the tool goes around the object instead of pushing it.
 
     At the prior's kappa of 3.37 the default is reached at a deviation of 13 degrees, the paper's 0.6
-    only at 21 degrees; the authors' code ran at a kappa of 50, where 0.6 is reached at 5 degrees.
-    `docs/results/baseline/README.md` compares success and contact on the tuning sets."""
+    only at 21 degrees. The authors' code ran at a kappa of 50, where 0.6 is reached at 5 degrees."""
     approach_gain: NonNegative = 1.0
-    """Speed towards the object while the tool goes round it from afar, 1 is full speed."""
+    """Speed towards the object while the tool goes around it from afar; 1 is full speed."""
     retreat_gain: NonNegative = 0.1
-    """Speed away from the object while the tool goes round it nearby; it is multiplied by
-    psi_relocate."""
+    """Speed away from the object while the tool goes around it nearby, multiplied by psi_relocate."""
     near_distance: NonNegative = 0.035
     """Distance from the object's circumscribed circle at which the tool counts as near it [m]."""
     mean_gain: NonNegative = 0.05
-    """Gain K_mu: share of the object's mean deviation that the controller steers against."""
+    """Gain K_mu of the correction by the object's mean deviation."""
     last_gain: NonNegative = 0.1
-    """Gain K_gamma: share of the object's last deviation that the controller steers against."""
+    """Gain K_gamma of the correction by the object's last deviation."""
     learnable_deviation: Annotated[Real, Ge(0)] = 0.15
-    """Largest deviation of the object in a push that the controller learns from [rad]."""
+    """Largest deviation of the object at which a push counts as successful [rad]."""
     moved_distance: NonNegative = 1e-4
-    """Least distance by which the object must move in a step for the step to count [m]."""
+    """Distance above which the object counts as moved in a step [m]."""
     inner_zone: NonNegative = 1.2
     """Width of the inner zone around obstacles, in circumscribed radii of the object."""
     outer_zone: NonNegative = 2.4
     """Width of the outer zone around obstacles, in circumscribed radii of the object."""
     touch_zone: NonNegative = 1.0
     """Distance from an obstacle at which the object touches it, in circumscribed radii of the
-    object; less if the controller's `touch_radius_key` gives a smaller one."""
+    object; the value of the controller's `touch_radius_key` is used where it is smaller."""
     zone_costs: Annotated[tuple[Positive, Positive, Positive], Strict(False), ORDERED] = (
         1.0,
         50.0,
         200.0,
     )
-    """Cost of a free cell, of one in the outer zone, and of one in the inner zone."""
+    """Cost of a cell that is free, in the outer zone, and in the inner zone."""
     workspace: Rectangle | None = WORKSPACE
-    """Lower and upper corner (x, y) of the rectangle in which the object should stay; cells outside
-    of it cost as much as the inner zone. None for no such rectangle [m]."""
+    """Rectangle in which the object should stay: lower and upper corner (x, y) [m]. Cells outside it
+    cost as much as the inner zone. None for no limit."""
     neighbours: Literal[4, 8] = 8
-    """Number of neighbours of a cell in the search for the path."""
+    """Number of neighbours of a cell in the path search."""
     path_points: Annotated[Count, Ge(2), Le(100_000)] = 256
     """Number of points of the planned path."""
     behind_distance: NonNegative = 0.0816
     """Distance behind the object's centre at which the look-ahead expects the tool to push [m]."""
     tool_clearance: NonNegative = 0.03
-    """Distance that the tool's centre keeps from obstacles on its way behind the object [m]."""
+    """Clearance of the tool's centre from obstacles on its path behind the object [m]."""
     path_step: Count = 20
-    """Number of points of the path by which the target is ahead of the object if the look-ahead
-    finds no better one."""
+    """Number of path points by which the target leads the object where the look-ahead finds no better
+    one."""
     max_angles: Annotated[Count, Le(1_000_000)] = 200
-    """Largest number of angles of successful pushes that are remembered."""
+    """Largest number of angles of successful pushes that are kept."""
     action_length: PositiveFraction = 1.0
-    """Length of the action in the plane; 1 is the largest that the environment allows in an axis."""
+    """Length of the action in the plane; 1 is the environment's limit along an axis."""
     contact_distance: NonNegative = 0.015
-    """Distance of the pushing tool's centre from the object's circumscribed circle: where obstacles
-    leave no room for it there, the target is turned; 0 to never turn it [m]."""
+    """Distance of the pushing tool's centre from the object's circumscribed circle [m]. Where
+    obstacles leave no room for the tool there, the target is turned; 0 turns no target."""
     navigate_distance: NonNegative = 0.08
     """Distance of the object from an obstacle below which the tool's path around the object is
-    planned; 0 to never plan it [m]."""
+    planned [m]; 0 plans none."""
     avoid_distance: NonNegative = 0.05
-    """Distance from an obstacle below which a tool that goes round the object is pushed away from
-    it; 0 to never do so [m]."""
+    """Distance from an obstacle below which a tool that goes around the object is repelled from it
+    [m]; 0 for no repulsion."""
     patience: NonNegativeInteger = 5
-    """Number of steps in which nothing moves after which the tool backs off; 0 to never do so."""
+    """Number of steps without motion after which the tool backs off; 0 for never."""
     escape_steps: NonNegativeInteger = 8
     """Number of steps for which the tool backs off."""
     max_turn: NonNegative = 0.05
-    """Angle by which an action of 1 turns the tool, whose wide side is turned towards the push; 0
-    to never turn it [rad]."""
+    """Rotation of the tool by an action of 1, with which its wide side is turned towards the push
+    [rad]; 0 turns no tool."""
 
     def __post_init__(self) -> None:
-        """Check what depends on several fields."""
+        """Check the relations between fields."""
         if not self.prior_count > self.prior_strength:
             raise ValueError(
                 "CorridorConfig: prior_count must exceed prior_strength, got "
@@ -119,10 +116,10 @@ class CorridorConfig:
 def faithful_config() -> CorridorConfig:
     """Settings of the authors: zones of 4.24 and 8.49 cm for an object of radius 3.54 cm.
 
-    Their loop decides anew every 1.5 mm (240 times a second). Fifteen times a second at full speed
-    is every 2 cm; a controller that goes around the object from 5.4 degrees on then steps over the
-    place behind it and back without end. A quarter of the speed, 5 mm, is the nearest that still
-    crosses the table in 200 steps.
+    Their loop decides every 1.5 mm (240 times a second). Fifteen decisions a second at full speed are
+    one every 2 cm, with which a controller that goes around the object from 5.4 degrees on oscillates
+    about the position behind it. A quarter of the speed, 5 mm per decision, still crosses the table
+    in 200 steps.
     """
     radius = 0.025 * math.sqrt(2.0)
     return CorridorConfig(

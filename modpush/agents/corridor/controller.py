@@ -7,19 +7,24 @@ import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase, unravel_key
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
-from torchrl.data import Composite
+from torchrl.data import Binary, Composite, Unbounded
 from torchrl.envs.transforms import TensorDictPrimer
 
 from modpush._arguments import checked_arguments
 from modpush._checks import check_finite
 from modpush._keys import read_key
 from modpush._types import Length
-from modpush.agents.corridor.action import choose_action
 from modpush.agents.corridor.config import CorridorConfig
-from modpush.agents.corridor.corridor_path import plan_object_path
-from modpush.agents.corridor.obstacle_distance import ObstacleDistances
-from modpush.agents.corridor.scene import CorridorScene
-from modpush.agents.corridor.state import state_spec
+from modpush.agents.corridor.learning import correction, heading_difference, judge_stance, learn
+from modpush.agents.corridor.motion import (
+    follow_tool_path,
+    keep_off_obstacles,
+    push_velocity,
+    turn_wide_side,
+)
+from modpush.agents.corridor.path import plan_object_path
+from modpush.agents.corridor.scene import CorridorScene, ObstacleDistances, direction_of
+from modpush.agents.corridor.target import choose_targets
 from modpush.geometry import Camera
 from modpush.planners import LazyThetaStar
 
@@ -36,10 +41,10 @@ class PushingCorridorController(TensorDictModuleBase):
     position is good is learned within the episode; the controller steers against deviations of the
     object.
 
-    Everything that outlasts a step is in the tensordict under `state_key`; a state of zeros means a new
-    episode. A scene starts anew if `is_init_key` says so, if the state is missing or zero, or if the
-    goal has changed. Use `make_tensordict_primer` to have the state in the specs of an environment;
-    rollouts also carry it over without.
+    The state of an episode is in the tensordict under `state_key`; a state of zeros means a new episode.
+    An episode begins if `is_init_key` says so, if the state is missing or zero, or if the goal has
+    changed. `make_tensordict_primer` adds the state to the specs of an environment; rollouts also carry
+    it over without.
 
     Args:
         config: Settings; `faithful_config()` for those of the authors.
@@ -51,10 +56,10 @@ class PushingCorridorController(TensorDictModuleBase):
             frame.
         ee_pose_key: Key of the tool's pose, read, `[B, 3]`.
         goal_position_key: Key of the goal, read, `[B, 2]` [m].
-        object_radius_key: Key of the object's circumscribed radius, read if there, `[B, 1]` [m].
+        object_radius_key: Key of the object's circumscribed radius, optional, read, `[B, 1]` [m].
         touch_radius_key: Key of the largest distance from an obstacle at which the object counts as
-            touching it, read if there, `[B, 1]` [m]; by default the configuration alone decides.
-        is_init_key: Key that marks an episode's first step, read if there, `[B, 1]` bool.
+            touching it, optional, read, `[B, 1]` [m]; by default the configuration alone decides.
+        is_init_key: Key that marks an episode's first step, optional, read, `[B, 1]` bool.
         state_key: Key of the controller's state, read and written, also under `"next"`.
         action_key: Key of the action, written, `[B, 3]` float32 in [-1, 1]: (dx, dy, dyaw).
 
@@ -84,32 +89,42 @@ class PushingCorridorController(TensorDictModuleBase):
         self.config = config or CorridorConfig()
         self.camera = camera or Camera()
         self.object_radius = object_radius
-        self.depth_key, self.segmentation_key = depth_key, segmentation_key
-        self.object_pose_key, self.ee_pose_key = object_pose_key, ee_pose_key
-        self.goal_position_key = goal_position_key
-        self.object_radius_key = object_radius_key
-        self.touch_radius_key = touch_radius_key
-        self.is_init_key = is_init_key
+        self.image_keys = [depth_key, segmentation_key]
+        self.pose_keys = [object_pose_key, ee_pose_key, goal_position_key]
+        self.object_radius_key, self.touch_radius_key = object_radius_key, touch_radius_key
+        self.is_init_key, self.action_key = is_init_key, action_key
         self.state_key = unravel_key(state_key)
-        self.action_key = action_key
-        self.in_keys = [
-            depth_key,
-            segmentation_key,
-            object_pose_key,
-            ee_pose_key,
-            goal_position_key,
-        ]
         self._next_state_key = unravel_key(("next", state_key))
+        self.in_keys = [*self.image_keys, *self.pose_keys]
         self.out_keys = [action_key, self.state_key, self._next_state_key]
         self._distances = ObstacleDistances(self.camera)
         self._tool_planner = LazyThetaStar()
 
     def state_spec(self, batch: tuple[int, ...]) -> Composite:
-        """Spec of the state for a batch of scenes, `Composite` of shape `batch`."""
-        return state_spec(self.config, batch)
+        """Spec of the state of a batch of scenes; it is zero before an episode.
+
+        Keys, `[*batch, ...]` float32 unless said otherwise: `started` (1) bool; `path` (path_points, 2)
+        and `goal` (2) of the episode [m]; of the last step `target` (2), `object_position` (2),
+        `tool_position` (2) [m], `alpha` (1) and the object's deviation `gamma` (1) [rad]; `alphas`
+        (max_angles) of successful pushes and their number `alpha_count` (1); `gamma_sum` (2) and
+        `gamma_count` (1) over the steps in which the object moved; `still` (1), number of steps without
+        motion, and `escape` (1), number of steps left to back off.
+        """
+        sizes: dict[str, tuple[int, ...]] = {"path": (self.config.path_points, 2)}
+        sizes["alphas"] = (self.config.max_angles,)
+        for key in ("goal", "target", "object_position", "tool_position", "gamma_sum"):
+            sizes[key] = (2,)
+        for key in ("alpha", "gamma", "alpha_count", "gamma_count", "still", "escape"):
+            sizes[key] = (1,)
+        leaves: dict[str, Any] = {
+            key: Unbounded(shape=(*batch, *size), dtype=torch.float32)
+            for key, size in sizes.items()
+        }
+        leaves["started"] = Binary(shape=(*batch, 1), dtype=torch.bool)
+        return Composite(leaves, shape=batch)
 
     def make_tensordict_primer(self) -> TensorDictPrimer:
-        """A transform that gives an env the state's spec, zero at every reset."""
+        """Transform that adds the state's spec to an environment, zero at every reset."""
         return TensorDictPrimer({self.state_key: self.state_spec(())}, expand_specs=True)
 
     @torch.no_grad()
@@ -124,18 +139,18 @@ class PushingCorridorController(TensorDictModuleBase):
             TypeError: If one is not a tensor of real numbers.
             ValueError: If one has another shape, or a pose is not finite.
         """
-        pose = self._read(tensordict, self.object_pose_key, 3)
+        pose = read_key(_WHO, tensordict, self.pose_keys[0], 3)
         lead, device = pose.shape[:-1], pose.device
         scene = self._observe(tensordict, math.prod(lead))
-        state = self._begin(tensordict, scene.goal)
-        rows = (~state["started"]).squeeze(-1).nonzero().squeeze(-1)
-        if len(rows):
-            fresh = scene.select(rows)
-            state["path"][rows] = plan_object_path(fresh, self.config)
-            state["goal"][rows] = fresh.goal
-            state["target"][rows] = fresh.goal
-            state["object_position"][rows] = fresh.object_position
-        action = choose_action(scene, state, self.config, self._tool_planner)
+        state = self._state(tensordict, scene.goal)
+        new = (~state["started"]).squeeze(-1).nonzero().squeeze(-1)
+        if len(new):
+            begun = scene.select(new)
+            state["path"][new] = plan_object_path(begun, self.config)
+            state["goal"][new] = begun.goal
+            state["target"][new] = begun.goal
+            state["object_position"][new] = begun.object_position
+        action = self._act(scene, state)
         tensordict.set(self.action_key, action.reshape(*lead, 3).to(device))
         state = state.reshape(lead).to(device)
         # Under "next" for envs that have it in their specs; beside the action for all others, whose
@@ -144,39 +159,27 @@ class PushingCorridorController(TensorDictModuleBase):
         tensordict.set(self._next_state_key, state.clone())
         return tensordict
 
-    def _read(self, tensordict: TensorDictBase, key: NestedKey, *last: int) -> Tensor:
-        return read_key(_WHO, tensordict, key, *last)
-
     def _observe(self, tensordict: TensorDictBase, scenes: int) -> CorridorScene:
-        """What is read, on the CPU and with one batch dimension."""
+        """The observed scenes, on the CPU and with one batch dimension."""
         size = (self.camera.height, self.camera.width)
-        images = [
-            self._read(tensordict, key, *size) for key in (self.depth_key, self.segmentation_key)
-        ]
-        depth, segmentation = (image.reshape(scenes, *image.shape[-2:]) for image in images)
-        object_pose, ee_pose, goal = (
-            self._read(tensordict, key, width).detach().cpu().reshape(scenes, width).float()
-            for key, width in (
-                (self.object_pose_key, 3),
-                (self.ee_pose_key, 3),
-                (self.goal_position_key, 2),
-            )
+        depth, segmentation = (
+            read_key(_WHO, tensordict, key, *size).reshape(scenes, *size) for key in self.image_keys
         )
-        for key, value in (
-            (self.object_pose_key, object_pose),
-            (self.ee_pose_key, ee_pose),
-            (self.goal_position_key, goal),
-        ):
+        poses = [
+            read_key(_WHO, tensordict, key, width).detach().cpu().reshape(scenes, width).float()
+            for key, width in zip(self.pose_keys, (3, 3, 2), strict=True)
+        ]
+        for key, value in zip(self.pose_keys, poses, strict=True):
             check_finite(_WHO, repr(key), value)
+        object_pose, ee_pose, goal = poses
         radius, touch = (
             torch.full((scenes,), default, device="cpu")
-            if value is None
+            if (value := tensordict.get(key, None)) is None
             else value.detach().cpu().reshape(scenes)
             for key, default in (
                 (self.object_radius_key, self.object_radius),
                 (self.touch_radius_key, math.inf),
             )
-            for value in [tensordict.get(key, None)]
         )
         return CorridorScene(
             camera=self.camera,
@@ -189,8 +192,8 @@ class PushingCorridorController(TensorDictModuleBase):
             touch_radius=touch.float(),
         )
 
-    def _begin(self, tensordict: TensorDictBase, goal: Tensor) -> TensorDict:
-        """The state, zero in all scenes that begin anew, `[B]`."""
+    def _state(self, tensordict: TensorDictBase, goal: Tensor) -> TensorDict:
+        """The state `[B]`, zero in all scenes whose episode begins."""
         scenes = len(goal)
         old: Any = tensordict.get(self.state_key, None)
         if old is None:
@@ -202,5 +205,35 @@ class PushingCorridorController(TensorDictModuleBase):
             started = started & ~is_init.cpu().reshape(scenes, 1)
         if started.all():
             return old.clone()
-        fresh = self.state_spec((scenes,)).zero().cpu()
-        return torch.where(started.squeeze(-1), old.select(*fresh.keys()), fresh)
+        zero = self.state_spec((scenes,)).zero().cpu()
+        return torch.where(started.squeeze(-1), old.select(*zero.keys()), zero)
+
+    def _act(self, scene: CorridorScene, state: TensorDict) -> Tensor:
+        """Learn from the last step, choose a target and move towards it.
+
+        The state holds the object's path and is updated in place. The action is `[B, 3]` float32 in
+        [-1, 1]: (dx, dy, dyaw).
+        """
+        config, position, tool = self.config, scene.object_position, scene.tool_position
+        learn(state, position, config)
+        target = choose_targets(scene, state, config)
+        alpha = heading_difference(position - tool, target - position, config)
+        stance = judge_stance(state, alpha, config)
+        has_moved = state["gamma_count"].squeeze(-1) > 0
+        velocity = push_velocity(scene, stance, has_moved, config)
+        velocity = follow_tool_path(
+            scene, velocity, target, stance.relocate, config, self._tool_planner
+        )
+        velocity = keep_off_obstacles(scene, velocity, stance.relocate, state, config)
+        heading = direction_of(velocity) - correction(state, config)
+        state["object_position"] = position
+        state["tool_position"] = tool
+        state["target"] = target
+        state["alpha"] = alpha[:, None]
+        state["started"] = torch.ones_like(state["started"])
+        action = torch.stack([heading.cos(), heading.sin(), torch.zeros_like(heading)], -1)
+        action = action * config.action_length
+        if config.max_turn > 0:
+            push = direction_of(target - position)
+            action[:, 2] = turn_wide_side(push, scene.tool_yaw, config.max_turn)
+        return action

@@ -1,10 +1,10 @@
-"""`TQCLoss`: TorchRL's results at little more than the cost of their matrix products."""
+"""`TQCLoss`: TorchRL's results, with batched critics and a quantile-Huber loss in closed form."""
 
 import pickle
 import warnings
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
-from typing import Any, NoReturn, Self
+from typing import Any, Self
 
 import torch
 from tensordict import TensorDictBase
@@ -12,21 +12,17 @@ from tensordict.nn import dispatch
 from tensordict.utils import NestedKey, unravel_key
 from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
-from torchrl.modules import TanhNormal
 from torchrl.objectives import LossModule, TQCLoss as _TorchRLTQCLoss
 from torchrl.objectives.sac import compute_rsample_log_prob
 from torchrl.objectives.utils import ValueEstimators
-from torchrl.objectives.value import TD0Estimator, ValueEstimatorBase
+from torchrl.objectives.value import TD0Estimator
 
 from modpush._checks import check_dtype
 from modpush._keys import read_key
 from modpush._types import Fraction
 from modpush._validation import check_value
 from modpush.agents.tqc.ensemble import BatchedEnsemble, NotBatchableError
-from modpush.agents.tqc.plain_actor import is_plain_call
 from modpush.agents.tqc.quantiles import quantile_huber, truncate_atoms
-from modpush.agents.tqc.relu_mlp import autocast_enabled
-from modpush.agents.tqc.tanh_normal import tanh_normal_rsample
 
 __all__ = ["TQCLoss"]
 
@@ -50,10 +46,10 @@ class TQCLoss(_TorchRLTQCLoss):
 
     Raises:
         KeyError: In a call, if the batch lacks a key, with those it has.
-        ValueError: At construction, if as many or more atoms are dropped than the critics hold. In the
-            first call, if the actor's lowest action is not below its highest. In a call on CPU, if
-            the loss is not finite because the batch holds NaN or infinite values (TorchRL returns
-            NaN); on a GPU this check would stall the device, and the loss is returned as it is.
+        ValueError: At construction, if as many or more atoms are dropped than the critics hold. In a
+            call on CPU, if the loss is not finite because the batch holds NaN or infinite values
+            (TorchRL returns NaN); on a GPU this check would stall the device, and the loss is
+            returned as it is.
 
     Source: Kuznetsov et al. (2020), arXiv 2005.04269; TorchRL's `TQCLoss` is the reference.
     """
@@ -75,7 +71,6 @@ class TQCLoss(_TorchRLTQCLoss):
                 )
             self.__dict__["_warned"] = True
             return
-        self._vmap_qnetworkN0 = self._ensemble
         if self.top_quantiles_to_drop_per_net >= self._ensemble.num_atoms:
             raise ValueError(
                 "TQCLoss: top_quantiles_to_drop_per_net must be smaller than the critic's number "
@@ -94,13 +89,9 @@ class TQCLoss(_TorchRLTQCLoss):
             NotImplementedError: For any other estimator: targets are atoms, of which only TD(0)
                 takes several per transition. `NStepTransform` makes n-step returns.
         """
-        if isinstance(value_type, ValueEstimatorBase):
-            supported = isinstance(value_type, TD0Estimator)
-        elif isinstance(value_type, type) and issubclass(value_type, ValueEstimatorBase):
-            supported = issubclass(value_type, TD0Estimator)
-        else:
-            supported = value_type in (None, ValueEstimators.TD0, ValueEstimators.TD0.name)
-        if not supported:
+        kind = value_type if isinstance(value_type, type) else type(value_type)
+        names = (None, ValueEstimators.TD0, ValueEstimators.TD0.name)
+        if value_type not in names and not issubclass(kind, TD0Estimator):
             raise NotImplementedError(
                 f"TQCLoss: the value estimator must be TD(0), got {value_type!r}. For n-step "
                 "returns, let the replay buffer sum the rewards (ReplayConfig(n_steps=...))."
@@ -125,7 +116,7 @@ class TQCLoss(_TorchRLTQCLoss):
         keys = self.qvalue_network.in_keys
         if self._ensemble is not None:
             expected, inputs = self._ensemble.num_inputs, {key: widths[key] for key in keys}
-            if expected and sum(inputs.values()) != expected:
+            if sum(inputs.values()) != expected:
                 raise ValueError(
                     f"TQCLoss: the critics take {expected} numbers, got the last dimensions {inputs}."
                 )
@@ -149,7 +140,7 @@ class TQCLoss(_TorchRLTQCLoss):
             return super().qvalue_v2_loss(tensordict)
         weights = self._maybe_get_priority_weight(tensordict)
         targets = self.compute_target(tensordict)
-        quantiles = self._atoms(tensordict, "qvalue_network_params")  # [N, *B, n]
+        quantiles = self._atoms(tensordict, self.qvalue_network_params)  # [N, *B, n]
         dtype = torch.promote_types(quantiles.dtype, targets.dtype)  # rewards may be doubles
         loss, td_error = quantile_huber(quantiles.to(dtype), targets.to(dtype))
         loss = self._reduce_loss(loss.sum(0), tensordict=tensordict, weights=weights)
@@ -163,7 +154,7 @@ class TQCLoss(_TorchRLTQCLoss):
             return super().actor_loss(tensordict)
         weights = self._maybe_get_priority_weight(tensordict)
         action, log_prob = self._draw_action(tensordict)
-        quantiles = self._atoms(tensordict, "qvalue_network_params", action, frozen=True)
+        quantiles = self._atoms(tensordict, self._cached_detached_qvalue_params, action)
         # Policy gradients use the whole mixture; only Bellman targets are cut.
         value = quantiles.mean(dim=(0, -1))
         if log_prob.shape != value.shape:
@@ -174,6 +165,15 @@ class TQCLoss(_TorchRLTQCLoss):
         loss = self._alpha * log_prob - value
         loss = self._reduce_loss(loss, tensordict=tensordict, weights=weights)
         return loss, {"log_prob": log_prob.detach()}
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Functions cannot be pickled, and what is cached would belong to the original.
+        derived = ("_vmap_qnetworkN0", "_ensemble", "_cache")
+        return {key: value for key, value in self.__dict__.items() if key not in derived}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        super().__setstate__(state)
+        self._make_vmap()
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         # TensorDictParams copies itself without the memo, so that what the loss and its networks share
@@ -191,7 +191,7 @@ class TQCLoss(_TorchRLTQCLoss):
             return super().compute_target(tensordict)
         next_tensordict = tensordict.get("next")
         action, log_prob = self._draw_action(next_tensordict)
-        atoms = self._atoms(next_tensordict, "target_qvalue_network_params", action)
+        atoms = self._atoms(next_tensordict, self.target_qvalue_network_params, action)
         num_dropped = self.top_quantiles_to_drop_per_net * self.num_qvalue_nets
         value = truncate_atoms(atoms, num_dropped) - self._alpha * log_prob.unsqueeze(-1)
         reward = _to_ndim(next_tensordict.get(self.tensor_keys.reward), value.ndim)
@@ -204,109 +204,51 @@ class TQCLoss(_TorchRLTQCLoss):
         return reward + gamma * (~terminated).int() * value
 
     def _takes_torchrls_path(self) -> bool:
-        return self._ensemble is None or autocast_enabled(self.log_alpha)
+        device = self.log_alpha.device.type  # devices without autocast raise where they are asked
+        autocast = torch.amp.is_autocast_available(device) and torch.is_autocast_enabled(device)
+        return self._ensemble is None or autocast
 
-    def _draw_action(self, tensordict: TensorDictBase) -> tuple[Tensor, Tensor]:
-        """An action of the present policy, `[*B, A]`, and its log-probability, `[*B]`."""
-        network, *others = self.actor_network.module
-        head = others[0] if len(others) == 1 else None
-        with set_exploration_type(ExplorationType.RANDOM), self._bound_actor():
-            if head is None or not is_plain_call(network, head):
-                actor_input = tensordict.select(*self.actor_network.in_keys, strict=False)
-                return compute_rsample_log_prob(self.actor_network.get_dist(actor_input))
-            # A network and a distribution: no need to pass the parameters through a tensordict.
-            parameters = network.module(*[tensordict.get(key) for key in network.in_keys])
-            parameters = [parameters] if isinstance(parameters, Tensor) else parameters
-            named = dict(zip(head.dist_keys, parameters, strict=True))
-            if self._is_plain_tanh_normal(head, named):
-                return tanh_normal_rsample(**named, bounds=self._action_bounds(head, named["loc"]))
-            distribution = head.distribution_class(**named, **head.distribution_kwargs)
-            return compute_rsample_log_prob(distribution)
-
-    @staticmethod
-    def _is_plain_tanh_normal(head: Any, parameters: dict[str, Tensor]) -> bool:
-        return (
-            head.distribution_class is TanhNormal
-            and head.distribution_kwargs.keys() <= {"low", "high"}
-            and parameters.keys() == {"loc", "scale"}
-            and parameters["loc"].ndim > 0
-            and parameters["loc"].shape == parameters["scale"].shape
-            and not torch.compiler.is_compiling()
-        )
-
-    def _action_bounds(self, head: Any, loc: Tensor) -> tuple[Tensor, Tensor] | None:
-        """Bounds of the distribution, None where they are -1 and 1; cached: reading stalls a GPU."""
-        given = head.distribution_kwargs.get("low", -1.0), head.distribution_kwargs.get("high", 1.0)
-        cache = self.__dict__.setdefault("_cache", {})  # emptied when the loss moves or casts
-        known = cache.get("action_bounds")
-        if known is None or any(a is not b for a, b in zip(known[0], given, strict=True)):
-            low, high = (torch.as_tensor(bound, device=loc.device) for bound in given)
-            if not (high > low).all():
-                raise ValueError(
-                    f"TQCLoss: the actor's distribution must have low below high, got low {low} "
-                    f"and high {high}."
-                )
-            trivial = bool((low == -1).all() and (high == 1).all())
-            known = cache["action_bounds"] = given, None if trivial else (low, high)
-        return known[1]
-
-    def _bound_actor(self) -> AbstractContextManager[Any]:
+    def _actor_parameters(self) -> AbstractContextManager[Any]:
         """A context in which the actor holds the loss's parameters, empty where it already does."""
         actor, params = self.actor_network, self.actor_network_params
-        cache = self.__dict__.setdefault("_cache", {})  # emptied when the loss moves or casts
-        owners = cache.get("actor_owners")
-        if owners is None:
-            owners = [
-                (held, name, (*path.split("."), name) if path else (name,))
-                for path, module in actor.named_modules()
-                for held in (module._parameters, module._buffers)
-                for name in held
-            ]
-            cache["actor_owners"] = owners
-        if all(held[name] is params.get(key, None) for held, name, key in owners):
+        if {*actor.parameters(), *actor.buffers()} == {*params.parameters(), *params.buffers()}:
             return nullcontext()
         return params.to_module(actor, preserve_module_state=False)
 
-    def _atoms(
-        self,
-        tensordict: TensorDictBase,
-        params_name: str,
-        action: Tensor | None = None,
-        *,
-        frozen: bool = False,
-    ) -> Tensor:
-        """Atoms `[N, *B, n]` at the tensordict's action, or at the one given.
+    def _draw_action(self, tensordict: TensorDictBase) -> tuple[Tensor, Tensor]:
+        """An action of the present policy, `[*B, A]`, and its log-probability, `[*B]`."""
+        inputs = tensordict.select(*self.actor_network.in_keys, strict=False)
+        with set_exploration_type(ExplorationType.RANDOM), self._actor_parameters():
+            return compute_rsample_log_prob(self.actor_network.get_dist(inputs))
 
-        Frozen, gradients reach the action and no critic's parameter.
-        """
+    def _atoms(
+        self, tensordict: TensorDictBase, params: TensorDictBase, action: Tensor | None = None
+    ) -> Tensor:
+        """Atoms `[N, *B, n]` at the tensordict's action, or at the one given."""
         assert self._ensemble is not None
         inputs = [
             action if action is not None and key == self.tensor_keys.action else tensordict.get(key)
             for key in self._ensemble.in_keys
         ]
-        parameters = self._ensemble.parameters(getattr(self, params_name))
-        if frozen:
-            parameters = [[tensor.detach() for tensor in layer] for layer in parameters]
-        return self._ensemble.atoms(inputs, parameters)
+        return self._ensemble(inputs, params)
 
     def _check_finite(self, loss: Tensor, tensordict: TensorDictBase) -> None:
+        """Raise if the loss is not finite because of a value in the batch."""
         if loss.isfinite().all():
             return
+        reward = unravel_key(("next", self.tensor_keys.reward))
         for key in self.in_keys:
             value = tensordict.get(key, None)
-            if value is not None and value.is_floating_point() and not value.isfinite().all():
-                _raise_not_finite(key, value, self.tensor_keys.reward)
+            if value is None or not value.is_floating_point() or value.isfinite().all():
+                continue
+            hint = ""
+            if isinstance(key, tuple) and key[0] == "next" and key != reward:
+                hint = " If only the next states of terminal transitions do, pass skip_done_states=True."
+            raise ValueError(
+                f"TQCLoss: the batch holds NaN or infinite values under {key!r}, first at index "
+                f"{(~value.isfinite()).nonzero()[0].tolist()}.{hint}"
+            )
 
 
 def _to_ndim(x: Tensor, ndim: int) -> Tensor:
     return x.reshape(*x.shape, *(1,) * (ndim - x.ndim))
-
-
-def _raise_not_finite(key: NestedKey, value: Tensor, reward: NestedKey) -> NoReturn:
-    row = (~value.isfinite()).nonzero()[0].tolist()
-    hint = ""
-    if isinstance(key, tuple) and key[0] == "next" and key != unravel_key(("next", reward)):
-        hint = " If only the next states of terminal transitions do, pass skip_done_states=True."
-    raise ValueError(
-        f"TQCLoss: the batch holds NaN or infinite values under {key!r}, first at index {row}.{hint}"
-    )

@@ -7,12 +7,12 @@ from tensordict.nn import NormalParamExtractor, TensorDictModule, add_custom_map
 from tensordict.utils import NestedKey
 from torch import Tensor, nn
 from torchrl.data import Bounded
-from torchrl.modules import MLP, ProbabilisticActor, TanhDelta, TanhNormal, ValueOperator
+from torchrl.modules import ProbabilisticActor, TanhDelta, TanhNormal, ValueOperator
 
 from modpush._arguments import checked_arguments
 from modpush._types import Count, NonNegativeInteger
 from modpush.agents.tqc.encoder import LATENT_KEY, EncodedNetwork
-from modpush.agents.tqc.relu_mlp import ReluMLP
+from modpush.agents.tqc.ensemble import AnyFloatMLP
 
 __all__ = ["make_actor", "make_critic", "make_deterministic_actor"]
 
@@ -63,7 +63,7 @@ def make_actor(
     latent_dim = 0 if encoder is None else int(encoder.latent_dim)  # type: ignore[arg-type]
     in_features, out_features = observation_dim + latent_dim, 2 * action_spec.shape[-1]
     network: nn.Module = nn.Sequential(
-        ReluMLP(in_features, out_features, hidden_sizes, device=device),
+        _mlp(in_features, out_features, hidden_sizes, device),
         NormalParamExtractor(scale_mapping="modpush_clamped_exp", scale_lb=1e-6),
     )
     in_keys = [observation_key]
@@ -107,7 +107,7 @@ def make_deterministic_actor(
         ValueError: If the action is not a vector of real numbers between finite limits.
     """
     _check_action_spec("make_deterministic_actor", action_spec)
-    network = ReluMLP(observation_dim, action_spec.shape[-1], hidden_sizes, device=device)
+    network = _mlp(observation_dim, action_spec.shape[-1], hidden_sizes, device)
     return ProbabilisticActor(
         TensorDictModule(network, in_keys=[observation_key], out_keys=["param"]),
         in_keys=["param"],
@@ -168,18 +168,27 @@ def make_critic(
         A critic that writes `state_action_value`, `[*B, num_quantiles]`.
     """
     in_features = observation_dim + latent_dim + action_dim
-    network: MLP
-    if layer_norm:
-        network = MLP(
-            in_features=in_features,
-            out_features=num_quantiles,
-            num_cells=list(hidden_sizes),
-            activation_class=nn.ReLU,
-            norm_class=nn.LayerNorm,
-            norm_kwargs=[{"normalized_shape": width} for width in hidden_sizes],
-            device=device,
-        )
-    else:
-        network = ReluMLP(in_features, num_quantiles, hidden_sizes, device=device)
+    network = _mlp(in_features, num_quantiles, hidden_sizes, device, layer_norm=layer_norm)
     latent_keys = [LATENT_KEY] if latent_dim else []
     return ValueOperator(network, in_keys=[observation_key, *latent_keys, action_key])
+
+
+def _mlp(
+    in_features: int,
+    out_features: int,
+    hidden_sizes: Sequence[int],
+    device: torch.device | str | None,
+    *,
+    layer_norm: bool = False,
+) -> AnyFloatMLP:
+    return AnyFloatMLP(
+        in_features=in_features,
+        out_features=out_features,
+        num_cells=list(hidden_sizes),
+        activation_class=nn.ReLU,
+        # No layer reads its own output again, so autograd does not need it from before the ReLU.
+        activation_kwargs={"inplace": True},
+        norm_class=nn.LayerNorm if layer_norm else None,
+        norm_kwargs=[{"normalized_shape": width} for width in hidden_sizes] if layer_norm else None,
+        device=device,
+    )

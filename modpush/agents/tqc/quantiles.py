@@ -8,12 +8,12 @@ the backward pass is one multiplication.
 
 from typing import Any
 
-import numba
 import numpy as np
 import torch
 from torch import Tensor
 
 from modpush._checks import check_instance
+from modpush._kernels import njit
 
 __all__ = ["quantile_huber", "truncate_atoms"]
 
@@ -146,7 +146,7 @@ _LANES = 8
 # their meaning: only reassociation, contraction and the sign of zero are given up. One thread on
 # purpose: the whole kernel takes well under a millisecond, and numba's worker pool neither forks
 # nor nests inside other threads safely.
-@numba.njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
+@njit(nogil=True, fastmath={"reassoc", "contract", "nsz"}, error_model="numpy")
 def _kernel(quantiles: Any, targets: Any, loss: Any, gradient: Any, error: Any) -> None:
     num_critics, batch, num_quantiles = quantiles.shape
     num_targets = targets.shape[1]

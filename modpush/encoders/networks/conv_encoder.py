@@ -1,4 +1,4 @@
-"""`ConvEncoder`: trained end to end by the loss that reads its latent."""
+"""`ConvEncoder`: a network that is trained end to end."""
 
 import torch
 from torch import Tensor, nn
@@ -14,9 +14,9 @@ __all__ = ["ConvEncoder"]
 class ConvEncoder(Encoder):
     """Four strided convolutions, then a normalised and bounded latent, `[B, latent_dim]` in [-1, 1].
 
-    It has no batch statistics and does the same in training and evaluation, as a network must that
-    is trained by the critic's loss on one batch and acts on another. Windows may be stored as bytes:
-    uint8 values are divided by 255.
+    It has no batch statistics and is the same in training and evaluation, since it is trained by the
+    critic's loss on one batch and acts on another. Windows may be stored as bytes: uint8 values are
+    divided by 255.
 
     Args:
         latent_dim: Number of values in a latent.
@@ -24,8 +24,8 @@ class ConvEncoder(Encoder):
         window_size: Side of the windows [px].
 
     Raises:
-        ValueError: If one of them is < 1.
-    Source: the shape of DrQ's encoder (Kostrikov et al. 2020): LayerNorm and tanh at the end.
+        ValueError: If an argument is < 1.
+    Source: DrQ's encoder (Kostrikov et al. 2020), with LayerNorm and tanh at the end.
     """
 
     @checked_arguments
@@ -55,7 +55,7 @@ class ConvEncoder(Encoder):
         """Encode windows to `[B, latent_dim]`.
 
         Args:
-            window: `[B, 1, S, S]` float32 in [0, 1], or uint8, of which 255 stands for 1.
+            window: `[B, 1, S, S]` float32 in [0, 1], or uint8, in which 255 stands for 1.
         """
         window = as_floats(window)
         check_window(window, self.window_size, "ConvEncoder", batched=True)

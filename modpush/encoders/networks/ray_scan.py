@@ -1,4 +1,4 @@
-"""`RayScan`: an encoder with nothing to train."""
+"""`RayScan`: an encoder without parameters."""
 
 import math
 
@@ -8,8 +8,7 @@ from torch import Tensor
 from modpush._arguments import checked_arguments
 from modpush._types import Count, NonNegative, Positive
 from modpush.encoders.base import Encoder, check_window
-from modpush.encoders.window import MAX_HEIGHT, WINDOW_SIZE
-from modpush.geometry.camera import Camera
+from modpush.encoders.window import MAX_HEIGHT, METRES_PER_PIXEL, WINDOW_SIZE
 
 __all__ = ["RayScan"]
 
@@ -17,17 +16,17 @@ __all__ = ["RayScan"]
 class RayScan(Encoder):
     """Distance to the next obstacle along rays from the middle of the window, `[B, num_rays]`.
 
-    Ray k points at 2 pi k / num_rays from ahead (up in the window), turning left. A value is the
-    distance divided by `max_range`, 1 where the ray meets nothing within it or leaves the window.
-    Exact to a pixel.
+    Ray k points at 2 pi k / num_rays from straight ahead (up in the window), counter-clockwise. A value
+    is the distance divided by `max_range`, and 1 where the ray meets no obstacle within it or leaves
+    the window. Exact to a pixel.
 
     Args:
         num_rays: Number of rays.
-        max_range: Distance that is shown as 1 [m]; by default half the window's side.
-        min_height: Lower obstacles block no ray [m].
+        max_range: Distance of the value 1 [m]; by default half the window's side.
+        min_height: Height above which obstacles block rays [m].
         max_height: Height that the window shows as 1 [m].
         window_size: Side of the windows [px].
-        pixel_size: Side of a window pixel [m]; by default that of `PushEnv`'s camera on the table.
+        pixel_size: Side of a window pixel on the table [m], the encoder's `metres_per_pixel`.
 
     Raises:
         ValueError: For numbers out of range.
@@ -41,18 +40,17 @@ class RayScan(Encoder):
         min_height: NonNegative = 0.013,
         max_height: Positive = MAX_HEIGHT,
         window_size: Count = WINDOW_SIZE,
-        pixel_size: Positive | None = None,
+        pixel_size: Positive = METRES_PER_PIXEL,
     ) -> None:
         super().__init__()
-        pixel_size = pixel_size if pixel_size is not None else Camera().cell_size
         max_range = max_range if max_range is not None else 0.5 * window_size * pixel_size
         if not min_height < max_height:
             raise ValueError(
                 f"RayScan: min_height must be < max_height = {max_height}, got {min_height}."
             )
-        self.latent_dim, self.window_size = num_rays, window_size
+        self.latent_dim, self.window_size, self.metres_per_pixel = num_rays, window_size, pixel_size
         self.max_range, self.threshold = max_range, min_height / max_height
-        # Half a pixel at a time, so that no pixel on the way is jumped over by much.
+        # In steps of half a pixel, so that hardly a pixel of the ray is skipped.
         steps = torch.arange(0.0, max_range / pixel_size, 0.5, dtype=torch.float32)
         angles = torch.arange(num_rays, dtype=torch.float32) * (2 * math.pi / num_rays)
         middle = 0.5 * (window_size - 1)
@@ -61,7 +59,7 @@ class RayScan(Encoder):
         inside = (rows.clamp(0, window_size - 1) == rows) & (
             columns.clamp(0, window_size - 1) == columns
         )
-        # Places outside the window read one extra pixel, which is always free.
+        # Points outside the window read one extra pixel, which is always free.
         index = torch.where(inside, rows * window_size + columns, window_size**2)
         self.register_buffer("_index", index.flatten(), persistent=False)
         fractions = torch.cat([steps * (pixel_size / max_range), torch.ones_like(steps[:1])])

@@ -1,4 +1,4 @@
-"""Random changes of windows that give windows of other possible scenes."""
+"""Augmentation of windows to windows of other possible scenes."""
 
 import torch
 from torch import Tensor
@@ -11,7 +11,7 @@ __all__ = ["augment_windows"]
 
 @checked_arguments
 def augment_windows(windows: Tensor, others: Tensor, overlay: Fraction = 0.5) -> Tensor:
-    """Turn and mirror windows at random, and lay others over some of them.
+    """Rotate and mirror windows at random, and overlay some of them with others.
 
     All results are windows of possible scenes: a quarter turn or a mirror image of a layout is a
     layout, and the higher of two heights is what a camera sees of two layouts at once. With the
@@ -20,8 +20,8 @@ def augment_windows(windows: Tensor, others: Tensor, overlay: Fraction = 0.5) ->
 
     Args:
         windows: Windows to change, `[B, 1, S, S]`.
-        others: Windows that are laid over them, `[B, 1, S, S]`.
-        overlay: Share of the windows that get another laid over.
+        others: Windows for overlays, `[B, 1, S, S]`.
+        overlay: Share of the windows with an overlay.
 
     Returns:
         `[B, 1, S, S]`; uses torch's global generator.
@@ -36,11 +36,10 @@ def augment_windows(windows: Tensor, others: Tensor, overlay: Fraction = 0.5) ->
         )
     filled = windows.flatten(1).amax(1) > 0
     chosen = filled & (torch.rand(len(windows)) < overlay).to(windows.device)
-    together = torch.maximum(_turned(windows), _turned(others) * chosen[:, None, None, None])
-    return together
+    return torch.maximum(_rotated(windows), _rotated(others) * chosen[:, None, None, None])
 
 
-def _turned(windows: Tensor) -> Tensor:
+def _rotated(windows: Tensor) -> Tensor:
     """Each window in one of its eight orientations."""
     out = torch.empty_like(windows)
     for turn, rows in enumerate(torch.randperm(len(windows)).tensor_split(8)):

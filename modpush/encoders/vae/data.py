@@ -1,4 +1,4 @@
-"""`WindowData`: stored windows, with where they come from."""
+"""`WindowData`: stored windows and their origin."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ from torch import Tensor
 
 from modpush._checks import check_dtype, check_instance, check_shape
 from modpush.encoders.base import check_window
-from modpush.files import read_tensors, write_tensors
+from modpush.files import read_tensors, reading, write_tensors
 
 __all__ = ["WindowData"]
 
@@ -19,18 +19,18 @@ _KIND, _VERSION = "modpush.WindowData", 2
 
 @dataclass(frozen=True, kw_only=True)
 class WindowData:
-    """`N` windows as whole numbers from 0 to 255, stored with the config that made them.
+    """`N` windows as integers from 0 to 255, with the config of their generation.
 
-    One level is 0.3 mm of height, far less than a depth camera resolves, and takes a quarter of a
-    float's memory.
+    One level is 0.3 mm of height, far below a depth camera's resolution, in a quarter of a float's
+    memory.
     """
 
     windows: Tensor
     """Windows with S pixels on each side, `[N, S, S]` uint8."""
     family: Tensor
-    """`[N]` uint8, index into `config["families"]`: which scene family a window shows."""
+    """Scene family of each window, an index into `config["families"]`, `[N]` uint8."""
     held_out: Tensor
-    """`[N]` bool: not to be trained on. Whole layouts are held out, not single windows."""
+    """Windows that are held out from training, `[N]` bool: those of whole layouts, not single ones."""
     config: dict[str, Any] = field(default_factory=dict)
     """Settings with which the windows were made."""
 
@@ -83,11 +83,11 @@ class WindowData:
         return cls(windows=levels, family=family, held_out=held_out, config=config)
 
     def floats(self, index: Tensor | slice = slice(None)) -> Tensor:
-        """Windows as an encoder takes them, `[n, 1, S, S]` float32 in [0, 1]."""
+        """Windows for an encoder, `[n, 1, S, S]` float32 in [0, 1]."""
         return self.windows[index].unsqueeze(1).float().div_(255)
 
     def where(self, mask: Tensor) -> "WindowData":
-        """The windows for which a mask `[N]` bool is True."""
+        """The windows where a mask `[N]` bool is True."""
         check_dtype("WindowData.where", "mask", mask, torch.bool)
         check_shape("WindowData.where", "mask", mask, "N", (len(self),))
         return WindowData(
@@ -99,7 +99,7 @@ class WindowData:
 
     @classmethod
     def join(cls, parts: Sequence["WindowData"]) -> "WindowData":
-        """All parts in one, with the first part's config; their windows must be of one size."""
+        """Concatenate data sets of one window size; the config is that of the first."""
         if not isinstance(parts, Sequence) or not parts:
             raise ValueError(f"WindowData.join: parts must be one or more, got {parts!r}.")
         for part in parts:
@@ -123,7 +123,8 @@ class WindowData:
             FileNotFoundError: If there is none.
             ValueError: If it is damaged, or of another kind or version.
         """
-        tensors, config = read_tensors(path, _KIND, _VERSION)
-        if missing := {"windows", "family", "held_out"} - set(tensors):
-            raise ValueError(f"{_KIND}: {path} lacks {sorted(missing)}.")
-        return cls(**tensors, config=config)
+        with reading(path, _KIND):
+            tensors, config = read_tensors(path, _KIND, _VERSION)
+            if missing := {"windows", "family", "held_out"} - set(tensors):
+                raise ValueError(f"{_KIND}: {path} lacks {sorted(missing)}.")
+            return cls(**tensors, config=config)

@@ -10,10 +10,11 @@ from torch import Tensor, nn
 from torch.nn.functional import softplus
 
 from modpush._arguments import checked_arguments
-from modpush._types import Count
+from modpush._types import Count, Positive
 from modpush._weights import check_weights
 from modpush.encoders.base import Encoder, check_window
-from modpush.files import read_tensors, write_tensors
+from modpush.encoders.window import METRES_PER_PIXEL
+from modpush.files import read_tensors, reading, write_tensors
 
 __all__ = ["DepthVAE", "shipped_weights"]
 
@@ -23,7 +24,7 @@ _FINAL_SIDE = 4  # of the encoder's last and the decoder's first map [px]
 
 
 class DepthVAE(Encoder):
-    """Four convolutions down to a normal latent, six transposed ones up to a Bernoulli window.
+    """Four convolutions to a normal latent, and six transposed ones to a Bernoulli window.
 
     Each convolution but the last is followed by batch norm and ReLU; max pooling after the first,
     average pooling after the third. As an encoder it returns the latent's mean; `encode` and `decode`
@@ -38,7 +39,8 @@ class DepthVAE(Encoder):
         latent_dim: Number of values in a latent.
         encoder_widths: Channels of the four convolutions.
         decoder_widths: Channels of the maps of side 4, 8, 16 and 32.
-        sample: Return a sample of the latent rather than its mean, as the authors' code does.
+        sample: Return a sample of the latent instead of its mean, as in the authors' code.
+        metres_per_pixel: Side of the pixels of its windows on the table [m].
 
     Raises:
         ValueError: If a width or `latent_dim` is < 1, or there are not four of them.
@@ -52,6 +54,7 @@ class DepthVAE(Encoder):
         encoder_widths: Sequence[Count] = (16, 32, 64, 96),
         decoder_widths: Sequence[Count] = (96, 64, 32, 16),
         sample: bool = False,
+        metres_per_pixel: Positive = METRES_PER_PIXEL,
     ) -> None:
         super().__init__()
         for name, widths in (("encoder", encoder_widths), ("decoder", decoder_widths)):
@@ -60,6 +63,7 @@ class DepthVAE(Encoder):
                     f"DepthVAE: {name}_widths must be four numbers, got {tuple(widths)}."
                 )
         self.latent_dim, self.sample = latent_dim, sample
+        self.metres_per_pixel = metres_per_pixel
         self.encoder_widths, self.decoder_widths = tuple(encoder_widths), tuple(decoder_widths)
         a, b, c, d = encoder_widths
         self.encoder = nn.Sequential(
@@ -108,7 +112,7 @@ class DepthVAE(Encoder):
         return mean + std * torch.randn_like(std) if self.sample else mean
 
     def reconstruct(self, window: Tensor) -> Tensor:
-        """The window as decoded from the mean of its latent, `[B, 1, 64, 64]` in [0, 1]."""
+        """The window decoded from the mean of its latent, `[B, 1, 64, 64]` in [0, 1]."""
         return self.decode(self.encode(window)[0]).sigmoid()
 
     def save(self, path: Path | str, card: Mapping[str, Any] | None = None) -> None:
@@ -116,7 +120,7 @@ class DepthVAE(Encoder):
 
         Args:
             path: File that is written.
-            card: What is stored with them, such as data, command and figures; anything that JSON holds.
+            card: Further entries of the file, such as data, command and figures; any JSON values.
         """
         config = {**self._architecture(), "card": dict(card or {})}
         write_tensors(path, self.state_dict(), _KIND, _VERSION, config)
@@ -127,16 +131,17 @@ class DepthVAE(Encoder):
             "encoder_widths": list(self.encoder_widths),
             "decoder_widths": list(self.decoder_widths),
             "sample": self.sample,
+            "metres_per_pixel": self.metres_per_pixel,
         }
 
     @classmethod
     @checked_arguments
     def from_pretrained(cls, name_or_path: Path | str = "depth_vae") -> "DepthVAE":
-        """A trained one, in eval mode.
+        """Load a trained autoencoder, in eval mode.
 
         Args:
-            name_or_path: Name of shipped weights (`modpush/weights/<name>.safetensors`, a card
-                beside it), or the path of a file that `save` wrote.
+            name_or_path: Name of shipped weights (`modpush/weights/<name>.safetensors`, with a card
+                beside it), or the path of a file of `save`.
 
         Raises:
             FileNotFoundError: If there is no such file; the message lists the shipped names.
@@ -149,19 +154,20 @@ class DepthVAE(Encoder):
                 f"DepthVAE: no file {path} and no shipped weights of that name, which are "
                 f"{sorted(shipped_weights())}."
             )
-        tensors, config = read_tensors(path, _KIND, _VERSION)
-        try:
-            vae = cls(**{key: value for key, value in config.items() if key != "card"}).float()
+        with reading(path, _KIND):
+            tensors, config = read_tensors(path, _KIND, _VERSION)
+            architecture = {key: value for key, value in config.items() if key != "card"}
+            with torch.device("meta"):  # without memory at first: a file may ask for any sizes
+                check_weights("DepthVAE", cls(**architecture).float().state_dict(), tensors)
+            vae = cls(**architecture).float()
             vae.load_weights(tensors)
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"DepthVAE: {path} does not fit: {error}") from error
         return vae.eval()
 
     def load_weights(self, tensors: Mapping[str, Tensor]) -> None:
-        """Take over all weights, or none of them.
+        """Load all weights, or none of them.
 
         Raises:
-            ValueError: If one is missing, unknown, of another shape or dtype, or not finite.
+            ValueError: If a weight is missing, unknown, of another shape or dtype, or not finite.
         """
         check_weights("DepthVAE", self.state_dict(), tensors)
         self.load_state_dict(dict(tensors))

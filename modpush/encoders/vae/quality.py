@@ -1,4 +1,4 @@
-"""How well a latent represents the windows: reconstruction, active values, and probes."""
+"""Quality of a latent: reconstruction, active values, and probes."""
 
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -22,7 +22,7 @@ _BATCH = 512
 
 @dataclass(frozen=True, kw_only=True)
 class Quality:
-    """How well a `DepthVAE` represents a set of windows."""
+    """Quality of a `DepthVAE` on a set of windows."""
 
     nll: float
     """Negative log-likelihood of the reconstruction from a sampled latent, per window [nat]."""
@@ -33,14 +33,13 @@ class Quality:
     entropy: float
     """Lower bound of `nll`, the entropy of the windows' values, per window [nat]."""
     iou: float
-    """Obstacle pixels (over 0.5) common to windows and reconstructions, over those of either; all
+    """Intersection over union of obstacle pixels (over 0.5) of windows and reconstructions, over all
     windows together."""
     mean_iou: float
-    """The same for each window that has such pixels, averaged, so that small obstacles weigh as much
-    as large ones."""
+    """Mean of the same over windows with such pixels, with equal weight for small obstacles."""
     iou_half: float
-    """As `iou`, with pixels over 0.3: half an obstacle's height. A cube is 0.625 high, so where its
-    edge may or may not run, a reconstruction falls below 0.5 well inside of it."""
+    """As `iou`, with pixels over 0.3, half an obstacle's height: a cube has the value 0.625, so that a
+    reconstruction with an uncertain edge falls below 0.5 well inside it."""
     blank_false: float
     """Share of pixels over 0.5 in reconstructions of blank windows."""
     active: int
@@ -56,11 +55,11 @@ def vae_quality(vae: DepthVAE, windows: Callable[[slice], Tensor], count: int) -
 
     Args:
         vae: The autoencoder to measure.
-        windows: From a slice to `[n, 1, 64, 64]` float32, such as `WindowData.floats`.
+        windows: Function of a slice that returns `[n, 1, 64, 64]` float32, such as `WindowData.floats`.
         count: Number of windows.
 
     Raises:
-        TypeError: If `vae` is not an autoencoder, or `windows` no function.
+        TypeError: If `vae` is not an autoencoder, or `windows` is not a function.
         ValueError: If `count` is not positive.
     """
     check_instance("vae_quality", "vae", vae, DepthVAE)
@@ -101,7 +100,7 @@ def vae_quality(vae: DepthVAE, windows: Callable[[slice], Tensor], count: int) -
 
 
 def _figures(window: Tensor, logits: Tensor, reconstruction: Tensor, kl: Tensor) -> Tensor:
-    """What is measured of each window, `[B, 8]`, in the order in which `vae_quality` reads it."""
+    """Measurements of each window, `[B, 8]`, in the order in which `vae_quality` reads them."""
     nll = binary_cross_entropy_with_logits(logits, window, reduction="none").flatten(1).sum(1)
     overlaps = [*_overlap(reconstruction, window, 0.5), *_overlap(reconstruction, window, 0.3)]
     filled = (window.flatten(1) > 0.5).any(1).float()
@@ -133,7 +132,7 @@ def r_squared(predicted: Tensor, true: Tensor) -> float:
         true: Targets, `[N, T]`.
 
     Raises:
-        TypeError: If one of them is not a tensor.
+        TypeError: If an argument is not a tensor.
         ValueError: If their shapes differ.
     """
     for name, value in (("predicted", predicted), ("true", true)):
@@ -151,10 +150,10 @@ def linear_probe(train: tuple[Tensor, Tensor], test: tuple[Tensor, Tensor]) -> f
 
     Args:
         train: Latents `[N, d]` and targets `[N, T]`.
-        test: The same for the test.
+        test: The same of the test part.
 
     Raises:
-        ValueError: If one of the two is no such pair.
+        ValueError: If an argument is not such a pair.
     """
     _check_probe("linear_probe", train=train, test=test)
     one = [torch.cat([x, torch.ones_like(x[:, :1])], 1).double() for x, _ in (train, test)]
@@ -174,13 +173,13 @@ def mlp_probe(
 
     Args:
         train: Latents `[N, d]` and targets `[N, T]`.
-        test: The same for the test.
+        test: The same of the test part.
         width: Width of the hidden layers.
         epochs: Number of passes over the training part.
         seed: Seed of the initialisation and of the order of the windows.
 
     Raises:
-        ValueError: If one of the two is no such pair.
+        ValueError: If an argument is not such a pair.
     """
     _check_probe("mlp_probe", train=train, test=test)
     with torch.random.fork_rng(devices=[]):

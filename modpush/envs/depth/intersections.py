@@ -2,10 +2,10 @@
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from modpush._kernels import njit
 from modpush.geometry.shapes import KINDS
 
 __all__ = ["BOX", "CAPSULE", "CYLINDER", "hit", "hit_box"]
@@ -16,7 +16,7 @@ _MISS = np.inf
 Floats = NDArray[np.float64]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def hit(kind: int, size: Floats, planes: Floats, origin: Floats, ray: Floats) -> float:
     """Ray parameter of the first entry into the solid, inf where it misses."""
     if kind == BOX:
@@ -46,7 +46,7 @@ def hit(kind: int, size: Floats, planes: Floats, origin: Floats, ray: Floats) ->
     return best
 
 
-@numba.njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def hit_box(origin: Floats, ray: Floats, size: Floats) -> float:
     near, far = _slab(origin[0], ray[0], size[0], 0.0, np.inf)
     near, far = _slab(origin[1], ray[1], size[1], near, far)
@@ -54,7 +54,7 @@ def hit_box(origin: Floats, ray: Floats, size: Floats) -> float:
     return near if near <= far else _MISS
 
 
-@numba.njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def _slab(origin: float, ray: float, half: float, near: float, far: float) -> tuple[float, float]:
     """Cut an interval of the ray to |coordinate| <= half."""
     if abs(ray) < 1e-12:
@@ -67,7 +67,7 @@ def _slab(origin: float, ray: float, half: float, near: float, far: float) -> tu
     return max(near, first), min(far, second)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _tube(origin: Floats, ray: Floats, radius: float) -> tuple[float, float]:
     """Interval of the ray within an endless cylinder about z."""
     a = ray[0] * ray[0] + ray[1] * ray[1]
@@ -82,7 +82,7 @@ def _tube(origin: Floats, ray: Floats, radius: float) -> tuple[float, float]:
     return max(0.0, (-b - root) / a), (-b + root) / a
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _ball(origin: Floats, ray: Floats, radius: float, height: float) -> float:
     """First entry into a ball on the z axis."""
     oz = origin[2] - height

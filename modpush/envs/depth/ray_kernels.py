@@ -2,10 +2,10 @@
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from modpush._kernels import njit
 from modpush.envs.depth.intersections import BOX, CAPSULE, CYLINDER, hit, hit_box
 
 __all__ = ["cast_at", "draw_solids"]
@@ -13,7 +13,7 @@ __all__ = ["cast_at", "draw_solids"]
 Floats = NDArray[np.float64]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def draw_solids(
     depth: NDArray[np.float32],
     segmentation: NDArray[np.uint8],
@@ -62,7 +62,7 @@ def draw_solids(
                     segmentation[v, u] = label
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def cast_at(
     pixels: Floats,
     depth: NDArray[np.float32],
@@ -108,7 +108,7 @@ def cast_at(
                 labels[i] = label
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _place(pose: Floats, rotation: Floats, position: Floats, R: Floats, center: Floats) -> None:
     """Rotation and centre of a primitive in the base frame, from its body's pose."""
     w, x, y, z = pose[3], pose[4], pose[5], pose[6]
@@ -125,14 +125,14 @@ def _place(pose: Floats, rotation: Floats, position: Floats, R: Floats, center: 
                 R[i, j] += B[i, m] * rotation[m, j]
 
 
-@numba.njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def _into_local(R: Floats, x: float, y: float, z: float, out: Floats) -> None:
     """R^T (x, y, z)."""
     for j in range(3):
         out[j] = R[0, j] * x + R[1, j] * y + R[2, j] * z
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _bounds(
     kind: int, size: Floats, R: Floats, position: Floats, pinhole: Floats, corners: Floats
 ) -> tuple[float, float, float, float, float]:
@@ -160,7 +160,7 @@ def _bounds(
     return u0, u1, v0, v1, nearest
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _row_spans(
     corners: Floats,
     nearest: float,
@@ -195,7 +195,7 @@ def _row_spans(
             left[v], right[v] = max(math.floor(left[v]), u0), min(math.ceil(right[v]), u1)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _half_extents(kind: int, size: Floats) -> tuple[float, float, float]:
     if kind == CYLINDER:
         return size[0], size[0], size[1]

@@ -3,10 +3,10 @@
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from modpush._kernels import njit
 from modpush.envs.robot.control import MotionConfig
 from modpush.envs.robot.kinematics import DH_A, DH_D
 
@@ -93,7 +93,7 @@ def planar_joints_cpu(
     return joints, bool(_planar_ik(pose, flange_height, joints))
 
 
-@numba.njit(cache=True)
+@njit()
 def _plan(
     action: NDArray[np.float64],
     target: NDArray[np.float64],
@@ -132,7 +132,7 @@ def _plan(
     return goals, position, velocity, reachable
 
 
-@numba.njit(cache=True)
+@njit()
 def _start_and_goal(
     action: NDArray[np.float64],
     target: NDArray[np.float64],
@@ -157,7 +157,7 @@ def _start_and_goal(
     goal[1] *= scale
 
 
-@numba.njit(cache=True)
+@njit()
 def _planar_ik(pose: NDArray[np.float64], flange_height: float, q: NDArray[np.float64]) -> bool:
     """`kinematics.planar_inverse_kinematics` for one pose; writes `q`, returns reachable."""
     x, y, yaw = pose

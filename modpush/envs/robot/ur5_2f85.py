@@ -266,4 +266,4 @@ def _numbers(values: tuple[float, ...]) -> str:
 if __name__ == "__main__":  # rewrites the shipped files: python -m modpush.envs.robot.ur5_2f85
     for _name in TOOLS:
         urdf_path(_name).parent.mkdir(exist_ok=True)
-        urdf_path(_name).write_text(urdf_text(_name))
+        urdf_path(_name).write_text(urdf_text(_name), encoding="utf-8")

@@ -26,19 +26,23 @@ class EpisodeConditions:
     """Physics steps per second [Hz]."""
     inflation: Circle = "circumscribed"
     """Which of the object's circles gives the radius by which obstacles were inflated where it was
-    decided that an episode can be solved, and are for its shortest path. With `inscribed` every method
-    plans on a map inflated so, since there may be no way on another; with `circumscribed` there is one
-    on either, and a method plans on a map of its own."""
+    decided that an episode can be solved, and are for its shortest path. With `inscribed` a method plans
+    on a map inflated so, since there may be no way on another, unless it chooses the widest inflation
+    that leaves a path; with `circumscribed` there is a way on either map, and a method plans on a map of
+    its own."""
 
     @property
     def env_options(self) -> dict[str, Any]:
         """Time limit, tool and physics, as arguments of `PushEnv`."""
         return {name: value for name, value in asdict(self).items() if name != "inflation"}
 
-    @property
-    def agent_options(self) -> dict[str, Any]:
-        """`env_options` and, where the set asks for a certain map, `inflation` of `make_push_env`."""
-        own_map = self.inflation == "circumscribed"
+    def agent_options(self, inflation: str | float) -> dict[str, Any]:
+        """`env_options` and, where the set asks for a certain map, `inflation` of `make_push_env`.
+
+        Args:
+            inflation: The agent's own, `PushEnvConfig.inflation`; `"widest"` finds a path on every set.
+        """
+        own_map = self.inflation == "circumscribed" or inflation == "widest"
         return self.env_options if own_map else {**self.env_options, "inflation": self.inflation}
 
     def differences(self, settings: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:

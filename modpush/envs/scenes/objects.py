@@ -263,7 +263,6 @@ def get_object_of(items: Sequence[PushedObject], name: str) -> PushedObject:
     for item in items:
         if item.name == name:
             return item
-    get_object(name)  # says so if there is no such object at all
     raise ValueError(
         f"pushed_object: {name!r} was not loaded, expected one of this environment's "
         f"{[item.name for item in items]}."

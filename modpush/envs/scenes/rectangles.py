@@ -3,9 +3,9 @@
 import math
 from collections.abc import Sequence
 
-import numba
 import numpy as np
 
+from modpush._kernels import njit
 from modpush.envs.scenes.obstacle import Obstacle
 
 __all__ = ["nearest_rectangle", "obstacle_distance", "rectangles", "turned_rectangles"]
@@ -31,7 +31,7 @@ def rectangles(obstacles: Sequence[Obstacle]) -> np.ndarray:
     return np.array([(*o.pose, *o.size[:2]) for o in obstacles], dtype=np.float64).reshape(-1, 5)
 
 
-@numba.njit(cache=True)
+@njit()
 def _rectangle_distance(points: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Per point the distance to the nearest of the rectangles (x, y, yaw, length, width)."""
     turned, nearest = turned_rectangles(rows), np.empty(len(points))
@@ -40,7 +40,7 @@ def _rectangle_distance(points: np.ndarray, rows: np.ndarray) -> np.ndarray:
     return nearest
 
 
-@numba.njit(cache=True)
+@njit()
 def turned_rectangles(rows: np.ndarray) -> np.ndarray:
     """Rectangles (x, y, yaw, length, width) as `nearest_rectangle` reads them, `[n, 6]`."""
     turned = np.empty((len(rows), 6))
@@ -52,7 +52,7 @@ def turned_rectangles(rows: np.ndarray) -> np.ndarray:
     return turned
 
 
-@numba.njit(cache=True)
+@njit()
 def nearest_rectangle(x: float, y: float, turned: np.ndarray) -> float:
     """Distance from one point to the nearest rectangle [m]: 0 inside one, inf for none."""
     least = np.inf

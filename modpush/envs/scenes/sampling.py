@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import cv2
-import numba
 import numpy as np
 
 from modpush._checks import check_instance
+from modpush._kernels import njit
 from modpush.envs.robot.control import MotionConfig
 from modpush.envs.robot.ur5_2f85 import TOOLS, ToolName
 from modpush.envs.scenes.layouts import TIGHT_SCENES
@@ -240,7 +240,7 @@ def _tool_starts(
     return np.column_stack([place, yaw]), taken
 
 
-@numba.njit(cache=True)
+@njit()
 def _first_good(
     candidates: _Candidates, taken: np.ndarray, free: _FreeSpace, limits: _Limits
 ) -> tuple[int, np.ndarray]:
@@ -278,7 +278,7 @@ def _first_good(
     return -1, counts
 
 
-@numba.njit(cache=True)
+@njit()
 def _joined(sx: float, sy: float, gx: float, gy: float, free: _FreeSpace) -> bool:
     """Whether a path joins two points; no labels mean that nothing stands in the way."""
     if len(free.labels) == 0:
@@ -287,7 +287,7 @@ def _joined(sx: float, sy: float, gx: float, gy: float, free: _FreeSpace) -> boo
     return first > 0 and first == _label(gx, gy, free)
 
 
-@numba.njit(cache=True)
+@njit()
 def _label(x: float, y: float, free: _FreeSpace) -> int:
     i, j = int((x - _LOW[0]) / free.cell), int((y - _LOW[1]) / free.cell)
     last = len(free.labels) - 1
@@ -311,7 +311,7 @@ def _free_space(
     return _FreeSpace(turned, labels, cell)
 
 
-@numba.njit(cache=True)
+@njit()
 def _passable_cells(
     turned: np.ndarray, radius: float, low: np.ndarray, high: np.ndarray, cell: float
 ) -> np.ndarray:

@@ -77,6 +77,7 @@ def _probe(settings: tuple[str | None, ...]) -> str | None:
             [sys.executable, "-W", "ignore", "-c", _PROBE],
             capture_output=True,
             text=True,
+            encoding="utf-8",
             timeout=120,
         )
     except subprocess.TimeoutExpired:

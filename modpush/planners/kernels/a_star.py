@@ -3,9 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 
+from modpush._kernels import njit
 from modpush.planners.kernels.heap import heap_pop, heap_set
 from modpush.planners.kernels.maps import Maps, refresh_map
 from modpush.planners.kernels.paths import PathArrays, Queries, place_ends, write_path
@@ -18,7 +19,7 @@ _DY = np.array([0, 0, 1, -1, 1, 1, -1, -1], dtype=np.int64)
 
 
 class Steps(NamedTuple):
-    """What steps there are, and what they cost.
+    """Steps between cells and their costs.
 
     Attributes:
         weight: `[H, W]` float32, positive; `[1, 1]` stands for the same everywhere.
@@ -31,16 +32,16 @@ class Steps(NamedTuple):
     neighbours: int
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _remaining(dx: int, dy: int, neighbours: int) -> float:
-    """Length of the shortest way over (dx, dy) cells where nothing is blocked."""
+    """Length of the shortest path over (dx, dy) free cells."""
     dx, dy = abs(dx), abs(dy)
     if neighbours == 4:
         return float(dx + dy)
     return max(dx, dy) + (np.sqrt(2.0) - 1.0) * min(dx, dy)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def search_cells(
     codes: NDArray, steps: Steps, start: int, goal: int, cost: NDArray, parent: NDArray
 ) -> bool:
@@ -58,7 +59,7 @@ def search_cells(
         parent: `[H * W]` int32, overwritten with the cell before; -1 where none.
 
     Returns:
-        Whether the goal was reached.
+        True if the goal was reached.
     """
     width = codes.shape[1] - 1
     weight, neighbours = steps.weight, steps.neighbours
@@ -97,7 +98,7 @@ def search_cells(
     return False
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def plan_one(
     b: int, maps: Maps, queries: Queries, paths: PathArrays, weight: NDArray, neighbours: int
 ) -> None:
@@ -138,7 +139,7 @@ def plan_one(
     write_path(paths, b, queries, path_x[at:], path_y[at:])
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def plan_few(
     batch: int, maps: Maps, queries: Queries, paths: PathArrays, weight: NDArray, neighbours: int
 ) -> None:
@@ -147,7 +148,7 @@ def plan_few(
         plan_one(b, maps, queries, paths, weight, neighbours)
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(nogil=True, parallel=True)
 def plan_many(
     batch: int, maps: Maps, queries: Queries, paths: PathArrays, weight: NDArray, neighbours: int
 ) -> None:

@@ -3,9 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from modpush._kernels import njit
 from modpush.geometry.labels import Label
 
 _OBJECT, _ROBOT = int(Label.OBJECT), int(Label.ROBOT)
@@ -25,7 +25,7 @@ def words_per_row(width: int) -> int:
     return (width + 63) // 64
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _set_cell(bits: NDArray, u: float, v: float, height: int, width: int) -> None:
     i, j = int(np.rint(u)), int(np.rint(v))
     if 0 <= i < width and 0 <= j < height:
@@ -33,10 +33,10 @@ def _set_cell(bits: NDArray, u: float, v: float, height: int, width: int) -> Non
 
 
 class View(NamedTuple):
-    """What the camera sees of one scene.
+    """Camera images and settings of one scene.
 
     Attributes:
-        depth: `[H, W]` float32 [m]; where it is not positive and finite, nothing is seen.
+        depth: `[H, W]` float32 [m]; values that are not positive and finite mean no measurement.
         segmentation: `[H, W]` uint8, or `[0, 0]`: then what is seen within the object's radius
             around its centre counts as the object.
         object_uv: `[2]` float32, the object's centre on the table grid [px]; read without a
@@ -58,12 +58,12 @@ class View(NamedTuple):
     upright: bool
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def find_blocked(view: View, bits: NDArray) -> None:
-    """Mark the cells over which something stands that is neither object nor robot.
+    """Mark the cells below obstacles, that is all that is neither object nor robot.
 
     Args:
-        view: What the camera sees.
+        view: Images and settings.
         bits: `[H, ceil(W / 64)]` uint64, overwritten.
     """
     depth, segmentation, object_uv = view.depth, view.segmentation, view.object_uv
@@ -104,7 +104,7 @@ def find_blocked(view: View, bits: NDArray) -> None:
             bits[v, w] |= hidden[v, w] & previous[v, w]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _widen(bits: NDArray) -> None:
     """Widen every blocked run by one cell to the left and to the right, in place."""
     one, top = np.uint64(1), np.uint64(63)
@@ -118,7 +118,7 @@ def _widen(bits: NDArray) -> None:
             carried = word >> top
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def inflate_bits(bits: NDArray, radius: float, inflated: NDArray) -> None:
     """Block all cells whose centre is within a radius of a blocked cell's centre; exact.
 
@@ -149,7 +149,7 @@ def inflate_bits(bits: NDArray, radius: float, inflated: NDArray) -> None:
                         inflated[v - dy, w] |= word
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def pack_cells(cells: NDArray, bits: NDArray) -> None:
     """`[H, W]` uint8 cells, 0 or 1, to `[H, ceil(W / 64)]` uint64 bits, overwritten."""
     bits[:] = 0
@@ -158,7 +158,7 @@ def pack_cells(cells: NDArray, bits: NDArray) -> None:
             bits[v, u >> 6] |= np.uint64(cells[v, u]) << np.uint64(u & 63)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def unpack_cells(bits: NDArray, cells: NDArray) -> None:
     """`[H, ceil(W / 64)]` uint64 bits to `[H, W]` uint8 cells, overwritten with 0 and 1."""
     height, width = cells.shape

@@ -1,11 +1,12 @@
-"""Fields of shortest ways to a goal, and paths read from them, for a batch of scenes."""
+"""Fields of shortest paths to a goal, and paths read from them, for a batch of scenes."""
 
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 
+from modpush._kernels import njit
 from modpush.planners.kernels.lazy_theta_star import solve_scene
 from modpush.planners.kernels.maps import MAX_CORNERS, Maps, corner_count, refresh_map
 from modpush.planners.kernels.paths import PathArrays, Queries, place_ends, write_path
@@ -16,11 +17,11 @@ __all__ = ["Fields", "empty_fields", "plan_few", "plan_many"]
 
 
 class Fields(NamedTuple):
-    """For each scene the shortest ways from all corners to the goal.
+    """Shortest paths from all corners to the goal, for each scene.
 
     Attributes:
         goal: `[B, 2]` int64, the goal in the vertex frame, fixed point; -1 if nothing is built.
-        cost: `[B, MAX_CORNERS + 1]` float64, each corner's way to the goal [px]; the goal is last.
+        cost: `[B, MAX_CORNERS + 1]` float64, path length from each corner to the goal [px], goal last.
         parent: `[B, MAX_CORNERS + 1]` int32, the next corner on it.
         builds: `[B]` int64, how often a field was built.
     """
@@ -32,7 +33,7 @@ class Fields(NamedTuple):
 
 
 def empty_fields(batch: int) -> Fields:
-    """Room for the fields of a batch, none built yet."""
+    """Empty fields of a batch."""
     return Fields(
         goal=np.full((batch, 2), -1, dtype=np.int64),
         cost=np.empty((batch, MAX_CORNERS + 1)),
@@ -41,7 +42,7 @@ def empty_fields(batch: int) -> Fields:
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _build(b: int, maps: Maps, fields: Fields, x: int, y: int, count: int) -> None:
     nodes = maps.corners[b, : count + 1]
     nodes[count, 0], nodes[count, 1] = x, y
@@ -52,7 +53,7 @@ def _build(b: int, maps: Maps, fields: Fields, x: int, y: int, count: int) -> No
     fields.builds[b] += 1
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _first_corner(b: int, maps: Maps, fields: Fields, x: int, y: int, count: int) -> int:
     """The corner that the shortest path from (x, y) bends at first, -1 if there is no path."""
     nodes, codes = maps.corners[b, : count + 1], maps.codes[b]
@@ -77,9 +78,9 @@ def _first_corner(b: int, maps: Maps, fields: Fields, x: int, y: int, count: int
         length[best] = np.inf
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def plan_one(b: int, maps: Maps, queries: Queries, paths: PathArrays, fields: Fields) -> None:
-    """Plan scene b, building its field if map or goal are new."""
+    """Plan scene b, and build its field for a new map or goal."""
     x, y = np.empty(2, dtype=np.int64), np.empty(2, dtype=np.int64)
     if refresh_map(maps, b, queries.cells[b]):
         fields.goal[b, 0] = -1
@@ -110,14 +111,14 @@ def plan_one(b: int, maps: Maps, queries: Queries, paths: PathArrays, fields: Fi
     write_path(paths, b, queries, path_x, path_y)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def plan_few(batch: int, maps: Maps, queries: Queries, paths: PathArrays, fields: Fields) -> None:
     """Plan all scenes, one after the other."""
     for b in range(batch):
         plan_one(b, maps, queries, paths, fields)
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(nogil=True, parallel=True)
 def plan_many(batch: int, maps: Maps, queries: Queries, paths: PathArrays, fields: Fields) -> None:
     """Plan all scenes, on several threads."""
     for b in prange(batch):

@@ -5,11 +5,12 @@ The heap is three arrays of the caller: `order` `[N]` int32 holds the node numbe
 not. The caller keeps the number of nodes in it.
 """
 
-from numba import njit
 from numpy.typing import NDArray
 
+from modpush._kernels import njit
 
-@njit(cache=True, nogil=True)
+
+@njit(nogil=True)
 def _sift_up(order: NDArray, key: NDArray, slot: NDArray, at: int) -> None:
     node = order[at]
     value = key[node]
@@ -25,7 +26,7 @@ def _sift_up(order: NDArray, key: NDArray, slot: NDArray, at: int) -> None:
     slot[node] = at
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def heap_set(
     order: NDArray, key: NDArray, slot: NDArray, size: int, node: int, value: float
 ) -> int:
@@ -40,7 +41,7 @@ def heap_set(
     return size
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def heap_pop(order: NDArray, key: NDArray, slot: NDArray, size: int) -> int:
     """Take out the node with the smallest key, `order[0]`; returns it. The size falls by one."""
     top = order[0]

@@ -1,19 +1,20 @@
-"""Lazy Theta*, over the corners that matter or over the whole grid, for a batch of scenes."""
+"""Lazy Theta*, over convex corners or over the whole grid, for a batch of scenes."""
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 
+from modpush._kernels import njit
 from modpush.planners.kernels.maps import MAX_CORNERS, Maps, corner_count, refresh_map
 from modpush.planners.kernels.paths import PathArrays, Queries, place_ends, write_path
 from modpush.planners.kernels.taut_search import taut_search
-from modpush.planners.kernels.theta_star import solve_over_grid
+from modpush.planners.kernels.theta_search import solve_over_grid
 from modpush.planners.kernels.visibility import line_of_sight
 
 __all__ = ["plan_few", "plan_many", "solve_scene"]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _solve_over_corners(
     b: int, maps: Maps, queries: Queries, x: NDArray, y: NDArray, paths: PathArrays
 ) -> None:
@@ -39,7 +40,7 @@ def _solve_over_corners(
     write_path(paths, b, queries, path_x, path_y)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def solve_scene(
     b: int,
     maps: Maps,
@@ -49,16 +50,16 @@ def solve_scene(
     over_grid: bool,
     paths: PathArrays,
 ) -> None:
-    """Plan scene b; its map is known and its ends are placed."""
+    """Plan scene b, with its map cached and its ends in free space."""
     if line_of_sight(maps.codes[b], x[0], y[0], x[1], y[1]):
         write_path(paths, b, queries, x, y)
     elif over_grid or corner_count(maps, b) > MAX_CORNERS:
-        solve_over_grid(b, maps, queries, x, y, True, paths)
+        solve_over_grid(b, maps, queries, x, y, paths)
     else:
         _solve_over_corners(b, maps, queries, x, y, paths)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def plan_one(b: int, maps: Maps, queries: Queries, paths: PathArrays, over_grid: bool) -> None:
     """Plan scene b."""
     x, y = np.empty(2, dtype=np.int64), np.empty(2, dtype=np.int64)
@@ -67,14 +68,14 @@ def plan_one(b: int, maps: Maps, queries: Queries, paths: PathArrays, over_grid:
         solve_scene(b, maps, queries, x, y, over_grid, paths)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def plan_few(batch: int, maps: Maps, queries: Queries, paths: PathArrays, over_grid: bool) -> None:
     """Plan all scenes, one after the other."""
     for b in range(batch):
         plan_one(b, maps, queries, paths, over_grid)
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(nogil=True, parallel=True)
 def plan_many(batch: int, maps: Maps, queries: Queries, paths: PathArrays, over_grid: bool) -> None:
     """Plan all scenes, on several threads."""
     for b in prange(batch):

@@ -1,11 +1,11 @@
-"""What the searches keep about each scene's map from one call to the next."""
+"""Cache of each scene's map and its corners between calls of the searches."""
 
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from modpush._kernels import njit
 from modpush.planners.kernels.visibility import convex_corners, vertex_codes
 
 __all__ = ["MAX_CORNERS", "Maps", "corner_count", "empty_maps", "refresh_map"]
@@ -17,7 +17,7 @@ _UNKNOWN = -1
 
 
 class Maps(NamedTuple):
-    """The last map seen in each row of the batch, with what follows from it.
+    """The last map of each scene of the batch, and quantities computed from it.
 
     Attributes:
         cells: `[B, H, W]` uint8, the map, 1 where blocked; 255 before the first.
@@ -34,7 +34,7 @@ class Maps(NamedTuple):
 
 
 def empty_maps(batch: int, height: int, width: int) -> Maps:
-    """Room for the maps of a batch, none known yet."""
+    """An empty cache for the maps of a batch."""
     return Maps(
         cells=np.full((batch, height, width), 255, dtype=np.uint8),
         codes=np.zeros((batch, height + 1, width + 1), dtype=np.uint8),
@@ -43,9 +43,9 @@ def empty_maps(batch: int, height: int, width: int) -> Maps:
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def refresh_map(maps: Maps, b: int, cells: NDArray) -> bool:
-    """Take note of scene b's map; returns whether it differs from the last one."""
+    """Store scene b's map; returns True if it differs from the last one."""
     new, old = cells.ravel(), maps.cells[b].ravel()
     difference = np.uint8(0)
     for i in range(new.size):
@@ -58,9 +58,9 @@ def refresh_map(maps: Maps, b: int, cells: NDArray) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def corner_count(maps: Maps, b: int) -> int:
-    """Number of scene b's convex corners, listed if they are not yet."""
+    """Number of scene b's convex corners, which are listed if they have not been."""
     if maps.corner_counts[b] < 0:
         maps.corner_counts[b] = convex_corners(maps.codes[b], maps.corners[b, :MAX_CORNERS])
     return maps.corner_counts[b]

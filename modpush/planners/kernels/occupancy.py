@@ -3,9 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 
+from modpush._kernels import njit
 from modpush.planners.kernels.bit_grid import (
     View,
     find_blocked,
@@ -27,7 +28,7 @@ __all__ = [
 
 
 class Views(NamedTuple):
-    """What a camera sees of a batch of scenes; fields as in `bit_grid.View`, `[B, ...]` where arrays.
+    """Camera images and settings of a batch; fields as in `bit_grid.View`, arrays `[B, ...]`.
 
     Attributes:
         depth: `[B, H, W]` float32 [m].
@@ -53,7 +54,7 @@ class Views(NamedTuple):
 
 
 class Inflated(NamedTuple):
-    """What was inflated last in each row of the batch.
+    """Cache of the last inflated grid of each scene of the batch.
 
     Attributes:
         bits: `[B, H, ceil(W / 64)]` uint64, the cells before inflation.
@@ -67,7 +68,7 @@ class Inflated(NamedTuple):
 
 
 def empty_inflated(batch: int, height: int, width: int) -> Inflated:
-    """Room for the grids of a batch, none inflated yet."""
+    """An empty cache for the grids of a batch."""
     return Inflated(
         bits=np.zeros((batch, height, words_per_row(width)), dtype=np.uint64),
         radius=np.full(batch, -1.0),
@@ -75,7 +76,7 @@ def empty_inflated(batch: int, height: int, width: int) -> Inflated:
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def inflate_one(b: int, cells: NDArray, radius: NDArray, out: NDArray) -> None:
     """Inflate scene b: `[B, H, W]` uint8 cells by `[B]` radii [px]."""
     words = (cells.shape[2] + 63) // 64
@@ -86,32 +87,32 @@ def inflate_one(b: int, cells: NDArray, radius: NDArray, out: NDArray) -> None:
     unpack_cells(inflated, out[b])
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def inflate_few(batch: int, cells: NDArray, radius: NDArray, out: NDArray) -> None:
     """Inflate all scenes, one after the other."""
     for b in range(batch):
         inflate_one(b, cells, radius, out)
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(nogil=True, parallel=True)
 def inflate_many(batch: int, cells: NDArray, radius: NDArray, out: NDArray) -> None:
     """Inflate all scenes, on several threads."""
     for b in prange(batch):
         inflate_one(b, cells, radius, out)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def observe_one(
     b: int, views: Views, last: Inflated, bits: NDArray, changed: NDArray, out: NDArray
 ) -> None:
-    """Scene b from depth to inflated cells; what was inflated last is used again if it still holds.
+    """Scene b from depth to inflated cells; the cached grid is used where it is still valid.
 
     Args:
         b: Scene.
-        views: What the camera sees.
+        views: Images and settings.
         last: What was inflated last, kept up to date.
         bits: `[B, H, ceil(W / 64)]` uint64, overwritten with the cells before inflation.
-        changed: `[B]` bool, overwritten: whether the cells had to be inflated anew.
+        changed: `[B]` bool, overwritten: True where the cells were inflated.
         out: `[B, H, W]` uint8, overwritten with the inflated cells.
     """
     view = View(
@@ -139,7 +140,7 @@ def observe_one(
     out[b] = last.cells[b]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def observe_few(
     batch: int, views: Views, last: Inflated, bits: NDArray, changed: NDArray, out: NDArray
 ) -> None:
@@ -148,7 +149,7 @@ def observe_few(
         observe_one(b, views, last, bits, changed, out)
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(nogil=True, parallel=True)
 def observe_many(
     batch: int, views: Views, last: Inflated, bits: NDArray, changed: NDArray, out: NDArray
 ) -> None:

@@ -1,11 +1,11 @@
-"""What the searches are asked, and how they hand out paths."""
+"""Queries and results of the searches."""
 
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from modpush._kernels import njit
 from modpush.planners.kernels.maps import Maps
 from modpush.planners.kernels.visibility import ONE, place
 
@@ -13,7 +13,7 @@ __all__ = ["PathArrays", "Queries", "empty_paths", "place_ends", "write_path"]
 
 
 class Queries(NamedTuple):
-    """What a batch of scenes is planned for.
+    """Maps and ends of a batch of scenes.
 
     Attributes:
         cells: `[B, H, W]` uint8, 1 where blocked.
@@ -29,7 +29,7 @@ class Queries(NamedTuple):
 
 
 class PathArrays(NamedTuple):
-    """Where the searches write a batch of paths; see `modpush.planners.Paths`.
+    """Arrays for a batch of paths; see `modpush.planners.Paths`.
 
     Attributes:
         waypoints: `[B, capacity, 2]` float32 (u, v) [px].
@@ -49,7 +49,7 @@ class PathArrays(NamedTuple):
 
 
 def empty_paths(batch: int, capacity: int) -> PathArrays:
-    """Room for a batch of paths of up to `capacity` waypoints."""
+    """Arrays for a batch of paths of up to `capacity` waypoints."""
     return PathArrays(
         waypoints=np.empty((batch, capacity, 2), dtype=np.float32),
         sizes=np.zeros(batch, dtype=np.int64),
@@ -60,7 +60,7 @@ def empty_paths(batch: int, capacity: int) -> PathArrays:
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def place_ends(
     maps: Maps, b: int, queries: Queries, x: NDArray, y: NDArray, paths: PathArrays
 ) -> bool:
@@ -75,7 +75,7 @@ def place_ends(
         paths: Where the result goes.
 
     Returns:
-        Whether there is any free cell.
+        True if there is something to search: a free cell, and a goal that is not the start.
     """
     start, goal = queries.start[b], queries.goal[b]
     x[0], y[0], paths.start_moved[b] = place(maps.codes[b], start[0], start[1])
@@ -85,10 +85,15 @@ def place_ends(
     paths.length[b] = np.inf
     paths.waypoints[b, :, 0] = start[0]
     paths.waypoints[b, :, 1] = start[1]
+    if x[0] >= 0 and start[0] == goal[0] and start[1] == goal[1]:
+        # Also where that is a blocked cell: it need not be left for a free one and entered again.
+        paths.waypoints[b, :, 0], paths.waypoints[b, :, 1] = goal[0], goal[1]
+        paths.found[b], paths.sizes[b], paths.length[b] = True, 2, 0.0
+        return False
     return x[0] >= 0
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _add_waypoint(paths: PathArrays, b: int, u: float, v: float) -> None:
     at = paths.sizes[b]
     if at < paths.waypoints.shape[1]:
@@ -97,12 +102,12 @@ def _add_waypoint(paths: PathArrays, b: int, u: float, v: float) -> None:
     paths.sizes[b] = at + 1
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def write_path(paths: PathArrays, b: int, queries: Queries, x: NDArray, y: NDArray) -> None:
     """Write scene b's path.
 
     Args:
-        paths: Where to.
+        paths: Arrays to write to.
         b: Scene.
         queries: The ends as asked for.
         x: `[N]` int64, N >= 2, the path's x in the vertex frame, fixed point, ends as placed.

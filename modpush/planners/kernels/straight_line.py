@@ -1,8 +1,9 @@
-"""The straight line, where nothing is in the way."""
+"""The straight line, where it is free."""
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from modpush._kernels import njit
 from modpush.planners.kernels.maps import Maps, refresh_map
 from modpush.planners.kernels.paths import PathArrays, Queries, place_ends, write_path
 from modpush.planners.kernels.visibility import line_of_sight
@@ -10,7 +11,7 @@ from modpush.planners.kernels.visibility import line_of_sight
 __all__ = ["plan_few", "plan_many"]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def plan_one(b: int, maps: Maps, queries: Queries, paths: PathArrays) -> None:
     """Plan scene b."""
     x, y = np.empty(2, dtype=np.int64), np.empty(2, dtype=np.int64)
@@ -21,14 +22,14 @@ def plan_one(b: int, maps: Maps, queries: Queries, paths: PathArrays) -> None:
         write_path(paths, b, queries, x, y)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def plan_few(batch: int, maps: Maps, queries: Queries, paths: PathArrays) -> None:
     """Plan all scenes, one after the other."""
     for b in range(batch):
         plan_one(b, maps, queries, paths)
 
 
-@njit(cache=True, nogil=True, parallel=True)
+@njit(nogil=True, parallel=True)
 def plan_many(batch: int, maps: Maps, queries: Queries, paths: PathArrays) -> None:
     """Plan all scenes, on several threads."""
     for b in prange(batch):

@@ -1,34 +1,34 @@
-"""Exact shortest paths on a grid of blocked cells: a search over corners, lines of sight seen late.
+"""Exact shortest paths on a grid of blocked cells: a search over corners with lazy lines of sight.
 
 A shortest path around blocked cells is a string pulled taut: it bends only at convex corners, and
-at each of them around the blocked cell. So the corners are all the nodes that are needed, and of
-the corners that one might go on to only those in the narrow wedge that keeps the string taut. As in
-Lazy Theta*, an edge waits in the queue unseen, and its line of sight is asked for once, when it
-comes to be taken: then it is the shortest way on that is left, and if it is free it is final.
+at each of them around the blocked cell. So the corners are all the nodes that are needed, and the
+successors of a corner are only those in the narrow wedge that keeps the string taut. As in Lazy
+Theta*, an edge is queued unchecked, and its line of sight is tested once, when it is taken from the
+queue: it is then the shortest edge that is left, and final if it is free.
 
 Source: the lazy rule from Nash, Koenig, Tovey, "Lazy Theta*" (AAAI 2010); taut paths from Oh and
 Leong, "Edge N-Level Sparse Visibility Graphs" (SoCS 2017), and Lozano-Pérez and Wesley (CACM 1979).
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from modpush._kernels import njit
 from modpush.planners.kernels.visibility import ONE, line_of_sight
 
 _FIRST_EDGES = 2048
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def length_of(dx: int, dy: int) -> float:
     """Length in cells of a vector in fixed point."""
     fx, fy = float(dx), float(dy)
     return np.sqrt(fx * fx + fy * fy) / ONE
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def touches(dx: int, dy: int, bx: int, by: int) -> bool:
-    """Say whether a line in direction (dx, dy) through a corner stays out of its blocked cell.
+    """True if a line in direction (dx, dy) through a corner stays out of its blocked cell.
 
     Args:
         dx: Direction, x.
@@ -39,9 +39,9 @@ def touches(dx: int, dy: int, bx: int, by: int) -> bool:
     return (dx * bx) * (dy * by) <= 0
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def stays_taut(ax: int, ay: int, cx: int, cy: int, bx: int, by: int) -> bool:
-    """Say whether a string that comes along (ax, ay) and leaves along (cx, cy) bends round a cell.
+    """True if a string that arrives along (ax, ay) and leaves along (cx, cy) bends around a cell.
 
     Args:
         ax: Direction in which the string arrives at the corner, x; it `touches`.
@@ -62,7 +62,7 @@ def stays_taut(ax: int, ay: int, cx: int, cy: int, bx: int, by: int) -> bool:
     return turn <= 0
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _push_edge(
     key: NDArray, ends: NDArray, size: int, value: float, a: int, b: int
 ) -> tuple[NDArray, NDArray]:
@@ -86,7 +86,7 @@ def _push_edge(
     return key, ends
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _drop_first_edge(key: NDArray, ends: NDArray, size: int) -> None:
     """Take the first of `size` edges out of the heap."""
     last = size - 1
@@ -107,7 +107,7 @@ def _drop_first_edge(key: NDArray, ends: NDArray, size: int) -> None:
     ends[at, 0], ends[at, 1] = a, b
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def taut_search(
     codes: NDArray,
     nodes: NDArray,

@@ -1,17 +1,17 @@
 """Exact visibility among the blocked cells of a grid: vertices, line of sight, nearest free cell.
 
-The kernels below are what every any-angle planner here stands on. Their world is the grid's
-*vertex frame*: cell (i, j) covers the square [i, i+1] x [j, j+1], so that the cells' corners, which
-are what shortest paths bend at, have whole coordinates. The vertex frame is the pixel frame (cell
-centres at integers) shifted by half a cell. Points are held in fixed point with `FRACTION_BITS`
-bits behind the point, so that every question of visibility is answered in integers, without a
-tolerance: a line may touch a blocked cell's corner or run along its side, it may not enter its
-inside, nor slip between two blocked cells that meet in a point.
+All any-angle planners use the kernels below. Coordinates are in the grid's *vertex frame*: cell (i, j)
+covers the square [i, i+1] x [j, j+1], so that the cells' corners, at which shortest paths bend, have
+integer coordinates. The vertex frame is the pixel frame (cell centres at integers) shifted by half a
+cell. Points are in fixed point with `FRACTION_BITS` fractional bits, so that visibility is computed
+in integers, without a tolerance: a line may touch a blocked cell's corner or run along its side, but
+neither enter its interior nor pass between two blocked cells that meet in a point.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from modpush._kernels import njit
 
 # 16 bits hold every float32 pixel coordinate from 128 on exactly, and others to 8e-6 px; with grids
 # of up to 4096 cells a side, products of two coordinates stay below 2^57.
@@ -19,13 +19,13 @@ FRACTION_BITS = 16
 ONE = 1 << FRACTION_BITS
 MAX_SIDE = 4096
 
-# Which of the four cells at a vertex are blocked (y points down the image, as rows do).
+# Bits of the blocked cells among the four at a vertex (y points down the image, as rows do).
 NW, NE, SW, SE = 1, 2, 4, 8
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def vertex_codes(cells: NDArray, codes: NDArray) -> None:
-    """Write for each vertex which of its four cells are blocked; the outside counts as blocked.
+    """Write the mask of blocked cells at each vertex; the outside counts as blocked.
 
     Args:
         cells: `[H, W]` uint8, 1 where blocked and 0 elsewhere.
@@ -53,9 +53,9 @@ def vertex_codes(cells: NDArray, codes: NDArray) -> None:
                 row[x] += np.uint8(4) * below[x - 1] + np.uint8(8) * below[x]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def convex_corners(codes: NDArray, corners: NDArray) -> int:
-    """List the vertices with exactly one blocked cell: the only ones a shortest path bends at.
+    """List the vertices with exactly one blocked cell, the only ones at which shortest paths bend.
 
     Args:
         codes: `[H + 1, W + 1]` uint8 from `vertex_codes`.
@@ -94,7 +94,7 @@ def convex_corners(codes: NDArray, corners: NDArray) -> int:
     return count
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _visible_along_row(codes: NDArray, y: int, x0: int, x1: int) -> bool:
     """Line of sight between (x0, y) and (x1, y), x0 < x1, all in fixed point."""
     first, last = x0 >> FRACTION_BITS, (x1 - 1) >> FRACTION_BITS
@@ -112,7 +112,7 @@ def _visible_along_row(codes: NDArray, y: int, x0: int, x1: int) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _visible_along_column(codes: NDArray, x: int, y0: int, y1: int) -> bool:
     """Line of sight between (x, y0) and (x, y1), y0 < y1, all in fixed point."""
     first, last = y0 >> FRACTION_BITS, (y1 - 1) >> FRACTION_BITS
@@ -131,9 +131,9 @@ def _visible_along_column(codes: NDArray, x: int, y0: int, y1: int) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def line_of_sight(codes: NDArray, x0: int, y0: int, x1: int, y1: int) -> bool:
-    """Say whether the segment stays out of every blocked cell's inside.
+    """True if a segment crosses no blocked cell's interior.
 
     Args:
         codes: `[H + 1, W + 1]` uint8 from `vertex_codes`.
@@ -193,7 +193,7 @@ def line_of_sight(codes: NDArray, x0: int, y0: int, x1: int, y1: int) -> bool:
             return False
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def to_fixed(u: float, side: int) -> int:
     """Pixel coordinate to the vertex frame in fixed point, clamped to the grid's inside."""
     if u <= -0.5:
@@ -203,7 +203,7 @@ def to_fixed(u: float, side: int) -> int:
     return min(max(int(np.rint((u + 0.5) * ONE)), 1), (side << FRACTION_BITS) - 1)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def nearest_free_cell(codes: NDArray, x: int, y: int) -> tuple[int, int]:
     """The free cell whose centre is nearest to a point, (-1, -1) if all are blocked.
 
@@ -239,9 +239,9 @@ def nearest_free_cell(codes: NDArray, x: int, y: int) -> tuple[int, int]:
     return best_i, best_j
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def place(codes: NDArray, u: float, v: float) -> tuple[int, int, bool]:
-    """Put a query point into free space.
+    """Move a query point into free space.
 
     A point outside the grid or in a blocked cell goes to the centre of the nearest free cell. A
     point on the line between cells is taken as lying in a free one of them, 2^-16 px inside, so

@@ -1,4 +1,4 @@
-"""The corridor controller at work: moves by hand, episodes in a kinematic world, state."""
+"""The corridor controller: episodes in a kinematic world, its state, keys and inputs."""
 
 import copy
 import math
@@ -11,43 +11,9 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase, InitTracker, TransformedEnv, check_env_specs
 
 from modpush.agents import CorridorConfig, PushingCorridorController, faithful_config
-from modpush.agents.corridor.push_learning import Stance
-from modpush.agents.corridor.push_motion import push_velocity, turn_wide_side
-from modpush.agents.corridor.rules import RULES
-from modpush.agents.corridor.scene import CorridorScene
-from modpush.geometry import Camera
 from tests.agents.point_pusher import PointPusher
 
 GAP = [(0.44, 0.50, -0.40, -0.06), (0.44, 0.50, 0.06, 0.40)]
-
-
-def motion(push, relocate, near, has_moved, alpha=0.3, alpha_p=0.0, config=None):
-    config = config or CorridorConfig(inversion=0.6)
-    now = CorridorScene(
-        camera=Camera(),
-        obstacle_distance=[],
-        object_position=torch.tensor([[0.4, 0.0]]),
-        object_radius=torch.tensor([0.08 if near else 0.02]),  # the tool is 10 cm away
-        tool_position=torch.tensor([[0.3, 0.0]]),
-        tool_yaw=torch.zeros(1),
-        goal=torch.zeros(1, 2),
-        touch_radius=torch.full((1,), torch.inf),
-    )
-    numbers = (torch.tensor([value]) for value in (alpha, alpha_p, push, relocate))
-    moved = torch.tensor([has_moved])
-    return push_velocity(now, Stance(*numbers), moved, config, RULES[config.rules])[0].tolist()
-
-
-def test_moves_by_hand():
-    # The tool is behind the object on x; alpha_p - alpha < 0 turns "aside" to +y.
-    assert motion(0.9, 0.4, True, True) == pytest.approx([0.9, 0.4])  # pushes
-    assert motion(0.9, 0.4, True, True, alpha=-0.3) == pytest.approx([0.9, -0.4])
-    assert motion(0.6, 0.8, True, True) == pytest.approx([-0.08, 0.8])  # inverts
-    assert motion(0.6, 0.8, False, False) == pytest.approx([1.0, 0.8])  # first approach
-    assert motion(0.6, 0.8, False, True) == pytest.approx([0.6, 0.8])  # comes back
-    assert motion(0.8, 0.6, True, True) == pytest.approx([-0.06, 0.6])  # from 0.6 on ...
-    faithful = motion(0.8, 0.6, True, True, config=faithful_config())
-    assert faithful == pytest.approx([0.8, 0.6])  # ... beyond it in the authors' code
 
 
 def run(world, controller, steps=200):
@@ -93,7 +59,7 @@ def test_pushes_a_disc_through_a_gap():
     assert path[crossing][:, 1].abs().max() < 0.06
 
 
-def test_learns_only_from_pushes_that_went_straighter():
+def test_learns_only_from_straighter_pushes():
     world = random_world(4, 2)
     _, tensordict = run(world, PushingCorridorController(), steps=40)
     state = tensordict["next", "corridor"]
@@ -124,7 +90,7 @@ def test_a_batch_gives_what_its_scenes_give_alone():
 
 
 @pytest.mark.parametrize("how", ["is_init", "zero state", "other goal"])
-def test_a_new_episode_begins_anew_and_leaves_the_others_alone(how):
+def test_a_new_episode_resets_its_scene_and_no_other(how):
     controller = PushingCorridorController()
     world, second = two_steps(controller)
     kept = controller(second.clone())["next", "corridor"]
@@ -146,7 +112,7 @@ def test_a_new_episode_begins_anew_and_leaves_the_others_alone(how):
         assert torch.equal(out["path"][b], kept["path"][b])
 
 
-def test_inputs_and_the_old_state_are_left_alone():
+def test_inputs_and_the_old_state_are_not_changed():
     controller = PushingCorridorController()
     _, second = two_steps(controller)
     before, state = second.clone(), second["corridor"]
@@ -210,7 +176,7 @@ def test_rollouts_carry_the_state_and_restart_it(how):
     assert torch.equal(rollout["action"][0, 8], rollout["action"][0, 0])
 
 
-def test_copies_and_pickles_act_alike():
+def test_copies_and_pickles_give_the_same_actions():
     controller = PushingCorridorController()
     _, second = two_steps(controller)
     expected = controller(second.clone())["action"]
@@ -223,7 +189,7 @@ def test_nested_keys():
     plain = world.observe()
     nested = TensorDict(
         {
-            "eye": {"depth": plain["depth"], "seg": plain["segmentation"]},
+            "camera": {"depth": plain["depth"], "labels": plain["segmentation"]},
             "pose": {"object": plain["object_pose"], "tool": plain["ee_pose"]},
             "task": {"goal": plain["goal_position"], "radius": plain["object_radius"]},
             "episode": {"first": torch.ones(2, 1, dtype=torch.bool)},
@@ -231,8 +197,8 @@ def test_nested_keys():
         batch_size=[2],
     )
     out = PushingCorridorController(
-        depth_key=("eye", "depth"),
-        segmentation_key=("eye", "seg"),
+        depth_key=("camera", "depth"),
+        segmentation_key=("camera", "labels"),
         object_pose_key=("pose", "object"),
         ee_pose_key=("pose", "tool"),
         goal_position_key=("task", "goal"),
@@ -266,27 +232,8 @@ def test_missing_keys_are_named():
         PushingCorridorController()(random_world(1, 0).observe().exclude("segmentation"))
 
 
-@pytest.mark.parametrize(
-    ("kwargs", "message"),
-    [
-        ({"prior_count": 5.0}, r"prior_count must exceed prior_strength, got 5\.0 and 5\.84"),
-        ({"action_length": 0.0}, r"action_length must be > 0, got 0\.0"),
-        ({"max_angles": 0}, "max_angles must be >= 1, got 0"),
-        ({"neighbours": 6}, "neighbours must be 4 or 8, got 6"),
-        ({"rules": "strict"}, "rules must be 'mended' or 'faithful', got 'strict'"),
-    ],
-)
-def test_bad_numbers_are_refused(kwargs, message):
-    with pytest.raises(ValueError, match=message):
-        CorridorConfig(**kwargs)
-
-
-def test_the_wide_side_faces_the_way_the_shorter_way_round():
-    # The wide side lies along x at yaw 0, so that it faces a way along y; any half turn is the same.
-    way = torch.tensor([math.pi / 2, math.pi / 2, 0.0, 0.0])
-    yaw = torch.tensor([0.0, math.pi, math.pi / 2 - 0.02, -math.pi / 2 + 0.02])
-    turn = turn_wide_side(way, yaw, 0.05)
-    assert turn.tolist() == pytest.approx([0.0, 0.0, 0.4, -0.4], abs=1e-5)
-    assert turn_wide_side(torch.zeros(1), torch.ones(1), 0.05).item() == pytest.approx(
-        1.0
-    )  # clipped
+def test_a_prior_longer_than_its_count_is_refused():
+    with pytest.raises(
+        ValueError, match=r"prior_count must exceed prior_strength, got 5\.0 and 5\.84"
+    ):
+        CorridorConfig(prior_count=5.0)

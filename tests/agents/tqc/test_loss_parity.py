@@ -8,8 +8,7 @@ from torchrl.data import Bounded
 from torchrl.modules import MLP, ProbabilisticActor, TanhNormal, ValueOperator
 from torchrl.objectives import TQCLoss as TorchRLTQCLoss
 
-from modpush.agents import TQCLoss, make_actor as make_own_actor
-from modpush.agents.tqc.relu_mlp import ReluMLP
+from modpush.agents import TQCLoss, make_actor as make_own_actor, make_critic as make_own_critic
 from tests.agents.tqc.tqc_builders import (
     ACT,
     ATOMS,
@@ -86,8 +85,12 @@ def linear_critic():
     return make_critic(num_cells=[])
 
 
-def relu_mlp_critic():
-    return ValueOperator(ReluMLP(OBS + ACT, ATOMS, CELLS), in_keys=["observation", "action"])
+def our_critic():
+    return make_own_critic(OBS, ACT, ATOMS, CELLS)
+
+
+def our_layer_norm_critic():
+    return make_own_critic(OBS, ACT, ATOMS, CELLS, layer_norm=True)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
@@ -99,7 +102,8 @@ def relu_mlp_critic():
         gelu_critic,
         biasless_critic,
         linear_critic,
-        relu_mlp_critic,
+        our_critic,
+        our_layer_norm_critic,
     ],
 )
 def test_every_kind_of_critic(critic, dtype):
@@ -110,11 +114,10 @@ def our_actor():
     return make_own_actor(OBS, Bounded(-1, 1, (ACT,)), CELLS)
 
 
-# Below and above the batch from which oneDNN multiplies.
 @pytest.mark.parametrize("size", [9, 96])
 @pytest.mark.parametrize("actor", [make_actor, our_actor])
 @pytest.mark.parametrize(
-    "critic", [make_critic, layer_norm_critic, gelu_critic, biasless_critic, relu_mlp_critic]
+    "critic", [make_critic, layer_norm_critic, gelu_critic, biasless_critic, our_critic]
 )
 def test_under_autocast(critic, actor, size):
     assert_same_as_torchrl(make_batch(size), critic=critic, actor=actor, autocast=True)

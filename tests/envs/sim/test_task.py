@@ -246,6 +246,29 @@ def test_maniskill_state_round_trip() -> None:
     task.close()
 
 
+def test_a_state_of_another_layout_is_refused() -> None:
+    task = ClutterPushEnv(obs_mode="none", scene="posts", render_mode="none")
+    assert task.render_mode is None
+    task.reset(seed=3)
+    state, flat, scenario = task.get_state_dict(), task.get_state(), task.scenarios[0]
+    other = {
+        "goal": replace(scenario, goal_position=(0.5, 0.1)),
+        "obstacles": replace(scenario, obstacles=scenario.obstacles[1:]),
+    }
+    for changed in other.values():
+        task.reset(options={"scenarios": [changed]})
+        with pytest.raises(
+            ValueError, match="state must be of the present goal, object and obstacles"
+        ):
+            task.set_state_dict(state)
+        with pytest.raises(ValueError, match="set_state: state must be of the present goal"):
+            task.set_state(flat)
+    task.reset(options={"scenarios": [scenario]})
+    task.set_state_dict(state)
+    task.set_state_dict({k: v for k, v in state.items() if k != "layout"})  # as recorded by others
+    task.close()
+
+
 def test_the_state_holds_movable_obstacles() -> None:
     task = ClutterPushEnv(obs_mode="none", dynamic_obstacles=True)
     bars = [Obstacle((0.05, 0.05, 0.05), (0.6, y, 0.0)) for y in (-0.2, 0.0, 0.2)]

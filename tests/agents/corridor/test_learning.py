@@ -10,14 +10,15 @@ from scipy import stats
 from scipy.integrate import quad
 from scipy.special import i0
 
-from modpush.agents import CorridorConfig
-from modpush.agents.corridor import authors_code
-from modpush.agents.corridor.push_learning import activations
-from modpush.agents.corridor.rules import FAITHFUL, MENDED
-from modpush.agents.corridor.von_mises import (
+from modpush.agents import CorridorConfig, PushingCorridorController
+from modpush.agents.corridor import authors_code, learning
+from modpush.agents.corridor.learning import (
+    activations,
     bessel_ratio,
     concentration,
+    correction,
     fit_angles,
+    learn,
     preferred_angle,
 )
 
@@ -28,7 +29,7 @@ def d(*values):
     return torch.tensor(values, dtype=torch.float64)
 
 
-def test_the_authors_wrapping_is_wrong_on_both_sides():
+def test_the_wrapping_of_the_authors_is_wrong_on_both_sides():
     # 3.5 should become 3.5 - 2 pi = -2.783 and becomes pi - 3.5 = -0.358; -4 is right by luck.
     out = authors_code.wrap_angle(d(1.0, -1.0, 3.5, -4.0, -7.0))
     expected = d(1.0, -1.0, math.pi - 3.5, 2 * math.pi - 4, 7 - 2 * math.pi)
@@ -47,7 +48,7 @@ def test_concentration_at_the_ends():
     assert (out[1:] > 1e5).all()
 
 
-def test_the_prior_s_mode_is_kappa_3_37():
+def test_the_mode_of_the_prior_is_kappa_3_37():
     # I1(k) / I0(k) = 5.84 / 7 = 0.8343 at k = 3.37.
     mu, kappa = fit_angles(torch.zeros(1, 4).double(), torch.zeros(1, 4).bool(), PRIOR)
     assert mu.item() == 0
@@ -84,7 +85,7 @@ def test_much_evidence_outweighs_the_prior():
     assert kappa.item() == pytest.approx(8.0, rel=0.08)
 
 
-def test_the_authors_posterior_is_pinned():
+def test_the_posterior_of_the_authors_keeps_kappa_at_50():
     none = torch.zeros(1, 3).bool()
     mu, kappa = authors_code.fit_angles(torch.zeros(1, 3).double(), none, PRIOR)
     assert (mu.item() % (2 * math.pi), kappa.item()) == (0.0, 50.0)
@@ -110,6 +111,20 @@ def test_preferred_angles_by_hand():
         assert mean(alphas, ~valid & False, mu, kappa).item() == 0
 
 
+@pytest.mark.parametrize("rules", [learning, authors_code])
+def test_a_scene_s_angles_do_not_depend_on_how_many_another_scene_has(rules):
+    generator = torch.Generator().manual_seed(0)
+    alphas = torch.randn(50, 61, dtype=torch.float64, generator=generator) / 3
+    count = 9  # the places after them are empty, and there only if another scene has so many
+    valid = (torch.arange(61) < count).expand_as(alphas)
+    found = []
+    for noted in (count, 61):
+        given = alphas[:, :noted], valid[:, :noted]
+        mu, kappa = rules.fit_angles(*given, CorridorConfig())
+        found.append(torch.stack([mu, kappa, rules.preferred_angle(*given, mu, kappa)]))
+    assert torch.equal(*found)
+
+
 def test_the_mean_of_angles_across_the_cut_is_on_the_right_side():
     alphas, valid = d(math.pi - 0.1, -math.pi + 0.1)[None], torch.ones(1, 2).bool()
     mu, kappa = d(math.pi), d(3.0)
@@ -119,7 +134,7 @@ def test_the_mean_of_angles_across_the_cut_is_on_the_right_side():
 
 def test_activations_by_hand():
     # kappa 3.37, mu 0: at 0.5 rad psi_push = exp(3.37 (cos 0.5 - 1)) = 0.66196.
-    push, relocate = activations(d(0.5, 0.0), d(-2.0, 0.0), d(0.0, 0.0), d(3.37, 3.37), MENDED)
+    push, relocate = activations(d(0.5, 0.0), d(-2.0, 0.0), d(0.0, 0.0), d(3.37, 3.37))
     assert push.tolist() == pytest.approx([0.66196, 1.0], abs=1e-5)
     assert relocate.tolist() == pytest.approx([math.sqrt(1 - 0.66196**2), 0.0], abs=1e-4)
 
@@ -129,23 +144,37 @@ def test_relocation_begins_at_the_published_angles():
     for kappa, degrees in ((3.5, 20.6), (50.0, 5.4)):
         around = d(math.radians(degrees - 0.1), math.radians(degrees + 0.1))
         far = d(3.0, 3.0)  # nothing preferred nearby
-        _, relocate = activations(around, far, d(0.0, 0.0), d(kappa, kappa), MENDED)
+        _, relocate = activations(around, far, d(0.0, 0.0), d(kappa, kappa))
         assert relocate[0] < 0.6 < relocate[1]
 
 
-def test_near_the_preferred_angle_the_way_to_it_counts():
+def test_near_the_preferred_angle_the_deviation_is_measured_from_it():
     # alpha 0.5, alpha_p 0.4: within pi/8, and nearer than straight behind.
-    push, _ = activations(d(0.5), d(0.4), d(0.3), d(4.0), MENDED)
+    push, _ = activations(d(0.5), d(0.4), d(0.3), d(4.0))
     assert push.item() == pytest.approx(math.exp(4 * (math.cos(0.1) - 1)))
-    push, _ = activations(d(0.5), d(0.4), d(0.3), d(4.0), FAITHFUL)
+    push, _ = activations(d(0.5), d(0.4), d(0.3), d(4.0), faithful=True)
     assert push.item() == pytest.approx(math.exp(4 * (math.cos(-0.1 - 0.3) - 1)))
-    push, _ = activations(d(0.5), d(1.0), d(0.3), d(4.0), MENDED)  # too far from alpha_p
+    push, _ = activations(d(0.5), d(1.0), d(0.3), d(4.0))  # too far from alpha_p
     assert push.item() == pytest.approx(math.exp(4 * (math.cos(0.5 - 0.3) - 1)))
 
 
-def test_the_density_that_activations_compare_integrates_to_one():
+def test_the_density_of_the_activations_integrates_to_one():
     kappa = 3.37
     total, _ = quad(
         lambda a: math.exp(kappa * math.cos(a)) / (2 * math.pi * i0(kappa)), -math.pi, math.pi
     )
     assert total == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("rules", "mean"), [("mended", math.pi), ("faithful", 0.0)])
+def test_the_mean_deviation_across_the_cut(rules, mean):
+    # Deviations of 3.0 and -3.0: the mean of the directions is pi, the authors' of the numbers is 0.
+    config = CorridorConfig(rules=rules, mean_gain=1.0, last_gain=0.0)
+    state = PushingCorridorController(config).state_spec((1,)).zero()
+    state["started"][:] = True
+    state["target"][:] = torch.tensor([1.0, 0.0])
+    for gamma in (3.0, -3.0):
+        moved = 0.01 * torch.tensor([[math.cos(gamma), math.sin(gamma)]])
+        learn(state, moved, config)
+    assert state["gamma"].item() == pytest.approx(-3.0)
+    assert abs(correction(state, config).item()) == pytest.approx(mean, abs=1e-5)
