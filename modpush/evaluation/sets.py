@@ -39,7 +39,7 @@ __all__ = [
     "load_set",
 ]
 
-SET_VERSION = 3
+SET_VERSION = 4
 """Version of the files; another number means other episodes, or another form."""
 _KIND = "modpush.EvaluationSet"
 _NAME = re.compile(r"[\w+-][\w.+-]*(/[\w+-][\w.+-]*)*")

@@ -71,7 +71,7 @@ def nearest_rectangle(x: float, y: float, turned: np.ndarray) -> float:
     return math.sqrt(least)
 
 
-@numba.njit(cache=True)
+@njit()
 def rectangles_touch(row: np.ndarray, rows: np.ndarray, gap: float) -> bool:
     """Whether a rectangle (x, y, yaw, length, width) overlaps one of several, made larger by a gap [m].
 
