@@ -30,17 +30,19 @@ def test_a_table_is_written_resumed_and_listed(tmp_path: Path) -> None:
     assert "| paper: agent | 500 | 1 | – | 0.943 ± 0.13 | " in page
     assert "Agent minus `corridor_faithful`, paired t-tests:" in page
     assert r"\begin{tabular}" in (config.out / "free.tex").read_text()
-    cells = pd.read_csv(config.out / "free_cells.csv").set_index(["method", "metric"])
-    rows = pd.read_csv(config.out / "rows" / "agent_free_small_cube.csv.gz")
-    assert cells.loc[("agent", "success"), "mean"] == rows["success"].mean()
-    assert cells.loc[("agent", "spl"), "mean"] == pytest.approx(rows["spl"].mean())
+    cells = pd.read_csv(config.out / "free_cells.csv").set_index(["set", "method", "metric"])
+    for name in ("free/small_cube", "behind/free/small_cube"):
+        rows = pd.read_csv(config.out / "rows" / f"agent_{name.replace('/', '_')}.csv.gz")
+        assert cells.loc[(name, "agent", "success"), "mean"] == rows["success"].mean()
+        assert cells.loc[(name, "agent", "spl"), "mean"] == pytest.approx(rows["spl"].mean())
     companion = (config.out / "README.md").read_text()
     assert "[free](free.md)" in companion
     assert "\n4. Path lengths are not judged against printed ones" in companion
     assert "are means over fewer than 30 episodes" in companion
     assert "Not there yet: Table III" in companion
     assert "| `modpush reproduce free --first 2` |" in companion
-    assert "**Only the first episodes were run: 2 of 500 of `free/small_cube`.**" in companion
+    cut = "2 of 500 of `free/small_cube`, 2 of 500 of `behind/free/small_cube`"
+    assert f"**Only the first episodes were run: {cut}.**" in companion
     verdicts = pd.read_csv(config.out / "free_verdicts.csv")
     agents = verdicts[verdicts["method"] == "agent"]
     for verdict in ("ahead", "level", "behind"):
@@ -55,7 +57,7 @@ def test_a_table_is_written_resumed_and_listed(tmp_path: Path) -> None:
     reproduce(replace(config, parts=("free",), first=3))
     assert stored.read_bytes().startswith(before)  # only the third was run
     assert stored.read_bytes().count(b"\n") == 4
-    assert "minutes for 9 episodes, with `--workers 1`" in (config.out / "free.md").read_text()
+    assert "minutes for 18 episodes, with `--workers 1`" in (config.out / "free.md").read_text()
     companion = (config.out / "README.md").read_text()
     assert companion.index("[free](free.md)") < companion.index("(training/README.md)")
 
