@@ -68,15 +68,16 @@ def load_critics(folder: str | Path, env: EnvBase, *, allow: Collection[str] = (
     with reading(newest, CHECKPOINT_KIND):
         state = read_state(newest, CHECKPOINT_KIND, CHECKPOINT_VERSION)
         config = from_plain(TrainConfig, state["config"]).tqc
-        check_allowed(f"load_critics: {newest}", asdict(config), allow)
-        if config.critic == "mlp":
-            _check_size(config, state["loss"])
     config = replace(config, device="cpu", execution="eager")
     if config.encoder is not None:
         raise ValueError(
             f"load_critics: the critics in {newest} read the latent of an encoder that was trained with "
             "them, which cannot be loaded alone."
         )
+    with reading(newest, CHECKPOINT_KIND):
+        check_allowed(f"load_critics: {newest}", asdict(config), allow)
+        if config.critic == "mlp":
+            _check_size(config, state["loss"])
     agent = make_tqc(config, env)
     if not hasattr(agent.loss, "qvalue_network_params"):
         raise ValueError(f"load_critics: the loss of {newest} has no critics of TorchRL's name.")
