@@ -2,8 +2,12 @@
 
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import cv2
+import pytest
+
+from modpush.cli.demo import DemoConfig, _draw_scenarios, _verdict
 
 
 def test_demo(tmp_path) -> None:
@@ -19,3 +23,26 @@ def test_demo(tmp_path) -> None:
     while video.read()[0]:
         frames += 1
     assert frames > 20
+
+
+@pytest.mark.parametrize(
+    ("metrics", "text"),
+    [
+        ({"success": True, "steps": 31}, "solved in 31 steps"),
+        (
+            {"success": False, "out_of_bounds": True, "steps": 12},
+            "failed: the object left the workspace after 12 steps",
+        ),
+        (
+            {"success": False, "out_of_bounds": False, "steps": 200, "final_distance": 0.123},
+            "failed: 12 cm from the goal after 200 steps",
+        ),
+    ],
+)
+def test_a_tile_says_how_its_episode_ended(metrics: dict, text: str) -> None:
+    assert _verdict(SimpleNamespace(metrics=SimpleNamespace(**metrics))) == text
+
+
+def test_the_paper_s_hard_scenes_can_be_shown() -> None:
+    config = DemoConfig(scenes=("diagonal_walls", "maze"), pushed_object=("small_cube",))
+    assert [s.scene for s in _draw_scenarios(config)] == ["diagonal_walls"] * 4 + ["maze"] * 4

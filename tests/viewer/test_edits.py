@@ -78,3 +78,14 @@ def test_a_scene_that_cannot_go_on_is_refused() -> None:
         edits.check_scene(SCENE, (0.4, -0.16, 0.0), far)
     with pytest.raises(ValueError, match="out of bounds"):
         edits.check_scene(SCENE, (0.4, 0.41, 0.0), far)
+
+
+def test_an_obstacle_is_refused_where_the_arm_s_shoulder_turns() -> None:
+    moved = edits.move_obstacle(SCENE, 0, 0.21, -0.03)
+    with pytest.raises(
+        ValueError, match=r"cannot stand there: expected obstacles .* at least 0.200 m"
+    ):
+        edits.check_scene(moved, moved.object_pose, moved.tool_pose)
+    near = replace(SCENE, object_pose=(0.2, 0.1, 0.0), goal_position=(0.2, -0.1), obstacles=())
+    (added,) = edits.add_obstacle(near, "cube", []).obstacles
+    assert obstacle_distance(np.zeros(2), [added]) >= 0.20

@@ -129,12 +129,20 @@ def test_a_tool_s_upper_part_counts_where_an_obstacle_is_tall_enough() -> None:
     assert tool_touches((0.555, 0.0, 0.0), 0.02, [bar], "rod")
 
 
-def draw(scene: str, item: str, seed: int) -> Scenario:
+def draw(scene: str, item: str, count: int) -> list[Scenario]:
+    """Starts of as many episodes, but for distances at which a family has none of a large object."""
     circle = "inscribed" if scene in TIGHT_SCENES else "circumscribed"
     config = ScenarioConfig(
         scene=scene, pushed_object=item, path_inflation=circle, distance=(0.2, 0.35)
     )
-    return sample_scenario(np.random.default_rng([seed, 17]), config)
+    found = []
+    for seed in range(count):
+        try:
+            found.append(sample_scenario(np.random.default_rng([seed, 17]), config))
+        except ValueError as error:
+            if scene != "maze_wide" or "no start" not in str(error):
+                raise
+    return found
 
 
 def is_free(start: Scenario) -> bool:
@@ -148,10 +156,9 @@ def test_no_drawn_episode_starts_with_the_arm_in_an_obstacle(item: str) -> None:
     scenes = [name for name in SCENES if name != "free"]
     scenes += TIGHT_SCENES if item == "small_cube" else ()
     env = PushEnv(len(scenes), depth=None, pushed_object=item)
-    for seed in range(4):
-        starts = [draw(scene, item, seed) for scene in scenes]
+    for starts in zip(*(draw(scene, item, 6)[:4] for scene in scenes), strict=True):
         assert all(map(is_free, starts))
-        assert not any(touched(env, starts))
+        assert not any(touched(env, list(starts)))
     env.close()
 
 
@@ -161,9 +168,11 @@ def test_no_drawn_episode_starts_with_the_arm_in_an_obstacle(item: str) -> None:
 def test_no_drawn_episode_of_many_starts_with_the_arm_in_an_obstacle(scene, item) -> None:
     if scene in TIGHT_SCENES and item != "small_cube":
         pytest.skip("only the small cube passes through these")
-    assert all(is_free(draw(scene, item, seed)) for seed in range(2000))
+    starts = draw(scene, item, 2000)
+    assert len(starts) > 1800
+    assert all(map(is_free, starts))
     if item == "fragment":  # of it the tool is lowest
         env = PushEnv(16, depth=None, pushed_object=item)
         for first in range(0, 160, 16):
-            assert not any(touched(env, [draw(scene, item, first + k) for k in range(16)]))
+            assert not any(touched(env, starts[first : first + 16]))
         env.close()
