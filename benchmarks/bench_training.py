@@ -5,7 +5,8 @@
 
 One table: each part alone, their sum beside the loop that joins them, acting alone, learning alone,
 both in two processes on two cores and taking turns on one, each with the seconds of an evaluation on
-the held-out episodes; memory with a full buffer; depth to action. Everything on one thread a process.
+the held-out episodes; memory with a full buffer; depth to action. Everything on one thread a process,
+but for a row of the loop in which the learner has a thread for each core.
 Memory comes first, in a process that has done nothing else, and is what Linux calls proportional set
 size: pages that both processes share are counted once.
 """
@@ -32,6 +33,7 @@ from tensordict import TensorDict
 from torchrl.envs import Compose, ExplorationType, set_exploration_type
 from torchrl.envs.utils import step_mdp
 
+from modpush._threads import torch_threads
 from modpush.agents import make_tqc
 from modpush.recipes import load_agent, make_push_env
 from modpush.replay import MirrorTransitions, extend_rollout, make_replay_buffer
@@ -313,9 +315,15 @@ def main(bench: BenchConfig) -> None:
     update = dict(learned)["sample and update"]
     print("\n| the loop | scene-steps/s | updates/s | busy with its parts | evaluation [s] |")
     print("|---|---|---|---|---|")
-    for name, apart in (("in two processes", True), ("taking turns", False)):
+    cores = os.cpu_count() or 1
+    for name, apart, threads in (
+        ("in two processes", True, 1),
+        (f"the same, the learner on {cores} threads", True, cores),
+        ("taking turns", False, 1),
+    ):
         settings = replace(config, async_collection=apart)
-        steps, updates = speed(settings, bench.seconds)
+        with torch_threads(threads):
+            steps, updates = speed(settings, bench.seconds)
         act, learn = steps * acted / 1e3, updates * update / 1e3
         busy = max(act, learn) if apart else act + learn
         print(f"| {name} | {steps:.0f} | {updates:.0f} | {busy:.0%} | {evaluation(settings):.1f} |")

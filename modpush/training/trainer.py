@@ -233,7 +233,9 @@ class Trainer:
         # Until the scenes act there is nothing that the newest checkpoint does not hold.
         with interrupts_raised(), self.bar.pause("starting"):
             pending = self._first_rollout()
-        self.finished = self.ended
+        evaluated = [row["step"] for row in self.log.evaluations[-1:]] == [self.steps]
+        # One whose time is over is still to end like a completed one.
+        self.finished = self.steps >= self.config.total_steps or (self.ended and evaluated)
         while not self.finished:
             if self.interrupted and self.steps != self._saved_at:
                 self._save_as_it_is(pending)

@@ -37,7 +37,7 @@ def test_it_shows_what_there_is_and_nothing_else(capsys):
 def test_an_evaluation_is_named_and_does_not_count_for_the_time_left(capsys, monkeypatch):
     now = [0.0]
     monkeypatch.setattr("tqdm.std.time", lambda: now[0])
-    bar = TrainingBar(replace(SHOWN, total_steps=300))
+    bar = TrainingBar(replace(SHOWN, total_steps=315))
     for _ in range(10):
         now[0] += 1.0
         bar.advance(10)
@@ -49,6 +49,6 @@ def test_an_evaluation_is_named_and_does_not_count_for_the_time_left(capsys, mon
     now[0] += 1.0
     bar.advance(10)
     text = capsys.readouterr().err.split("\r")[-1]
-    assert text.startswith(" 37%")
-    assert "00:11<00:19, 10.00step/s" in text
+    assert text.startswith(" 35%")
+    assert "00:11<00:20, 10.00step/s" in text
     bar.close()
