@@ -22,12 +22,12 @@ def goal(outcome: StepOutcome) -> Tensor:
 
 
 def distance(outcome: StepOutcome) -> Tensor:
-    """Penalty in [-1, 0] for the path still to go, 0 on reaching the goal. Source: eq. 2."""
+    """Penalty for the path still to go, -1 at reset, 0 on reaching the goal. Source: eq. 2."""
     return -outcome.path_fraction * ~outcome.success
 
 
 def approach(outcome: StepOutcome) -> Tensor:
-    """Penalty in [-1, 0] for the tool's distance from the object, 0 on success. Source: eq. 2."""
+    """Penalty for the tool's distance from the object, -1 at reset, 0 on success. Source: eq. 2."""
     return -outcome.approach_fraction * ~outcome.success
 
 

@@ -216,8 +216,8 @@ class PushEnvConfig:
 _PRESETS: dict[str, dict[str, Any]] = {
     "paper": {},
     # Not followed, since they are faults or of another kind: a planner that may cross obstacles, a test
-    # for leaving the workspace that never holds, distances in the reward that are not clipped at 1, a
-    # time limit that ends an episode's value, and the -2 taking the place of the -5 of the same step.
+    # for leaving the workspace that never holds, a time limit that ends an episode's value, and the -2
+    # taking the place of the -5 of the same step.
     "authors": {
         "num_envs": 1,
         "scene": ("free", *OBSTACLE_SCENES),
@@ -228,7 +228,8 @@ _PRESETS: dict[str, dict[str, Any]] = {
         "tool": "rod",
         "sim_freq": 240,
         "reward": RewardConfig(
-            weights={**RewardConfig().weights, "tool_collision": 2.0, "window": 2.0}
+            clip=False,
+            weights={**RewardConfig().weights, "tool_collision": 2.0, "window": 2.0},
         ),
     },
     "cpu": {

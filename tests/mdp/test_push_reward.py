@@ -64,6 +64,14 @@ def test_the_papers_numbers(after, expected):
     assert reward_of(**after)["reward"].item() == pytest.approx(expected, abs=1e-6)
 
 
+def test_without_the_clip_going_further_away_costs_more():
+    # 0.9 of 0.6 m to go and the tip at 0.5 of 0.2 m: -1.5 - 2.5
+    after = reward_of(RewardConfig(clip=False), path=0.9, apart=0.5)
+    assert after["reward"].item() == pytest.approx(-4.0)
+    after = reward_of(RewardConfig(clip=False))
+    assert after["reward"].item() == pytest.approx(-1.0)  # nearer than at reset, as with the clip
+
+
 def test_the_terms_add_up_and_are_scaled():
     after = reward_of(RewardConfig(scale=0.1), obstacle_contact=True)
     assert after["reward"].item() == pytest.approx(-0.6)

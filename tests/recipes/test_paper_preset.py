@@ -215,3 +215,4 @@ def test_the_authors_code_stops_its_curriculum_at_38_centimetres():
     assert curriculum.distances[last - 2 : last + 1] == (0.28, 0.33, 0.38)
     env = TRAIN_PRESETS["authors"][1].env
     assert (env.reward.weights["window"], env.subgoal_lookahead) == (2.0, 0.2)
+    assert not env.reward.clip
