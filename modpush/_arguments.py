@@ -18,7 +18,7 @@ from tensordict.utils import NestedKey
 from torch import Tensor
 
 from modpush._types import Key
-from modpush._validation import check_value
+from modpush._validation import check_value, plain_signature
 
 __all__ = ["checked_arguments"]
 
@@ -62,6 +62,7 @@ def checked_arguments(function: F) -> F:
                     bound.arguments[name] = plain
         return function(*bound.args, **bound.kwargs)
 
+    checking.__signature__ = plain_signature(function)  # type: ignore[attr-defined]
     return checking  # type: ignore[return-value]  # it takes what the function takes
 
 

@@ -9,14 +9,18 @@ between fields stay in a class's own `__post_init__`. All errors are put into wo
 
 import dataclasses
 import functools
+import inspect
 import json
+import operator
+import types
+import typing
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeVar, dataclass_transform, overload
+from typing import Annotated, Any, TypeVar, dataclass_transform, overload
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as pydantic_dataclass
 
-__all__ = ["check_value", "checked", "from_plain"]
+__all__ = ["check_value", "checked", "from_plain", "plain_signature"]
 
 T = TypeVar("T")
 
@@ -64,7 +68,33 @@ def checked(cls: type[T] | None = None, *, kw_only: bool = True) -> Any:
             raise (TypeError if misused else ValueError)(text) from None
 
     made.__init__ = checking_init
+    made.__signature__ = plain_signature(made)
     return made
+
+
+def plain_signature(function: Callable[..., Any]) -> inspect.Signature:
+    """The signature that editors show: `k: float = 4`, without the conditions that are checked."""
+    signature = inspect.signature(function)
+    parameters = [
+        parameter.replace(annotation=_plain_type(parameter.annotation))
+        for parameter in signature.parameters.values()
+    ]
+    return signature.replace(
+        parameters=parameters, return_annotation=_plain_type(signature.return_annotation)
+    )
+
+
+def _plain_type(kind: Any) -> Any:
+    """A type without `Annotated`, also inside of others."""
+    origin, inner = typing.get_origin(kind), typing.get_args(kind)
+    if origin is Annotated:
+        return _plain_type(inner[0])
+    items = tuple(_plain_type(item) for item in inner)
+    if origin in (None, typing.Literal, Callable) or items == inner:
+        return kind
+    if origin in (typing.Union, types.UnionType):
+        return functools.reduce(operator.or_, items)
+    return origin[items]
 
 
 def from_plain(kind: type[T], data: Any) -> T:

@@ -34,6 +34,8 @@ from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.evaluation.sets import EvaluationSet
 from modpush.geometry.shapes import Primitive
 from modpush.mdp.curriculum import CurriculumConfig, Phase
+from modpush.planners import PlannerSubgoals
+from modpush.replay import AttentiveSampler
 from modpush.sweeps.definition import Sweep, Variant
 from modpush.training import TRAIN_PRESETS, TrainConfig
 
@@ -315,3 +317,15 @@ def test_errors_say_who_what_came_and_what_was_expected(
 def test_check_value_gives_back_plain_values() -> None:
     assert check_value("f", "p", [1, np.float64(2)], Point) == (1.0, 2.0)
     assert check_value("f", "n", np.int64(3), Count) == 3
+
+
+def test_signatures_show_types_without_their_conditions() -> None:
+    signatures = [
+        str(inspect.signature(f)) for f in (TrainConfig, PlannerSubgoals, AttentiveSampler.__init__)
+    ]
+    assert "max_minutes: float | None = None" in signatures[0]
+    assert "lags: collections.abc.Sequence[int] = (1, 5)" in signatures[1]
+    assert "k: float = 4" in signatures[2]
+    for text in signatures:
+        assert "Annotated" not in text
+        assert "FieldInfo" not in text

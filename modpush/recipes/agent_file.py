@@ -231,6 +231,8 @@ def _describe(part: Any) -> dict[str, str]:
     except ValueError:
         if isinstance(part, Mapping):  # terms of the reward by name
             return {"was": f"a mapping of {sorted(map(str, part))}"}
+        if hasattr(part, "__qualname__"):  # a function or class, of a notebook or a closure
+            return {"was": f"{part.__module__}:{part.__qualname__}"}
         return {"was": f"an object of {type(part).__module__}:{type(part).__qualname__}"}
 
 

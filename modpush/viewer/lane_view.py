@@ -3,13 +3,16 @@
 import functools
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from modpush.envs.outcome import GOAL_THRESHOLD
 from modpush.envs.robot.ur5_2f85 import LINKS, TOOLS
+from modpush.envs.scenes.drawing import COLORS
 from modpush.envs.scenes.objects import get_object
+from modpush.envs.scenes.rectangles import obstacle_distance
 from modpush.envs.scenes.scenario import Scenario
 from modpush.geometry.camera import CAMERA
 from modpush.geometry.shapes import Primitive, box, cylinder
@@ -29,6 +32,8 @@ __all__ = ["LaneView"]
 _TABLE = box(1.20, 1.20, 0.02, (0.30, 0.0, -0.011), color=(0.90, 0.88, 0.84))
 _GOAL = cylinder(GOAL_THRESHOLD, 0.004, (0.0, 0.0, 0.002), color=(0.24, 0.65, 0.30))
 _OBSTACLE, _SELECTED, _HIT = (0.30, 0.33, 0.38), (0.93, 0.62, 0.16), (0.80, 0.15, 0.15)
+_RED, _GREEN, _BLUE = COLORS["object"]
+_OBJECT = (_RED / 255, _GREEN / 255, _BLUE / 255)  # of every object, as in the pictures
 _MAGENTA = (200, 40, 190)
 _SHORT = {
     "object_contact": "pushing",
@@ -157,12 +162,12 @@ class LaneView:
             _place_matrix(frame, transform)
         _place(self._object, *shown.object_pose[:2], item.height / 2, shown.object_pose[2])
         _place(self._goal, *shown.scenario.goal_position, 0.0, 0.0)
-        hit = shown.flags["obstacle_contact"] or shown.flags["tool_obstacle_contact"]
+        hit = _hit_obstacles(shown) if overlays.flags else set()
         for i, handle in enumerate(self._obstacles):
             obstacle = shown.scenario.obstacles[i]
             x, y, yaw = obstacle.pose
             _place(handle, x, y, obstacle.size[2] / 2, yaw)
-            color = _SELECTED if i == selected else _HIT if hit and overlays.flags else _OBSTACLE
+            color = _SELECTED if i == selected else _HIT if i in hit else _OBSTACLE
             assign(handle, "color", tuple(round(255 * c) for c in color))
         self._update_overlays(shown, overlays, name)
         self._shown = shown
@@ -172,7 +177,8 @@ class LaneView:
         if before is None or before.pushed_object != now.pushed_object:
             if self._object is not None:
                 self._object.remove()
-            self._object = self._body("object", get_object(now.pushed_object).parts)
+            parts = get_object(now.pushed_object).parts
+            self._object = self._body("object", tuple(replace(p, color=_OBJECT) for p in parts))
         sizes = [o.size for o in now.obstacles]
         if before is None or [o.size for o in before.obstacles] != sizes:
             for handle in self._obstacles:
@@ -206,6 +212,18 @@ class LaneView:
     def remove(self) -> None:
         """Take the lane off the page."""
         self._scene.remove_by_name(self._root)
+
+
+def _hit_obstacles(shown: Snapshot) -> set[int]:
+    """Indices of the obstacles that are hit: what touches is known, and of the obstacles the nearest."""
+    touching = {"obstacle_contact": shown.object_pose, "tool_obstacle_contact": shown.ee_pose}
+    found = set()
+    for flag, pose in touching.items():
+        if shown.flags[flag] and shown.scenario.obstacles:
+            place = np.array([pose[:2]])
+            gaps = [float(obstacle_distance(place, [o])[0]) for o in shown.scenario.obstacles]
+            found.add(int(np.argmin(gaps)))
+    return found
 
 
 def _place(handle: Any, x: float, y: float, z: float, yaw: float) -> None:

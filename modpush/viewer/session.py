@@ -43,7 +43,7 @@ class Session:
         self.scene, self.difficulty = self.config.scene, self.config.difficulty
         self.pushed_object, self.seed = self.config.pushed_object, self.config.seed
         self.paused = self.config.paused
-        self.go_on = False
+        self.go_on = True
         """Whether the next episode begins by itself after one has ended."""
         self.message = ""
         """Why the last command could not be carried out; empty if it could."""

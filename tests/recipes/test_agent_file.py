@@ -21,6 +21,7 @@ from modpush.recipes import (
     make_push_env,
     save_agent,
 )
+from modpush.recipes.agent_file import _describe
 from modpush.recipes.fingerprint import fingerprint_differences
 from tests.own_parts import MeanHeight, one_post
 
@@ -288,3 +289,11 @@ def test_an_agent_whose_encoder_is_a_file_loads_anywhere(tmp_path, monkeypatch):
     with pytest.raises(ValueError, match=r"'mine.safetensors', which is not in .*there.*parts="):
         agent.make_env()
     load_agent("../here/agent.safetensors", parts={"encoder": encoder}).make_env().close()
+
+
+def test_a_function_that_cannot_be_found_again_is_named():
+    def mine(config):
+        return make_push_env(config)
+
+    where = "test_a_function_that_cannot_be_found_again_is_named.<locals>.mine"
+    assert _describe(mine) == {"was": f"{__name__}:{where}"}

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 
 from modpush._extras import EXTRAS, require_extra
+from modpush.envs import Obstacle
 from modpush.evaluation import evaluate, load_set
 from modpush.evaluation.results import load_trajectory
 from modpush.recipes import load_agent
 from modpush.viewer import PlayConfig, Session
 from modpush.viewer.lane import PolicyLane
+from modpush.viewer.lane_view import _hit_obstacles
 
 
 @pytest.fixture(scope="module")
@@ -331,3 +333,15 @@ def test_a_folder_that_is_no_evaluation_is_an_error(tmp_path) -> None:
 def test_a_wrong_setting_is_named(field, value) -> None:
     with pytest.raises(ValueError, match=f"PlayConfig: {field} must"):
         PlayConfig(**{field: value})
+
+
+def test_only_the_obstacle_that_is_hit_turns_red(session) -> None:
+    shown = session.snapshots[0]
+    first, second = (Obstacle((0.05, 0.05, 0.05), (0.5, y, 0.0)) for y in (-0.1, 0.1))
+    scenario = replace(shown.scenario, obstacles=(first, second))
+    hit = {"obstacle_contact": True, "tool_obstacle_contact": False}
+    shown = replace(shown, scenario=scenario, object_pose=(0.5, 0.05, 0.0), flags=hit)
+    assert _hit_obstacles(shown) == {1}
+    tool = {"obstacle_contact": True, "tool_obstacle_contact": True}
+    assert _hit_obstacles(replace(shown, ee_pose=(0.5, -0.06, 0.0), flags=tool)) == {0, 1}
+    assert _hit_obstacles(replace(shown, flags=dict.fromkeys(hit, False))) == set()

@@ -13,12 +13,12 @@ from modpush.envs.scenes.objects import PushedObject, get_object
 from modpush.envs.scenes.scenario import Scenario
 from modpush.geometry.workspace import WORKSPACE
 
-__all__ = ["draw_top_view", "to_pixels"]
+__all__ = ["COLORS", "draw_top_view", "to_pixels"]
 
 _SHIFT = 4  # fractional bits of cv2's coordinates
 _LEGEND = ("goal", "start", "object", "tool", "planned")
 """Colours that the line below a picture with a caption explains."""
-_COLORS = {
+COLORS = {
     "table": (244, 241, 235),
     "workspace": (222, 216, 206),
     "inflated": (205, 206, 208),
@@ -30,6 +30,7 @@ _COLORS = {
     "planned": (200, 40, 190),
     "text": (40, 40, 40),
 }
+"""Red, green and blue, 0 to 255, of what pictures show."""
 
 
 # What part of the table is shown, from its lower to its upper corner [m], and at what scale. Up is +x,
@@ -82,7 +83,7 @@ def draw_top_view(
     Returns:
         `[H, W, 3]` uint8 RGB.
     """
-    image = np.full((_HEIGHT, _WIDTH, 3), _COLORS["table"], dtype=np.uint8)
+    image = np.full((_HEIGHT, _WIDTH, 3), COLORS["table"], dtype=np.uint8)
     _outline(image, WORKSPACE.corners(), "workspace", 2)
     poses = obstacle_poses if obstacle_poses is not None else [o.pose for o in scenario.obstacles]
     outlines = [
@@ -104,7 +105,7 @@ def draw_top_view(
     for path, color in ((planned_path, "planned"), (ee_path, "tool"), (object_path, "object")):
         if path is not None and len(path) > 1:
             points = [to_pixels(np.asarray(path)[:, :2])]
-            cv2.polylines(image, points, False, _COLORS[color], 2, cv2.LINE_AA, _SHIFT)
+            cv2.polylines(image, points, False, COLORS[color], 2, cv2.LINE_AA, _SHIFT)
     if subgoal is not None:
         _disc(image, subgoal, 0.008, "planned")
     for part in footprints:
@@ -115,7 +116,7 @@ def draw_top_view(
             _write(image, line, (10, 24 + 24 * k))
         for k, name in enumerate(_LEGEND):
             x, y = 12 + 108 * k, _HEIGHT - 14
-            cv2.circle(image, (x, y - 5), 6, _COLORS[name], -1, cv2.LINE_AA)
+            cv2.circle(image, (x, y - 5), 6, COLORS[name], -1, cv2.LINE_AA)
             _write(image, "path" if name == "planned" else name, (x + 12, y))
     return image
 
@@ -135,14 +136,14 @@ def _placed(outline: NDArray[np.float64], pose: Sequence[float]) -> NDArray[np.f
 
 
 def _fill(image: NDArray[np.uint8], outline: NDArray[np.float64], name: str) -> None:
-    cv2.fillPoly(image, [to_pixels(outline)], _COLORS[name], cv2.LINE_AA, _SHIFT)
+    cv2.fillPoly(image, [to_pixels(outline)], COLORS[name], cv2.LINE_AA, _SHIFT)
 
 
 def _outline(
     image: NDArray[np.uint8], outline: NDArray[np.float64], name: str, thickness: int
 ) -> None:
     points = [to_pixels(outline)]
-    cv2.polylines(image, points, True, _COLORS[name], thickness, cv2.LINE_AA, _SHIFT)
+    cv2.polylines(image, points, True, COLORS[name], thickness, cv2.LINE_AA, _SHIFT)
 
 
 def _disc(
@@ -154,4 +155,4 @@ def _disc(
 ) -> None:
     u, v = to_pixels(np.array(center)).tolist()
     scaled = round(radius * _PIXELS_PER_METRE * (1 << _SHIFT))
-    cv2.circle(image, (u, v), scaled, _COLORS[name], thickness, cv2.LINE_AA, _SHIFT)
+    cv2.circle(image, (u, v), scaled, COLORS[name], thickness, cv2.LINE_AA, _SHIFT)
