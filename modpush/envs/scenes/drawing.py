@@ -122,7 +122,7 @@ def draw_top_view(
 
 
 def _write(image: NDArray[np.uint8], text: str, place: tuple[int, int]) -> None:
-    font, color = cv2.FONT_HERSHEY_SIMPLEX, _COLORS["text"]
+    font, color = cv2.FONT_HERSHEY_SIMPLEX, COLORS["text"]
     cv2.putText(image, text, place, font, 0.6, color, 1, cv2.LINE_AA)
 
 
