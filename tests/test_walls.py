@@ -28,6 +28,7 @@ SHARED = {
     "_ray",
     "_resets",
     "_state",
+    "_threads",
     "_transforms",
     "_types",
     "_validation",
