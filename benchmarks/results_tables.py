@@ -1,18 +1,19 @@
 """Write the tables of the shipped agents and controllers into README.md and the pages, from their rows.
 
-    python benchmarks/results_tables.py                       # from the rows in docs/results/paper
-    python benchmarks/results_tables.py runs/reproduce/sets   # and the tables by family first
+    python benchmarks/results_tables.py agents stricter       # these tables, from the rows in docs/results
+    python benchmarks/results_tables.py                       # all tables
+    python benchmarks/results_tables.py --copy runs/evaluate  # all tables, after new results
 
-The rows, of `docs/results/paper/rows` (`small_cube`, the controllers) and
-`docs/results/paper/any_object/rows` (`any_object`), and the verdicts beside them are those of `modpush
-reproduce` (docs/howto/reproduce.md). A table replaces what stands between its two comments in a page.
-With a folder in which `modpush evaluate` has written, tables by family and the agents' rows are first
-copied to `docs/results/agent`, `any_object` and `baseline`.
+The agents' rows, in `docs/results/agent` and `docs/results/any_object`, are those of `modpush evaluate`; the
+controllers' rows and the verdicts, in `docs/results/paper`, are those of `modpush reproduce`
+(docs/howto/reproduce.md). A table replaces what stands between its two comments in a page. `--copy` first
+copies the agents' rows and all methods' tables by family from folders in which `modpush evaluate` has written.
 """
 
+import argparse
 import gzip
 import re
-import sys
+from collections.abc import Collection
 from pathlib import Path
 
 import pandas as pd
@@ -23,7 +24,12 @@ from modpush.reproduction.cells import OVER_ALL
 
 ROOT = Path(__file__).resolve().parents[1]
 PAPER_FOLDER = ROOT / "docs" / "results" / "paper"
-FOLDERS = {"any_object": PAPER_FOLDER / "any_object", "small_cube": PAPER_FOLDER}
+AGENTS = {
+    "any_object": ROOT / "docs" / "results" / "any_object",
+    "small_cube": ROOT / "docs" / "results" / "agent",
+}
+"""Results of `modpush evaluate` by agent."""
+VERDICTS = {"any_object": PAPER_FOLDER / "any_object", "small_cube": PAPER_FOLDER}
 """Results of `modpush reproduce` by agent."""
 SETS = {
     "free/small_cube": "free, small cube",
@@ -66,10 +72,12 @@ beside both.
 """
 
 
-def rows_of(agent: str, evaluation_set: str, method: str = "agent") -> pd.DataFrame:
-    """The rows of a method on a set, from the results with an agent."""
-    name = evaluation_set.replace("/", "_")
-    return pd.read_csv(FOLDERS[agent] / "rows" / f"{method}_{name}.csv.gz")
+def rows_of(method: str, evaluation_set: str) -> pd.DataFrame:
+    """The rows of an agent or a controller on a set."""
+    name = f"{evaluation_set.replace('/', '_')}.csv.gz"
+    if method in AGENTS:
+        return pd.read_csv(AGENTS[method] / name)
+    return pd.read_csv(PAPER_FOLDER / "rows" / f"{method}_{name}")
 
 
 def mean_of(rows: pd.DataFrame, metric: str) -> float:
@@ -85,12 +93,13 @@ def number(value: float) -> str:
 
 def beside_paper_table() -> str:
     """Both agents beside the paper's, each metric as the authors measured it, for both starts."""
-    lines = [("set", "tool's start", *COLUMNS.values())]
+    lines = [("set", "tool's start", "episodes", *COLUMNS.values())]
     for name, label in SETS.items():
         for prefix, start in STARTS.items():
-            ours = {agent: rows_of(agent, f"{prefix}{name}") for agent in FOLDERS}
+            ours = {agent: rows_of(agent, f"{prefix}{name}") for agent in AGENTS}
             cells = [_beside(metric, name, ours) for metric in COLUMNS]
-            lines.append((label, start, *cells))
+            count = min(len(rows) for rows in ours.values())
+            lines.append((label, start, str(count), *cells))
     return _markdown(lines)
 
 
@@ -115,15 +124,11 @@ def _signed(value: float) -> str:
 
 
 def stricter_table() -> str:
-    """Our own, stricter figures and the smoothness of motion, of agents and controllers."""
+    """Our own, stricter figures and the smoothness of motion of the agents."""
     lines = [("set", "tool's start", *STRICTER.values())]
-    methods = {"any_object": "agent", "small_cube": "agent", "corridor": "corridor"}
     for name, label in SETS.items():
         for prefix, start in STARTS.items():
-            rows = [
-                rows_of(who if who in FOLDERS else "small_cube", f"{prefix}{name}", method)
-                for who, method in methods.items()
-            ]
+            rows = [rows_of(agent, f"{prefix}{name}") for agent in AGENTS]
             cells = [" / ".join(number(mean_of(r, metric)) for r in rows) for metric in STRICTER]
             lines.append((label, start, *cells))
     return _markdown(lines)
@@ -139,8 +144,8 @@ def controller_table() -> str:
         for prefix, start in STARTS.items():
             if prefix and name not in SETS:
                 continue
-            own = rows_of("small_cube", f"{prefix}{name}", "corridor")
-            theirs = rows_of("small_cube", f"{prefix}{name}", "corridor_faithful")
+            own = rows_of("corridor", f"{prefix}{name}")
+            theirs = rows_of("corridor_faithful", f"{prefix}{name}")
             as_there = measured_as(name, of_controller=True)
             cells = [number(mean_of(own, as_there[metric])) for metric in columns]
             cells += [number(mean_of(theirs, as_there[metric])) for metric in ("success", "spl")]
@@ -151,7 +156,7 @@ def controller_table() -> str:
 def verdict_table(agent: str) -> str:
     """Verdicts against the paper's agent by set and start, from what `modpush reproduce` judged."""
     judged = pd.concat(
-        pd.read_csv(FOLDERS[agent] / f"{part}_verdicts.csv")
+        pd.read_csv(VERDICTS[agent] / f"{part}_verdicts.csv")
         for part in ("free", "obstacles", "hard")
     )
     judged = judged[judged["versus"].str.startswith("paper: agent")]
@@ -186,7 +191,7 @@ PAGES = ("README.md", "docs/agents.md", "docs/evaluation.md")
 
 
 def keep_tables(evaluated: Path) -> None:
-    """Copy tables by family, and the agents' rows, from a folder of `modpush evaluate`."""
+    """Copy what there is of tables by family, and the agents' rows, from a folder of `modpush evaluate`."""
     places = {"small_cube": "agent/", "any_object": "any_object/"}
     places |= {name: f"baseline/{name}_" for name in ("corridor", "corridor_faithful")}
     for policy, place in places.items():
@@ -195,16 +200,18 @@ def keep_tables(evaluated: Path) -> None:
                 evaluated / policy / name,
                 f"{ROOT}/docs/results/{place}{name.replace('/', '_')}",
             )
+            if not (found / "table.md").is_file():
+                continue
             text = (found / "table.md").read_text()
-            if policy in FOLDERS:
+            if policy in AGENTS:
                 text += "\n" + (found / "beside_paper.md").read_text()
                 rows = gzip.compress((found / "episodes.csv").read_bytes(), mtime=0)
                 Path(f"{kept}.csv.gz").write_bytes(rows)
             Path(f"{kept}.md").write_text(text)
 
 
-def rewrite(text: str) -> str:
-    """A page with its tables made anew.
+def rewrite(text: str, names: Collection[str] = tuple(BLOCKS)) -> str:
+    """A page with its tables written again, those of these names.
 
     Raises:
         ValueError: If a page asks for a table that there is not.
@@ -213,15 +220,21 @@ def rewrite(text: str) -> str:
     def block(found: re.Match[str]) -> str:
         if found[1] not in BLOCKS:
             raise ValueError(f"results: must be one of {sorted(BLOCKS)}, got {found[1]!r}.")
+        if found[1] not in names:
+            return found[0]
         return f"<!-- results: {found[1]} -->\n\n{BLOCKS[found[1]]()}\n<!-- end -->"
 
     return re.sub(r"<!-- results: ([\w ]+) -->\n.*?<!-- end -->", block, text, flags=re.DOTALL)
 
 
 if __name__ == "__main__":
-    for folder in sys.argv[1:]:
-        keep_tables(Path(folder))
+    parser = argparse.ArgumentParser(description="Write the tables of results into the pages.")
+    parser.add_argument("tables", nargs="*", help=f"tables to write, of {list(BLOCKS)}; all if none")
+    parser.add_argument("--copy", nargs="+", type=Path, default=[], metavar="FOLDER")
+    args = parser.parse_args()
+    for folder in args.copy:
+        keep_tables(folder)
     for page in PAGES:
         path = ROOT / page
-        path.write_text(rewrite(path.read_text()))
+        path.write_text(rewrite(path.read_text(), args.tables or tuple(BLOCKS)))
         print(f"Wrote {page}.")
