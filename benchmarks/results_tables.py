@@ -1,13 +1,13 @@
 """Write the tables of the shipped agents and controllers into README.md and the pages, from their rows.
 
-    python benchmarks/results_tables.py agents stricter       # these tables, from the rows in docs/results
-    python benchmarks/results_tables.py                       # all tables
-    python benchmarks/results_tables.py --copy runs/evaluate  # all tables, after new results
+    python benchmarks/results_tables.py success agents stricter  # these, from docs/results
+    python benchmarks/results_tables.py                          # all tables
+    python benchmarks/results_tables.py --copy runs/evaluate     # all tables, after new results
 
-The agents' rows, in `docs/results/agent` and `docs/results/any_object`, are those of `modpush evaluate`; the
+The agents' rows, in `docs/results/starts`, are those of `modpush evaluate`; the
 controllers' rows and the verdicts, in `docs/results/paper`, are those of `modpush reproduce`
 (docs/howto/reproduce.md). A table replaces what stands between its two comments in a page. `--copy` first
-copies the agents' rows and all methods' tables by family from folders in which `modpush evaluate` has written.
+copies the agents' rows and all methods' tables by family from folders of `modpush evaluate`.
 """
 
 import argparse
@@ -25,10 +25,9 @@ from modpush.reproduction.cells import OVER_ALL
 ROOT = Path(__file__).resolve().parents[1]
 PAPER_FOLDER = ROOT / "docs" / "results" / "paper"
 AGENTS = {
-    "any_object": ROOT / "docs" / "results" / "any_object",
-    "small_cube": ROOT / "docs" / "results" / "agent",
+    name: ROOT / "docs" / "results" / "starts" / name for name in ("any_object", "small_cube")
 }
-"""Results of `modpush evaluate` by agent."""
+"""Rows of `modpush evaluate` by agent."""
 VERDICTS = {"any_object": PAPER_FOLDER / "any_object", "small_cube": PAPER_FOLDER}
 """Results of `modpush reproduce` by agent."""
 SETS = {
@@ -100,6 +99,22 @@ def beside_paper_table() -> str:
             cells = [_beside(metric, name, ours) for metric in COLUMNS]
             count = min(len(rows) for rows in ours.values())
             lines.append((label, start, str(count), *cells))
+    return _markdown(lines)
+
+
+def success_table() -> str:
+    """Success of both agents for both starts, beside the paper's agent and controller."""
+    heads = [f"`{agent}`, {start}" for agent in AGENTS for start in STARTS.values()]
+    lines = [("set", *heads, "paper's agent", "paper's controller")]
+    for name, label in SETS.items():
+        if name.startswith("hard/"):
+            continue
+        cells = [
+            number(mean_of(rows_of(agent, f"{prefix}{name}"), "success"))
+            for agent in AGENTS
+            for prefix in STARTS
+        ]
+        lines.append((label, *cells, *map(number, PAPER[name].success)))
     return _markdown(lines)
 
 
@@ -180,6 +195,7 @@ def _markdown(lines: list[tuple[str, ...]]) -> str:
 
 
 BLOCKS = {
+    "success": success_table,
     "agents": lambda: beside_paper_table() + ABOUT,
     "stricter": stricter_table,
     "controllers": controller_table,
@@ -191,7 +207,7 @@ PAGES = ("README.md", "docs/agents.md", "docs/evaluation.md")
 
 
 def keep_tables(evaluated: Path) -> None:
-    """Copy what there is of tables by family, and the agents' rows, from a folder of `modpush evaluate`."""
+    """Copy tables by family, and the agents' rows, as far as a folder of `modpush evaluate` has them."""
     places = {"small_cube": "agent/", "any_object": "any_object/"}
     places |= {name: f"baseline/{name}_" for name in ("corridor", "corridor_faithful")}
     for policy, place in places.items():
@@ -206,7 +222,7 @@ def keep_tables(evaluated: Path) -> None:
             if policy in AGENTS:
                 text += "\n" + (found / "beside_paper.md").read_text()
                 rows = gzip.compress((found / "episodes.csv").read_bytes(), mtime=0)
-                Path(f"{kept}.csv.gz").write_bytes(rows)
+                (AGENTS[policy] / f"{name.replace('/', '_')}.csv.gz").write_bytes(rows)
             Path(f"{kept}.md").write_text(text)
 
 
@@ -229,7 +245,9 @@ def rewrite(text: str, names: Collection[str] = tuple(BLOCKS)) -> str:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Write the tables of results into the pages.")
-    parser.add_argument("tables", nargs="*", help=f"tables to write, of {list(BLOCKS)}; all if none")
+    parser.add_argument(
+        "tables", nargs="*", help=f"tables to write, of {list(BLOCKS)}; all if none"
+    )
     parser.add_argument("--copy", nargs="+", type=Path, default=[], metavar="FOLDER")
     args = parser.parse_args()
     for folder in args.copy:

@@ -438,4 +438,4 @@ def test_after_warmup_nothing_is_left_to_compile(threads):
     done = subprocess.run(script, capture_output=True, text=True, check=True, env=environment)
     warm, after = map(int, done.stdout.split())
     assert warm == after
-    assert warm >= 7  # a kernel for each search, inflation, occupancy from depth
+    assert warm >= 6  # a kernel for each search, inflation, occupancy from depth

@@ -12,7 +12,6 @@ import pandas as pd
 import pytest
 import yaml
 
-from modpush.encoders import DepthVAE
 from modpush.sweeps import Sweep, Variant, load_sweep, run_sweep
 from modpush.sweeps.results import trial_row
 from modpush.sweeps.trial import TrialFailedError, check_end, start_trial
@@ -221,18 +220,30 @@ def test_trials_of_ray_end_as_those_in_turn_do(tmp_path: Path) -> None:
 def test_the_ablations_are_as_many_runs_as_their_file_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sweep = load_sweep(ROOT / "examples" / "sweeps" / "ablations.yaml")
-    monkeypatch.chdir(ROOT)  # the autoencoders are named by paths in the repository
-    trials = sweep.trials()
-    assert len(trials) == 3 * 42
+    monkeypatch.chdir(tmp_path)
+    trials = load_sweep(ROOT / "examples" / "sweeps" / "ablations.yaml").trials()
+    assert len(trials) == 3 * 39
     assert {trial.config.total_steps for trial in trials} == {100_000}
     configs = [trial.config for trial in trials if trial.seed == 0]
     assert len({repr(config) for config in configs}) == len(configs)  # no variant changes nothing
-    for size in (8, 16, 64):
-        (latent,) = {t.config.env.encoder for t in trials if t.variant.name == f"latent_{size}"}
-        assert DepthVAE.from_pretrained(latent).latent_dim == size
+
+
+def test_the_latent_sizes_are_compared_with_the_baseline_of_the_ablations(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
+    folder = ROOT / "examples" / "sweeps"
+    ablations, sizes = (
+        load_sweep(folder / f"{name}.yaml") for name in ("ablations", "latent_sizes")
+    )
     with pytest.raises(
         ValueError, match=r"variant 'latent_8': env.encoder must be an existing file"
     ):
-        sweep.of_groups(["latent"]).trials()
+        sizes.trials()
+    for size in (8, 16, 64):
+        file = Path(f"runs/vae_{size}/depth_vae.safetensors")  # as train_vae.py names it
+        file.parent.mkdir(parents=True)
+        file.touch()
+    trials = sizes.trials()
+    assert trials[0].config == ablations.trials()[0].config
+    assert len({repr(trial.config) for trial in trials}) == 3 * 4

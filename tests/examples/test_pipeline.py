@@ -1,0 +1,33 @@
+"""The paper's system in a plain TorchRL pipeline runs, with either replay strategy."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from torchrl.data import RandomSampler
+
+from modpush.replay import AttentiveSampler
+from tests.examples import load_example
+
+
+def uniform(**_: Any) -> RandomSampler:
+    return RandomSampler()
+
+
+@pytest.mark.parametrize("sampler", [AttentiveSampler, uniform])
+def test_the_pipeline_runs(
+    sampler: Callable[..., Any],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    pipeline = load_example("pipeline")
+    monkeypatch.setattr(pipeline, "AttentiveSampler", sampler)
+    updates = []
+    step = pipeline.SoftUpdate.step
+    monkeypatch.setattr(pipeline.SoftUpdate, "step", lambda self: updates.append(step(self)))
+    # 4 * 256 candidates for the first batch; the last three steps of each scene wait for their returns.
+    rate = pipeline.main(steps=1280, num_envs=4, learning_starts=1024)
+    assert 0 < rate <= 1
+    printed = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in printed] == ["640", "1280"]
+    assert len(updates) == 4 * 8  # four after each rollout of 32 steps, from step 1056 on
