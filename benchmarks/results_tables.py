@@ -218,12 +218,12 @@ def keep_tables(evaluated: Path) -> None:
             )
             if not (found / "table.md").is_file():
                 continue
-            text = (found / "table.md").read_text()
+            text = (found / "table.md").read_text(encoding="utf-8")
             if policy in AGENTS:
-                text += "\n" + (found / "beside_paper.md").read_text()
+                text += "\n" + (found / "beside_paper.md").read_text(encoding="utf-8")
                 rows = gzip.compress((found / "episodes.csv").read_bytes(), mtime=0)
                 (AGENTS[policy] / f"{name.replace('/', '_')}.csv.gz").write_bytes(rows)
-            Path(f"{kept}.md").write_text(text)
+            Path(f"{kept}.md").write_text(text, encoding="utf-8")
 
 
 def rewrite(text: str, names: Collection[str] = tuple(BLOCKS)) -> str:
@@ -254,5 +254,6 @@ if __name__ == "__main__":
         keep_tables(folder)
     for page in PAGES:
         path = ROOT / page
-        path.write_text(rewrite(path.read_text(), args.tables or tuple(BLOCKS)))
+        text = rewrite(path.read_text(encoding="utf-8"), args.tables or tuple(BLOCKS))
+        path.write_text(text, encoding="utf-8")
         print(f"Wrote {page}.")

@@ -197,9 +197,9 @@ def _check_sizes(content: io.BytesIO) -> None:
         (2, 0): np.lib.format.read_array_header_2_0,
     }
     total = 0
-    with zipfile.ZipFile(content) as file:
-        for member in file.infolist():
-            with file.open(member) as array:
+    with zipfile.ZipFile(content) as archive:
+        for member in archive.infolist():
+            with archive.open(member) as array:
                 shape, _, dtype = read_header[np.lib.format.read_magic(array)](array)
             size = math.prod(shape) * dtype.itemsize
             total += size

@@ -22,7 +22,7 @@ from pydantic.dataclasses import is_pydantic_dataclass
 from pydantic.fields import FieldInfo
 
 import modpush
-from modpush._types import Count, Point, Scenes
+from modpush._types import ONE_NUMBER, Count, Point, Scenes
 from modpush._validation import check_value, from_plain
 from modpush._yaml import dump_yaml, load_yaml
 from modpush.agents.tqc.config import TQCConfig
@@ -70,7 +70,9 @@ def checked_classes() -> Iterator[type]:
             continue  # needs a simulator, and holds no configuration
         module = importlib.import_module(found.name)
         for _, value in inspect.getmembers(module, inspect.isclass):
-            if value.__module__ == found.name and is_pydantic_dataclass(value):
+            # Private ones are the content of files: tests/test_hostile_files.py gives them wrong values.
+            private = value.__name__.startswith("_")
+            if value.__module__ == found.name and is_pydantic_dataclass(value) and not private:
                 yield value
 
 
@@ -130,7 +132,8 @@ def wrong_values(kind: Any) -> st.SearchStrategy[Any]:
         return never | st.sampled_from([3, None, True, ("a",), math.nan])
     if typing.get_origin(base) is tuple:
         items = [item for item in typing.get_args(base) if item is not Ellipsis]
-        tuples = st.sampled_from([3, 0.5, "abc", None, True, {0.1, 0.2}, frozenset({"a", "b"})])
+        numbers = [] if ONE_NUMBER in metadata else [3, 0.5, True]
+        tuples = st.sampled_from([*numbers, "abc", None, {0.1, 0.2}, frozenset({"a", "b"})])
         if typing.get_args(base)[-1] is not Ellipsis:
             tuples |= st.sampled_from([(), [], (0.1,) * 7])
         return never | tuples | wrong_values(items[0]).map(lambda bad: (bad,) * len(items))

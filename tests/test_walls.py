@@ -272,7 +272,15 @@ def _leaves_encoding_open(call: ast.Call) -> bool:
     else:
         name = getattr(function, "id", "")
     given = {keyword.arg: keyword.value for keyword in call.keywords}
-    if "encoding" in given or of in ("os", "gzip", "Image", "cv2", "tarfile", "webbrowser"):
+    if "encoding" in given or of in (
+        "os",
+        "gzip",
+        "Image",
+        "cv2",
+        "tarfile",
+        "webbrowser",
+        "archive",
+    ):
         return False
     if name == "open":
         position = 1 if isinstance(function, ast.Name) or of == "io" else 0

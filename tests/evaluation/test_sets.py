@@ -205,7 +205,7 @@ def test_another_file_is_refused(tmp_path: Path, content: object, message: str) 
 
 def test_a_set_of_another_version_is_refused(tmp_path: Path) -> None:
     write_packed_json(tmp_path / "set.json.gz", {}, "modpush.EvaluationSet", 99)
-    with pytest.raises(ValueError, match="is of version 99, expected 3"):
+    with pytest.raises(ValueError, match=f"is of version 99, expected {SET_VERSION}"):
         load_set(tmp_path / "set.json.gz")
 
 
