@@ -1,4 +1,4 @@
-"""The paper's system in a plain TorchRL pipeline runs, with either replay strategy."""
+"""The paper's system in a plain TorchRL pipeline runs, with either replay strategy, and learns."""
 
 from collections.abc import Callable
 from typing import Any
@@ -25,9 +25,14 @@ def test_the_pipeline_runs(
     updates = []
     step = pipeline.SoftUpdate.step
     monkeypatch.setattr(pipeline.SoftUpdate, "step", lambda self: updates.append(step(self)))
-    # 4 * 256 candidates for the first batch; the last three steps of each scene wait for their returns.
-    rate = pipeline.main(steps=1280, num_envs=4, learning_starts=1024)
-    assert 0 < rate <= 1
-    printed = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in printed] == ["640", "1280"]
-    assert len(updates) == 4 * 8  # four after each rollout of 32 steps, from step 1056 on
+    monkeypatch.setattr(pipeline, "BATCH_SIZE", 32)
+    # 4 * 32 candidates for the first batch; the last three steps of each scene wait for their returns.
+    assert 0 <= pipeline.main(steps=640, num_envs=4, learning_starts=128) <= 1
+    assert capsys.readouterr().out.startswith("    640 steps")
+    assert len(updates) == 4 * 16  # four after each rollout of 32 steps, from step 160 on
+
+
+@pytest.mark.slow
+def test_the_pipeline_learns_to_push_in_free_space() -> None:
+    """In the run that its docstring describes it was 1.00 here, and 0.99 or more after 20,480 steps."""
+    assert load_example("pipeline").main(steps=40_960, minutes=60.0) > 0.9
