@@ -127,8 +127,9 @@ def run(loss):
     return torch.stack([v for k, v in sorted(loss(make_batch(4)).items()) if k != "alpha"])
 
 
-def test_deepcopy_and_pickle_are_independent():
-    loss = make_loss(TQCLoss)
+@pytest.mark.parametrize("critic", [make_critic, two_headed_critic])
+def test_deepcopy_and_pickle_are_independent(critic):
+    loss = make_loss(TQCLoss, critic=critic)
     before = run(loss)
     copies = [copy.deepcopy(loss), pickle.loads(pickle.dumps(loss))]
     for parameter in loss.parameters():
@@ -137,7 +138,7 @@ def test_deepcopy_and_pickle_are_independent():
     for twin in copies:
         SoftUpdate(twin, tau=0.5)
         twin.target_qvalue_network_params.data.update_(
-            make_loss(TQCLoss).target_qvalue_network_params.data
+            make_loss(TQCLoss, critic=critic).target_qvalue_network_params.data
         )
         torch.testing.assert_close(run(twin), before)
 
