@@ -244,6 +244,16 @@ def test_the_overview_of_the_command_loads_nothing_heavy() -> None:
     subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
 
 
+@pytest.mark.parametrize("subcommand", ["train", "evaluate"])
+def test_the_help_of_a_subcommand_loads_nothing_heavy(subcommand: str) -> None:
+    code = (
+        "import sys\nfrom modpush.cli.command import run_command\n"
+        f"try:\n    run_command(['{subcommand}', '--help'])\nexcept SystemExit:\n    pass\n"
+        "assert not {'torch', 'pandas', 'numba', 'cv2', 'gymnasium'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+
+
 def test_opencv_works_beside_the_copy_that_sapien_asks_for() -> None:
     import cv2
     import numpy as np

@@ -9,8 +9,7 @@ stopped, and one that asks for more episodes adds them. It needs `pip install 'm
 
 from collections.abc import Sequence
 
-import tyro
-
+from modpush.cli.options import parse_options
 from modpush.data.config import CollectConfig
 
 __all__ = ["main"]
@@ -18,7 +17,7 @@ __all__ = ["main"]
 
 def main(arguments: Sequence[str]) -> None:
     """`modpush collect <arguments>`."""
-    config = tyro.cli(CollectConfig, prog="modpush collect", description=__doc__, args=[*arguments])
+    config = parse_options(CollectConfig, "modpush collect", __doc__, arguments)
     from modpush.data.collecting import collect_demonstrations
 
     folder = collect_demonstrations(config)

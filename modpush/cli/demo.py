@@ -23,7 +23,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import torch
-import tyro
 from numpy.typing import NDArray
 from torchrl.envs import EnvBase
 from tqdm import tqdm
@@ -31,6 +30,7 @@ from tqdm import tqdm
 from modpush._atomic import make_folder
 from modpush._types import AtLeastOne, Count, FilePath, Fraction, Name, Seed, Several
 from modpush._validation import checked
+from modpush.cli.options import parse_options
 from modpush.envs import (
     SCENES,
     PushEnv,
@@ -245,5 +245,5 @@ def _verdict(episode: Episode) -> str:
 def main(arguments: Sequence[str]) -> None:
     """`modpush demo <arguments>`."""
     torch.set_num_threads(1)
-    config = tyro.cli(DemoConfig, prog="modpush demo", description=__doc__, args=[*arguments])
+    config = parse_options(DemoConfig, "modpush demo", __doc__, arguments)
     show_demo(config)

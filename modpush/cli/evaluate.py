@@ -16,22 +16,19 @@ and paired t-tests. An interrupted run continues where it stopped; `--fresh` sta
 import itertools
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-import pandas as pd
 import tyro
 
+from modpush import evaluation, recipes  # these import their parts, and torch, on first use
 from modpush._types import AtLeastOne, Count, FilePath, Name, NonNegativeInteger, Scenes, Several
 from modpush._validation import checked
-from modpush.envs.robot.ur5_2f85 import ToolName
-from modpush.evaluation.report import comparison_report, draw_results, write_tables
-from modpush.evaluation.runner import EvaluationConfig, evaluate
-from modpush.evaluation.sets import BEHIND_SETS, EVALUATION_SETS, EvaluationSet, load_set
-from modpush.recipes.methods import Method, get_methods
+from modpush.cli.options import parse_options
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["EvaluateConfig", "evaluate_policies", "main"]
-
-_GROUPS = {"all": EVALUATION_SETS, "behind/all": BEHIND_SETS}
 
 
 @checked
@@ -46,7 +43,7 @@ class EvaluateConfig:
     """Evaluation sets by name or file, `all` for all in which the tool starts in any direction from the
     object, but `smoke` and the tuning sets, or `behind/all` for those in which it starts straight behind
     the object."""
-    tool: ToolName | None = None
+    tool: Literal["2f85", "rod"] | None = None
     """Tool to use instead of the sets' own, for instance `rod`, the tool in the code of the paper's
     authors; results are stored under `<set>+<tool>`."""
     recovery: bool | None = None
@@ -73,11 +70,14 @@ class EvaluateConfig:
     @property
     def set_names(self) -> tuple[str, ...]:
         """The sets asked for, each once, `all` and `behind/all` spelled out."""
-        names = [_GROUPS.get(name, (name,)) for name in self.sets]
+        from modpush.evaluation.sets import BEHIND_SETS, EVALUATION_SETS
+
+        groups = {"all": EVALUATION_SETS, "behind/all": BEHIND_SETS}
+        names = [groups.get(name, (name,)) for name in self.sets]
         return tuple(dict.fromkeys(itertools.chain.from_iterable(names)))
 
 
-def evaluate_policies(config: EvaluateConfig) -> dict[str, dict[str, pd.DataFrame]]:
+def evaluate_policies(config: EvaluateConfig) -> "dict[str, dict[str, pd.DataFrame]]":
     """Run every policy on every set, and write tables, pictures and videos.
 
     Returns:
@@ -87,11 +87,11 @@ def evaluate_policies(config: EvaluateConfig) -> dict[str, dict[str, pd.DataFram
         ValueError: Before an episode is run: if a policy or a set is unknown, or two policies or two sets
             have the same name.
     """
-    methods = get_methods(config.policy, allow=config.allow, recovery=config.recovery)
+    methods = recipes.get_methods(config.policy, allow=config.allow, recovery=config.recovery)
     results: dict[str, dict[str, pd.DataFrame]] = {}
     for name, episodes in _load_sets(config).items():
         rows = {method.name: _evaluate_one(method, episodes, config) for method in methods}
-        report = comparison_report(episodes.name, rows)
+        report = evaluation.comparison_report(episodes.name, rows)
         path = config.out / "comparison" / f"{episodes.name}.md"
         if len(rows) == 1:
             path = config.out / methods[0].name / episodes.name / "beside_paper.md"
@@ -104,11 +104,11 @@ def evaluate_policies(config: EvaluateConfig) -> dict[str, dict[str, pd.DataFram
     return results
 
 
-def _load_sets(config: EvaluateConfig) -> dict[str, EvaluationSet]:
+def _load_sets(config: EvaluateConfig) -> dict[str, "evaluation.EvaluationSet"]:
     """The chosen part of each set, by what the set was asked for as."""
-    sets: dict[str, EvaluationSet] = {}
+    sets: dict[str, evaluation.EvaluationSet] = {}
     for asked in config.set_names:
-        episodes = load_set(asked, allow=config.allow).first(config.episodes)
+        episodes = evaluation.load_set(asked, allow=config.allow).first(config.episodes)
         if config.tool is not None:
             episodes = episodes.with_tool(config.tool)
         for other, known in sets.items():
@@ -122,16 +122,16 @@ def _load_sets(config: EvaluateConfig) -> dict[str, EvaluationSet]:
 
 
 def _evaluate_one(
-    method: Method, evaluation_set: EvaluationSet, config: EvaluateConfig
-) -> pd.DataFrame:
+    method: "recipes.Method", evaluation_set: "evaluation.EvaluationSet", config: EvaluateConfig
+) -> "pd.DataFrame":
     """One policy on one set."""
     folder = config.out / method.name / evaluation_set.name
-    rows = evaluate(
+    rows = evaluation.evaluate(
         method.make_policy(),
         evaluation_set,
         folder,
         make_env=method.make_env,
-        config=EvaluationConfig(
+        config=evaluation.EvaluationConfig(
             num_envs=config.num_envs,
             workers=config.workers,
             path_key=method.path_key,
@@ -139,9 +139,9 @@ def _evaluate_one(
         ),
         resume=not config.fresh,
     )
-    table = write_tables(rows, folder)
+    table = evaluation.write_tables(rows, folder)
     print(f"\n{method.name} on {evaluation_set.name}\n\n{table}")
-    draw_results(
+    evaluation.draw_results(
         rows, evaluation_set, folder, method.name, pictures=config.pictures, videos=config.videos
     )
     return rows
@@ -149,7 +149,5 @@ def _evaluate_one(
 
 def main(arguments: Sequence[str]) -> None:
     """`modpush evaluate <arguments>`."""
-    config = tyro.cli(
-        EvaluateConfig, prog="modpush evaluate", description=__doc__, args=[*arguments]
-    )
+    config = parse_options(EvaluateConfig, "modpush evaluate", __doc__, arguments)
     evaluate_policies(config)

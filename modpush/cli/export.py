@@ -17,6 +17,7 @@ import tyro
 
 from modpush._types import AtLeastOne, FilePath, Name, Several
 from modpush._validation import checked
+from modpush.cli.options import parse_options
 from modpush.export.agent import Format, export_agent
 from modpush.recipes.agent_file import load_agent
 
@@ -40,7 +41,7 @@ class ExportConfig:
 def main(arguments: Sequence[str]) -> None:
     """`modpush export <arguments>`."""
     torch.set_num_threads(1)
-    config = tyro.cli(ExportConfig, prog="modpush export", description=__doc__, args=[*arguments])
+    config = parse_options(ExportConfig, "modpush export", __doc__, arguments)
     agent = load_agent(config.agent, allow=config.allow)
     for path in export_agent(agent, config.out, config.formats).values():
         print(f"{path}  {path.stat().st_size / 1e6:.2f} MB")

@@ -5,9 +5,8 @@ Drag the goal and the obstacles while a policy or the keyboard moves the arm.
 
 from collections.abc import Sequence
 
-import tyro
-
 from modpush._extras import require_extra
+from modpush.cli.options import parse_options
 
 __all__ = ["main"]
 
@@ -17,4 +16,4 @@ def main(arguments: Sequence[str]) -> None:
     require_extra("modpush play", "viser")
     from modpush.viewer import PlayConfig, play
 
-    play(tyro.cli(PlayConfig, prog="modpush play", description=__doc__, args=[*arguments]))
+    play(parse_options(PlayConfig, "modpush play", __doc__, arguments))

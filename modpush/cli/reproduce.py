@@ -12,8 +12,7 @@ run continues where it stopped; `--fresh` runs everything anew.
 
 from collections.abc import Sequence
 
-import tyro
-
+from modpush.cli.options import parse_options
 from modpush.reproduction.config import ReproduceConfig
 from modpush.reproduction.run_parts import reproduce
 
@@ -22,7 +21,5 @@ __all__ = ["main"]
 
 def main(arguments: Sequence[str]) -> None:
     """`modpush reproduce <arguments>`."""
-    config = tyro.cli(
-        ReproduceConfig, prog="modpush reproduce", description=__doc__, args=[*arguments]
-    )
+    config = parse_options(ReproduceConfig, "modpush reproduce", __doc__, arguments)
     reproduce(config)

@@ -19,6 +19,7 @@ import tyro
 
 from modpush._types import Count, FilePath, Name, Several
 from modpush._validation import checked
+from modpush.cli.options import parse_options
 from modpush.sweeps.definition import load_sweep
 from modpush.sweeps.runner import run_sweep
 
@@ -47,7 +48,7 @@ class SweepConfig:
 
 def main(arguments: Sequence[str]) -> None:
     """`modpush sweep <arguments>`."""
-    config = tyro.cli(SweepConfig, prog="modpush sweep", description=__doc__, args=[*arguments])
+    config = parse_options(SweepConfig, "modpush sweep", __doc__, arguments)
     sweep = load_sweep(config.sweep, allow=config.allow).of_groups(config.groups)
     results = run_sweep(
         sweep, config.out, jobs=config.jobs, ray=config.ray, total_steps=config.total_steps

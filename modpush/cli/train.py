@@ -9,119 +9,92 @@
     modpush train cpu --out runs/calm --reward-term my_lab:large_actions 0.2   # your own term
     modpush train cpu --out runs/wide --collector ray --num-collectors 8   # on a Ray cluster
 
-The folder gets `config.yaml`, `log.csv`, `evaluations.csv` (greedy, on held-out episodes), `curve.png`,
-`best_agent.safetensors` (give it to `modpush.load_agent` or `modpush evaluate --policy`),
-`checkpoints/`, and what TensorBoard reads in `logs/`. Ctrl-C, SIGTERM and SIGHUP write a
-checkpoint and stop.
+The folder gets `config.yaml`, `log.csv`, `evaluations.csv` (greedy, on held-out episodes),
+`curve.png`, `best_agent.safetensors` (give it to `modpush.load_agent` or `modpush evaluate --policy`),
+`checkpoints/`, and the files of TensorBoard in `logs/`. Ctrl-C, SIGTERM and SIGHUP write a checkpoint
+and stop.
+
+Presets:
+  cpu                The configuration that learns soonest on two CPU cores, in some tens of minutes.
+  any_object         The same with twelve objects, eight of them of random shape, and random mass and
+                     friction.
+  refine             Further training of a run of `cpu`, with higher weights for contact, collisions
+                     and detours.
+  refine_any_object  The same for a run of `any_object`.
+  paper              The paper's configuration: 7e6 steps with one update each, which takes days on a
+                     CPU.
+  smoke              A run of a few seconds that does everything once and learns nothing.
+
+The defaults of the options that begin with `--train.` are the preset's. NAME may be "module:name",
+for a part of your own.
+
+Run:
+  --out FOLDER                        Folder of the run; by default runs/train_PRESET.
+  --resume                            Continue the run in the folder from its newest checkpoint.
+  --config FILE                       YAML file of settings that replace the preset's, such as another
+                                      run's config.yaml; the options below replace the file's.
+  --allow MODULE ...                  Modules from which this file may import its author's own parts.
+  --init-from AGENT                   Start from the weights of a shipped agent, an agent's file, a
+                                      run's folder or a checkpoint.
+  --minutes X                         Training time after which the run ends like a completed one.
+  --train.total-steps N               Environment steps after which the run ends.
+  --train.seed N                      Seed of everything that is drawn at random.
+  --threads N                         Number of torch's threads in the learner's process.
+  --collector {local,ray}             With "ray" the scenes act on a Ray cluster,
+  --num-collectors N                  in so many collectors.
+  --train.evaluate-every N            Environment steps between evaluations on held-out episodes.
+  --train.loggers csv tensorboard     TorchRL loggers that are written to.
+
+Environment:
+  --train.env.num-envs N              Number of scenes stepped together.
+  --train.env.scene NAME ...          Scene families, one of which is drawn for each episode.
+  --train.env.pushed-object NAME ...  Objects, one of which is drawn for each episode; random_7 has a
+                                      random shape.
+  --train.env.randomize-dynamics      Draw the object's mass, friction and centre of mass.
+  --train.env.tool {2f85,rod}         Tool of the arm: the closed gripper, or a rod.
+  --train.env.planner NAME            distance_field, lazy_theta_star_grid, lazy_theta_star, a_star or
+                                      straight_line.
+  --train.env.inflation INFLATION     How far obstacles are inflated for planning: circumscribed,
+                                      inscribed, widest, or a distance [m].
+  --train.env.encoder NAME            Encoder of the local window: vae, rays, none, end_to_end (trained
+                                      with the agent), or a file of a DepthVAE.
+  --train.env.frame {base,object,path}  Axes of the observation and of the local window.
+  --train.env.add NAME ...            Entries to add to the observation.
+  --train.env.leave-out NAME ...      Entries to leave out of it.
+  --reward-term NAME WEIGHT ...       Your own reward terms, with their weights.
+  --train.env.reward.weights.TERM X   Weight of one of the preset's reward terms.
+
+Learner (TQC) and replay buffer:
+  --train.tqc.loss NAME               tqc, sac or td3.
+  --train.tqc.hidden-sizes N ...      Widths of the hidden layers of the actor and of each critic.
+  --train.tqc.actor-lr X              Learning rate of the actor; also --train.tqc.critic-lr and
+                                      --train.tqc.alpha-lr.
+  --train.tqc.gamma X                 Discount factor per step.
+  --train.tqc.batch-size N            Number of transitions in each update; set it together with
+  --train.replay.batch-size N         the number of transitions in each sample.
+  --train.tqc.updates-per-step X      Number of updates per environment step.
+  --train.tqc.learning-starts N       Environment steps before the first update.
+  --train.replay.sampler NAME         attentive, uniform or prioritized.
+  --train.replay.n-steps N            Number of steps whose rewards are summed before bootstrapping.
+  --train.replay.capacity N           Number of transitions that the buffer holds.
+  --train.no-mirror                   Do not learn from mirror images.
+  --train.curriculum.promotion {success,steps,off}  When the next stage of the curriculum begins.
+
+Every other field of `TrainConfig` is an option in the same way, such as `--train.tqc.tau 0.01`.
+docs/train_options.md lists all of them with their defaults, and the settings of each preset.
 """
 
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import field, replace
-from pathlib import Path
-from typing import Literal
+from collections.abc import Sequence
 
-import tyro
-
-from modpush._types import Count, FilePath, Name, Positive
-from modpush._validation import checked
-from modpush.cli.compiling import announce_compiling
-from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
-from modpush.training.curve import draw_curve
-from modpush.training.run_folder import RunFolder
-
-__all__ = ["RunConfig", "main", "train_agent"]
-
-
-@checked
-class RunConfig:
-    """A training run and its folder."""
-
-    train: TrainConfig = field(default_factory=TrainConfig)
-    """Settings of the training run."""
-    out: FilePath = Path("runs/train")
-    """Folder of the run."""
-    init_from: Name | None = None
-    """The same as `train.init_from`: start from the weights of an agent or a run."""
-    collector: Literal["local", "ray"] | None = None
-    """The same as `train.collector`: with "ray" the scenes act on a Ray cluster."""
-    num_collectors: Count | None = None
-    """The same as `train.num_collectors`."""
-    reward_term: Mapping[str, float] = field(default_factory=dict)
-    """Weights of your own reward terms, each as "module:function" and a number; they are added to
-    `train.env.reward.weights`."""
-    minutes: Positive | None = None
-    """The same as `train.max_minutes`: end after so many minutes, like a completed run."""
-    resume: bool = False
-    """Resume the run in the folder from its newest checkpoint."""
-    threads: Count = 1
-    """Number of torch's threads in the learner's process. Updates of large networks and batches, as
-    in `paper`, are faster with two or more; small ones are not. Sums are rounded differently with
-    another number."""
-
-
-def train_agent(run: RunConfig) -> dict[str, float]:
-    """Train, and draw the learning curve. Ctrl-C, SIGTERM and SIGHUP end it with a checkpoint.
-
-    On Linux the environment's process is forked, so call this before anything has run on several
-    threads of torch or numba, or use `Trainer` itself.
-
-    Returns:
-        The best agent's means over the held-out episodes, a row of `evaluations.csv`.
-
-    Raises:
-        KeyboardInterrupt: After an interrupt, once the checkpoint is written.
-    """
-    announce_compiling()
-    # Nothing has run in this process yet, so that the worker may share its libraries' memory.
-    start_method: Literal["fork", "spawn"] = "fork" if sys.platform == "linux" else "spawn"
-    config = run.train
-    if run.init_from is not None:
-        config = replace(config, init_from=run.init_from)
-    if run.collector is not None:
-        config = replace(config, collector=run.collector)
-    if run.num_collectors is not None:
-        config = replace(config, num_collectors=run.num_collectors)
-    if run.minutes is not None:
-        config = replace(config, max_minutes=run.minutes)
-    if run.reward_term:
-        reward = config.env.reward
-        reward = replace(reward, weights={**reward.weights, **run.reward_term})
-        config = replace(config, env=replace(config.env, reward=reward))
-    trainer = Trainer(
-        config, run.out, resume=run.resume, start_method=start_method, threads=run.threads
-    )
-    folder = trainer.folder
-    try:
-        best = trainer.run()
-    finally:
-        if folder.evaluations.exists():
-            draw_curve([folder.path], folder.curve)
-    if not best:
-        print(f"{folder.path}: nothing was evaluated yet.")
-        return best
-    print(
-        f"Best on the held-out episodes: success {best['success']:.3f}, SPL {best['spl']:.3f}, contact "
-        f"{best['contact_rate']:.3f}, collisions {best['collision_rate']:.3f}, after {best['step']} "
-        f"steps. Wrote {folder.best_agent} and {folder.curve}."
-    )
-    return best
+__all__ = ["main"]
 
 
 def main(arguments: Sequence[str]) -> None:
     """`modpush train <arguments>`."""
-    presets = {
-        name: (text, RunConfig(train=config, out=Path("runs") / f"train_{name}"))
-        for name, (text, config) in TRAIN_PRESETS.items()
-    }
-    run = tyro.extras.overridable_config_cli(
-        presets, prog="modpush train", description=__doc__, args=[*arguments]
-    )
-    try:
-        train_agent(run)
-    except KeyboardInterrupt:
-        if RunFolder(run.out).checkpoints.latest() is None:
-            print("\nStopped before the first checkpoint; start again with the same command.")
-        else:
-            print(f"\nStopped; a checkpoint is in {run.out}. Continue with --resume.")
-        raise KeyboardInterrupt("") from None
+    if {"-h", "--help"} & {*arguments}:
+        print(f"usage: modpush train PRESET [OPTIONS]\n\n{__doc__}", end="")
+        sys.exit(0)
+    from modpush.cli.training_run import run_preset  # it imports torch, which takes seconds
+
+    run_preset(arguments)

@@ -11,14 +11,12 @@ from modpush.training.config import TrainConfig
 __all__ = ["TRAIN_PRESETS"]
 
 
-_FREE_SPACE_FIRST = CurriculumConfig(
-    phases=(Phase(scenes=("free",)), Phase(first_stage=6)), window=12
+_NO_CURRICULUM = CurriculumConfig(
+    phases=(Phase(scenes=("free",)), Phase(first_stage=6)), window=12, promotion="off"
 )
-"""Pushing in free space first, and then in the environment's own scenes. With the scripted pusher's
-transitions to learn from, nearly all episodes of most stages succeed, so that few have to be counted."""
-
-_NO_CURRICULUM = replace(_FREE_SPACE_FIRST, promotion="off")
-"""All scenes and distances from the beginning. `promotion="success"` alone gives the curriculum above."""
+"""All scenes and distances from the beginning. `promotion="success"` alone gives a curriculum that begins
+in free space. With the scripted pusher's transitions to learn from, nearly all episodes of most stages
+succeed, so that few have to be counted."""
 
 
 _REFINED_WEIGHTS = {
@@ -81,29 +79,6 @@ def _refine(first: TrainConfig, run: str, learning_starts: int) -> TrainConfig:
     )
 
 
-def _authors() -> TrainConfig:
-    return TrainConfig(
-        env=PushEnvConfig.preset("authors"),
-        replay=ReplayConfig(sampler="uniform"),
-        # The code has a twelfth of 0.6 m on its list of distances, but its eighth is the last it reaches.
-        curriculum=CurriculumConfig(
-            promotion="steps",
-            step_thresholds=(
-                100_000,
-                250_000,
-                500_000,
-                900_000,
-                1_500_000,
-                2_000_000,
-                2_400_000,
-            ),
-        ),
-        total_steps=20_000_000,
-        rollout_length=10,
-        evaluate_every=30_000,
-    )
-
-
 def _smoke() -> TrainConfig:
     cpu = _cpu()
     return replace(
@@ -151,22 +126,6 @@ TRAIN_PRESETS: dict[str, tuple[str, TrainConfig]] = {
     "paper": (
         "The paper's configuration: 7e6 steps with one update each, which takes days on a CPU.",
         TrainConfig(env=PushEnvConfig.preset("paper"), tqc=TQCConfig.preset("paper")),
-    ),
-    "authors": (
-        "Never run: what the authors' code does where it differs from the paper.",
-        _authors(),
-    ),
-    "gpu": (
-        "Experimental, never run: the paper's networks in CUDA graphs, the environment on the CPU.",
-        TrainConfig(
-            env=PushEnvConfig.preset("cpu"),
-            tqc=TQCConfig.preset("gpu"),
-            replay=ReplayConfig(device="cuda"),
-            curriculum=_FREE_SPACE_FIRST,
-            zero_init_latent=True,
-            total_steps=2_000_000,
-            greedy_envs=4,
-        ),
     ),
     "smoke": ("A run of a few seconds that does everything once and learns nothing.", _smoke()),
 }

@@ -38,6 +38,21 @@ def test_every_subcommand_explains_itself(name: str, capsys: pytest.CaptureFixtu
     assert SUBCOMMANDS[name].split()[:6] == printed.split("\n\n")[1].split()[:6]
 
 
+@pytest.mark.parametrize("name", ["evaluate", "collect", "export"])
+def test_the_help_of_an_option_is_wrapped_once(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A line ends early only where a paragraph does, or where the next word has no room."""
+    with pytest.raises(SystemExit):
+        run_command([name, "--help"])
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("│  ")]
+    texts = [line.strip("│").strip() for line in lines]
+    for line, text, following in zip(lines, texts, texts[1:], strict=False):
+        if text and following and not following.startswith("-") and not text.endswith(")"):
+            room = len(line.rstrip("│")) - len(line.rstrip("│").rstrip())
+            assert len(following.split()[0]) + 1 >= room, (text, following)
+
+
 def test_an_unknown_option_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         run_command(["evaluate", "--polcy", "agent"])

@@ -1,13 +1,20 @@
 """`modpush train` runs a preset with changed options."""
 
+import dataclasses
+import re
+import shlex
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 import torch
 import yaml
 
-from modpush.cli import train
+from modpush.cli import RunConfig, run_command, train, training_run
+from modpush.encoders import ENCODERS
+from modpush.planners import PLANNERS
+from modpush.training import TRAIN_PRESETS
 from modpush.training.learner import Learner
 from modpush.training.run_folder import RunFolder
 
@@ -37,12 +44,12 @@ def test_a_run_from_the_command_line(tmp_path) -> None:
 def test_an_interrupt_says_whether_there_is_a_checkpoint(
     tmp_path, monkeypatch, capsys, with_checkpoint
 ) -> None:
-    def interrupted(run: train.RunConfig) -> None:
+    def interrupted(run: RunConfig) -> None:
         if with_checkpoint:
             RunFolder(run.out).checkpoints.save(8, {"config": {}})
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(train, "train_agent", interrupted)
+    monkeypatch.setattr(training_run, "train_agent", interrupted)
     with pytest.raises(KeyboardInterrupt):
         train.main(["smoke", "--out", str(tmp_path / "run")])
     expected = "a checkpoint is in" if with_checkpoint else "before the first checkpoint"
@@ -66,3 +73,101 @@ def test_updates_run_on_as_many_threads_as_asked_for(tmp_path, monkeypatch) -> N
     finally:
         torch.set_num_threads(before)
     assert seen == {2}
+
+
+def test_the_help_names_every_preset_and_only_options_that_exist() -> None:
+    text = train.__doc__
+    assert len(text.splitlines()) < 120
+    presets = text.partition("Presets:\n")[2].partition("\n\n")[0]
+    listed = " ".join(presets.split())
+    assert listed == " ".join(f"{name} {what}" for name, (what, _) in TRAIN_PRESETS.items())
+    options = text.partition("\nRun:\n")[2]
+    config = TRAIN_PRESETS["cpu"][1]
+    there = {
+        "--config",
+        "--allow",
+        *(f"--{name}" for name in option_names(RunConfig(train=config))),
+    }
+    named = {re.sub("[.]TERM$", ".goal", name) for name in re.findall(r"--[a-z][\w.-]*\w", options)}
+    assert {name.replace("--train.no-", "--train.") for name in named} - {"--train"} <= there
+    assert len(named) > 40
+    words = set(re.findall(r"\w+", text))
+    assert words >= {*PLANNERS}
+    assert words >= {*ENCODERS} - {"conv"}
+
+
+def option_names(config: object) -> set[str]:
+    """Options of a configuration without the dashes in front."""
+    names = set()
+    for name, value in vars(config).items():
+        if dataclasses.is_dataclass(value):
+            names |= {f"{name}.{inner}" for inner in option_names(value)}
+        if isinstance(value, dict):
+            names |= {f"{name}.{key}" for key in value}
+        names.add(name)
+    return {name.replace("_", "-") for name in names}
+
+
+def test_the_examples_of_the_help_are_understood(tmp_path, monkeypatch) -> None:
+    runs = []
+    monkeypatch.setattr(training_run, "train_agent", runs.append)
+    examples = re.findall(r"^    modpush (train .*?)(?:  +#.*)?$", train.__doc__, re.M)
+    for example in examples:
+        assert run_command(shlex.split(example)) == 0
+    assert len(runs) == len(examples) > 5
+    assert runs[1].resume
+    assert runs[4].train.env.encoder == "rays"
+
+
+def test_settings_of_a_file_replace_the_presets_and_options_those_of_the_file(tmp_path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text(
+        "seed: 3\ntotal_steps: 5_000\nenv: {encoder: rays, reward: {weights: {goal: 2}}}\n"
+    )
+    run = training_run.parse_run(["cpu", "--config", str(file), "--train.seed", "4"])
+    cpu = TRAIN_PRESETS["cpu"][1]
+    reward = replace(cpu.env.reward, weights={"goal": 2.0})
+    env = replace(cpu.env, encoder="rays", reward=reward)
+    assert run.train == replace(cpu, seed=4, total_steps=5_000, env=env)
+
+
+def test_the_config_of_a_run_repeats_it_whatever_the_preset(tmp_path) -> None:
+    for name, (_, config) in TRAIN_PRESETS.items():
+        folder = RunFolder(tmp_path / name)
+        folder.write_config(config)
+        run = training_run.parse_run(["any_object", "--config", str(folder.config)])
+        assert run.train == config
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("tqc: {gama: 0.9}", "gama"),
+        ("tqc: {gamma: often}", "gamma must be a number"),
+        ("- 3", "expected fields of TrainConfig by name"),
+        ("env: {planner: 'my_lab:Planner'}", "--allow my_lab"),
+        ("env: {", "cut short or damaged"),
+        (None, "no file"),
+    ],
+)
+def test_a_file_of_settings_that_does_not_fit_is_named(tmp_path, capsys, content, message) -> None:
+    file = tmp_path / "mine.yaml"
+    if content is not None:
+        file.write_text(content)
+    assert run_command(["train", "cpu", "--config", str(file)]) == 2
+    printed = capsys.readouterr().err
+    assert message in printed
+    assert str(file) in printed
+
+
+def test_parts_that_a_file_of_settings_names_can_be_allowed(tmp_path) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text("env: {encoder: 'tests.own_parts:MeanHeight'}")
+    run = training_run.parse_run(["cpu", "--config", str(file), "--allow", "tests.own_parts"])
+    assert run.train.env.encoder == "tests.own_parts:MeanHeight"
+
+
+@pytest.mark.parametrize("arguments", [[], ["gpu"], ["--out", "runs/train"]])
+def test_a_preset_is_expected_first(capsys, arguments) -> None:
+    assert run_command(["train", *arguments]) == 2
+    assert "expected a preset first, one of ['cpu', 'any_object'" in capsys.readouterr().err

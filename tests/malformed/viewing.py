@@ -3,10 +3,10 @@
 import functools
 from typing import Any
 
+from modpush.cli import RunConfig
 from modpush.cli.demo import DemoConfig
 from modpush.cli.evaluate import EvaluateConfig
 from modpush.cli.export import ExportConfig
-from modpush.cli.train import RunConfig
 from modpush.viewer import PlayConfig, Session
 from tests.malformed.files import folder, good
 from tests.malformed.target import NOT_FINITE, UNKNOWN, Target

@@ -208,11 +208,7 @@ def test_refining_changes_weights_of_the_reward_alone(name, first):
     assert departures == {"evaluate_every": 25_000}
 
 
-def test_the_authors_code_stops_its_curriculum_at_38_centimetres():
-    """Its thresholds are eight, of which the last is beyond its highest difficulty."""
-    curriculum = TRAIN_PRESETS["authors"][1].curriculum
-    last = len(curriculum.step_thresholds)
-    assert curriculum.distances[last - 2 : last + 1] == (0.28, 0.33, 0.38)
-    env = TRAIN_PRESETS["authors"][1].env
+def test_the_environment_of_the_authors_code_weighs_the_window_and_looks_20_centimetres_ahead():
+    env = PushEnvConfig.preset("authors")
     assert (env.reward.weights["window"], env.subgoal_lookahead) == (2.0, 0.2)
     assert not env.reward.clip

@@ -9,7 +9,7 @@ from torchrl.data import Bounded, Composite, Unbounded
 
 from modpush import load_agent
 from modpush.agents import TQCConfig, make_tqc_from_specs
-from modpush.cli.train import RunConfig, train_agent
+from modpush.cli import RunConfig, train_agent
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.training import Trainer, load_critics
 from modpush.training.run_folder import RunFolder
