@@ -36,7 +36,7 @@ def field_texts(config: type) -> dict[str, str]:
     (made,) = ast.parse(textwrap.dedent(inspect.getsource(config))).body
     assert isinstance(made, ast.ClassDef)
     return {
-        ast.unparse(line.target): " ".join(text.value.value.split())
+        ast.unparse(line.target): " ".join(str(text.value.value).split())
         for line, text in itertools.pairwise(made.body)
         if isinstance(line, ast.AnnAssign)
         and isinstance(text, ast.Expr)
@@ -50,5 +50,5 @@ def _describe_fields(config: type[Any]) -> None:
     for field in fields(config):
         if field.name in texts:
             field.metadata = MappingProxyType({**field.metadata, "help": texts[field.name]})
-        if is_dataclass(field.type):
+        if isinstance(field.type, type) and is_dataclass(field.type):
             _describe_fields(field.type)

@@ -1,6 +1,8 @@
 """The command as a whole: what it lists, what it refuses, and how it says so."""
 
 import io
+import itertools
+import re
 import shlex
 import subprocess
 import sys
@@ -45,12 +47,15 @@ def test_the_help_of_an_option_is_wrapped_once(
     """A line ends early only where a paragraph does, or where the next word has no room."""
     with pytest.raises(SystemExit):
         run_command([name, "--help"])
-    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("│  ")]
-    texts = [line.strip("│").strip() for line in lines]
-    for line, text, following in zip(lines, texts, texts[1:], strict=False):
-        if text and following and not following.startswith("-") and not text.endswith(")"):
-            room = len(line.rstrip("│")) - len(line.rstrip("│").rstrip())
-            assert len(following.split()[0]) + 1 >= room, (text, following)
+    lines = [line.replace("│", " ").rstrip() for line in capsys.readouterr().out.splitlines()]
+    pairs = [
+        (line, following.split()[0])
+        for line, following in itertools.pairwise(lines)
+        if re.match(" {6,}[^ -]", line) and re.match(" {6,}[^ -]", following)
+    ]
+    assert pairs
+    for line, word in pairs:
+        assert line.endswith(")") or len(line) + 1 + len(word) > 78, (line, word)
 
 
 def test_an_unknown_option_is_named(capsys: pytest.CaptureFixture[str]) -> None:
