@@ -12,7 +12,7 @@ from modpush._extras import require_extra
 __all__ = ["ray_session"]
 
 _PATIENCE = 5.0
-"""How long a cluster may take to accept a connection [s]."""
+"""Time limit for a connection to a cluster [s]."""
 
 
 @contextmanager

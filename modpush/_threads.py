@@ -1,4 +1,4 @@
-"""How many threads torch uses."""
+"""Number of torch's threads within a block."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -231,7 +231,7 @@ def _title(name: str, episode: Episode) -> str:
 
 
 def _verdict(episode: Episode) -> str:
-    """How an episode ended, in words."""
+    """Outcome of an episode in words, for captions."""
     metrics = episode.metrics
     if metrics.success:
         return f"solved in {metrics.steps} steps"

@@ -53,7 +53,7 @@ class _Network:
 
 @checked
 class _Part:
-    """How a part is found again, or what it was."""
+    """Name by which a part is found again, or a description of one that has none."""
 
     name: Name | None = None
     was: str | None = None
@@ -61,7 +61,7 @@ class _Part:
 
 @checked
 class _Content:
-    """What a file holds beside the weights."""
+    """Content of an agent's file beside the weights."""
 
     env: PushEnvConfig
     network: _Network
@@ -225,7 +225,7 @@ def save_agent(
 
 
 def _describe(part: Any) -> dict[str, str]:
-    """How a part is found again, or what it was."""
+    """Name by which a part is found again, or a description of one that has none."""
     try:
         return {"name": part_name("save_agent", part, {})}
     except ValueError:

@@ -194,7 +194,7 @@ class Trainer:
 
     @property
     def ended(self) -> bool:
-        """Whether the run has made `total_steps` or taken `max_minutes`."""
+        """True once the run has made `total_steps` or taken `max_minutes`."""
         limit = self.config.max_minutes
         out_of_time = limit is not None and self.minutes() >= limit
         return self.steps >= self.config.total_steps or out_of_time

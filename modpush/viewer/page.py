@@ -66,7 +66,7 @@ class Page:
 
     @property
     def address(self) -> str:
-        """Where the page is, seen from this machine."""
+        """Address of the page on this machine."""
         # Every address of this machine is listened on by these, and none is called so.
         host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.config.host, self.config.host)
         return f"http://{f'[{host}]' if ':' in host else host}:{self.server.get_port()}"

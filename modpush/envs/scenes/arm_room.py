@@ -1,4 +1,4 @@
-"""Where obstacles would stand in the arm: in its shoulder and upper arm, or in the tool at a start."""
+"""Obstacles in the arm: in the region of shoulder and upper arm, or in the tool at a start."""
 
 import math
 from collections.abc import Sequence
@@ -59,7 +59,7 @@ def tool_touches(
     tool: ToolName,
     gap: float = 0.0,
 ) -> bool:
-    """Whether a part of the tool is in an obstacle, or nearer to one than a gap.
+    """True if a part of the tool is in an obstacle, or nearer to one than a gap.
 
     Args:
         pose: x, y, yaw of the tool's tip [m, m, rad].

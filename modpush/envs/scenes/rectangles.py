@@ -73,7 +73,7 @@ def nearest_rectangle(x: float, y: float, turned: np.ndarray) -> float:
 
 @njit()
 def rectangles_touch(row: np.ndarray, rows: np.ndarray, gap: float) -> bool:
-    """Whether a rectangle (x, y, yaw, length, width) overlaps one of several, made larger by a gap [m].
+    """True if a rectangle (x, y, yaw, length, width) overlaps one of several, enlarged by a gap [m].
 
     Two rectangles are apart if their shadows are on a line along a side of either.
     """

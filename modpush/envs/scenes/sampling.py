@@ -250,9 +250,8 @@ def _tool_starts(
     away = candidates.start - candidates.goal
     heading = np.arctan2(away[:, 1], away[:, 0])
     place = candidates.start + _polar(np.full(len(away), _BEHIND), heading)
-    yaw = (
-        heading % np.pi - np.pi / 2
-    )  # the wide side is along the tool's x, and half a turn no matter
+    # The wide side is along the tool's x; half a turn makes no difference.
+    yaw = heading % np.pi - np.pi / 2
     outline = np.concatenate(item.footprints())
     object_extent = (_polar(np.ones(len(away)), heading - candidates.yaw) @ outline.T).max(1)
     half_extents, reach = TOOLS[tool].tip_half_extents, np.linalg.norm(place, axis=1)
