@@ -594,7 +594,7 @@ def test_a_missing_key_lists_the_keys_there_are():
 
 @pytest.mark.ray
 def test_a_ray_buffer():
-    pytest.importorskip("ray")
+    ray = pytest.importorskip("ray")
     from torchrl.data import RayReplayBuffer
 
     buffer = RayReplayBuffer(
@@ -608,6 +608,7 @@ def test_a_ray_buffer():
         assert len(buffer.sample()) == 8
     finally:
         buffer.close()
+        ray.shutdown()  # the buffer connects this process to Ray, and leaves it connected
 
 
 def test_bytes_are_compared_as_floats():

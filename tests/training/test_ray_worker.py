@@ -295,7 +295,8 @@ def test_the_head_gone_ends_the_run_with_a_checkpoint(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("form", ["127.0.0.1:{}", "ray://127.0.0.1:{}"])
 def test_a_cluster_that_is_gone_is_named_at_once(monkeypatch, form: str) -> None:
-    pytest.importorskip("ray")
+    ray = pytest.importorskip("ray")
+    assert not ray.is_initialized(), "another test has left this process connected"
     address = form.format(free_port())
     monkeypatch.setenv("RAY_ADDRESS", address)
     began = time.monotonic()
