@@ -59,7 +59,7 @@ def make_env(card: dict, num_envs: int, scene: str) -> EnvBase:
             metres_per_pixel=window["metres_per_pixel"],
         ),
     )
-    pushed = card["environment"]["pushed_object"]
+    pushed = card["environment"]["scenario"]["pushed_object"]
     env = PushEnv(num_envs, scene=scene, pushed_object=pushed, seed=0)
     return TransformedEnv(env, transforms)
 

@@ -195,7 +195,11 @@ READERS: dict[str, Callable[[Path, str], object]] = {
     **{
         f"agent {place}": agent(place)
         for place in (
-            *(f"env.{name}" for name in ("planner", "encoder", "scene", "pushed_object", "depth")),
+            "env.planner",
+            "env.encoder",
+            "env.scenario.scene",
+            "env.scenario.pushed_object",
+            "env.simulation.depth",
             "env.reward.weights.*",
             "network.actor",
             "network.encoder",

@@ -4,7 +4,7 @@ python tools/train_options.py
 """
 
 import textwrap
-from dataclasses import MISSING, asdict, fields, is_dataclass
+from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,11 @@ gives a value; a preset replaces some of them, [see below](#settings-of-the-pres
 
 def page() -> str:
     """The whole page."""
-    parts = [INTRODUCTION, *_section("The command", "--", RunConfig), *_configs("", TrainConfig())]
+    parts = [
+        INTRODUCTION,
+        *_section("The command", "--", RunConfig()),
+        *_configs("", TrainConfig()),
+    ]
     parts += [
         "## Settings of the presets",
         "The fields that differ from the defaults, as a file for `--config`.",
@@ -49,21 +53,22 @@ def page() -> str:
 
 def _configs(prefix: str, config: Any) -> list[str]:
     """A section for a configuration, and one for each that it holds."""
-    parts = _section(f"`{type(config).__name__}`", prefix, type(config))
-    for name, value in vars(config).items():
+    parts = _section(f"`{type(config).__name__}`", prefix, config)
+    for field in fields(config):
+        name, value = field.name, getattr(config, field.name)
         if is_dataclass(value):
             parts += _configs(f"{prefix}{name}.", value)
         elif isinstance(value, tuple) and any(isinstance(item, Phase) for item in value):
-            parts += _section("`Phase`", f"{prefix}{name}.0.", Phase)
+            parts += _section("`Phase`", f"{prefix}{name}.0.", Phase())
     return parts
 
 
-def _section(title: str, prefix: str, kind: Any) -> list[str]:
-    texts = field_texts(kind)
+def _section(title: str, prefix: str, config: Any) -> list[str]:
+    texts = field_texts(type(config))
     lines = []
-    for field in fields(kind):
+    for field in fields(config):
         name = f"{prefix}{field.name.replace('_', '-') if prefix == '--' else field.name}"
-        value = field.default if field.default_factory is MISSING else field.default_factory()
+        value = getattr(config, field.name)
         if not is_dataclass(value):
             text = f"- `{name}` = `{_shown(value)}`: {texts[field.name]}"
             lines.append(textwrap.fill(text, 120, subsequent_indent="  ", break_on_hyphens=False))
@@ -79,8 +84,8 @@ def _shown(value: Any) -> str:
 def _changes(default: Any, config: Any) -> dict[str, Any]:
     """The fields of a configuration that differ from another's, as nested mappings."""
     changes = {}
-    for name, value in vars(config).items():
-        before = getattr(default, name)
+    for name in (field.name for field in fields(config)):
+        value, before = getattr(config, name), getattr(default, name)
         if value != before:
             changes[name] = _changes(before, value) if is_dataclass(value) else value
     return changes

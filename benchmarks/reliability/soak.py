@@ -100,16 +100,11 @@ def settings(count: int, rng: np.random.Generator) -> list[dict[str, Any]]:
 def make_env(options: dict[str, Any], seed: int) -> EnvBase:
     """The whole stack with these options, all objects and all families."""
     given = dict(options)
-    of_env = {name: given.pop(name) for name in ("dynamic_obstacles", "arm_in_depth")}
     reward = RewardConfig(normalisation=given.pop("normalisation"))
-    config = PushEnvConfig(
-        num_envs=NUM_ENVS,
-        scene=tuple(SCENES),
-        pushed_object=tuple(OBJECTS),
-        reward=reward,
-        **given,
+    config = PushEnvConfig(num_envs=NUM_ENVS, reward=reward)
+    return make_push_env(
+        config, scene=tuple(SCENES), pushed_object=tuple(OBJECTS), seed=seed, **given
     )
-    return make_push_env(config, seed=seed, **of_env)
 
 
 def in_obstacles(env: PushEnv) -> list[NDArray[np.float64]]:

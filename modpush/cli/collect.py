@@ -1,7 +1,7 @@
 """Record demonstrations of any policies for offline learning, as Minari and ManiSkill data sets.
 
     modpush collect --policy agent corridor --episodes 1000 --only-success
-    modpush collect --policy scripted --env.scene free --env.difficulty 0 0.5 --images
+    modpush collect --policy scripted --env.scenario.scene free --env.scenario.difficulty 0 0.5 --images
 
 Writes both data sets and a card to `runs/demonstrations/`. An interrupted run continues where it
 stopped, and one that asks for more episodes adds them. It needs `pip install 'modpush[data]'`.

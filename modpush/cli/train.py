@@ -47,11 +47,11 @@ Run:
 
 Environment:
   --train.env.num-envs N              Number of scenes stepped together.
-  --train.env.scene NAME ...          Scene families, one of which is drawn for each episode.
-  --train.env.pushed-object NAME ...  Objects, one of which is drawn for each episode; random_7 has a
-                                      random shape.
-  --train.env.randomize-dynamics      Draw the object's mass, friction and centre of mass.
-  --train.env.tool {2f85,rod}         Tool of the arm: the closed gripper, or a rod.
+  --train.env.scenario.scene NAME ... Scene families, one of which is drawn for each episode.
+  --train.env.scenario.pushed-object NAME ...  Objects, one of which is drawn for each episode;
+                                      random_7 has a random shape.
+  --train.env.scenario.randomize-dynamics  Draw the object's mass, friction and centre of mass.
+  --train.env.simulation.tool {2f85,rod}  Tool of the arm: the closed gripper, or a rod.
   --train.env.planner NAME            distance_field, lazy_theta_star_grid, lazy_theta_star, a_star or
                                       straight_line.
   --train.env.inflation INFLATION     How far obstacles are inflated for planning: circumscribed,

@@ -24,7 +24,7 @@ def card_text(
         tried: A row for each episode that was run.
         about: `policies` and `fingerprint` of the data set.
     """
-    env = config.env
+    env, drawn = config.env, config.env.scenario
     kept = "episodes that reached the goal" if config.only_success else "all episodes"
     width = about["fingerprint"]["observation"]["entries"][-1]["columns"][1]
     files = {
@@ -50,8 +50,8 @@ def card_text(
             "",
             f"- starts: drawn from the seeds {episode_seed(config.seed, 0)} + number of the episode, "
             "the same for all policies; none is in an evaluation set",
-            f"- scenes: {', '.join(env.scene)}; difficulty {env.difficulty[0]:g} to "
-            f"{env.difficulty[1]:g}, distance {env.distance[0]:g} to {env.distance[1]:g} m",
+            f"- scenes: {', '.join(drawn.scene)}; difficulty {drawn.difficulty[0]:g} to "
+            f"{drawn.difficulty[1]:g}, distance {drawn.distance[0]:g} to {drawn.distance[1]:g} m",
             f"- objects: {', '.join(config.objects)}",
             f"- licence: {config.licence}",
             *(files[name] for name in config.formats),

@@ -28,7 +28,7 @@ from modpush.data.minari_folder import write_minari
 from modpush.data.recording_env import RecordingEnv
 from modpush.data.store import DemonstrationStore
 from modpush.envs.scenes.sampling import sample_scenario
-from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
+from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.episodes import run_episodes
 from modpush.evaluation.results import describe_policy
 from modpush.files import write_text
@@ -173,7 +173,7 @@ def _check_tries(name: str, tried: int, kept: int, config: CollectConfig) -> Non
     if tried >= min(_TRIES * config.episodes + 20, MAX_NUMBER):
         raise ValueError(
             f"collect_demonstrations: {name!r} reached the goal in {kept} of {tried} episodes, which "
-            f"is too few to find {config.episodes}; ask for fewer, or easier scenes (env.difficulty)."
+            f"is too few to find {config.episodes}; ask for fewer, or easier scenes."
         )
 
 
@@ -215,14 +215,6 @@ def _run(
 
 def _start(config: CollectConfig, number: int) -> Scenario:
     """The start that `reset(seed=...)` of the recorded environment draws."""
-    env = config.env
-    scenario = ScenarioConfig(
-        scene=env.scene,
-        pushed_object=env.pushed_object,
-        difficulty=env.difficulty,
-        distance=env.distance,
-        randomize_dynamics=env.randomize_dynamics,
-        path_inflation=env.path_inflation,
-    )
     generator = np.random.default_rng(episode_seed(config.seed, number))
-    return sample_scenario(generator, scenario, tool=env.tool)
+    tool = config.env.simulation.tool
+    return sample_scenario(generator, config.env.filled_scenario(), tool=tool)

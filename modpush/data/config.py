@@ -1,6 +1,6 @@
 """`CollectConfig`: which demonstrations are collected, and from which starts."""
 
-from dataclasses import asdict, field
+from dataclasses import asdict, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -76,8 +76,7 @@ class CollectConfig:
     @property
     def objects(self) -> tuple[str, ...]:
         """Names of the objects that are pushed."""
-        names = self.env.pushed_object
-        return (names,) if isinstance(names, str) else tuple(names)
+        return self.env.scenario.pushed_object
 
     @property
     def dataset_id(self) -> str:
@@ -87,9 +86,6 @@ class CollectConfig:
     def env_options(self) -> dict[str, Any]:
         """Arguments of `gymnasium.make("modpush/Push-v0", ...)`, as plain data.
 
-        All fields are spelled out, so that they stay what they are when a preset changes, but for those
-        that are empty, as they are in the preset `paper`.
+        All fields are spelled out, so that they stay what they are when a preset changes.
         """
-        options = {name: value for name, value in asdict(self.env).items() if value != ()}
-        del options["num_envs"]
-        return {"preset": "paper", **options}
+        return {"config": asdict(replace(self.env, num_envs=1))}

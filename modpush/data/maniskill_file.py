@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,7 @@ def write_maniskill(
     with replacing(path) as unfinished, h5py.File(unfinished, "w") as file:
         for number, found in enumerate(demonstrations):
             group = file.create_group(f"traj_{number}", track_order=True)
-            _write_group(group, _trajectory(found, config.tool))
+            _write_group(group, _trajectory(found, config.simulation.tool))
             episodes.append(
                 {
                     "episode_id": number,
@@ -59,7 +60,7 @@ def write_maniskill(
         "env_info": {
             "env_id": _ENV_ID,
             "env_kwargs": _env_kwargs(config),
-            "max_episode_steps": config.max_episode_steps,
+            "max_episode_steps": config.simulation.max_episode_steps,
         },
         "episodes": episodes,
         "source_type": "rl",
@@ -69,16 +70,10 @@ def write_maniskill(
 
 
 def _env_kwargs(config: PushEnvConfig) -> dict[str, Any]:
-    objects = config.pushed_object
     return {
-        "scene": list(config.scene),
-        "pushed_object": objects if isinstance(objects, str) else list(objects),
-        "difficulty": list(config.difficulty),
-        "distance": list(config.distance),
-        "randomize_dynamics": config.randomize_dynamics,
-        "path_inflation": config.path_inflation,
-        "robot_uids": f"ur5_{config.tool}",
-        "sim_freq": config.sim_freq,
+        **json.loads(json.dumps(asdict(config.filled_scenario()))),  # tuples as lists
+        "robot_uids": f"ur5_{config.simulation.tool}",
+        "sim_freq": config.simulation.sim_freq,
         "obs_mode": "state_dict",
         "reward_mode": "sparse",
         "sim_backend": "physx_cpu",

@@ -1,11 +1,14 @@
 """`Encode`: an encoder as a TorchRL transform."""
 
+from typing import Any
+
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import nn
 from torchrl.data import TensorSpec
 
 from modpush._arguments import checked_arguments
+from modpush._hash import weights_hash
 from modpush._keys import check_spec_has, read_key
 from modpush._resets import write_scenes_reset
 from modpush._transforms import StatelessTransform, add_unbounded
@@ -51,6 +54,12 @@ class Encode(StatelessTransform):
         super().__init__(in_keys=[window_key], out_keys=out_keys)
         self.encoder, self.mirrored_key = encoder, mirrored_key
         self.window_key, self.latent_key, self.grad = window_key, latent_key, grad
+
+    def describe(self) -> dict[str, Any]:
+        """Class of the encoder and hash of its weights."""
+        kind = type(self.encoder)
+        name = f"{kind.__module__}:{kind.__qualname__}"
+        return {"encoder": {"class": name, "weights": weights_hash(self.encoder)}}
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         window = as_floats(read_key("Encode", next_tensordict, self.window_key))

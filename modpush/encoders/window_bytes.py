@@ -1,5 +1,7 @@
 """`WindowBytes`: the local window as bytes, for storage."""
 
+from typing import Any
+
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torchrl.data import Bounded, TensorSpec
@@ -27,6 +29,10 @@ class WindowBytes(StatelessTransform):
     def __init__(self, window_key: NestedKey = "window") -> None:
         super().__init__(in_keys=[window_key], out_keys=[window_key])
         self.window_key = window_key
+
+    def describe(self) -> dict[str, Any]:
+        """The window is written as bytes."""
+        return {"window_bytes": True}
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         window = read_key("WindowBytes", next_tensordict, self.window_key)

@@ -1,5 +1,7 @@
 """`EgocentricWindow`: the local window around the object, as a TorchRL transform."""
 
+from typing import Any
+
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
@@ -84,6 +86,11 @@ class EgocentricWindow(StatelessTransform):
         if frame == "path":
             in_keys.append(subgoal_key)
         super().__init__(in_keys=in_keys, out_keys=[window_key])
+
+    def describe(self) -> dict[str, Any]:
+        """Frame, size, scale, and which heights are shown."""
+        names = ("frame", "size", "metres_per_pixel", "outside", "max_height", "upright")
+        return {"window": {name: getattr(self, name) for name in names}}
 
     def _pose(self, tensordict: TensorDictBase) -> Tensor:
         """`[B, 3]` of the window's frame."""

@@ -3,7 +3,6 @@
 import inspect
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from modpush.envs.outcome import GOAL_THRESHOLD, is_out_of_bounds
 from modpush.envs.robot.ur5_2f85 import ToolName
 from modpush.envs.scenes.arm_room import check_arm_is_free
 from modpush.envs.scenes.objects import PushedObject
-from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
+from modpush.envs.scenes.scenario import Scenario
 from modpush.envs.specs import ACTION_SIZE
 from modpush.geometry.workspace import Rectangle
 
@@ -29,7 +28,6 @@ __all__ = [
     "check_scene",
     "check_simulation",
     "chosen_scenes",
-    "make_scenario_config",
     "parameter_names",
     "refuse_unknown",
     "scenes_to_reset",
@@ -62,37 +60,6 @@ def refuse_unknown(who: str, unknown: Iterable[str], expected: str) -> None:
     # TorchRL's GymEnv looks for Python's own words to find out what an environment does not take.
     if names := ", ".join(repr(name) for name in sorted(unknown)):
         raise TypeError(f"{who}: got an unexpected keyword argument {names}; expected {expected}.")
-
-
-def make_scenario_config(
-    who: str,
-    scenario: ScenarioConfig | None,
-    options: Mapping[str, Any],
-    constructor: Callable[..., Any],
-) -> ScenarioConfig:
-    """The `scenario` given to an environment, or one made of the fields given instead.
-
-    Args:
-        who: The environment.
-        scenario: A configuration, or None.
-        options: Further keyword arguments of the environment.
-        constructor: Its `__init__`, whose parameters an error lists.
-
-    Raises:
-        TypeError: For arguments that are neither parameters nor fields of `ScenarioConfig`.
-        ValueError: If both a scenario and fields are given.
-    """
-    known = sorted(field.name for field in fields(ScenarioConfig))
-    refuse_unknown(
-        who,
-        set(options) - set(known),
-        f"some of {parameter_names(constructor)}, or fields of ScenarioConfig: {known}",
-    )
-    if scenario is None:
-        return ScenarioConfig(**options)
-    if options:
-        raise ValueError(f"{who}: give either scenario or its fields, got both: {sorted(options)}.")
-    return scenario
 
 
 def check_device(device: torch.device) -> None:

@@ -1,7 +1,7 @@
 """`PushEnv`: a batch of pushing scenes as one TorchRL environment."""
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
@@ -9,28 +9,25 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import EnvBase
 
 from modpush._arguments import checked_arguments
-from modpush._types import Count, Frequency, Scenes, Seed
+from modpush._types import Scenes, Seed
 from modpush.envs.arguments import (
     check_action,
     check_alone,
     check_device,
-    check_frequencies,
     check_scenarios,
     chosen_scenes,
-    make_scenario_config,
     parameter_names,
     refuse_unknown,
     scenes_to_reset,
 )
-from modpush.envs.depth.base import DepthCameraFactory
 from modpush.envs.entries import state_entries
 from modpush.envs.outcome import episode_status
 from modpush.envs.push_state import PushState, check_state, object_digest
-from modpush.envs.robot.ur5_2f85 import ToolName
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.envs.sim.build_batch import build_batch
 from modpush.envs.sim.seeding import make_generators, restart_generators
+from modpush.envs.simulation_config import SimulationConfig, set_fields
 from modpush.envs.specs import make_specs
 from modpush.geometry.workspace import Rectangle
 
@@ -98,26 +95,16 @@ class PushEnv(EnvBase):
 
     Args:
         num_envs: Number of scenes.
-        scenario: Settings from which episodes are drawn; or give fields of `ScenarioConfig` one by one
-            (`scene="slot"`, `pushed_object="fragment"`, `difficulty=0.5`, ...). It may be replaced
-            (`env.scenario = ...`), which takes effect at the next reset.
-        depth: `"analytic"` (rays cast at the known shapes, needs no renderer), `"sapien"` (rendered),
-            your own `DepthCamera` (class, function that makes it, or `"module:name"`), or None for
-            no images. `cast` gives the analytic values with every camera.
-        arm_in_depth: Show the arm in the image, as a real camera would. The paper sets the arm's
-            pixels to background, which also hides what lies under it; the default leaves it out.
-        tool: `"2f85"`, the paper's gripper, or `"rod"` as in the authors' code.
-        dynamic_obstacles: Make obstacles movable.
-        sim_freq: Physics steps per second.
-        control_freq: Actions per second.
-        max_episode_steps: Number of steps after which an episode is truncated; None for no limit.
-        oob: Whether leaving the workspace truncates an episode (so that its value is bootstrapped)
-            or terminates it.
+        scenario: Settings from which episodes are drawn. It may be replaced (`env.scenario = ...`),
+            which takes effect at the next reset.
+        simulation: Tool, depth camera, rates and ends of episodes.
         pictures: Build the scenes with a renderer, so that `render` shows the arm from the side.
         seed: Seed of the first scene; scene `i` gets `seed + i`, so that it draws the same episodes
             in a batch of any size, and seeds less than `num_envs` apart have episodes in common. None
             for unpredictable episodes.
         device: `"cpu"` or a CUDA device.
+        **fields: Fields of `scenario` and `simulation` to set differently (`scene="slot"`,
+            `pushed_object="fragment"`, `depth=None`, ...).
 
     Raises:
         TypeError: For unknown arguments; the message lists the known ones.
@@ -133,45 +120,28 @@ class PushEnv(EnvBase):
         num_envs: Scenes = 1,
         *,
         scenario: ScenarioConfig | None = None,
-        depth: str | DepthCameraFactory | None = "analytic",
-        arm_in_depth: bool = False,
-        tool: ToolName = "2f85",
-        dynamic_obstacles: bool = False,
-        sim_freq: Frequency = 120,
-        control_freq: Frequency = 15,
-        max_episode_steps: Count | None = 200,
-        oob: Literal["truncate", "terminate"] = "truncate",
+        simulation: SimulationConfig | None = None,
         pictures: bool = False,
         seed: Seed | None = None,
         device: torch.device | str = "cpu",
         **fields: Any,
     ) -> None:
-        check_frequencies("PushEnv", sim_freq, control_freq)
         check_device(torch.device(device))
         super().__init__(device=torch.device(device), batch_size=torch.Size([num_envs]))
-        self._scenario = make_scenario_config("PushEnv", scenario, fields, type(self).__init__)
+        self._scenario, self._simulation = set_fields(
+            "PushEnv", fields, scenario or ScenarioConfig(), simulation or SimulationConfig()
+        )
         self.pushed_objects = {item.name: item for item in self.scenario.objects}
         """The objects that may be pushed, by name."""
-        simulation: dict[str, Any] = {"sim_freq": sim_freq, "control_freq": control_freq}
-        simulation["dynamic_obstacles"] = dynamic_obstacles
         self._batch = build_batch(
-            num_envs,
-            torch.device(device),
-            depth=depth,
-            arm_in_depth=arm_in_depth,
-            pictures=pictures,
-            scenario=self.scenario,
-            robot_uids=f"ur5_{tool}",
-            **simulation,
+            num_envs, torch.device(device), self._scenario, self._simulation, pictures=pictures
         )
         self.is_closed = False  # TorchRL says True, and would not close it then
-        self._tool, self._depth, self._dynamic_obstacles = tool, depth, dynamic_obstacles
-        self._config = {"tool": tool, "device": self.device.type, **simulation}
         self._digests = {name: object_digest(item) for name, item in self.pushed_objects.items()}
-        self._max_episode_steps, self._oob = max_episode_steps, oob
         self._step_count, self._started = np.zeros(num_envs, dtype=np.int64), False
         self._set_seed(seed)
-        for name, spec in make_specs(num_envs, self.device, bool(depth), dynamic_obstacles).items():
+        images, movable = self._simulation.depth is not None, self._simulation.dynamic_obstacles
+        for name, spec in make_specs(num_envs, self.device, images, movable).items():
             setattr(self, name, spec)
 
     @property
@@ -224,12 +194,13 @@ class PushEnv(EnvBase):
             check_alone(scenarios=scenarios, seed=seed)
             return self.set_state(state, indices)
         if scenarios is not None:
-            check_scenarios(scenarios, len(indices), self.bounds, self._tool, self.pushed_objects)
+            check_scenarios(
+                scenarios, len(indices), self.bounds, self._simulation.tool, self.pushed_objects
+            )
         restart_generators(self._rngs, indices, seed)
         if scenarios is None:
-            scenarios = [
-                sample_scenario(self._rngs[i], self.scenario, tool=self._tool) for i in indices
-            ]
+            tool = self._simulation.tool
+            scenarios = [sample_scenario(self._rngs[i], self.scenario, tool=tool) for i in indices]
         self._batch.start(indices, scenarios)
         self._started = True
         self._step_count[indices] = 0
@@ -251,18 +222,22 @@ class PushEnv(EnvBase):
 
     def _observe(self, after_step: bool = False) -> TensorDictBase:
         """All keys of the present state; the reward only after a step."""
-        batch = self._batch
+        batch, config = self._batch, self._simulation
         measured = batch.measure()
-        position, limit = measured.object_pose[:, :2], self._max_episode_steps
         status = episode_status(
-            position, batch.goal_position, self.bounds, self._step_count, limit, self._oob
+            measured.object_pose[:, :2],
+            batch.goal_position,
+            self.bounds,
+            self._step_count,
+            config.max_episode_steps,
+            config.oob,
         )
         entries = state_entries(batch, measured, status)
-        if self._dynamic_obstacles:
+        if config.dynamic_obstacles:
             entries["obstacle_displacement"] = batch.obstacle_displacement()
         if after_step:
             entries["reward"] = entries["success"].float()
-        if self._depth is not None:
+        if config.depth is not None:
             entries["depth"], entries["segmentation"] = batch.capture()
         return TensorDict(entries, batch_size=self.batch_size, device=self.device)
 
@@ -273,9 +248,19 @@ class PushEnv(EnvBase):
         return [self._batch.scenario(i) for i in range(self.batch_size[0])]
 
     @property
-    def settings(self) -> dict[str, Any]:
-        """Tool, device, frequencies, kind of obstacles and step limit, by the names of the arguments."""
-        return {**self._config, "max_episode_steps": self._max_episode_steps}
+    def simulation(self) -> SimulationConfig:
+        """Tool, depth camera, rates and ends of episodes."""
+        return self._simulation
+
+    def __repr__(self) -> str:
+        settings = f"scenario={self.scenario!r}, simulation={self.simulation!r}"
+        return f"PushEnv({self.batch_size[0]}, {settings})"
+
+    @property
+    def _state_config(self) -> dict[str, Any]:
+        """What a state depends on besides the objects."""
+        names = ("tool", "sim_freq", "control_freq", "dynamic_obstacles")
+        return {"device": self.device.type} | {n: getattr(self._simulation, n) for n in names}
 
     @property
     def bounds(self) -> Rectangle:
@@ -300,7 +285,7 @@ class PushEnv(EnvBase):
             scenes=tuple(self._batch.get_state(i) for i in chosen),
             step_count=tuple(self._step_count[chosen].tolist()),
             rngs=tuple(self._rngs[i].bit_generator.state for i in chosen),
-            config=self._config,
+            config=self._state_config,
             objects=self._digests,
         )
 
@@ -318,7 +303,7 @@ class PushEnv(EnvBase):
         chosen = chosen_scenes("PushEnv.set_state", indices, self.batch_size[0])
         if not self._started and len(chosen) != self.batch_size[0]:
             raise RuntimeError("PushEnv.set_state: reset or set all scenes first.")
-        check_state(state, len(chosen), self._config, self._digests)
+        check_state(state, len(chosen), self._state_config, self._digests)
         rows = list(zip(chosen, state.scenes, state.step_count, state.rngs, strict=True))
         for i, scene, _, _ in rows:
             self._batch.check_state(i, scene)

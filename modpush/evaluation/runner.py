@@ -212,8 +212,8 @@ def _make_env(
     """The environment that a factory makes, if it is as the set says."""
     takes = "conditions" in inspect.signature(factory).parameters
     env = factory(num_envs, objects, **({"conditions": conditions} if takes else {}))
-    differences = conditions.differences(getattr(env, "settings", {}))
-    if not hasattr(env, "settings") or not differences:
+    simulation = getattr(env, "simulation", None)
+    if simulation is None or not (differences := conditions.differences(simulation)):
         return env
     env.close()
     raise ValueError(

@@ -18,15 +18,11 @@ from modpush._atomic import make_folder, replacing
 from modpush._extras import require_extra
 from modpush._types import AtLeastOne
 from modpush.encoders.encode import Encode
-from modpush.encoders.window_transform import EgocentricWindow
 from modpush.export.graphs import ObservationPolicy, WindowPolicy
 from modpush.mdp.action_frame import ActionFrame
-from modpush.mdp.mirrored_observation import MirroredObservation
 from modpush.mdp.push_observation import PushObservation
-from modpush.mdp.stuck_recovery import StuckRecovery
-from modpush.planners.occupancy import OccupancyGrid
-from modpush.planners.subgoals import PlannerSubgoals
 from modpush.recipes.agent_file import Agent
+from modpush.recipes.fingerprint import describe_transforms
 
 __all__ = ["FORMATS", "Format", "export_agent"]
 
@@ -51,8 +47,8 @@ _FRAMES = {
 """Axes that a card may name."""
 _WINDOW = (
     "Row 0 is +x of the frame and column 0 is +y, the object's centre is in the middle. A value is the "
-    "height over the table, cut off at `height_shown_as_1`, 0 where nothing stands; object and robot are "
-    "taken out. Beyond the image is `outside`: free (0) or blocked (1)."
+    "height over the table divided by `max_height` [m], at most 1; 0 where nothing stands. Object and robot "
+    "are taken out. Beyond the image is `outside`: free (0) or blocked (1)."
 )
 _RECOVERY = (
     "Not in the graphs. When for `patience` steps neither the tip of the tool nor the object has gone "
@@ -60,9 +56,15 @@ _RECOVERY = (
     "its own frame: (cos a, sin a, turn), with a = pi and turn = 1 the first time in an episode; each "
     "further time a grows by the golden angle, pi (3 - sqrt 5), and turn changes its sign."
 )
+_PLANNING = (
+    "Arguments of `OccupancyGrid` and `PlannerSubgoals`, lengths in metres. Cells outside `bounds`, made "
+    "smaller by `margin` (larger where it is negative), are blocked; of several margins the first that "
+    "leaves a way counts. With `widest` obstacles are inflated by the radius of the circumscribed "
+    "circle where that leaves a way, else of the inscribed one."
+)
 _MEANINGS = {
     "observation": "entries, shifts and scales as under `observation`",
-    "window": "heights around the object, cut as under `window`; 1 is `height_shown_as_1`",
+    "window": "heights around the object, cut as under `window`",
     "ee_pose": "tip of the tool, (x, y, yaw) [m, rad], base frame",
     "object_pose": "centre of the object, (x, y, yaw) [m, rad], base frame",
     "goal_position": "goal, (x, y) [m], base frame",
@@ -111,9 +113,8 @@ def export_agent(
     env = agent.make_env(2, keep_images=True, seed=0)
     try:
         example = env.reset()
-        window, chain = _window_policy(policy, list(env.transform))
-        planning = _planning(agent, list(env.transform))
-        recovery = _recovery(list(env.transform))
+        described = describe_transforms(env)
+        chain = _window_policy(policy, list(env.transform))
     finally:
         env.close()
     examples = {
@@ -130,95 +131,35 @@ def export_agent(
             path = folder / f"{name}{_ENDINGS[kind]}"
             _write(module.eval(), inputs, outputs, path, kind)
             written[path.name] = path
-    if window is not None:
-        window["meaning"] = _WINDOW
-    card = {**_card(agent, examples, chain), "window": window, "planning": planning}
-    card |= {"recovery": recovery, "frames": _FRAMES}
+    card = {**_card(agent, examples, chain), **_settings(described)}
     with replacing(folder / "card.json") as unfinished:
         unfinished.write_text(json.dumps(card, indent=2) + "\n", encoding="utf-8")
     written["card.json"] = folder / "card.json"
     return written
 
 
-def _window_policy(
-    policy: ObservationPolicy, transforms: Sequence[Transform]
-) -> tuple[dict[str, Any] | None, WindowPolicy]:
-    """The whole chain, and how its window is cut."""
-    window, encoder, frame = None, None, "base"
-    observation: PushObservation | None = None
-    for transform in transforms:
-        match transform:
-            case EgocentricWindow():
-                window = {
-                    "frame": transform.frame,
-                    "size": transform.size,
-                    "metres_per_pixel": transform.metres_per_pixel,
-                    "height_shown_as_1": transform.max_height,
-                    "outside": transform.outside,
-                    "upright": transform.upright,
-                }
-            case Encode():
-                encoder = transform.encoder
-            case ActionFrame():
-                frame = transform.frame
-            case MirroredObservation():
-                pass  # for training alone
-            case PushObservation():
-                observation = transform
-    if observation is None:
+def _window_policy(policy: ObservationPolicy, transforms: Sequence[Transform]) -> WindowPolicy:
+    """The chain from window and state to the action; a `MirroredObservation` is for training alone."""
+    by_class = {type(transform): transform for transform in transforms}
+    if PushObservation not in by_class:
         raise ValueError("export_agent: the agent's environment has no PushObservation.")
-    return window, WindowPolicy(policy, observation, encoder, frame)  # type: ignore[arg-type]
-
-
-def _planning(agent: Agent, transforms: Sequence[Transform]) -> dict[str, Any]:
-    """How paths and sub-goals were planned, as arguments of `OccupancyGrid` and `PlannerSubgoals`."""
-    found: dict[str, Any] = {}
-    for transform in transforms:
-        match transform:
-            case OccupancyGrid():
-                found["occupancy"] = {
-                    "inflation": transform.inflation,
-                    "bounds": transform.bounds,
-                    "margin": transform.margins,
-                }
-                found["meaning"] = (
-                    "Lengths in metres. Cells outside `bounds`, made smaller by `margin` (larger where "
-                    "it is negative), are blocked; of several margins the first that leaves a way "
-                    "counts. With `widest` obstacles are inflated by the radius of the object's "
-                    "circumscribed circle where that leaves a way, else by that of its inscribed circle."
-                )
-            case PlannerSubgoals():
-                found["subgoals"] = {
-                    "planner": _planner_name(agent),
-                    "mode": transform.mode,
-                    "fraction": transform.fraction,
-                    "lookahead": transform.lookahead,
-                    "lags": transform.lags,
-                    "ahead": transform.ahead,
-                }
-    return found
-
-
-def _planner_name(agent: Agent) -> str:
-    planner = agent.parts.get("planner", agent.config.planner)
-    return (
-        planner
-        if isinstance(planner, str)
-        else f"{type(planner).__module__}:{type(planner).__name__}"
+    encode, frame = by_class.get(Encode), by_class.get(ActionFrame)
+    return WindowPolicy(
+        policy,
+        by_class[PushObservation],
+        None if encode is None else encode.encoder,
+        "base" if frame is None else frame.frame,
     )
 
 
-def _recovery(transforms: Sequence[Transform]) -> dict[str, Any] | None:
-    """What `Agent.policy` does beside the graphs, as arguments of `StuckRecovery`."""
-    for transform in transforms:
-        if isinstance(transform, StuckRecovery):
-            return {
-                "patience": transform.patience,
-                "duration": transform.duration,
-                "tolerance": transform.tolerance,
-                "meaning": _RECOVERY,
-            }
-    return None
+def _settings(described: Mapping[str, Any]) -> dict[str, Any]:
+    """How the graphs' inputs come about, and what acts beside the graphs."""
+    explained = {
+        name: {**described[name], "meaning": meaning} if name in described else None
+        for name, meaning in (("window", _WINDOW), ("recovery", _RECOVERY))
+    }
+    planning = {name: described[name] for name in ("occupancy", "subgoals") if name in described}
+    return {**explained, "planning": {**planning, "meaning": _PLANNING}, "frames": _FRAMES}
 
 
 def _write(

@@ -84,7 +84,7 @@ class WindowPolicy(nn.Module):
     ) -> None:
         super().__init__()
         self.policy, self.encoder, self.action_frame = policy, encoder, action_frame
-        entries = observation.fingerprint()["entries"]
+        entries = observation.describe()["observation"]["entries"]
         shift, scale = (
             torch.tensor([v for entry in entries for v in entry[name]], dtype=torch.float32)
             for name in ("shift", "scale")

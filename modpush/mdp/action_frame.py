@@ -1,12 +1,14 @@
 """`ActionFrame`: lets an agent act in axes of its own."""
 
+from typing import Any
+
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
-from torchrl.envs import Transform
 
 from modpush._arguments import checked_arguments
 from modpush._keys import read_key
+from modpush._transforms import DescribedTransform
 from modpush.geometry.angles import rotate
 from modpush.geometry.frames import Frame, frame_yaw
 
@@ -16,7 +18,7 @@ _AGENT_ACTION = "_agent_action"
 """Key under which the agent's action waits while the environment steps with the turned one."""
 
 
-class ActionFrame(Transform):
+class ActionFrame(DescribedTransform):
     """Turns (dx, dy) of the agent's action into the robot's base frame on its way to the environment.
 
     The action's box is a square in the agent's axes. Turned, its corners would leave the
@@ -51,6 +53,10 @@ class ActionFrame(Transform):
         self.action_key = action_key
         self.object_pose_key = object_pose_key
         self.subgoal_key = subgoal_key
+
+    def describe(self) -> dict[str, Any]:
+        """The agent's axes."""
+        return {"action_frame": self.frame}
 
     def _yaw(self, tensordict: TensorDictBase) -> Tensor:
         pose = read_key("ActionFrame", tensordict, self.object_pose_key, 3)

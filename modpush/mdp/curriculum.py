@@ -168,7 +168,7 @@ class Curriculum:
         if stage == len(distances) - 1:
             distance = self.config.final_distance
         check_instance("Curriculum.scenario", "base", base, ScenarioConfig)
-        easiest, hardest = base.difficulty_range
+        easiest, hardest = base.difficulty
         return replace(
             base,
             scene=self.config.phases[self.phase].scenes or base.scene,

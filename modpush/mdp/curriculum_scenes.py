@@ -1,17 +1,17 @@
 """`CurriculumScenes`: an environment's episodes drawn from a curriculum."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torchrl.data import TensorSpec
-from torchrl.envs import Transform
 
 from modpush._arguments import checked_arguments
 from modpush._checks import check_instance
 from modpush._keys import read_key
-from modpush._transforms import add_unbounded
+from modpush._transforms import DescribedTransform, add_unbounded
 from modpush._types import NonNegativeInteger
 from modpush.envs.scenes.scenario import ScenarioConfig
 from modpush.mdp.curriculum import Curriculum
@@ -19,7 +19,7 @@ from modpush.mdp.curriculum import Curriculum
 __all__ = ["CurriculumScenes"]
 
 
-class CurriculumScenes(Transform):
+class CurriculumScenes(DescribedTransform):
     """Draws a `PushEnv`'s episodes from a curriculum, and tells the curriculum how they end.
 
     An episode that began before the present stage does not count for it, and no episode counts twice if
@@ -59,6 +59,10 @@ class CurriculumScenes(Transform):
         self._base = ScenarioConfig()
         self._drawn_from: ScenarioConfig | None = None
         self._began_at: dict[int, int | None] = {}
+
+    def describe(self) -> dict[str, Any]:
+        """Settings of the curriculum."""
+        return {"curriculum": asdict(self.curriculum.config)}
 
     @property
     def _env(self) -> Any:

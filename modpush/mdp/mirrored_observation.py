@@ -55,6 +55,10 @@ class MirroredObservation(PushObservation):
             **kwargs,
         )
 
+    def describe(self) -> dict[str, Any]:
+        """As of `PushObservation`, under a name of its own: it serves training alone."""
+        return {"mirrored_observation": super().describe()["observation"]}
+
 
 def _mirrored(entries: Mapping[str, Entry]) -> dict[str, Entry]:
     """Entries that read what the given ones would in the mirrored scene."""

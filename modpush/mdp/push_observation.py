@@ -9,12 +9,11 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.data import TensorSpec
-from torchrl.envs import Transform
 
 from modpush._arguments import checked_arguments
 from modpush._checks import check_finite
 from modpush._keys import read_key
-from modpush._transforms import add_unbounded
+from modpush._transforms import DescribedTransform, add_unbounded
 from modpush._types import NonNegativeInteger
 from modpush.geometry.frames import Frame
 from modpush.geometry.workspace import WORKSPACE, Rectangle
@@ -28,7 +27,7 @@ __all__ = ["PushObservation"]
 _ACTION_DIM = 3
 
 
-class PushObservation(Transform):
+class PushObservation(DescribedTransform):
     """Writes one flat observation: chosen entries, in a frame at the object, scaled to order 1.
 
     Only the keys that the entries read are needed. Positions are in metres and angles in radians, in
@@ -144,26 +143,22 @@ class PushObservation(Transform):
             RuntimeError: Before the environment's first reset or the first reading of its
                 `observation_spec`, or before the transform was applied once.
         """
-        return self._known_layout.columns
-
-    def fingerprint(self) -> dict[str, Any]:
-        """What the columns mean, as plain data for JSON: see `fingerprint_differences`.
-
-        Raises:
-            RuntimeError: Before the environment's first reset or the first reading of its
-                `observation_spec`, or before the transform was applied once.
-        """
-        entries = self._known_layout.describe()
-        return {"frame": self.frame, "raw": self.raw, "entries": entries}
-
-    @property
-    def _known_layout(self) -> Layout:
         if self._layout is None:
             raise RuntimeError(
                 "PushObservation: the columns are known after the environment's first reset, once its "
                 "observation_spec was read, or once the transform was applied to a tensordict."
             )
-        return self._layout
+        return self._layout.columns
+
+    def describe(self) -> dict[str, Any]:
+        """Frame, and of each entry name, columns, shifts and scales.
+
+        Before the environment's first reset or the first reading of its `observation_spec` only the
+        entries' names are known.
+        """
+        named = [{"name": name} for name in self.entries]
+        entries = named if self._layout is None else self._layout.describe()
+        return {"observation": {"frame": self.frame, "raw": self.raw, "entries": entries}}
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         layout = self._layout if self._layout is not None else self._lay_out(next_tensordict)

@@ -1,18 +1,17 @@
 """`PushReward`: a weighted sum of terms as the reward."""
 
 from collections.abc import Mapping
-from dataclasses import field
-from typing import Literal
+from dataclasses import asdict, field
+from typing import Any, Literal
 
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.data import TensorSpec
-from torchrl.envs import Transform
 
 from modpush._arguments import checked_arguments
 from modpush._keys import check_spec_has, read_key
-from modpush._transforms import add_unbounded
+from modpush._transforms import DescribedTransform, add_unbounded
 from modpush._types import Finite, Length, Name, Positive
 from modpush._validation import checked
 from modpush.mdp.reward_terms import REWARD_TERMS, RewardTerm
@@ -61,7 +60,7 @@ class RewardConfig:
     """Distance from the object beyond which the tool is outside the window: half its side [m]."""
 
 
-class PushReward(Transform):
+class PushReward(DescribedTransform):
     """Replaces the reward by a weighted sum of terms, and writes each of them for the log.
 
     Path length and approach distance at reset are stored in the tensordict, so that partial resets,
@@ -131,6 +130,10 @@ class PushReward(Transform):
             in_keys=[key for name, key in self._keys.items() if name != "action"],
             out_keys=[reward_key, start_key, *self._term_keys.values()],
         )
+
+    def describe(self) -> dict[str, Any]:
+        """The config, and the terms that are computed."""
+        return {"reward": {**asdict(self.config), "terms": sorted(self.terms)}}
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase

@@ -1,16 +1,17 @@
 """`StuckRecovery`: how to continue when a policy has come to rest before the goal."""
 
 import math
+from typing import Any
 
 import torch
 from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
 from torch import Tensor
 from torchrl.data import Binary, Bounded, TensorSpec, Unbounded
-from torchrl.envs import Transform
 
 from modpush._arguments import checked_arguments
 from modpush._keys import check_spec_has, read_key
+from modpush._transforms import DescribedTransform
 from modpush._types import Count, Length
 
 __all__ = ["StuckRecovery", "recovering"]
@@ -21,7 +22,7 @@ _GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 _STATE = 7
 
 
-class StuckRecovery(Transform):
+class StuckRecovery(DescribedTransform):
     """Detects that tool and object have come to rest, and requests actions for some steps.
 
     A greedy policy whose action moves nothing, for instance with the tool against an obstacle, sees the
@@ -70,6 +71,11 @@ class StuckRecovery(Transform):
         super().__init__(
             in_keys=[ee_pose_key, object_pose_key], out_keys=[action_key, active_key, state_key]
         )
+
+    def describe(self) -> dict[str, Any]:
+        """When a recovery begins, and how long it is."""
+        names = ("patience", "duration", "tolerance")
+        return {"recovery": {name: getattr(self, name) for name in names}}
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase

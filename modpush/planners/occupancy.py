@@ -2,18 +2,18 @@
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.data import Binary, Bounded, TensorSpec
-from torchrl.envs import Transform
 
 from modpush._arguments import checked_arguments
 from modpush._checks import check_finite
 from modpush._keys import check_spec_has, read_key, stored_next
 from modpush._resets import scenes_reset
+from modpush._transforms import DescribedTransform
 from modpush._types import Count, NonNegative
 from modpush.geometry.camera import Camera, cell_centers
 from modpush.planners.connected import are_connected
@@ -32,7 +32,7 @@ Corners = tuple[Sequence[float], Sequence[float]]
 """Lower and upper corner (x, y) of a rectangle in the robot's base frame [m]."""
 
 
-class OccupancyGrid(Transform):
+class OccupancyGrid(DescribedTransform):
     """Writes the grid of cells that are blocked for the object's centre, seen from above.
 
     Cells are the camera's pixels projected on the table. Everything above `min_height` blocks, except
@@ -143,6 +143,11 @@ class OccupancyGrid(Transform):
     def camera(self) -> Camera:
         """The camera and its grid."""
         return self.map.camera
+
+    def describe(self) -> dict[str, Any]:
+        """By how much obstacles are inflated, and which cells are blocked beside them."""
+        settings = {"inflation": self.inflation, "bounds": self.bounds, "margin": self.margins}
+        return {"occupancy": settings}
 
     @property
     def _margins_tried(self) -> int:

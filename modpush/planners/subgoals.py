@@ -1,19 +1,18 @@
 """`PlannerSubgoals`: sub-goals on the planned path, and those of earlier steps."""
 
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import torch
 from annotated_types import MinLen
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.data import Binary, TensorSpec
-from torchrl.envs import Transform
 
 from modpush._arguments import checked_arguments
 from modpush._checks import check_finite
 from modpush._keys import check_spec_has, read_key, stored_next
-from modpush._transforms import add_unbounded
+from modpush._transforms import DescribedTransform, add_unbounded
 from modpush._types import NonNegativeInteger, Positive, PositiveFraction
 from modpush.geometry.camera import Camera
 from modpush.planners.base import Planner
@@ -27,7 +26,7 @@ __all__ = ["PlannerSubgoals", "SubgoalMode"]
 SubgoalMode = Literal["fraction", "lookahead"]
 
 
-class PlannerSubgoals(Transform):
+class PlannerSubgoals(DescribedTransform):
     """Plans from the object to the goal at every step and writes the path's length and a sub-goal.
 
     The state between steps is in the tensordict, under `history_key`, so that copies, workers, partial
@@ -104,6 +103,9 @@ class PlannerSubgoals(Transform):
             in_keys=[occupancy_key, object_pose_key, goal_position_key], out_keys=out_keys
         )
         self.planner = make_planner(planner, "PlannerSubgoals")
+        kind = type(self.planner)
+        own_name = f"{kind.__module__}:{kind.__qualname__}"
+        self._planner_name = planner if isinstance(planner, str) else own_name
         self.camera = camera or Camera()
         # Planners without a `cell_size` give lengths in pixels.
         cell_size = float(getattr(self.planner, "cell_size", 1.0))
@@ -124,6 +126,19 @@ class PlannerSubgoals(Transform):
         self.history_key = history_key
         self.path_ahead_key = path_ahead_key
         self.path_key = path_key
+
+    def describe(self) -> dict[str, Any]:
+        """The planner, and which points of the path are written."""
+        where = "fraction" if self.mode == "fraction" else "lookahead"
+        return {
+            "subgoals": {
+                "planner": self._planner_name,
+                "mode": self.mode,
+                where: getattr(self, where),
+                "lags": list(self.lags),
+                "ahead": list(self.ahead),
+            }
+        }
 
     def _plan(self, tensordict: TensorDictBase) -> tuple[Paths, Tensor, Tensor]:
         """Paths of the flattened batch; object's and goal's positions `[..., 2]` [m]."""

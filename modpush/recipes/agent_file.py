@@ -37,7 +37,7 @@ __all__ = ["BEST_AGENT", "Agent", "load_agent", "observed_symmetry", "save_agent
 
 BEST_AGENT = "best_agent.safetensors"
 """File of the best agent in a training run's folder."""
-_KIND, _VERSION = "modpush.Agent", 4
+_KIND, _VERSION = "modpush.Agent", 5
 
 
 @checked
@@ -149,7 +149,7 @@ def observed_symmetry(config: PushEnvConfig, pushed_object: Any = None) -> int |
     Returns:
         The config's `symmetry`, else the object's own; None for several objects with their own each.
     """
-    trained = config.pushed_object if pushed_object is None else pushed_object
+    trained = config.scenario.pushed_object if pushed_object is None else pushed_object
     several = trained if isinstance(trained, list | tuple) else (trained,)
     if config.symmetry is not None or len(several) > 1:
         return config.symmetry
@@ -287,7 +287,7 @@ def load_agent(
         network = replace(network, actor="mlp")
     if "encoder" in given and config.encoder == END_TO_END:
         network = replace(network, encoder=None)
-    in_config = {kind: value for kind, value in asdict(config).items() if kind not in given}
+    in_config = _without(asdict(config), given)
     check_allowed(f"load_agent: {path}", [named, in_config, asdict(network)], allow)
     found = {kind: find_part(f"load_agent: {kind}", text, {}) for kind, text in named.items()}
     found |= given
@@ -307,6 +307,15 @@ def load_agent(
         missing=missing,
         source=path,
     )
+
+
+def _without(config: Mapping[str, Any], kinds: Collection[str]) -> dict[str, Any]:
+    """A config as plain data without the fields of these names, wherever they are."""
+    return {
+        name: _without(value, kinds) if isinstance(value, Mapping) else value
+        for name, value in config.items()
+        if name not in kinds
+    }
 
 
 def _find_file(name: str | Path) -> Path:

@@ -8,14 +8,11 @@ from typing import Annotated, Any, Literal
 from annotated_types import Le
 
 from modpush._types import (
-    ONE_NUMBER,
     AtLeastOne,
     Count,
-    FractionSpan,
     Name,
     NonNegative,
     NonNegativeInteger,
-    OneOrMoreNames,
     Positive,
     PositiveFraction,
     Scenes,
@@ -24,10 +21,10 @@ from modpush._types import (
 from modpush._validation import checked
 from modpush.encoders import ENCODERS
 from modpush.encoders.named import names_a_file
-from modpush.envs.outcome import GOAL_THRESHOLD
-from modpush.envs.scenes.layouts import OBSTACLE_SCENES, SCENES, TIGHT_SCENES
-from modpush.envs.scenes.objects import OBJECTS, random_object_seed
-from modpush.envs.scenes.scenario import GoalDistances
+from modpush.envs.scenes.layouts import OBSTACLE_SCENES
+from modpush.envs.scenes.objects import Circle
+from modpush.envs.scenes.scenario import ScenarioConfig
+from modpush.envs.simulation_config import SimulationConfig, set_fields
 from modpush.geometry.frames import Frame
 from modpush.mdp.observation_entries import PATH_AHEAD_ENTRIES
 from modpush.mdp.push_reward import RewardConfig
@@ -53,18 +50,10 @@ class PushEnvConfig:
     num_envs: Scenes = 8
     """Number of scenes stepped together, which share the cost of a call. The paper gives no number;
     the authors' code steps one."""
-    pushed_object: Name | AtLeastOne[Name] = "small_cube"
-    """Name of the pushed object, or several, one of which is drawn for each episode. `random_7` has a
-    random shape and size, see `random_object`."""
-    scene: OneOrMoreNames = OBSTACLE_SCENES
-    """Scene families, one of which is drawn for each episode; a single one may be given as a
-    string. A curriculum's phases may name others. The preset `paper` has the five of the paper's
-    training, which has no empty scene (Sec. IV-B)."""
-    difficulty: Annotated[FractionSpan, ONE_NUMBER] = (0.0, 1.0)
-    """Range from which the difficulty of the scenes is drawn uniformly; or a number."""
-    distance: Annotated[GoalDistances, ONE_NUMBER] = (0.2, 0.6)
-    """Range of the distance from start to goal [m]; or a number. By default that of the paper's
-    evaluation (Sec. V-B)."""
+    scenario: ScenarioConfig = field(default_factory=lambda: ScenarioConfig(scene=OBSTACLE_SCENES))
+    """Settings from which episodes are drawn: scenes, objects, difficulty, distance, ..."""
+    simulation: SimulationConfig = field(default_factory=SimulationConfig)
+    """Tool, depth camera, physics and ends of episodes."""
     frame: Frame = "object"
     """Axes of the observation and of the local window."""
     action_frame: Frame | None = "base"
@@ -88,9 +77,9 @@ class PushEnvConfig:
     The paper inflates by half of the object's diameter, which its authors' code takes as half the
     cube's side, the radius of its inscribed circle. At other yaw angles a corner may then touch an
     obstacle."""
-    path_margin: NonNegative | None = None
+    planner_margin: NonNegative | None = None
     """How far planned paths may leave the workspace [m]. Where this leaves no path, the limit is
-    `ScenarioConfig.path_margin`, within which every drawn episode has one. None lets paths lead
+    `scenario.path_margin`, within which every drawn episode has one. None lets paths lead
     wherever the camera sees (the paper), also where an episode ends."""
     subgoal_lags: AtLeastOne[NonNegativeInteger] = (1, 5)
     """Ages of the past sub-goals that are observed [steps]. The paper's table of observations has 1
@@ -122,23 +111,6 @@ class PushEnvConfig:
     """Observe SI units instead of values scaled to order 1. The paper mentions no scaling, and its
     authors' code has none. With SI units the angles, of some radians, would decide the cosine by
     which attentive replay chooses."""
-    max_episode_steps: Count = 200
-    """Control steps after which an episode is truncated. The paper gives no number; the authors'
-    code uses 200."""
-    oob: Literal["truncate", "terminate"] = "truncate"
-    """What happens when the object leaves the workspace, which the paper does not specify. Since
-    every step has a cost, a policy that is still bad would do best to end its episode with the
-    terminal penalty; with "truncate" the steps that would have followed count as well."""
-    tool: Literal["2f85", "rod"] = "2f85"
-    """Tool of the arm: the closed gripper, or the rod of the authors' code."""
-    sim_freq: Annotated[Count, Le(100_000)] = 120
-    """Physics steps per second [Hz]. The paper gives no rate; the authors' code uses 240, in
-    another simulator. Here the scripted pusher solves 99 to 100 % of its episodes at 120 and at
-    240."""
-    depth: Name = "analytic"
-    """Depth camera: `analytic`, `sapien` (rendered), or `module:name`."""
-    randomize_dynamics: bool = False
-    """Draw the object's mass, friction and centre of mass for each episode."""
     recovery: bool = False
     """Append `StuckRecovery`, which `Agent.policy` follows when tool and object have come to rest
     before the goal. Training ignores this field: neither its scenes nor its held-out episodes have
@@ -150,24 +122,6 @@ class PushEnvConfig:
         Numbers are checked by the parts that take them, and `"module:name"` is imported when the
         environment is made: a config that comes from a file runs no code.
         """
-        for name, (low, high) in (("difficulty", self.difficulty), ("distance", self.distance)):
-            if low > high:
-                raise ValueError(
-                    f"PushEnvConfig: {name} must be a range (low, high), got ({low:g}, {high:g})."
-                )
-        if self.distance[1] < GOAL_THRESHOLD + 1e-4:  # as in ScenarioConfig
-            raise ValueError(
-                f"PushEnvConfig: distance must reach beyond {GOAL_THRESHOLD} m, at which an episode "
-                f"has ended before its first step, got {self.distance}."
-            )
-        objects = (
-            self.pushed_object if isinstance(self.pushed_object, tuple) else (self.pushed_object,)
-        )
-        for name in objects:
-            if random_object_seed(name) is None:
-                _check_name("pushed_object", name, OBJECTS)
-        for name in self.scene:
-            _check_name("scene", name, {*SCENES, *TIGHT_SCENES})
         _check_name("planner", self.planner, PLANNERS)
         if self.encoder_file is None:  # a file is read when the environment is made
             # An encoder that only a critic can train would stay as it is, random.
@@ -186,12 +140,31 @@ class PushEnvConfig:
         return Path(self.encoder) if not known and names_a_file(self.encoder) else None
 
     @property
-    def path_inflation(self) -> Literal["circumscribed", "inscribed"]:
+    def path_inflation(self) -> Circle:
         """Circle of the object for which every episode that is drawn has a path.
 
         The inscribed one where that is planned with: episodes are solvable on the planner's map.
         """
+        if self.scenario.path_inflation is not None:
+            return self.scenario.path_inflation
         return "inscribed" if self.inflation in ("inscribed", "widest") else "circumscribed"
+
+    def filled_scenario(self) -> ScenarioConfig:
+        """`scenario` with the circle that `path_inflation` says."""
+        return replace(self.scenario, path_inflation=self.path_inflation)
+
+    def with_fields(self, **fields: Any) -> "PushEnvConfig":
+        """The same with single fields replaced, also those of `scenario` and `simulation`.
+
+        Raises:
+            TypeError: If there is no such field; the message lists those that there are.
+        """
+        whole = {name: fields.pop(name) for name in ("scenario", "simulation") if name in fields}
+        config = replace(self, **whole) if whole else self
+        own, scenario, simulation = set_fields(
+            "PushEnvConfig", fields, config, config.scenario, config.simulation
+        )
+        return replace(own, scenario=scenario, simulation=simulation)
 
     @classmethod
     def preset(cls, name: Literal["paper", "authors", "cpu"], **overrides: Any) -> "PushEnvConfig":
@@ -201,16 +174,17 @@ class PushEnvConfig:
             name: `"paper"` is what the paper prints, and what the class gives without arguments.
                 `"authors"` is what the authors' code does where it differs from the paper. `"cpu"`
                 is the basis of the shipped agents' environments, learned in some tens of minutes.
-            **overrides: Fields to set differently.
+            **overrides: Fields to set differently, as in `with_fields`.
 
         Raises:
+            TypeError: If there is no such field.
             ValueError: If there is no such preset.
         """
         if not isinstance(name, str) or name not in _PRESETS:
             raise ValueError(
                 f"PushEnvConfig: preset must be one of {sorted(_PRESETS)}, got {name!r}."
             )
-        return replace(cls(**_PRESETS[name]), **overrides)
+        return cls().with_fields(**{**_PRESETS[name], **overrides})
 
 
 _PRESETS: dict[str, dict[str, Any]] = {
@@ -240,7 +214,7 @@ _PRESETS: dict[str, dict[str, Any]] = {
         "action_frame": None,
         "planner": "distance_field",  # the shortest paths, in a fraction of the time
         "inflation": "widest",  # room for the object at any yaw, wherever that leaves a path
-        "path_margin": 0.02,  # paths stay away from where an episode ends, if they can
+        "planner_margin": 0.02,  # paths stay away from where an episode ends, if they can
         "subgoal_mode": "lookahead",  # no sub-goal beyond a corner, nor at the object's centre
         "path_ahead": (0.1, 0.2, 0.3),  # where the path turns, before the object is at the corner
         "entries": PATH_AHEAD_ENTRIES,  # without the arm's joints, which are not symmetric

@@ -1,22 +1,33 @@
 """What a policy depends on in its environment, as plain data that can be compared."""
 
 from collections.abc import Mapping
-from dataclasses import asdict
 from typing import Any
 
 from torchrl.envs import EnvBase, TransformedEnv
 
-from modpush._hash import weights_hash
-from modpush.encoders.encode import Encode
-from modpush.encoders.window_transform import EgocentricWindow
-from modpush.mdp.action_frame import ActionFrame
-from modpush.mdp.mirrored_observation import MirroredObservation
+from modpush._transforms import DescribedTransform
 from modpush.mdp.observation_layout import fingerprint_differences as observation_differences
-from modpush.mdp.push_observation import PushObservation
-from modpush.mdp.push_reward import PushReward
-from modpush.planners.subgoals import PlannerSubgoals
 
-__all__ = ["environment_fingerprint", "fingerprint_differences"]
+__all__ = ["describe_transforms", "environment_fingerprint", "fingerprint_differences"]
+
+_SEEN_BY_POLICY = ("observation", "action_frame", "subgoals", "window", "encoder", "reward")
+
+
+def describe_transforms(env: EnvBase) -> dict[str, Any]:
+    """The settings of an environment's transforms, as each describes itself.
+
+    Args:
+        env: An environment; transforms of other libraries are left out.
+
+    Returns:
+        Plain data by the names that the transforms give: `{"window": {"size": 64, ...}, ...}`.
+    """
+    _ = env.observation_spec  # lays the observation out
+    found: dict[str, Any] = {}
+    for transform in env.transform if isinstance(env, TransformedEnv) else ():
+        if isinstance(transform, DescribedTransform):
+            found |= transform.describe()
+    return found
 
 
 def environment_fingerprint(env: EnvBase) -> dict[str, Any]:
@@ -28,69 +39,36 @@ def environment_fingerprint(env: EnvBase) -> dict[str, Any]:
 
     Returns:
         Plain data, ready for JSON: `observation` (frame, and name, columns, scale and shift of each
-        entry), `action_frame`, `subgoals`, `window`, `encoder` (class and hash of its weights) and
-        `reward`.
+        entry), `action_frame`, `subgoals` (without the planner), `window`, `encoder` (class and hash of
+        its weights) and `reward`.
     """
-    _ = env.observation_spec  # lays the observation out
-    found: dict[str, Any] = {}
-    for transform in env.transform if isinstance(env, TransformedEnv) else ():
-        match transform:
-            case MirroredObservation():
-                pass  # for training alone
-            case PushObservation():
-                found["observation"] = transform.fingerprint()
-            case ActionFrame():
-                found["action_frame"] = transform.frame
-            case EgocentricWindow():
-                found["window"] = {
-                    "frame": transform.frame,
-                    "size": transform.size,
-                    "metres_per_pixel": transform.metres_per_pixel,
-                    "outside": transform.outside,
-                    "max_height": transform.max_height,
-                    "upright": transform.upright,
-                }
-            case PlannerSubgoals():
-                where = "fraction" if transform.mode == "fraction" else "lookahead"
-                found["subgoals"] = {
-                    "mode": transform.mode,
-                    where: getattr(transform, where),
-                    "lags": list(transform.lags),
-                    "ahead": list(transform.ahead),
-                }
-            case Encode():
-                encoder = transform.encoder
-                found["encoder"] = {
-                    "class": f"{type(encoder).__module__}:{type(encoder).__qualname__}",
-                    "weights": weights_hash(encoder),
-                }
-            case PushReward():
-                found["reward"] = {**asdict(transform.config), "terms": sorted(transform.terms)}
+    described = describe_transforms(env)
+    found = {name: described[name] for name in _SEEN_BY_POLICY if name in described}
+    if "subgoals" in found:  # a policy may follow the paths of another planner
+        found["subgoals"] = {k: v for k, v in found["subgoals"].items() if k != "planner"}
     return found
 
 
 def fingerprint_differences(stored: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """What differs between two fingerprints, in words; empty where nothing does.
+    """The differences of two fingerprints, in words; empty where there are none.
 
-    What older files do not say yet is not compared: the sub-goals, and whether the window is upright and
-    how large its pixels are.
+    Of settings that both have under a name, those that one of them does not know are not compared: an
+    older file does not know them all.
     """
     found = []
     for name in dict.fromkeys((*stored, *now)):
         a, b = stored.get(name), now.get(name)
-        if name == "reward" and a is not None and b is not None:
-            a = {"clip": True, **a}  # older files do not say it, and theirs was clipped
         if name == "observation" and a is not None and b is not None:
             try:
                 found += [f"observation, {text}" for text in observation_differences(a, b)]
             except (AttributeError, LookupError, TypeError):  # a file may hold anything
                 found.append(f"observation: trained with {a!r}, this environment has {b!r}")
-        elif name == "subgoals" and (a is None or b is None):
             continue
-        elif name == "window" and isinstance(a, Mapping) and isinstance(b, Mapping):
-            known = a.keys() & b.keys()
-            a, b = ({key: one[key] for key in sorted(known)} for one in (a, b))
-            found += [f"window: trained with {a!r}, this environment has {b!r}"] if a != b else []
-        elif a != b:
+        if isinstance(a, Mapping) and isinstance(b, Mapping):
+            known = sorted(a.keys() & b.keys())
+            a, b = ({key: one[key] for key in known} for one in (a, b))
+        elif name == "subgoals" and a is None:
+            continue
+        if a != b:
             found.append(f"{name}: trained with {a!r}, this environment has {b!r}")
     return found

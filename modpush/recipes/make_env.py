@@ -2,9 +2,10 @@
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
+import torch
 from torch import nn
 from torchrl.envs import Compose, EnvBase, ExcludeTransform, InitTracker, Transform, TransformedEnv
 
@@ -18,7 +19,6 @@ from modpush.encoders.networks.ray_scan import RayScan
 from modpush.encoders.window import METRES_PER_PIXEL
 from modpush.encoders.window_bytes import WindowBytes
 from modpush.encoders.window_transform import EgocentricWindow
-from modpush.envs.arguments import parameter_names, refuse_unknown
 from modpush.envs.push_env import PushEnv
 from modpush.envs.scenes.scenario import ScenarioConfig
 from modpush.geometry.workspace import Rectangle
@@ -34,36 +34,14 @@ from modpush.mdp.push_reward import PushReward
 from modpush.mdp.reward_terms import RewardTerm
 from modpush.mdp.stuck_recovery import StuckRecovery
 from modpush.planners.base import Planner
-from modpush.planners.occupancy import Inflation, OccupancyGrid
+from modpush.planners.occupancy import OccupancyGrid
 from modpush.planners.subgoals import PlannerSubgoals
 from modpush.recipes.config import END_TO_END, PushEnvConfig
 
 __all__ = ["ENV_PARTS", "make_push_env"]
 
 ENV_PARTS = ("encoder", "planner", "scene", "pushed_object", "depth", "entries", "reward_terms")
-"""Arguments of `make_push_env` that are parts, and may be given as objects."""
-_FOR_PUSH_ENV = (
-    "num_envs",
-    "scene",
-    "pushed_object",
-    "difficulty",
-    "distance",
-    "max_episode_steps",
-    "oob",
-    "tool",
-    "sim_freq",
-    "depth",
-    "randomize_dynamics",
-)
-"""Fields of `PushEnvConfig` that are arguments of `PushEnv`."""
-_OF_SCENARIO = (
-    "scene",
-    "pushed_object",
-    "difficulty",
-    "distance",
-    "randomize_dynamics",
-    "path_inflation",
-)
+"""Arguments of `make_push_env` that may be given as objects."""
 
 
 @checked_arguments
@@ -72,19 +50,17 @@ def make_push_env(
     *,
     encoder: str | nn.Module | None = None,
     planner: str | Planner | None = None,
-    scene: Any = None,
-    pushed_object: Any = None,
-    depth: Any = None,
     entries: Sequence[EntryLike | tuple[str, EntryLike]] | None = None,
     reward_terms: Mapping[str, RewardTerm | str] | None = None,
-    inflation: Inflation | None = None,
     curriculum: Curriculum | None = None,
     evaluated_envs: Sequence[int] | None = None,
     max_waypoints: int = 0,
     keep_images: bool = False,
     mirrored: bool = False,
+    pictures: bool = False,
     seed: Seed | None = None,
-    **options: Any,
+    device: torch.device | str = "cpu",
+    **fields: Any,
 ) -> EnvBase:
     """The paper's stack of transforms on a `PushEnv`, batch size `[num_envs]`.
 
@@ -100,33 +76,28 @@ def make_push_env(
             a module.
         planner: Path planner instead of the config's: a name, `"module:name"`, or an
             object.
-        scene: Scene families instead of the config's, see `PushEnv`.
-        pushed_object: Objects instead of the config's, see `PushEnv`.
-        depth: Depth camera instead of the config's, see `PushEnv`.
         entries: Entries of the observation instead of the config's, see `PushObservation`.
             The encoder's latent of an empty window is subtracted from the entry `"latent"`.
         reward_terms: Your own reward terms by name; give each a weight in `config.reward`.
-        inflation: How far obstacles are inflated for planning instead of the config's, see
-            `PushEnvConfig.inflation`.
         curriculum: Curriculum that decides which episodes are drawn.
         evaluated_envs: Scenes whose episodes count for promotion, see `CurriculumScenes`.
         max_waypoints: Number of waypoints of `path`, which is emitted if it is not 0, see
             `PlannerSubgoals`.
         keep_images: Also emit depth, segmentation, occupancy and window.
         mirrored: Also emit `mirrored_observation` `[B, n]`, see `MirroredObservation`.
+        pictures: Build the scenes with a renderer, see `PushEnv`.
         seed: Seed of the first scene, see `PushEnv`.
-        **options: Further arguments of `PushEnv`, which override those of the config. A `scenario`
-            takes the place of the config's scene, object, difficulty, distance and dynamics.
+        device: Device of the environment, see `PushEnv`.
+        **fields: Fields of the config to set differently, also those of its `scenario` and `simulation`
+            (`num_envs=2`, `scene="slot"`, `tool="rod"`, ...; scenes, objects and the depth camera also
+            as objects of your own).
 
     Raises:
-        TypeError: If an argument is neither this function's nor `PushEnv`'s.
+        TypeError: If an argument is neither this function's nor a field of the config.
         ValueError: If a part is unknown or refuses its settings; with `mirrored`, if an entry cannot be
             mirrored, or observation and action have different frames.
     """
-    config = config or PushEnvConfig()
-    # It also decides whether an episode that is drawn has a path.
-    if inflation is not None:
-        config = replace(config, inflation=inflation)
+    config = (config or PushEnvConfig()).with_fields(**fields)
     if isinstance(encoder, str) and encoder == END_TO_END:
         config, encoder = replace(config, encoder=END_TO_END), None
     elif encoder is not None and config.encoder == END_TO_END:
@@ -136,8 +107,14 @@ def make_push_env(
             f"make_push_env: mirrored needs actions in the observation's frame {config.frame!r}, got "
             f"action_frame={config.action_frame!r}."
         )
-    given = {"scene": scene, "pushed_object": pushed_object, "depth": depth, "seed": seed}
-    base = _make_base(config, {**{k: v for k, v in given.items() if v is not None}, **options})
+    base = PushEnv(
+        config.num_envs,
+        scenario=config.filled_scenario(),
+        simulation=config.simulation,
+        pictures=pictures,
+        seed=seed,
+        device=device,
+    )
     transforms: list[Transform] = [InitTracker()]
     if curriculum is not None:
         transforms.append(CurriculumScenes(curriculum, evaluated_envs=evaluated_envs))
@@ -170,20 +147,6 @@ def make_push_env(
     return TransformedEnv(base, Compose(*transforms))
 
 
-def _make_base(config: PushEnvConfig, options: dict[str, Any]) -> PushEnv:
-    known = {*parameter_names(PushEnv.__init__), *(field.name for field in fields(ScenarioConfig))}
-    refuse_unknown(
-        "make_push_env",
-        set(options) - known,
-        f"some of {parameter_names(make_push_env)}, or arguments of PushEnv: {sorted(known)}",
-    )
-    given = {f.name: getattr(config, f.name) for f in fields(config) if f.name in _FOR_PUSH_ENV}
-    given["path_inflation"] = config.path_inflation
-    if "scenario" in options:
-        given = {name: value for name, value in given.items() if name not in _OF_SCENARIO}
-    return PushEnv(**{**given, **options})
-
-
 def _planning(
     config: PushEnvConfig,
     scenario: ScenarioConfig,
@@ -193,13 +156,13 @@ def _planning(
     """From depth image to sub-goals."""
     # Where the config's distance from the workspace's edge leaves no way, the scenarios' own does: they
     # are drawn so that there is one.
-    outside = config.path_margin or 0.0
+    outside = config.planner_margin or 0.0
     margins = sorted({outside, max(outside, scenario.path_margin)})
     occupancy = OccupancyGrid(
         object_radius_key="object_radius",
         inscribed_radius_key="object_inscribed_radius",
         inflation=config.inflation,
-        bounds=None if config.path_margin is None else (scenario.low, scenario.high),
+        bounds=None if config.planner_margin is None else (scenario.low, scenario.high),
         margin=tuple(-margin for margin in margins),
     )
     subgoals = PlannerSubgoals(

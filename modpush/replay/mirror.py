@@ -1,20 +1,21 @@
 """`MirrorTransitions`: a random half of each batch as their mirror images."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 from tensordict import TensorDictBase
 from tensordict.utils import NestedKey, unravel_key
-from torchrl.envs import Transform
 
 from modpush._arguments import checked_arguments
 from modpush._keys import read_key
+from modpush._transforms import DescribedTransform
 from modpush._types import Finite, Fraction
 
 __all__ = ["MirrorTransitions"]
 
 
-class MirrorTransitions(Transform):
+class MirrorTransitions(DescribedTransform):
     """Replaces some of the transitions sampled from a replay buffer by mirrored ones.
 
     A scene that is mirrored at the x axis of the agent's frame behaves like the scene itself, so that
@@ -48,6 +49,10 @@ class MirrorTransitions(Transform):
         self.fraction, self.action_key = fraction, action_key
         self.observation_key, self.mirrored_key = observation_key, mirrored_key
         self.register_buffer("signs", torch.tensor(action_signs, dtype=torch.float32))
+
+    def describe(self) -> dict[str, Any]:
+        """How often a transition is mirrored."""
+        return {"mirror": {"fraction": self.fraction}}
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Mirror transitions `[B]`; the tensordict itself stays as it is."""

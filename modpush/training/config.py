@@ -131,11 +131,11 @@ class TrainConfig:
                 f"TrainConfig: tqc.learning_starts must be >= {self.sampled_from:g}, what one sample "
                 f"draws from, got {self.tqc.learning_starts}."
             )
-        if self.env.distance[1] != self.curriculum.final_distance[1]:
+        if self.env.scenario.distance[1] != self.curriculum.final_distance[1]:
             raise ValueError(
-                "TrainConfig: env.distance, of the held-out episodes, must go as far as "
+                "TrainConfig: env.scenario.distance, of the held-out episodes, must go as far as "
                 "curriculum.final_distance, of the last episodes of training, "
-                f"{self.curriculum.final_distance}, got {self.env.distance}. Set both."
+                f"{self.curriculum.final_distance}, got {self.env.scenario.distance}. Set both."
             )
 
     @property

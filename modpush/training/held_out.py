@@ -12,7 +12,7 @@ from torchrl.envs import EnvBase
 
 from modpush._arguments import checked_arguments
 from modpush.envs.scenes.sampling import sample_scenario
-from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
+from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.episodes import Policy, run_episodes
 from modpush.training.config import TrainConfig
 from modpush.training.parts import env_parts
@@ -37,19 +37,16 @@ def held_out_scenarios(
         scene: Scene families given as objects, instead of those that the config names.
         pushed_object: Objects given as such, instead of those that the config names.
     """
-    families = config.curriculum.phases[-1].scenes or scene or config.env.scene
-    families = [families] if isinstance(families, str) or callable(families) else list(families)
-    base = ScenarioConfig(
-        pushed_object=config.env.pushed_object if pushed_object is None else pushed_object,
-        difficulty=config.env.difficulty,
-        distance=config.env.distance,
-        path_inflation=config.env.path_inflation,
-    )
+    base = replace(config.env.filled_scenario(), randomize_dynamics=False)
+    if pushed_object is not None:
+        base = replace(base, pushed_object=pushed_object)
+    last = config.curriculum.phases[-1].scenes or scene
+    families = replace(base, scene=last).scene if last else base.scene
     return [
         sample_scenario(
             np.random.default_rng([_HELD_OUT_SEED, n]),
             replace(base, scene=families[n % len(families)]),
-            tool=config.env.tool,
+            tool=config.env.simulation.tool,
         )
         for n in range(config.evaluation_episodes)
     ]

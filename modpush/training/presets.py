@@ -51,8 +51,7 @@ def _any_object() -> TrainConfig:
     shapes = ("small_cube", "large_cube", "small_cylinder", "fragment")
     return replace(
         cpu,
-        env=replace(
-            cpu.env,
+        env=cpu.env.with_fields(
             pushed_object=(*shapes, *(f"random_{k}" for k in range(1, 9))),
             add=("object_support",),
             randomize_dynamics=True,
@@ -83,8 +82,8 @@ def _smoke() -> TrainConfig:
     cpu = _cpu()
     return replace(
         cpu,
-        env=replace(
-            cpu.env, num_envs=2, max_episode_steps=20, encoder="rays", scene=("free", "posts")
+        env=cpu.env.with_fields(
+            num_envs=2, max_episode_steps=20, encoder="rays", scene=("free", "posts")
         ),
         tqc=replace(cpu.tqc, hidden_sizes=(16,), batch_size=16, learning_starts=64),
         replay=ReplayConfig(batch_size=16, capacity=10_000, storage="compact"),

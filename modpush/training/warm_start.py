@@ -7,12 +7,10 @@ from typing import Any
 from torchrl.objectives import LossModule
 
 from modpush._state import read_state
-from modpush._validation import from_plain
 from modpush._weights import check_weights
 from modpush.files import reading
-from modpush.parts import ModulesRefusedError, check_allowed, modules_named, parts_named
+from modpush.parts import ModulesRefusedError, modules_named, parts_named
 from modpush.recipes.agent_file import Agent, load_agent, observed_symmetry, shipped_agents
-from modpush.recipes.config import PushEnvConfig
 from modpush.recipes.fingerprint import fingerprint_differences
 from modpush.training.checkpoints import CHECKPOINT_KIND, CHECKPOINT_VERSION, Checkpoints
 from modpush.training.config import TrainConfig
@@ -60,10 +58,6 @@ def load_initial_weights(
         return
     with reading(checkpoint, CHECKPOINT_KIND):
         state = read_state(checkpoint, CHECKPOINT_KIND, CHECKPOINT_VERSION)
-        if "symmetry" not in state:  # of an earlier version
-            trained_in = from_plain(PushEnvConfig, state["config"]["env"])
-            check_allowed(f"{who}: {checkpoint}", trained_in.pushed_object, _allowed(config, parts))
-            state["symmetry"] = observed_symmetry(trained_in)
         fingerprint, stored = dict(state["fingerprint"]), dict(state["loss"])
         symmetry = state["symmetry"]
     _check_environment(who, fingerprint, symmetry, config, specs, parts)

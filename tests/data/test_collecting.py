@@ -150,7 +150,7 @@ def test_spl_is_by_the_map_that_the_starts_are_drawn_with(tmp_path) -> None:
 
 
 def test_another_run_s_folder_is_refused_before_anything_is_run(collected, tmp_path) -> None:
-    other = replace(CONFIG, out=collected, env=replace(ENV, difficulty=(0.0, 0.5)))
+    other = replace(CONFIG, out=collected, env=ENV.with_fields(difficulty=(0.0, 0.5)))
     with pytest.raises(
         ValueError, match=r"holds other demonstrations, \(there, asked for\): .*env"
     ):
@@ -167,7 +167,7 @@ def test_only_success_keeps_what_reached_the_goal(tmp_path) -> None:
         episodes=2,
         only_success=True,
         images=False,
-        env=replace(ENV, max_episode_steps=27),
+        env=ENV.with_fields(max_episode_steps=27),
         formats=("maniskill",),
         out=tmp_path,
     )
@@ -178,7 +178,7 @@ def test_only_success_keeps_what_reached_the_goal(tmp_path) -> None:
     rows = pd.read_csv(tmp_path / "attempts.csv")
     assert (rows["kept"] == rows["success"]).all()
     hopeless = replace(
-        config, episodes=1, env=replace(ENV, max_episode_steps=1), out=tmp_path / "none"
+        config, episodes=1, env=ENV.with_fields(max_episode_steps=1), out=tmp_path / "none"
     )
     with pytest.raises(ValueError, match=r"'scripted' reached the goal in 0 of \d+ episodes"):
         collect_demonstrations(hopeless, progress=False)
@@ -204,7 +204,7 @@ def test_no_start_is_drawn_as_one_of_an_evaluation_set() -> None:
 
 def test_settings_are_checked() -> None:
     with pytest.raises(ValueError, match="has no flat observation"):
-        CollectConfig(env=replace(ENV, encoder="end_to_end"))
+        CollectConfig(env=ENV.with_fields(encoder="end_to_end"))
     with pytest.raises(ValueError, match="a policy is named twice"):
         CollectConfig(policy=("agent", "agent"))
     with pytest.raises(ValueError, match="name must"):
@@ -224,7 +224,7 @@ def test_gymnasium_makes_the_environment_of_a_spec_with_the_whole_config(collect
     spec = dataset(collected).env_spec
     assert spec.id == "modpush/Push-v0"
     assert gymnasium.envs.registration.EnvSpec.from_json(spec.to_json()).kwargs == spec.kwargs
-    assert spec.kwargs["reward"]["weights"] == ENV.reward.weights
+    assert spec.kwargs["config"]["reward"]["weights"] == ENV.reward.weights
 
 
 @pytest.mark.parametrize("changes", [{}, {"inflation": "inscribed", "scene": ("diagonal_walls",)}])

@@ -447,12 +447,11 @@ def test_bad_actions_are_refused_with_the_scenes_index(env, action, message) -> 
         ({"pushed_object": "egg"}, "there is no 'egg', expected one of"),
         (
             {"depth": "lidar"},
-            r"depth: there is no 'lidar', expected one of \['analytic', 'sapien'\]",
+            r"depth must be one of \['analytic', 'sapien'\], .* got 'lidar'",
         ),
         ({"tool": "hook"}, "tool must be '2f85' or 'rod', got 'hook'"),
         ({"oob": "explode"}, "oob must be 'truncate' or 'terminate', got 'explode'"),
         ({"max_episode_steps": 0}, "max_episode_steps must be >= 1, got 0"),
-        ({"scenario": ScenarioConfig(), "scene": "slot"}, "either scenario or its fields"),
     ],
 )
 def test_bad_arguments(kwargs, message) -> None:
@@ -460,11 +459,11 @@ def test_bad_arguments(kwargs, message) -> None:
         PushEnv(**kwargs)
 
 
-def test_a_misspelt_argument_lists_the_parameters_and_the_fields_of_the_scenario() -> None:
+def test_a_misspelt_argument_lists_the_fields_that_there_are() -> None:
     with pytest.raises(TypeError, match="unexpected keyword argument 'max_steps'") as error:
         PushEnv(max_steps=10)
+    assert "'center_of_mass'" in str(error.value)
     assert "'max_episode_steps'" in str(error.value)
-    assert "fields of ScenarioConfig: ['center_of_mass'" in str(error.value)
 
 
 def test_a_scenario_that_is_no_config_is_refused(env) -> None:

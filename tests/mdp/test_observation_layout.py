@@ -12,7 +12,7 @@ from tests.mdp.test_push_observation import make_state
 def fingerprint(*args, **kwargs):
     observe = PushObservation(*args, **kwargs)
     observe(make_state())
-    return observe.fingerprint()
+    return observe.describe()["observation"]
 
 
 def test_a_fingerprint_survives_json_and_tells_each_column():
@@ -67,7 +67,7 @@ def test_a_function_as_shift_is_called_for_each_observation():
     assert torch.equal(observe(state)["observation"], torch.tensor([[-1.0, -2.0]] * 2))
     given[0] = torch.tensor([3.0, 0.0])
     assert torch.equal(observe(state)["observation"], torch.tensor([[-3.0, 0.0]] * 2))
-    assert observe.fingerprint()["entries"][0]["shift"] == [3.0, 0.0]
+    assert observe.describe()["observation"]["entries"][0]["shift"] == [3.0, 0.0]
     given[0] = given[1]
     with pytest.raises(ValueError, match=r"must be one number or 2, got \[1\]"):
         observe(state)

@@ -374,7 +374,7 @@ def test_a_pickled_transform_observes_alike():
     before = observe(state.clone())["observation"]
     copy = pickle.loads(pickle.dumps(observe))
     assert torch.equal(copy(state)["observation"], before)
-    assert copy.fingerprint() == observe.fingerprint()
+    assert copy.describe() == observe.describe()
 
 
 def test_whole_numbers_are_scaled_and_doubles_become_single():

@@ -25,7 +25,7 @@ from modpush.recipes.agent_file import _describe
 from modpush.recipes.fingerprint import fingerprint_differences
 from tests.own_parts import MeanHeight, one_post
 
-RAYS = PushEnvConfig.preset("cpu", num_envs=2, encoder="rays", scene=("posts",))
+RAYS = PushEnvConfig.preset("cpu", num_envs=2, encoder="rays", scene="posts")
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def test_the_object_s_axis_means_for_other_objects_what_the_agent_was_trained_wi
 
 def test_an_agent_of_several_objects_sees_each_one_s_own_axis(tmp_path):
     path = tmp_path / "agent.safetensors"
-    config = replace(RAYS, pushed_object=("small_cube", "fragment"))
+    config = RAYS.with_fields(pushed_object=("small_cube", "fragment"))
     save(path, config, observation_dim=55, fingerprint={})
     env = load_agent(path).make_env(num_envs=1, seed=0, pushed_object="fragment")
     observe = next(t for t in env.transform if isinstance(t, PushObservation))

@@ -1,9 +1,10 @@
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import pytest
 
 from modpush._validation import from_plain
+from modpush.envs import ScenarioConfig
 from modpush.recipes import make_push_env
 from modpush.recipes.config import PushEnvConfig
 
@@ -13,8 +14,8 @@ def test_unknown_names_are_answered_with_what_there_is():
         PushEnvConfig(encoder="eyes")
     with pytest.raises(ValueError, match=r"planner must be one of .*'a_star'.* got 'luck'"):
         PushEnvConfig(planner="luck")
-    with pytest.raises(ValueError, match=r"pushed_object must be one of .* got 'duck'"):
-        PushEnvConfig(pushed_object="duck")
+    with pytest.raises(ValueError, match=r"pushed_object: there is no 'duck', expected one of"):
+        PushEnvConfig().with_fields(pushed_object="duck")
     with pytest.raises(ValueError, match="preset must be one of"):
         PushEnvConfig.preset("gpu")
 
@@ -36,9 +37,8 @@ def test_a_config_with_an_unknown_field_is_refused():
 
 def test_a_part_of_ones_own_is_not_imported_by_a_config():
     """A config may come from a file, and a file must not decide what code is run."""
-    config = PushEnvConfig(
-        encoder="no_such_module:Encoder", planner="no_such_module:plan", scene=("no_such_module:s",)
-    )
+    names = {"encoder": "Encoder", "planner": "plan", "scene": "s", "depth": "Camera"}
+    config = PushEnvConfig().with_fields(**{k: f"no_such_module:{n}" for k, n in names.items()})
     with pytest.raises(ValueError, match="cannot import 'no_such_module'"):
         make_push_env(config)
 
@@ -48,25 +48,29 @@ def test_an_encoder_that_nothing_would_train_is_refused():
         PushEnvConfig(encoder="conv")
 
 
-def test_a_range_may_be_given_as_a_number():
-    config = PushEnvConfig(difficulty=0.5, distance=1)
-    assert (config.difficulty, config.distance) == ((0.5, 0.5), (1.0, 1.0))
-    with pytest.raises(ValueError, match=r"difficulty must be a range \(low, high\), got \(1, 0\)"):
-        PushEnvConfig(difficulty=(1, 0))
+def test_single_fields_are_set_wherever_they_are() -> None:
+    config = PushEnvConfig.preset("cpu", scene="slot", tool="rod", num_envs=3)
+    assert (config.scenario.scene, config.simulation.tool, config.num_envs) == (("slot",), "rod", 3)
+    assert config.with_fields() == config
+    scenario = ScenarioConfig(scene="posts", difficulty=1)
+    changed = config.with_fields(scenario=scenario, distance=(0.3, 0.4))
+    assert changed.scenario == replace(scenario, distance=(0.3, 0.4))
     with pytest.raises(
-        ValueError, match=r"distance must be a range \(low, high\), got \(0.6, 0.2\)"
+        TypeError, match=r"unexpected keyword argument 'colour'; .*'difficulty'.*'oob'"
     ):
-        PushEnvConfig(distance=(0.6, 0.2))
-    with pytest.raises(ValueError, match=r"distance must reach beyond 0.05 m"):
-        PushEnvConfig(distance=0.05)
-    with pytest.raises(ValueError, match="PushEnvConfig: difficulty must be"):
-        PushEnvConfig(difficulty=True)
+        PushEnvConfig().with_fields(colour="red")
 
 
-def test_a_single_scene_may_be_given_as_text():
-    assert PushEnvConfig(scene="slot") == PushEnvConfig(scene=("slot",))
-    with pytest.raises(ValueError, match=r"scene must be one of .*'slot'.* got 'slit'"):
-        PushEnvConfig(scene="slit")
+def test_episodes_are_drawn_for_the_map_that_is_planned_on() -> None:
+    for inflation, circle in (
+        ("widest", "inscribed"),
+        ("circumscribed",) * 2,
+        (0.03, "circumscribed"),
+    ):
+        config = PushEnvConfig(inflation=inflation)
+        assert config.filled_scenario().path_inflation == circle
+    own = config.with_fields(path_inflation="inscribed")
+    assert own.filled_scenario().path_inflation == "inscribed"
 
 
 def test_a_latent_size_is_for_rays():

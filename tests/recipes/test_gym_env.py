@@ -16,6 +16,7 @@ from torchrl.envs.utils import check_env_specs, step_mdp
 import modpush.envs  # noqa: F401  # registers the environment
 from modpush.data import CollectConfig
 from modpush.encoders import RayScan
+from modpush.mdp import RewardConfig
 from modpush.planners import OccupancyGrid
 from modpush.recipes import PaperGymEnv, PushEnvConfig, load_agent, make_push_env
 
@@ -149,7 +150,7 @@ def test_stable_baselines_sac_learns_on_it() -> None:
         encoder="none",
         distance=(0.06, 0.1),
         max_episode_steps=60,
-        reward={"weights": weights, "scale": 0.1, "normalisation": "constant"},
+        reward=RewardConfig(weights=weights, scale=0.1, normalisation="constant"),
     )
     contacts: list[bool] = []
 

@@ -88,7 +88,7 @@ def test_without_an_encoder_there_is_no_latent():
 
 @pytest.mark.parametrize("encoder", ["rays", "vae"])
 def test_in_free_space_the_latent_is_silent(encoder):
-    env = make_push_env(replace(RAYS, encoder=encoder, scene=("free",)), seed=0)
+    env = make_push_env(RAYS.with_fields(encoder=encoder, scene="free"), seed=0)
     latent = env.reset()["observation"][:, :32]
     torch.testing.assert_close(latent, torch.zeros(2, 32), atol=1e-5, rtol=0)
     env.close()
@@ -127,7 +127,7 @@ def test_a_scenario_takes_the_place_of_the_configs_scenes():
     scenario = ScenarioConfig(scene="slot", distance=(0.2, 0.25), difficulty=1.0)
     env = make_push_env(RAYS, scenario=scenario, seed=0)
     env.reset()
-    assert env.base_env.scenario == scenario
+    assert env.base_env.scenario == replace(scenario, path_inflation="inscribed")
     assert {start.scene for start in env.base_env.scenarios} == {"slot"}
     env.close()
 
@@ -189,7 +189,7 @@ def test_an_untrained_conv_encoder_is_warned_of():
 def test_obstacles_are_inflated_by_the_size_of_each_scene_s_object(inflation, attribute):
     bar = PushedObject(name="bar", parts=(box(0.12, 0.03, 0.05),))
     objects = (OBJECTS["small_cylinder"], bar)
-    config = replace(RAYS, num_envs=len(objects), inflation=inflation, path_margin=None)
+    config = replace(RAYS, num_envs=len(objects), inflation=inflation, planner_margin=None)
     env = make_push_env(config, pushed_object=objects, keep_images=True, seed=0)
     scenario = sample_scenario(np.random.default_rng(0), ScenarioConfig(scene="posts"))
     td = env.reset(scenarios=[replace(scenario, pushed_object=item.name) for item in objects])
@@ -200,26 +200,26 @@ def test_obstacles_are_inflated_by_the_size_of_each_scene_s_object(inflation, at
     env.close()
 
 
-@pytest.mark.parametrize("path_margin", [0.0, 0.03, None])
-def test_paths_leave_the_workspace_by_no_more_than_the_margin(path_margin):
-    config = replace(RAYS, scene=("free",), path_margin=path_margin)
+@pytest.mark.parametrize("margin", [0.0, 0.03, None])
+def test_paths_leave_the_workspace_by_no_more_than_the_margin(margin):
+    config = RAYS.with_fields(scene="free", planner_margin=margin)
     env = make_push_env(config, keep_images=True, seed=0)
     blocked = env.reset()["occupancy"][0, 0]
     side = OccupancyGrid().camera.cell_size
     free = (~blocked).sum(-1).max() * side, (~blocked).sum(-2).max() * side
-    if path_margin is None:
+    if margin is None:
         assert not blocked.any()
     else:
-        expected = sorted([0.55 + 2 * path_margin, 0.70 + 2 * path_margin])
+        expected = sorted([0.55 + 2 * margin, 0.70 + 2 * margin])
         assert sorted(float(f) for f in free) == pytest.approx(expected, abs=2 * side)
     env.close()
 
 
 def test_every_episode_that_is_drawn_has_a_path():
     # About one in twenty has none within 2 cm of the workspace.
-    config = replace(RAYS, scene=("bar_along",), num_envs=20, path_margin=0.02)
+    config = RAYS.with_fields(scene="bar_along", num_envs=20, planner_margin=0.02)
     env = make_push_env(config, keep_images=True, seed=0)
-    assert config.path_margin < env.base_env.scenario.path_margin
+    assert config.planner_margin < env.base_env.scenario.path_margin
     choices = []
     for _ in range(6):
         td = env.reset()
@@ -230,12 +230,12 @@ def test_every_episode_that_is_drawn_has_a_path():
 
 
 def test_an_unknown_argument_is_refused_with_all_there_are():
-    with pytest.raises(TypeError, match=r"make_push_env: .*'keep_image'; .*'keep_images'.*'oob'"):
+    with pytest.raises(TypeError, match=r"unexpected keyword argument 'keep_image'; .*'oob'"):
         make_push_env(RAYS, keep_image=True)
 
 
 def test_the_inflation_that_is_given_also_decides_which_episodes_are_drawn():
-    config = replace(RAYS, scene="diagonal_walls", inflation="inscribed")
+    config = RAYS.with_fields(scene="diagonal_walls", inflation="inscribed")
     env = make_push_env(config, inflation="circumscribed", seed=0)
     assert env.base_env.scenario.path_inflation == "circumscribed"
     with pytest.raises(ValueError, match="In 'diagonal_walls' a path needs path_inflation='inscr"):
@@ -254,6 +254,21 @@ def test_an_encoder_that_is_given_takes_the_place_of_one_trained_end_to_end():
         env.close()
     env = make_push_env(RAYS, encoder="end_to_end")
     assert "window" in env.observation_spec.keys()
+    env.close()
+
+
+def test_a_printed_environment_shows_the_settings_of_its_parts():
+    env = make_push_env(RAYS, recovery=True, seed=0)
+    _ = env.observation_spec
+    text = str(env)
+    for part in (
+        "PushEnv(2, scenario=ScenarioConfig(scene=('posts',)",
+        "PlannerSubgoals(planner='distance_field', mode='lookahead', lookahead=0.2",
+        "EgocentricWindow(frame='path', size=64",
+        "PushObservation(frame='path', raw=False, entries=['latent', 'ee_pose'",
+        "StuckRecovery(patience=4",
+    ):
+        assert part in text, text
     env.close()
 
 

@@ -67,7 +67,7 @@ def test_the_environment_is_as_a_set_says(name: str) -> None:
         max_episode_steps=40, tool="rod", sim_freq=240, inflation="inscribed"
     )
     env = get_method(name).make_env(1, ("large_cube",), conditions)
-    assert not conditions.differences(env.settings)
+    assert not conditions.differences(env.simulation)
     td = env.reset()
     if name == "corridor":
         assert td["touch_radius"].item() == pytest.approx(0.025)  # half of the shorter side
@@ -79,10 +79,12 @@ def test_the_environment_is_as_a_set_says(name: str) -> None:
 
 def test_an_agent_s_environment_is_as_a_set_says_and_not_as_it_was_trained_in() -> None:
     conditions = EpisodeConditions(max_episode_steps=40, sim_freq=240, inflation="inscribed")
-    config = PushEnvConfig(num_envs=1, encoder="rays", max_episode_steps=9, tool="rod")
+    config = PushEnvConfig().with_fields(
+        num_envs=1, encoder="rays", max_episode_steps=9, tool="rod"
+    )
     options = conditions.agent_options("circumscribed")
     env = make_push_env(config, **options, seed=0)
-    assert not conditions.differences(env.settings)
+    assert not conditions.differences(env.simulation)
     (grid,) = (t for t in env.transform if isinstance(t, OccupancyGrid))
     assert grid.inflation == "inscribed"
     env.close()

@@ -25,7 +25,7 @@ PRINTED = {
     "env.subgoal_mode": "fraction",
     "env.subgoal_fraction": 0.2,
     "env.inflation": "inscribed",  # half of the small cube's diameter
-    "env.path_margin": None,
+    "env.planner_margin": None,
     "env.subgoal_lags": (1, 5),  # table of observations
     "env.entries": (),
     "env.leave_out": (),
@@ -59,18 +59,18 @@ PRINTED = {
     "replay.k_end": None,
     # Sec. IV-B, learning strategy
     "curriculum.phases": ({"scenes": (), "first_stage": 0},),
-    "env.scene": OBSTACLE_SCENES,
-    "env.pushed_object": "small_cube",
+    "env.scenario.scene": OBSTACLE_SCENES,
+    "env.scenario.pushed_object": ("small_cube",),
     "total_steps": 7e6,
     "tqc.updates_per_step": 1,
     # Sec. V
-    "env.tool": "2f85",
+    "env.simulation.tool": "2f85",
     "env.planner": "lazy_theta_star_grid",
     "tqc.hidden_sizes": (512, 256, 128),
     "tqc.exploration_sigma": 0.4,
     "greedy_envs": 0,  # the noise is in all scenes
     # Sec. V-B
-    "env.distance": (0.2, 0.6),
+    "env.scenario.distance": (0.2, 0.6),
     "curriculum.final_distance": (0.2, 0.6),
     # What this library adds is off.
     "env.path_ahead": (),
@@ -80,7 +80,7 @@ PRINTED = {
     "actor_average": 0.0,
     "first_actions": "random",
     "mirror": False,
-    "env.randomize_dynamics": False,
+    "env.scenario.randomize_dynamics": False,
     "env.symmetry": None,
     "zero_init_latent": False,
     "init_from": None,
@@ -154,12 +154,12 @@ def test_all_in_which_the_cpu_preset_departs_from_the_paper():
     assert [(phase.scenes, phase.first_stage) for phase in phases] == [(("free",), 0), ((), 6)]
     assert departures == {
         "env.num_envs": 16,
-        "env.scene": ("free", *OBSTACLE_SCENES),
+        "env.scenario.scene": ("free", *OBSTACLE_SCENES),
         "env.frame": "path",
         "env.action_frame": None,
         "env.planner": "distance_field",
         "env.inflation": "widest",
-        "env.path_margin": 0.02,
+        "env.planner_margin": 0.02,
         "env.subgoal_mode": "lookahead",
         "env.path_ahead": (0.1, 0.2, 0.3),
         "env.entries": PATH_AHEAD_ENTRIES,

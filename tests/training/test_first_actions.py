@@ -23,7 +23,7 @@ def worker_of(config: TrainConfig) -> SceneWorker:
 @pytest.mark.parametrize("frames", [("path", None), ("object", "base"), ("object", None)])
 def test_the_scripted_pusher_solves_episodes_in_the_agents_own_frame(frames) -> None:
     frame, action_frame = frames
-    env = replace(SMOKE.env, frame=frame, action_frame=action_frame, max_episode_steps=100)
+    env = SMOKE.env.with_fields(frame=frame, action_frame=action_frame, max_episode_steps=100)
     config = replace(SMOKE, env=env, tqc=replace(SMOKE.tqc, learning_starts=600), greedy_envs=1)
     worker = worker_of(config)
     rollout = worker.collect(300, None)
@@ -39,7 +39,7 @@ def test_the_scripted_pusher_solves_episodes_in_the_agents_own_frame(frames) -> 
 
 
 def test_random_actions_solve_none_of_them() -> None:
-    env = replace(SMOKE.env, max_episode_steps=100)
+    env = SMOKE.env.with_fields(max_episode_steps=100)
     worker = worker_of(replace(SMOKE, env=env, first_actions="random"))
     distances = (worker._td["goal_position"] - worker._td["object_pose"][:, :2]).norm(dim=-1)
     torch.testing.assert_close(distances, torch.full((2,), 0.06), atol=1e-4, rtol=0)

@@ -95,7 +95,7 @@ def test_the_best_agent_is_the_one_with_the_highest_score(tmp_path, monkeypatch)
 
 
 def test_held_out_episodes_are_as_hard_and_as_far_as_the_environments():
-    env = replace(SMOKE.env, difficulty=(0.4, 0.5), distance=(0.55, 0.6))
+    env = SMOKE.env.with_fields(difficulty=(0.4, 0.5), distance=(0.55, 0.6))
     drawn = held_out_scenarios(replace(SMOKE, env=env, evaluation_episodes=6))
     assert all(0.4 <= scenario.difficulty <= 0.5 for scenario in drawn)
     away = [math.dist(s.object_pose[:2], s.goal_position) for s in drawn]

@@ -368,9 +368,7 @@ def wait_for(condition: Callable[[], bool], process: subprocess.Popen[str]) -> N
 
 
 def make_free_env() -> EnvBase:
-    return make_push_env(
-        replace(load_agent("small_cube").config, num_envs=2, scene=("free",)), seed=0
-    )
+    return make_push_env(load_agent("small_cube").config, num_envs=2, scene=("free",), seed=0)
 
 
 @pytest.mark.slow

@@ -480,7 +480,7 @@ def test_held_out_episodes_are_the_same_in_every_run_and_of_all_families():
 
 
 def test_the_scene_of_the_environment_is_what_is_trained_and_evaluated_on():
-    config = replace(SMOKE, env=replace(SMOKE.env, scene=("slot",)))
+    config = replace(SMOKE, env=SMOKE.env.with_fields(scene="slot"))
     assert {s.scene for s in held_out_scenarios(config)} == {"slot"}
     worker = SceneWorker(config)
     curriculum = worker.curriculum
@@ -499,7 +499,7 @@ def test_recovery_is_for_the_trained_agent_and_not_for_its_training():
 
 def test_held_out_episodes_are_solvable_on_the_map_that_is_planned_on() -> None:
     """Only the inscribed circle of the object passes through these scenes."""
-    env = replace(SMOKE.env, scene=("diagonal_walls",), inflation="inscribed")
+    env = SMOKE.env.with_fields(scene="diagonal_walls", inflation="inscribed")
     curriculum = replace(SMOKE.curriculum, phases=(Phase(),))
     config = replace(SMOKE, env=env, curriculum=curriculum, evaluation_episodes=6)
     assert {start.scene for start in held_out_scenarios(config)} == {"diagonal_walls"}
@@ -677,7 +677,7 @@ def test_a_part_that_cannot_be_pickled_is_refused_before_any_work(tmp_path):
 
 def test_the_scene_of_the_environment_is_obeyed(tmp_path):
     config = replace(TRAIN_PRESETS["cpu"][1], evaluation_episodes=3)
-    slots = replace(config, env=replace(config.env, scene=("slot",)))
+    slots = replace(config, env=config.env.with_fields(scene="slot"))
     assert {start.scene for start in held_out_scenarios(slots)} == {"slot"}
     assert Curriculum(slots.curriculum).config.phases[-1].scenes == ()
 

@@ -95,7 +95,7 @@ def test_what_cannot_be_taken_over_is_refused_before_any_work(unbroken, tmp_path
     refused("must be a run with a checkpoint", init_from=str(tmp_path))
     refused("another architecture", tqc=replace(SMOKE.tqc, hidden_sizes=(8,)))
     refused("trained in another environment.*edges", env=replace(SMOKE.env, leave_out=("edges",)))
-    fragment = replace(SMOKE.env, pushed_object="fragment")
+    fragment = SMOKE.env.with_fields(pushed_object="fragment")
     refused("looking the same at 4 yaw angles.*set env.symmetry to 4", env=fragment)
     begin(tmp_path / "run", init_from=str(unbroken), env=replace(fragment, symmetry=4))
 

@@ -45,16 +45,16 @@ class EpisodeConditions:
         own_map = self.inflation == "circumscribed" or inflation == "widest"
         return self.env_options if own_map else {**self.env_options, "inflation": self.inflation}
 
-    def differences(self, settings: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
-        """What differs in an environment: `(there, of the set)` by argument of `PushEnv`.
+    def differences(self, simulation: Any) -> dict[str, tuple[Any, Any]]:
+        """What differs in an environment: `(there, of the set)` by field.
 
         Args:
-            settings: `PushEnv.settings` of the environment.
+            simulation: `PushEnv.simulation` of the environment.
         """
         return {
-            name: (settings.get(name), value)
+            name: (getattr(simulation, name), value)
             for name, value in self.env_options.items()
-            if settings.get(name) != value
+            if getattr(simulation, name) != value
         }
 
     @classmethod

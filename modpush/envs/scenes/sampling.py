@@ -130,12 +130,12 @@ def sample_scenario(
         raise ValueError(f"sample_scenario: tool must be one of {sorted(TOOLS)}, got {tool!r}.")
     scenes, objects = config.scenes, config.objects
     failed: Counter[str] = Counter()
-    distance = float(rng.uniform(*config.distance_range))
+    distance = float(rng.uniform(*config.distance))
     name = ""
     for _ in range(_LAYOUTS):
         name, scene = scenes[rng.integers(len(scenes))]
         item = objects[rng.integers(len(objects))]
-        difficulty = float(rng.uniform(*config.difficulty_range))
+        difficulty = float(rng.uniform(*config.difficulty))
         obstacles = _draw_layout(rng, name, scene, difficulty)
         free, limits = _free_space(obstacles, item, config), _limits(config, item, tool)
         for _ in range(_BATCHES):
@@ -322,12 +322,13 @@ def _free_space(
 
     On a grid over what the camera sees, and hardly out of the workspace.
     """
-    labels, cell = np.zeros((0, 0), np.int32), _CELLS[config.path_inflation]
+    circle = config.path_inflation or "circumscribed"
+    labels, cell = np.zeros((0, 0), np.int32), _CELLS[circle]
     turned = turned_rectangles(rectangles(obstacles))
     if obstacles:
         low = np.subtract(config.low, config.path_margin)
         high = np.add(config.high, config.path_margin)
-        passable = _passable_cells(turned, item.radius_of(config.path_inflation), low, high, cell)
+        passable = _passable_cells(turned, item.radius_of(circle), low, high, cell)
         _, labels = cv2.connectedComponents(passable, connectivity=4)
     return _FreeSpace(turned, labels, cell)
 

@@ -2,15 +2,18 @@
 
 import json
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import asdict, field
-from typing import Annotated, Any, Literal
+from functools import cached_property
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from annotated_types import Ge, Le, MaxLen
-from pydantic import Strict
+from pydantic import BeforeValidator, Strict
 
 from modpush._types import (
+    ONE_NUMBER,
     ORDERED,
+    AtLeastOne,
     Fraction,
     FractionSpan,
     Length,
@@ -29,6 +32,7 @@ from modpush.envs.scenes.layouts import SceneFn, get_scene
 from modpush.envs.scenes.objects import Circle, PushedObject, get_object
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
 from modpush.geometry.workspace import BOUNDS_MARGIN, WORKSPACE, Rectangle
+from modpush.parts import part_module
 
 __all__ = ["Dynamics", "Scenario", "ScenarioConfig"]
 
@@ -40,6 +44,20 @@ GoalDistance = Annotated[Length, Ge(GOAL_THRESHOLD), Le(2)]
 """Distance from start to goal [m]; nearer, an episode has ended before its first step."""
 GoalDistances = Annotated[tuple[GoalDistance, GoalDistance], Strict(False), ORDERED]
 """Lower and upper end of a range of distances from start to goal [m]."""
+
+
+def _one_or_more(value: Any) -> Any:
+    """A single part as a tuple that holds it."""
+    return value if isinstance(value, list | tuple | Set) else (value,)
+
+
+if TYPE_CHECKING:  # type checkers know of no conversion
+    Parts = DifficultyRange = DistanceRange = Any
+else:
+    # Of anything, since the command line gives names, and only Python gives objects.
+    Parts = Annotated[AtLeastOne[Any], BeforeValidator(_one_or_more)]
+    DifficultyRange = Annotated[FractionSpan, ONE_NUMBER]
+    DistanceRange = Annotated[GoalDistances, ONE_NUMBER]
 
 
 @checked
@@ -102,19 +120,19 @@ class Scenario:
 class ScenarioConfig:
     """Settings from which episodes are drawn."""
 
-    scene: Name | SceneFn | Several[Name | SceneFn] = "free"
-    """Scene family, by name, by `"module:function"` or as a function, or several of them, one of
-    which is drawn for each episode."""
-    pushed_object: Name | PushedObject | Several[Name | PushedObject] = "small_cube"
-    """Pushed object, by name, by `"module:name"` or as a `PushedObject`, or several of them, one of
-    which is drawn for each episode."""
-    difficulty: Fraction | FractionSpan = (0.0, 1.0)
-    """Difficulty of the scene in [0, 1]: a number, or a range from which it is drawn uniformly."""
-    distance: GoalDistance | GoalDistances = (
-        0.2,
-        0.6,
-    )
-    """Distance from start to goal [m]: a number, or a range from which it is drawn uniformly."""
+    scene: Parts = ("free",)
+    """Scene families, one of which is drawn for each episode: by name, by `"module:function"` or as
+    functions; a single one may be given alone. A curriculum's phases may name others. The preset
+    `paper` has the five of the paper's training, which has no empty scene (Sec. IV-B)."""
+    pushed_object: Parts = ("small_cube",)
+    """Pushed objects, one of which is drawn for each episode: by name, by `"module:name"` or as
+    `PushedObject`s; a single one may be given alone. `random_7` has a random shape and size, see
+    `random_object`."""
+    difficulty: DifficultyRange = (0.0, 1.0)
+    """Range from which the difficulty of the scenes is drawn uniformly, in [0, 1]; or a number."""
+    distance: DistanceRange = (0.2, 0.6)
+    """Range from which the distance from start to goal is drawn uniformly [m]; or a number. By
+    default that of the paper's evaluation (Sec. V-B)."""
     low: Point = WORKSPACE.low
     """Lower corner of the workspace, which must lie within the tool's (`MotionConfig`) [m]."""
     high: Point = WORKSPACE.high
@@ -129,10 +147,10 @@ class ScenarioConfig:
     path_margin: NonNegativeLength = 0.04
     """Largest distance by which the object's path to the goal may leave the workspace [m]; at 5 cm an
     episode ends."""
-    path_inflation: Circle = "circumscribed"
+    path_inflation: Circle | None = None
     """Circle of the object by whose radius obstacles are inflated to decide whether a path to the
     goal exists. With `inscribed`, passages count that the object fits through at some yaw angles
-    only."""
+    only. None: in `make_push_env` the circle that is planned with, else `circumscribed`."""
     tool_distance: FractionSpan = (0.08, 0.14)
     """Range of the distance from the object's centre to the tool's tip at the start [m]."""
     tool_start: Literal["any", "behind"] = "any"
@@ -148,30 +166,21 @@ class ScenarioConfig:
     """Largest offset of the centre of mass along each axis with randomised dynamics [m]."""
 
     def __post_init__(self) -> None:
-        """Check names and ranges, so that nothing fails at the thousandth reset."""
-        if not self.scenes:
-            raise ValueError("ScenarioConfig: scene is empty, expected at least one family.")
-        if not self.objects:
-            raise ValueError("ScenarioConfig: pushed_object is empty, expected at least one.")
-        names = [item.name for item in self.objects]
-        if repeated := sorted({name for name in names if names.count(name) > 1}):
-            raise ValueError(
-                f"ScenarioConfig: pushed objects must have different names, got {repeated} several "
-                "times."
-            )
-        spans = {
-            "difficulty": self.difficulty_range,
-            "distance": self.distance_range,
-            "tool_distance": self.tool_distance,
-            "mass": self.mass,
-            "friction": self.friction,
-        }
-        for name, (low, high) in spans.items():
+        """Check names and ranges; `"module:name"` is imported when it is used.
+
+        A config that comes from a file runs no code.
+        """
+        if not any(map(part_module, self.scene)):
+            _ = self.scenes
+        if not any(map(part_module, self.pushed_object)):
+            _ = self.objects
+        for name in ("difficulty", "distance", "tool_distance", "mass", "friction"):
+            low, high = getattr(self, name)
             if not low <= high:
                 raise ValueError(
                     f"ScenarioConfig: {name} must be a range (low, high), got ({low:g}, {high:g})."
                 )
-        if self.distance_range[1] < GOAL_THRESHOLD + 1e-4:  # positions have single precision
+        if self.distance[1] < GOAL_THRESHOLD + 1e-4:  # positions have single precision
             raise ValueError(
                 f"ScenarioConfig: distance must reach beyond {GOAL_THRESHOLD} m, at which an episode has "
                 f"ended before its first step, got {self.distance}."
@@ -192,32 +201,23 @@ class ScenarioConfig:
         """Where the object's centre may be before an episode ends, base frame [m]."""
         return Rectangle(self.low, self.high).bounds(margin)
 
-    @property
+    @cached_property
     def scenes(self) -> list[tuple[str, SceneFn]]:
         """The families to draw from, by name and function."""
-        scene = self.scene
-        several: list[Any] = list(scene) if isinstance(scene, list | tuple) else [scene]
-        return [get_scene(one) for one in several]
+        return [get_scene(one) for one in self.scene]
 
-    @property
+    @cached_property
     def objects(self) -> list[PushedObject]:
-        """The objects to draw from."""
-        item = self.pushed_object
-        several: list[Any] = list(item) if isinstance(item, list | tuple) else [item]
-        return [get_object(one) for one in several]
+        """The objects to draw from.
 
-    @property
-    def difficulty_range(self) -> tuple[float, float]:
-        """Difficulty as a range."""
-        return _range(self.difficulty)
-
-    @property
-    def distance_range(self) -> tuple[float, float]:
-        """Distance from start to goal as a range [m]."""
-        return _range(self.distance)
-
-
-def _range(value: float | tuple[float, float]) -> tuple[float, float]:
-    if isinstance(value, int | float):
-        return float(value), float(value)
-    return value
+        Raises:
+            ValueError: If two have the same name.
+        """
+        objects = [get_object(one) for one in self.pushed_object]
+        names = [item.name for item in objects]
+        if repeated := sorted({name for name in names if names.count(name) > 1}):
+            raise ValueError(
+                f"ScenarioConfig: pushed objects must have different names, got {repeated} several "
+                "times."
+            )
+        return objects

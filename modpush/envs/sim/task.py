@@ -18,7 +18,7 @@ from mani_skill.utils.structs import Pose
 from mani_skill.utils.structs.types import SimConfig
 from torch import Tensor
 
-from modpush.envs.arguments import check_simulation, make_scenario_config
+from modpush.envs.arguments import check_simulation
 from modpush.envs.outcome import GOAL_THRESHOLD, is_at_goal, is_out_of_bounds
 from modpush.envs.robot.ur5_2f85 import Tool
 from modpush.envs.scenes.arm_room import check_arm_is_free
@@ -41,6 +41,7 @@ from modpush.envs.sim.object_bodies import ObjectBodies
 from modpush.envs.sim.obstacle_bodies import ObstaclePool, ObstacleSwapper
 from modpush.envs.sim.rendering import choose_render_backend
 from modpush.envs.sim.seeding import make_generators
+from modpush.envs.simulation_config import set_fields
 from modpush.geometry.workspace import BOUNDS_MARGIN
 
 __all__ = ["ClutterPushEnv"]
@@ -95,9 +96,7 @@ class ClutterPushEnv(BaseEnv):
     ) -> None:
         check_simulation(num_envs, kwargs.get("sim_backend", "auto"), sim_freq, control_freq)
         fields = {k: kwargs.pop(k) for k in list(kwargs) if k in ScenarioConfig.__annotations__}
-        self.scenario_config = make_scenario_config(
-            "ClutterPushEnv", scenario, fields, type(self).__init__
-        )
+        (self.scenario_config,) = set_fields("ClutterPushEnv", fields, scenario or ScenarioConfig())
         self.pushed_objects = self.scenario_config.objects
         self.dynamic_obstacles = dynamic_obstacles
         self.goal_threshold, self.bounds_margin = goal_threshold, bounds_margin

@@ -26,12 +26,15 @@ def test_a_scenario_of_other_fields_is_refused() -> None:
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"difficulty": 1.5}, "difficulty must be <= 1 or a tuple, got 1.5"),
+        ({"difficulty": 1.5}, "difficulty"),
+        ({"difficulty": (1, 0)}, r"difficulty must be a range"),
+        ({"difficulty": True}, "difficulty"),
+        ({"distance": 0.05}, "distance must reach beyond 0.05 m"),
         ({"distance": (0.6, 0.2)}, r"distance must be a range"),
-        ({"distance": 3.0}, "distance must be <= 2 or a tuple, got 3.0"),
-        ({"scene": ()}, "scene is empty"),
+        ({"distance": 3.0}, "distance"),
+        ({"scene": ()}, "scene"),
         ({"scene": "nowhere"}, r"scene: there is no 'nowhere', expected one of \['bar_across'"),
-        ({"scene": 3}, "scene must be text or a function or a tuple, got 3"),
+        ({"scene": 3}, "scene: 3 is not a function"),
         ({"pushed_object": ("small_cube", "egg")}, "there is no 'egg'"),
         ({"low": (1.0, 0.0)}, "low must be < high"),
     ],
@@ -39,3 +42,8 @@ def test_a_scenario_of_other_fields_is_refused() -> None:
 def test_a_bad_config_fails_at_once(fields, message) -> None:
     with pytest.raises(ValueError, match=message):
         ScenarioConfig(**fields)
+
+
+def test_a_single_value_stands_for_a_range_or_a_tuple() -> None:
+    config = ScenarioConfig(scene="slot", difficulty=0.5, distance=1)
+    assert config == ScenarioConfig(scene=("slot",), difficulty=(0.5, 0.5), distance=(1, 1))

@@ -323,7 +323,6 @@ def test_images_are_not_beside_what_they_should_show(monkeypatch) -> None:
         ({"scene": "volcano"}, "there is no 'volcano'"),
         ({"pushed_object": "egg"}, "there is no 'egg'"),
         ({"sim_freq": 100}, "sim_freq must be a multiple of control_freq, got 100 and 15"),
-        ({"scenario": ScenarioConfig(), "scene": "slot"}, "either scenario or its fields"),
     ],
 )
 def test_bad_arguments_fail_at_construction(kwargs, message) -> None:
