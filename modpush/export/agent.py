@@ -47,7 +47,7 @@ _FRAMES = {
 """Axes that a card may name."""
 _WINDOW = (
     "Row 0 is +x of the frame and column 0 is +y, the object's centre is in the middle. A value is the "
-    "height over the table divided by `max_height` [m], at most 1; 0 where nothing stands. Object and robot "
+    "height over the table over `max_height` [m], at most 1; 0 where nothing is. Object and robot "
     "are taken out. Beyond the image is `outside`: free (0) or blocked (1)."
 )
 _RECOVERY = (
