@@ -24,8 +24,8 @@ from torchrl.envs import ExcludeTransform, ParallelEnv, TransformedEnv
 from modpush.envs import OBSTACLE_SCENES, PushEnv, find_render_device
 from modpush.envs.depth.analytic import AnalyticDepthCamera
 from modpush.envs.depth.raycast import blank_image
-from modpush.envs.sim.cpu_scene import CpuScene
-from modpush.envs.sim.task import ClutterPushEnv
+from modpush.envs.engines.sapien.engine import SapienEngine
+from modpush.envs.engines.sapien.task import ClutterPushEnv
 
 NUM_ENVS = 8
 Row = tuple[str, str, str]
@@ -61,11 +61,11 @@ def bench_step(sim_freq: int, repetitions: int, steps: int = 40) -> list[Row]:
     without_images = PushEnv(NUM_ENVS, scene=OBSTACLE_SCENES, seed=0, sim_freq=sim_freq, depth=None)
     todo = actions(steps)
     recorded: list[list[tuple]] = []
-    advance = CpuScene.advance
+    advance = SapienEngine.advance
 
-    def recording(scene: CpuScene, position: list, velocity: list) -> None:
-        recorded[-1].append((scene, position, velocity))
-        advance(scene, position, velocity)
+    def recording(engine: SapienEngine, position: list, velocity: list, looks: frozenset) -> list:
+        recorded[-1].append((engine, position, velocity))
+        return advance(engine, position, velocity, looks)
 
     def run(which: PushEnv) -> float:
         td = which.set_state(states[which])
@@ -80,8 +80,8 @@ def bench_step(sim_freq: int, repetitions: int, steps: int = 40) -> list[Row]:
         env.set_state(states[env])
         start = time.perf_counter()
         for step in recorded[:steps]:
-            for scene, position, velocity in step:
-                px, joints = scene.physics, scene.joints
+            for engine, position, velocity in step:
+                px, joints = engine._scene.px, engine._joints
                 last = None
                 for angles, rates in zip(position, velocity, strict=True):
                     for joint, angle in zip(joints, angles, strict=True):
@@ -97,9 +97,9 @@ def bench_step(sim_freq: int, repetitions: int, steps: int = 40) -> list[Row]:
     for which in (env, without_images):
         which.reset()
         states[which] = which.get_state()
-    CpuScene.advance = recording
+    SapienEngine.advance = recording
     run(env)
-    CpuScene.advance = advance
+    SapienEngine.advance = advance
     run(without_images)
     floor_times, with_depth, without = [], [], []
     for _ in range(repetitions):
@@ -150,15 +150,15 @@ def bench_maniskill(repetitions: int, steps: int = 40) -> list[Row]:
 
 def bench_depth_camera(repetitions: int) -> list[Row]:
     """The image alone, per scene."""
-    task = ClutterPushEnv(obs_mode="none", scene=list(OBSTACLE_SCENES))
+    env = PushEnv(1, scene=OBSTACLE_SCENES, depth=None)
     rng = np.random.default_rng(0)
     u, v = np.meshgrid(np.arange(64.0), np.arange(64.0))
     window = np.stack([u, v], -1) + rng.uniform(60, 130, 2)
-    bare, armed = AnalyticDepthCamera(task), AnalyticDepthCamera(task, arm_in_depth=True)
+    bare, armed = (AnalyticDepthCamera(env._batch, arm) for arm in (False, True))
     image = blank_image()
     times: dict[str, list[float]] = {}
     for seed in range(repetitions):
-        task.reset(seed=seed)
+        env.reset(seed=seed)
         for name, call in {
             "analytic depth 256 x 256, layout drawn anew": lambda: bare.reset(0),
             "analytic depth 256 x 256, no arm, layout cached": lambda: bare.capture(0, *image),
@@ -169,7 +169,7 @@ def bench_depth_camera(repetitions: int) -> list[Row]:
             times.setdefault(name, []).append(
                 min(timed(lambda call=call: [call() for _ in range(5)]) / 5 for _ in range(3))
             )
-    task.close()
+    env.close()
     rows = [(name, f"{np.median(values) * 1e3:.3f} ms", "") for name, values in times.items()]
     if find_render_device() is not None:
         env = PushEnv(1, depth="sapien", scene="slot")

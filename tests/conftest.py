@@ -16,7 +16,7 @@ def pytest_configure() -> None:
 
 @pytest.fixture(scope="session")
 def render_device() -> str:
-    from modpush.envs.sim.rendering import NO_RENDERER, find_render_device
+    from modpush.envs.engines.sapien.rendering import NO_RENDERER, find_render_device
 
     device = find_render_device()
     if device is None:

@@ -160,7 +160,7 @@ def refused(names: set[str], package: str) -> set[str]:
         "from modpush.envs.push_env import PushEnv",
         "from ..envs import push_env",
         "from .. import envs",
-        "def f():\n    from ..envs.sim import task",
+        "def f():\n    from ..envs.engines.sapien import task",
     ],
 )
 def test_every_form_of_import_is_seen(source: str) -> None:
@@ -194,7 +194,7 @@ def test_only_the_simulator_s_folders_of_envs_import_it() -> None:
         for path, names in imports_of_package("envs").items()
         if any(name.split(".")[0] in SIMULATOR for name in names)
     }
-    assert {name for name in knowing if not name.startswith("sim/")} <= {"depth/rendered.py"}
+    assert {name for name in knowing if not name.startswith("engines/sapien/")} == set()
     for package in set(MAY_KNOW) - {"envs"}:
         for path, names in imports_of_package(package).items():
             assert not {name.split(".")[0] for name in names} & SIMULATOR, path

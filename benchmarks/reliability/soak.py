@@ -110,11 +110,11 @@ def make_env(options: dict[str, Any], seed: int) -> EnvBase:
 def in_obstacles(env: PushEnv) -> list[NDArray[np.float64]]:
     """For each scene the object's centre in each obstacle's frame, `[n, 2]` [m]."""
     found = []
-    for task in env._batch.tasks:
-        poses = task.obstacles.transforms(0)
+    for engine in env._batch.engines:
+        poses = engine.obstacle_transforms()
         w, x, y, z = poses[:, 3:].T
         yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y**2 + z**2))
-        dx, dy = (np.asarray(task.object_transform_of(0)[:2]) - poses[:, :2]).T
+        dx, dy = (np.asarray(engine.object_transform()[:2]) - poses[:, :2]).T
         cos, sin = np.cos(yaw), np.sin(yaw)
         found.append(np.stack([cos * dx + sin * dy, cos * dy - sin * dx], -1))
     return found
@@ -142,14 +142,10 @@ def crossed(before: NDArray[Any], after: NDArray[Any], half: NDArray[Any]) -> bo
 def overlap(env: PushEnv) -> tuple[float, str]:
     """Deepest overlap of an object with an obstacle or the table [m], and where."""
     worst = (0.0, "-")
-    for task in env._batch.tasks:
-        scenario = task.scenarios[0]
-        body = task.objects.actors[scenario.pushed_object]._bodies[0]
-        robot = {link._objs[0] for link in task.agent.robot.links}
-        for contact in task.scene.px.get_contacts():
-            if body in contact.bodies and not robot.intersection(contact.bodies):
-                depth = max((-point.separation for point in contact.points), default=0.0)
-                worst = max(worst, (depth, f"{scenario.pushed_object} in {scenario.scene}"))
+    for scenario, engine in zip(env.scenarios, env._batch.engines, strict=True):
+        gaps = engine.gaps()
+        depth = -min(gaps["object_obstacle"], gaps["object_table"])
+        worst = max(worst, (depth, f"{scenario.pushed_object} in {scenario.scene}"))
     return worst
 
 

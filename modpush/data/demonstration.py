@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modpush.envs.robot.ur5_2f85 import JOINT_NAMES
+from modpush.envs.scene_state import SceneState
 from modpush.envs.scenes.scenario import Scenario
-from modpush.envs.sim.scene_state import SceneState
 from modpush.files import read_arrays, reading, write_arrays
 from modpush.parts import check_allowed
 

@@ -28,12 +28,14 @@ if "modpush/Push-v0" not in registry:
 if "ClutterPush-v1" not in registry:
     gymnasium.register(
         "ClutterPush-v1",
-        entry_point="modpush.envs.sim.task:ClutterPushEnv",
+        entry_point="modpush.envs.engines.sapien.task:ClutterPushEnv",
         max_episode_steps=200,
         disable_env_checker=True,
         additional_wrappers=(
             WrapperSpec(
-                "EpisodeEnd", "modpush.envs.sim.episode_end:EpisodeEnd", {"max_episode_steps": 200}
+                "EpisodeEnd",
+                "modpush.envs.engines.sapien.episode_end:EpisodeEnd",
+                {"max_episode_steps": 200},
             ),
         ),
     )

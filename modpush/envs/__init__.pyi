@@ -3,6 +3,8 @@ from .depth.base import (
     DepthCamera as DepthCamera,
     SceneView as SceneView,
 )
+from .engines.sapien.rendering import find_render_device as find_render_device
+from .engines.sapien.task import ClutterPushEnv as ClutterPushEnv
 from .gym_env import PushGymEnv as PushGymEnv
 from .push_env import PushEnv as PushEnv
 from .push_state import PushState as PushState
@@ -22,5 +24,3 @@ from .scenes.scenario import (
     Scenario as Scenario,
     ScenarioConfig as ScenarioConfig,
 )
-from .sim.rendering import find_render_device as find_render_device
-from .sim.task import ClutterPushEnv as ClutterPushEnv

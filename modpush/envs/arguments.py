@@ -23,7 +23,6 @@ __all__ = [
     "check_action",
     "check_alone",
     "check_device",
-    "check_frequencies",
     "check_scenarios",
     "check_scene",
     "check_simulation",
@@ -90,18 +89,9 @@ def check_simulation(num_envs: int, sim_backend: str, sim_freq: int, control_fre
             f"holds one scene. Use modpush.envs.PushEnv({num_envs}), or "
             f"gymnasium.make_vec('ClutterPushState-v1', num_envs={num_envs})."
         )
-    check_frequencies("ClutterPushEnv", sim_freq, control_freq)
-
-
-def check_frequencies(who: str, sim_freq: int, control_freq: int) -> None:
-    """Check that a control step is a whole number of simulation steps.
-
-    Raises:
-        ValueError: If it is not.
-    """
     if sim_freq % control_freq:
         raise ValueError(
-            f"{who}: sim_freq must be a multiple of control_freq, "
+            "ClutterPushEnv: sim_freq must be a multiple of control_freq, "
             f"got {sim_freq} and {control_freq}."
         )
 

@@ -4,9 +4,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from modpush.envs.engines.base import CONTACT_KEYS
 from modpush.envs.outcome import EpisodeStatus
-from modpush.envs.sim.batch import Measurement, SceneBatch
-from modpush.envs.sim.contacts import CONTACT_KEYS
+from modpush.envs.scene_batch import Measurement, SceneBatch
 
 __all__ = ["state_entries"]
 

@@ -15,19 +15,23 @@ from modpush.envs.arguments import (
     check_alone,
     check_device,
     check_scenarios,
+    check_scene,
     chosen_scenes,
     parameter_names,
     refuse_unknown,
     scenes_to_reset,
 )
+from modpush.envs.depth.cameras import find_depth_camera
+from modpush.envs.engines.base import SceneSpec
+from modpush.envs.engines.sapienulation_config import SimulationConfig, set_fields
 from modpush.envs.entries import state_entries
 from modpush.envs.outcome import episode_status
 from modpush.envs.push_state import PushState, check_state, object_digest
+from modpush.envs.robot.ur5_2f85 import TOOLS
+from modpush.envs.scene_batch import SceneBatch
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
-from modpush.envs.sim.build_batch import build_batch
-from modpush.envs.sim.seeding import make_generators, restart_generators
-from modpush.envs.simulation_config import SimulationConfig, set_fields
+from modpush.envs.seeding import make_generators, restart_generators
 from modpush.envs.specs import make_specs
 from modpush.geometry.workspace import Rectangle
 
@@ -133,9 +137,7 @@ class PushEnv(EnvBase):
         )
         self.pushed_objects = {item.name: item for item in self.scenario.objects}
         """The objects that may be pushed, by name."""
-        self._batch = build_batch(
-            num_envs, torch.device(device), self._scenario, self._simulation, pictures=pictures
-        )
+        self._batch = self._build_batch(pictures)
         self.is_closed = False  # TorchRL says True, and would not close it then
         self._digests = {name: object_digest(item) for name, item in self.pushed_objects.items()}
         self._step_count, self._started = np.zeros(num_envs, dtype=np.int64), False
@@ -143,6 +145,27 @@ class PushEnv(EnvBase):
         images, movable = self._simulation.depth is not None, self._simulation.dynamic_obstacles
         for name, spec in make_specs(num_envs, self.device, images, movable).items():
             setattr(self, name, spec)
+
+    def _build_batch(self, pictures: bool) -> SceneBatch:
+        # Here, since the simulator comes with it.
+        from modpush.envs.engines.sapien.engine import SapienEngine
+
+        config = self._simulation
+        camera = None if config.depth is None else find_depth_camera(config.depth)
+        spec = SceneSpec(
+            tool=TOOLS[config.tool],
+            objects=tuple(self.pushed_objects.values()),
+            sim_freq=config.sim_freq,
+            control_freq=config.control_freq,
+            dynamic_obstacles=config.dynamic_obstacles,
+            rendered=pictures or getattr(camera, "needs_renderer", False),
+        )
+        if self.device.type == "cuda":
+            from modpush.envs.engines.sapien.cuda_batch import CudaBatch
+
+            return CudaBatch(self.batch_size[0], spec, camera, config.arm_in_depth)
+        make, num_envs = SapienEngine.build, self.batch_size[0]
+        return SceneBatch(num_envs, make, spec, camera, config.arm_in_depth)
 
     @property
     def scenario(self) -> ScenarioConfig:
@@ -245,7 +268,7 @@ class PushEnv(EnvBase):
     def scenarios(self) -> list[Scenario]:
         """What the present episodes started from, one for each scene."""
         self._check_open("scenarios", started=True)
-        return [self._batch.scenario(i) for i in range(self.batch_size[0])]
+        return list(self._batch.scenarios)
 
     @property
     def simulation(self) -> SimulationConfig:
@@ -260,7 +283,9 @@ class PushEnv(EnvBase):
     def _state_config(self) -> dict[str, Any]:
         """What a state depends on besides the objects."""
         names = ("tool", "sim_freq", "control_freq", "dynamic_obstacles")
-        return {"device": self.device.type} | {n: getattr(self._simulation, n) for n in names}
+        engine = self._batch.engines[0]
+        about = {"device": self.device.type, "engine": f"{engine.name} {engine.version}"}
+        return about | {n: getattr(self._simulation, n) for n in names}
 
     @property
     def bounds(self) -> Rectangle:
@@ -270,11 +295,13 @@ class PushEnv(EnvBase):
     def cast(self, index: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Depth [m] and label at pixels `[..., 2]` (u, v) of one scene's image, without drawing it."""
         self._check_open("cast", started=True)
+        check_scene("PushEnv.cast", index, self.batch_size[0])
         return self._batch.cast(index, pixels)
 
     def render(self, index: int = 0) -> np.ndarray:
         """A picture of a scene, `[H, W, 3]` uint8: drawn from above, or rendered with `pictures`."""
         self._check_open("render", started=True)
+        check_scene("PushEnv.render", index, self.batch_size[0])
         return self._batch.render(index)
 
     def get_state(self, indices: Sequence[int] | None = None) -> PushState:

@@ -8,8 +8,8 @@ import numpy as np
 
 from modpush._checks import check_keys
 from modpush._hash import data_hash
+from modpush.envs.scene_state import SceneState
 from modpush.envs.scenes.objects import PushedObject
-from modpush.envs.sim.scene_state import SceneState
 
 __all__ = ["PushState", "check_state", "object_digest"]
 
@@ -28,8 +28,8 @@ class PushState:
     rngs: tuple[Mapping[str, Any], ...]
     """State of the random number generator of each scene."""
     config: Mapping[str, Any]
-    """Options of the environment that a state belongs to: tool, movable obstacles, frequencies,
-    kind of device."""
+    """Properties of the environment that a state belongs to: engine, kind of device, tool, movable
+    obstacles, frequencies."""
     objects: Mapping[str, str]
     """Digest of every object of that environment, by name."""
 

@@ -5,9 +5,9 @@ from typing import Any
 import torch
 from torchrl.data import Binary, Bounded, Composite, Unbounded, UnboundedDiscrete
 
+from modpush.envs.engines.base import CONTACT_KEYS
 from modpush.envs.scenes.objects import SUPPORT_DIRECTIONS
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES
-from modpush.envs.sim.contacts import CONTACT_KEYS
 from modpush.geometry.camera import CAMERA
 
 __all__ = ["ACTION_SIZE", "make_specs"]

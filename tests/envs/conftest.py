@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 
 from modpush.envs import OBJECTS, SCENES, PushEnv
-from modpush.envs.sim.task import ClutterPushEnv
+from modpush.envs.engines.sapien.task import ClutterPushEnv
 
 
 @pytest.fixture(scope="session")

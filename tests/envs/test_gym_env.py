@@ -8,7 +8,7 @@ from torchrl.envs import GymEnv
 from torchrl.envs.utils import check_env_specs
 
 from modpush.envs import PushGymEnv  # importing modpush.envs registers the environment
-from tests.envs.sim.test_agent import scenario
+from tests.envs.engines.sapien.test_agent import scenario
 
 
 @pytest.fixture

@@ -18,14 +18,14 @@ from torchrl.envs.utils import check_env_specs
 from torchrl.record import CSVLogger, PixelRenderTransform, VideoRecorder
 
 from modpush.envs import OBJECTS, PushEnv, ScenarioConfig
+from modpush.envs.engines.sapien.task import ClutterPushEnv
+from modpush.envs.robot.physics import CONTACT_GAP
 from modpush.envs.scenes.drawing import draw_top_view
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES
 from modpush.envs.scenes.objects import get_object
 from modpush.envs.scenes.obstacle import Obstacle
-from modpush.envs.sim.contacts import CONTACT_GAP
-from modpush.envs.sim.task import ClutterPushEnv
 from modpush.geometry.camera import CAMERA
-from tests.envs.sim.test_agent import scenario
+from tests.envs.engines.sapien.test_agent import scenario
 
 make_small = functools.partial(PushEnv, 2, scene="slot", depth=None)
 
@@ -261,7 +261,7 @@ def test_contact_at_a_step_s_end_is_what_physics_shows_then() -> None:
     env = PushEnv(1, depth=None)
     where = scenario((0.42, 0.0, np.pi / 2), (0.52, 0.0, 0.0), goal_position=(0.72, 0.2))
     td = env.reset(scenarios=[where])
-    task = env._batch.tasks[0]
+    task = env._batch.engines[0].task
     body = task.objects.actors["small_cube"]._bodies[0]
     robot = {link._objs[0] for link in task.agent.robot.links}
     during, at_end = [], []
@@ -289,7 +289,7 @@ def test_collisions_at_a_step_s_end_are_what_physics_shows_then() -> None:
     wall = Obstacle((0.06, 0.1, 0.06), (0.58, 0.0, 0.0))
     start = scenario((0.42, 0.0, np.pi / 2), (0.50, 0.0, 0.0), goal_position=(0.75, -0.25))
     td = env.reset(scenarios=[replace(start, obstacles=(wall,))])
-    task = env._batch.tasks[0]
+    task = env._batch.engines[0].task
     bodies = {
         "obstacle_contact": {task.objects.actors["small_cube"]._bodies[0]},
         "tool_obstacle_contact": {link._objs[0] for link in task.agent.robot.links},
@@ -523,7 +523,7 @@ def test_closing_frees_the_simulators_once_and_for_all() -> None:
     assert not env.is_closed
     env.close()
     assert env.is_closed
-    assert not env._batch.tasks
+    assert not env._batch.engines
     env.close()  # a second time does nothing
     uses = {
         "step": lambda: env.step(td),

@@ -21,14 +21,10 @@ SETTLED = 5  # steps without any contact after which the arm must be back at its
 def deepest(env: PushEnv) -> tuple[float, str]:
     """Deepest overlap of a pushed object with an obstacle or the table now [m], and where."""
     worst = (0.0, "")
-    for task in env._batch.tasks:
-        body = task.objects.actors[task.scenarios[0].pushed_object]._bodies[0]
-        robot = {link._objs[0] for link in task.agent.robot.links}
-        for contact in task.scene.px.get_contacts():
-            if body in contact.bodies and not robot.intersection(contact.bodies):
-                overlap = max((-point.separation for point in contact.points), default=0.0)
-                scenario = task.scenarios[0]
-                worst = max(worst, (overlap, f"{scenario.pushed_object} in {scenario.scene}"))
+    for scenario, engine in zip(env.scenarios, env._batch.engines, strict=True):
+        gaps = engine.gaps()
+        overlap = -min(gaps["object_obstacle"], gaps["object_table"])
+        worst = max(worst, (overlap, f"{scenario.pushed_object} in {scenario.scene}"))
     return worst
 
 
@@ -54,12 +50,12 @@ def test_soak() -> None:
         touching = (td["object_contact"] | td["tool_obstacle_contact"])[:, 0].numpy()
         calm = np.where(touching, 0, calm + 1)
         depth = max(depth, deepest(env))
-        for i, task in enumerate(env._batch.tasks):
-            item = get_object(task.scenarios[0].pushed_object)
-            height = task.link_transforms_of(0, ("tip",))[0, 2]
+        for i, scenario in enumerate(env.scenarios):
+            item = get_object(scenario.pushed_object)
+            height = env._batch.link_transforms_of(i, ("tip",))[0, 2]
             if calm[i] >= SETTLED:
                 drift = max(drift, abs(height - item.tool_height))
-            lowest = min(lowest, task.object_transform_of(0)[2] - item.height / 2)
+            lowest = min(lowest, env._batch.object_transform_of(i)[2] - item.height / 2)
         if td["done"].any():
             families |= {env.scenarios[i].scene for i in torch.nonzero(td["done"])[:, 0].tolist()}
             episodes += int(td["done"].sum())

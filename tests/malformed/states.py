@@ -89,7 +89,7 @@ def _scene(state: PushState, value: float) -> PushState:
 
 def _scenes() -> list[Target]:
     rng = np.random.default_rng(0)
-    camera = AnalyticDepthCamera(env()._batch.tasks[0])
+    camera = AnalyticDepthCamera(env()._batch)
     camera.reset(0)
     image = np.zeros((256, 256), np.float32), np.zeros((256, 256), np.uint8)
     return [

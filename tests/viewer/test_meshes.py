@@ -6,8 +6,8 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from modpush.envs import OBJECTS, Obstacle
+from modpush.envs.engines.sapien.obstacle_bodies import obstacle_part
 from modpush.envs.robot.ur5_2f85 import LINKS, TOOLS
-from modpush.envs.sim.obstacle_bodies import obstacle_part
 from modpush.geometry import box, capsule, cylinder, prism
 from modpush.viewer.meshes import link_transforms, primitive_mesh
 
@@ -44,7 +44,7 @@ def test_the_links_are_where_physics_has_them(seed) -> None:
     env = PushEnv(1, depth=None, seed=seed)
     td = env.reset()
     names = [*(link.name for link in LINKS), "tool"]
-    physics = env._batch.tasks[0].link_transforms_of(0, names)
+    physics = env._batch.link_transforms_of(0, names)
     found = link_transforms(td["joint_position"][0].numpy())
     for transform, row in zip(found, physics, strict=True):
         assert transform[:3, 3] == pytest.approx(row[:3], abs=2e-6)

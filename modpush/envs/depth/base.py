@@ -20,14 +20,14 @@ class SceneView(Protocol):
     A transform is a position [m] and a quaternion (w, x, y, z) in the robot's base frame.
     """
 
-    dynamic_obstacles: bool
-    """Whether obstacles can be moved; if not, they stay where an episode's layout has them."""
+    num_envs: int
+    """Number of scenes."""
     scenarios: list[Scenario]
     """What the present episode of each scene started from."""
 
     @property
-    def num_envs(self) -> int:
-        """Number of scenes."""
+    def dynamic_obstacles(self) -> bool:
+        """Whether obstacles can be moved; if not, they stay where an episode's layout has them."""
 
     @property
     def pushed_objects(self) -> Sequence[PushedObject]:

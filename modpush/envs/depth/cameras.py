@@ -1,17 +1,18 @@
 """The depth cameras by name."""
 
+from typing import Any
+
 from modpush.envs.depth.analytic import AnalyticDepthCamera
 from modpush.envs.depth.base import DepthCameraFactory
-from modpush.envs.depth.rendered import RenderedDepthCamera
 from modpush.parts import find_part
 
 __all__ = ["DEPTH_CAMERAS", "find_depth_camera"]
 
-DEPTH_CAMERAS: dict[str, DepthCameraFactory] = {
+DEPTH_CAMERAS: dict[str, DepthCameraFactory | str] = {
     "analytic": AnalyticDepthCamera,
-    "sapien": RenderedDepthCamera,
+    "sapien": "modpush.envs.engines.sapien.rendered_camera:RenderedDepthCamera",
 }
-"""The shipped depth cameras by name."""
+"""The shipped depth cameras by name, or where they are."""
 
 
 def find_depth_camera(depth: str | DepthCameraFactory) -> DepthCameraFactory:
@@ -20,7 +21,7 @@ def find_depth_camera(depth: str | DepthCameraFactory) -> DepthCameraFactory:
     Raises:
         ValueError: If there is no such camera (the known ones are listed), or if it cannot be called.
     """
-    found: DepthCameraFactory = find_part("PushEnv: depth", depth, DEPTH_CAMERAS)
+    found: Any = find_part("PushEnv: depth", find_part("PushEnv: depth", depth, DEPTH_CAMERAS), {})
     if not callable(found):
         raise ValueError(
             f"PushEnv: depth must be a DepthCamera's class or a function (scenes, arm_in_depth) -> "

@@ -1,6 +1,7 @@
 """`modpush.envs.robot.control` for arms on a CPU, compiled."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from modpush._kernels import njit
 from modpush.envs.robot.control import MotionConfig
 from modpush.envs.robot.kinematics import DH_A, DH_D
 
-__all__ = ["plan_motion_cpu", "planar_joints_cpu"]
+__all__ = ["plan_motion_cpu", "planar_joints_cpu", "start_joints"]
 
 _D1, _D4, _D5, _D6 = DH_D[0], DH_D[3], DH_D[4], DH_D[5]
 _A2, _A3 = DH_A[1], DH_A[2]
@@ -91,6 +92,27 @@ def planar_joints_cpu(
     """
     joints = np.empty(6)
     return joints, bool(_planar_ik(pose, flange_height, joints))
+
+
+def start_joints(
+    tool_pose: Sequence[float], tip_height: float, tool_length: float
+) -> NDArray[np.float32]:
+    """Angles of the joints that hold the tool's tip at a pose, `[6]` [rad].
+
+    Args:
+        tool_pose: x, y, yaw of the tip [m, m, rad].
+        tip_height: Height of the tip over the table [m].
+        tool_length: Distance from the flange to the tip [m].
+
+    Raises:
+        ValueError: If the arm cannot reach the pose.
+    """
+    joints, reachable = planar_joints_cpu(np.array(tool_pose), tip_height + tool_length)
+    if not reachable:
+        raise ValueError(
+            f"Scenario: tool_pose must not be out of the arm's reach, got {tuple(tool_pose)}."
+        )
+    return joints.astype(np.float32)
 
 
 @njit()

@@ -6,13 +6,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import torch
 
 from modpush.envs import OBJECTS, SCENES, PushEnv
 from modpush.envs.depth.analytic import AnalyticDepthCamera
 from modpush.envs.depth.raycast import blank_image
-from modpush.envs.depth.rendered import RenderedDepthCamera
-from modpush.envs.sim.rendering import choose_render_backend
-from modpush.envs.sim.task import ClutterPushEnv
+from modpush.envs.engines.sapien.rendered_camera import RenderedDepthCamera
 from modpush.geometry.labels import Label
 
 # Every family with every object once; with five starts each among the slow tests.
@@ -23,15 +22,10 @@ pytestmark = [pytest.mark.render, pytest.mark.filterwarnings("default")]
 
 
 @pytest.fixture(scope="module")
-def rendered_task(render_device):
-    task = ClutterPushEnv(
-        obs_mode="none",
-        scene=list(SCENES),
-        pushed_object=list(OBJECTS),
-        render_backend=choose_render_backend(),
-    )
-    yield task
-    task.close()
+def rendered_env(render_device):
+    env = PushEnv(1, scene=tuple(SCENES), pushed_object=tuple(OBJECTS), depth=None, pictures=True)
+    yield env
+    env.close()
 
 
 def view(depth: np.ndarray) -> np.ndarray:
@@ -40,18 +34,19 @@ def view(depth: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("count", COUNTS)
-def test_analytic_equals_rendered(rendered_task, count: int) -> None:
+def test_analytic_equals_rendered(rendered_env, count: int) -> None:
     """At least 99.9 % of pixels within 2 mm, and the masks of object and robot likewise."""
-    task = rendered_task
-    analytic, rendered = AnalyticDepthCamera(task, True), RenderedDepthCamera(task, True)
+    env, batch = rendered_env, rendered_env._batch
+    analytic, rendered = AnalyticDepthCamera(batch, True), RenderedDepthCamera(batch, True)
     rng = np.random.default_rng(0)
     rows, seen, worst = [], set(), (1.1, None)
     for k in range(count):
         # Every family with every object in turn.
-        task.reset(seed=k)
+        td = env.reset(seed=k)
         for _ in range(k % 5):
-            task.step(rng.uniform(-1, 1, 3).astype(np.float32))
-        scenario = task.scenarios[0]
+            action = torch.from_numpy(rng.uniform(-1, 1, (1, 3)).astype(np.float32))
+            td = env.step(td.set("action", action))["next"]
+        (scenario,) = env.scenarios
         seen.add((scenario.scene, scenario.pushed_object))
         ours, theirs = blank_image(), blank_image()
         analytic.reset(0)
@@ -101,12 +96,11 @@ def save(name: str, ours: np.ndarray, theirs: np.ndarray, error: np.ndarray) -> 
     cv2.imwrite(str(OUT / f"{name}.png"), np.hstack([view(ours), view(theirs), differ]))
 
 
-def test_without_the_arm_the_rendered_eye_hides_it(rendered_task) -> None:
-    task = rendered_task
-    task.reset(seed=0)
+def test_without_the_arm_the_rendered_eye_hides_it(rendered_env) -> None:
+    rendered_env.reset(seed=0)
     for arm in (False, True):
         image = blank_image()
-        RenderedDepthCamera(task, arm).capture(0, *image)
+        RenderedDepthCamera(rendered_env._batch, arm).capture(0, *image)
         assert (image[1] == Label.ROBOT).any() == arm
 
 

@@ -10,9 +10,9 @@ from mani_skill.utils.structs import Pose
 from sapien import physx
 from torch import Tensor
 
+from modpush.envs.engines.sapien import bodies
 from modpush.envs.scenes.objects import PushedObject, get_object_of
 from modpush.envs.scenes.scenario import Scenario
-from modpush.envs.sim import bodies
 
 __all__ = ["ObjectBodies"]
 
@@ -26,27 +26,19 @@ class ObjectBodies:
         scene: The scenes that they are built in.
         items: The objects, each with a name of its own.
         material: Their common material; a CPU scene sets its friction at every reset.
-
-    Raises:
-        ValueError: If two objects have one name.
     """
 
     def __init__(
         self, scene: ManiSkillScene, items: Sequence[PushedObject], material: physx.PhysxMaterial
     ) -> None:
-        names = [item.name for item in items]
-        if repeated := sorted({name for name in names if names.count(name) > 1}):
-            raise ValueError(
-                f"pushed_object: the objects must have different names, got {repeated} several times."
-            )
         self.items = items
         self.material = material
         self._poses = {item.name: _parking_pose(item, i) for i, item in enumerate(items)}
         self.actors = {
-            name: bodies.build_actor(
-                scene, name, item.parts, material, mass=item.mass, pose=self._poses[name]
+            item.name: bodies.build_actor(
+                scene, item.name, item.parts, material, mass=item.mass, pose=self._poses[item.name]
             )
-            for name, item in zip(names, items, strict=True)
+            for item in items
         }
         """ManiSkill's actors, by the object's name."""
 

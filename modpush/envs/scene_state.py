@@ -8,20 +8,15 @@ from typing import Any
 import numpy as np
 
 from modpush._checks import check_keys
-from modpush.envs.robot.ur5_2f85 import JOINT_NAMES
+from modpush.envs.engines.base import CONTACT_KEYS
 from modpush.envs.scenes.scenario import Scenario
-from modpush.envs.sim.contacts import CONTACT_KEYS
 
-__all__ = ["SceneState", "check_packed"]
-
-_BODY = 13  # quaternion, position, linear and angular velocity
-_JOINT = 4  # angle, rate, and the drive's targets of both
-_LARGEST = 1e4  # of a state that a simulation can have been in [m, m/s, rad/s]
+__all__ = ["SceneState"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SceneState:
-    """Everything that the future of one scene depends on, but for PhysX's contact cache.
+    """Everything that the future of one scene depends on, except PhysX's contact cache.
 
     Raises:
         ValueError: If `target` is not three finite numbers, or `contacts` not six truth values.
@@ -30,7 +25,7 @@ class SceneState:
     scenario: Scenario
     """What the episode started from."""
     physics: Any
-    """On a CPU the numbers that PhysX packs, `[n]` float32; on CUDA ManiSkill's state dictionary."""
+    """The numbers that the engine packs, `[n]` float32; on CUDA ManiSkill's state dictionary."""
     target: tuple[float, float, float]
     """The controller's commanded pose (x, y, yaw) [m, m, rad]."""
     contacts: tuple[bool, ...]
@@ -78,34 +73,6 @@ class SceneState:
             )
         except TypeError as error:
             raise ValueError(f"SceneState: a value is malformed ({error}).") from error
-
-
-def check_packed(physics: Any, num_bodies: int) -> None:
-    """Check numbers that PhysX is to unpack, which checks nothing.
-
-    Args:
-        physics: Must be float32, for each body and for the arm's base 13 numbers, for each joint 4.
-        num_bodies: Number of bodies that can move, without the arm.
-
-    Raises:
-        ValueError: If their number is another, or they are not a state of bodies and joints.
-    """
-    size = _BODY * (num_bodies + 1) + _JOINT * len(JOINT_NAMES)
-    if not isinstance(physics, np.ndarray) or (physics.dtype, physics.shape) != (
-        np.float32,
-        (size,),
-    ):
-        got = f"{getattr(physics, 'dtype', type(physics).__name__)} of shape {np.shape(physics)}"
-        raise ValueError(f"SceneState: physics must be float32 of shape ({size},), got {got}.")
-    if not (np.abs(physics) <= _LARGEST).all():  # False for NaN
-        raise ValueError(
-            f"SceneState: physics must be finite and at most {_LARGEST:g}, "
-            f"got {physics[~(np.abs(physics) <= _LARGEST)][0]}."
-        )
-    quaternions = physics[: _BODY * (num_bodies + 1)].reshape(-1, _BODY)[:, :4]
-    lengths = np.linalg.norm(quaternions, axis=1)
-    if (np.abs(lengths - 1) > 1e-3).any():
-        raise ValueError(f"SceneState: quaternions in physics must be of length 1, got {lengths}.")
 
 
 def _to_plain(value: Any) -> Any:

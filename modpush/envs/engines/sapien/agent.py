@@ -13,8 +13,10 @@ from mani_skill.agents.controllers.pd_joint_pos import PDJointPosControllerConfi
 from mani_skill.agents.registration import register_agent
 from torch import Tensor
 
+from modpush.envs.engines.sapien import bodies
 from modpush.envs.robot.control import MotionConfig, plan_motion, ramp
 from modpush.envs.robot.kinematics import planar_inverse_kinematics
+from modpush.envs.robot.physics import DAMPING, STIFFNESS
 from modpush.envs.robot.ur5_2f85 import (
     FORCE_LIMIT,
     JOINT_NAMES,
@@ -24,14 +26,8 @@ from modpush.envs.robot.ur5_2f85 import (
     ToolName,
     urdf_path,
 )
-from modpush.envs.sim import bodies
 
-__all__ = ["DAMPING", "STIFFNESS", "UR5", "PlanarController", "PlanarControllerConfig", "UR5Rod"]
-
-STIFFNESS = 2e4
-"""Stiffness of the joint drives [N m/rad]."""
-DAMPING = 5e2
-"""Damping of the joint drives [N m s/rad]. With velocity targets it causes no lag."""
+__all__ = ["UR5", "PlanarController", "PlanarControllerConfig", "UR5Rod"]
 
 
 class PlanarController(BaseController):

@@ -9,13 +9,13 @@ from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from sapien import physx
 from transforms3d.quaternions import mat2quat
 
-from modpush.envs.sim import bodies
-from modpush.envs.sim.rendering import camera_pose
+from modpush.envs.engines.sapien import bodies
+from modpush.envs.engines.sapien.rendering import camera_pose
+from modpush.envs.robot.physics import FRICTION
 from modpush.geometry.camera import CAMERA
 from modpush.geometry.shapes import box
 
 __all__ = [
-    "FRICTION",
     "build_goal_marker",
     "build_table",
     "camera_from_above",
@@ -24,10 +24,6 @@ __all__ = [
     "set_material",
     "simulation_config",
 ]
-
-FRICTION: dict[str, float] = {"object": 0.5, "table": 0.5, "obstacle": 0.5, "tool": 0.0}
-"""Friction coefficient of each material. PhysX takes the mean of two, so that it is 0.5 between object
-and table, 0.25 between tool and object, and 0.5 between object and obstacle."""
 
 
 def camera_from_above() -> CameraConfig:

@@ -19,14 +19,9 @@ from mani_skill.utils.structs.types import SimConfig
 from torch import Tensor
 
 from modpush.envs.arguments import check_simulation
-from modpush.envs.outcome import GOAL_THRESHOLD, is_at_goal, is_out_of_bounds
-from modpush.envs.robot.ur5_2f85 import Tool
-from modpush.envs.scenes.arm_room import check_arm_is_free
-from modpush.envs.scenes.objects import get_object_of
-from modpush.envs.scenes.sampling import sample_scenario
-from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
-from modpush.envs.sim.agent import UR5, tip_yaw
-from modpush.envs.sim.builders import (
+from modpush.envs.engines.base import CONTACT_KEYS, SceneSpec, contact_looks
+from modpush.envs.engines.sapien.agent import UR5, tip_yaw
+from modpush.envs.engines.sapien.builders import (
     build_goal_marker,
     build_table,
     camera_from_above,
@@ -35,13 +30,21 @@ from modpush.envs.sim.builders import (
     set_material,
     simulation_config,
 )
-from modpush.envs.sim.contacts import CONTACT_KEYS, CpuContacts, CudaContacts
-from modpush.envs.sim.cpu_scene import CpuScene
-from modpush.envs.sim.object_bodies import ObjectBodies
-from modpush.envs.sim.obstacle_bodies import ObstaclePool, ObstacleSwapper
-from modpush.envs.sim.rendering import choose_render_backend
-from modpush.envs.sim.seeding import make_generators
-from modpush.envs.simulation_config import set_fields
+from modpush.envs.engines.sapien.contacts import CpuContacts
+from modpush.envs.engines.sapien.cuda_contacts import CudaContacts
+from modpush.envs.engines.sapien.cuda_obstacles import ObstaclePool
+from modpush.envs.engines.sapien.engine import SapienEngine
+from modpush.envs.engines.sapien.object_bodies import ObjectBodies
+from modpush.envs.engines.sapien.obstacle_bodies import ObstacleSwapper
+from modpush.envs.engines.sapien.rendering import choose_render_backend
+from modpush.envs.engines.sapienulation_config import set_fields
+from modpush.envs.outcome import GOAL_THRESHOLD, is_at_goal, is_out_of_bounds
+from modpush.envs.robot.control_cpu import start_joints
+from modpush.envs.scenes.arm_room import check_arm_is_free
+from modpush.envs.scenes.objects import get_object_of
+from modpush.envs.scenes.sampling import sample_scenario
+from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
+from modpush.envs.seeding import make_generators
 from modpush.geometry.workspace import BOUNDS_MARGIN
 
 __all__ = ["ClutterPushEnv"]
@@ -64,7 +67,6 @@ class ClutterPushEnv(BaseEnv):
         control_freq: Actions per second.
         goal_threshold: Largest distance from the object's centre to the goal that is a success [m].
         bounds_margin: Distance outside the workspace at which the object is out of bounds [m].
-        obstacle_pool: Place bodies on a CPU as on CUDA, with obstacles from a pool, for tests.
         **kwargs: Arguments of ManiSkill's `BaseEnv`: `obs_mode`, `render_mode`, `sim_backend`, ...
 
     Raises:
@@ -90,7 +92,6 @@ class ClutterPushEnv(BaseEnv):
         control_freq: int = 15,
         goal_threshold: float = GOAL_THRESHOLD,
         bounds_margin: float = BOUNDS_MARGIN,
-        obstacle_pool: bool = False,
         render_backend: str = "auto",
         **kwargs: Any,
     ) -> None:
@@ -101,7 +102,7 @@ class ClutterPushEnv(BaseEnv):
         self.dynamic_obstacles = dynamic_obstacles
         self.goal_threshold, self.bounds_margin = goal_threshold, bounds_margin
         self.scenarios: list[Scenario] = []
-        self._frequencies, self._want_pool = (sim_freq, control_freq), obstacle_pool
+        self._frequencies = (sim_freq, control_freq)
         self._rngs: list[np.random.Generator] = []
         if kwargs.get("render_mode") == "none":  # as a command line gives it, ManiSkill's for one
             kwargs["render_mode"] = None
@@ -114,6 +115,28 @@ class ClutterPushEnv(BaseEnv):
             render_backend = "cpu"  # `_setup_scene` puts the real one in its place
         super().__init__(
             num_envs=num_envs, robot_uids=robot_uids, render_backend=render_backend, **kwargs
+        )
+
+    @classmethod
+    def of_spec(cls, spec: SceneSpec, **options: Any) -> "ClutterPushEnv":
+        """The task that has the scenes of a specification.
+
+        Args:
+            spec: The properties of every scene.
+            **options: Further arguments.
+
+        Raises:
+            RuntimeError: If a renderer is needed and there is none.
+        """
+        return cls(
+            obs_mode="none",
+            scenario=ScenarioConfig(pushed_object=spec.objects),
+            robot_uids=f"ur5_{spec.tool.name}",
+            dynamic_obstacles=spec.dynamic_obstacles,
+            sim_freq=spec.sim_freq,
+            control_freq=spec.control_freq,
+            render_backend=choose_render_backend() if spec.rendered else "none",
+            **options,
         )
 
     @property
@@ -150,24 +173,22 @@ class ClutterPushEnv(BaseEnv):
         build_table(scene, robot.links_map["base"], make_material("table"))
         set_material(robot, make_material("tool"))
         self.objects = ObjectBodies(scene, self.pushed_objects, make_material("object"))
-        pool = self._want_pool or self.gpu_sim_enabled
-        self.obstacles = (ObstaclePool if pool else ObstacleSwapper)(
+        self.obstacles: Any = (ObstaclePool if self.gpu_sim_enabled else ObstacleSwapper)(
             scene, make_material("obstacle"), self.dynamic_obstacles
         )
-        self._marker = build_goal_marker(scene, self.goal_threshold) if scene.can_render() else None
-        if self._marker is not None:
-            self._hidden_objects.append(self._marker)
+        self.marker = build_goal_marker(scene, self.goal_threshold) if scene.can_render() else None
+        """Disc at the goal, where there is a renderer."""
+        if self.marker is not None:
+            self._hidden_objects.append(self.marker)
         actors = list(self.objects.actors.values())
-        self.contacts: CpuContacts | CudaContacts
-        self.cpu_scene: CpuScene | None = None
+        self.contacts: Any
+        self.engine: SapienEngine | None = None
+        """Places and steps the one scene of a CPU task."""
         if self.gpu_sim_enabled:
             self.contacts = CudaContacts(scene, robot, actors, self.obstacles.actors)
         else:
             self.contacts = CpuContacts(scene, robot, actors, self.obstacles)
-            if not pool:
-                self.cpu_scene = CpuScene(
-                    scene, robot, self.agent.tool.length, self.objects, self.contacts
-                )
+            self.engine = SapienEngine(self)
 
     def reset(
         self, seed: int | Sequence[int] | None = None, options: dict[str, Any] | None = None
@@ -210,34 +231,47 @@ class ClutterPushEnv(BaseEnv):
             check_arm_is_free(
                 "ClutterPushEnv.reset: scenarios", scenario, item.tool_height, self.agent.tool_name
             )
-        if self.cpu_scene is not None:
-            self._set_scene_config()  # SAPIEN's settings are global: others may have changed them
-            self.cpu_scene.renew(scenarios[0], self.obstacles.entities())
+        joints = [] if self.engine is None else [self._start_joints(s) for s in scenarios]
         if not self.scenarios:
             self.scenarios = list(scenarios)
             self._goal = torch.zeros(self.num_envs, 2, dtype=torch.float64, device=self.device)
-        standing = self.obstacles.place(indices, [s.obstacles for s in scenarios])
-        for i, scenario, obstacles in zip(indices, scenarios, standing, strict=True):
-            self.scenarios[i] = replace(scenario, obstacles=obstacles)
+        for i, scenario in zip(indices, scenarios, strict=True):
+            self.scenarios[i] = scenario
             self._goal[i] = self._goal.new_tensor(scenario.goal_position)
-        if self._marker is not None:
-            goal = torch.nn.functional.pad(self._goal[env_idx].float(), (0, 1), value=0.0005)
-            self._marker.set_pose(Pose.create_from_pq(goal))
-        if self.cpu_scene is not None:
-            self.cpu_scene.place(scenarios[0])
+        if self.engine is not None:
+            self.engine.load(scenarios[0], joints[0])
         else:
-            self.objects.place(scenarios)
-            tip_height = [self.objects.item(s.pushed_object).tool_height for s in scenarios]
-            self.agent.place_tip([s.tool_pose for s in scenarios], tip_height)
-        self.contacts.reset(env_idx)
+            self._place_on_cuda(env_idx, scenarios)
+
+    def _start_joints(self, scenario: Scenario) -> np.ndarray:
+        height = self.objects.item(scenario.pushed_object).tool_height
+        return start_joints(scenario.tool_pose, height, self.agent.tool.length)
+
+    def _place_on_cuda(self, env_idx: Tensor, scenarios: Sequence[Scenario]) -> None:
+        """Move the bodies of a running GPU simulation, to which none can be added."""
+        placed = self.obstacles.place(env_idx.tolist(), [s.obstacles for s in scenarios])
+        for i, scenario, obstacles in zip(env_idx.tolist(), scenarios, placed, strict=True):
+            self.scenarios[i] = replace(scenario, obstacles=obstacles)
+        if self.marker is not None:
+            goal = torch.nn.functional.pad(self._goal[env_idx].float(), (0, 1), value=0.0005)
+            self.marker.set_pose(Pose.create_from_pq(goal))
+        self.objects.place(scenarios)
+        tip_height = [self.objects.item(s.pushed_object).tool_height for s in scenarios]
+        self.agent.place_tip([s.tool_pose for s in scenarios], tip_height)
 
     def _before_control_step(self) -> None:
-        self.contacts.clear()
         self._substep = 0
+        if self.engine is not None:
+            self.contacts.clear()
 
     def _after_simulation_step(self) -> None:
         self._substep += 1
-        self.contacts.after_substep(self._substep, self._sim_steps_per_control)
+        if self.engine is not None and self._substep in contact_looks(self._sim_steps_per_control):
+            self.contacts.read()
+
+    def contact_flags(self) -> Tensor:
+        """The contacts of the last step, `[num_envs, 6]` bool, in the order of `CONTACT_KEYS`."""
+        return self.contacts.flags()
 
     def step(self, action: Any) -> Any:
         """Take ManiSkill's step, after refusing actions that are not finite."""
@@ -277,43 +311,11 @@ class ClutterPushEnv(BaseEnv):
         transform = self.object_transform.double()
         return torch.cat([transform[:, :2], tip_yaw(transform[:, 3:])[:, None]], -1)
 
-    def object_transform_of(self, index: int) -> np.ndarray:
-        """Position and quaternion (w, x, y, z) of the pushed body of one scene, `[7]` [m]."""
-        if self.cpu_scene is not None:
-            return np.array(self.cpu_scene.object_transform())
-        actor = self.objects.actors[self.scenarios[index].pushed_object]
-        return np.array(actor.pose.raw_pose[index].tolist())
-
-    def obstacle_transforms_of(self, index: int) -> np.ndarray:
-        """Position and quaternion of the obstacles of one scene, in its layout's order, `[n, 7]`."""
-        return self.obstacles.transforms(index)
-
-    @property
-    def tool(self) -> Tool:
-        """What the arm holds."""
-        return self.agent.tool
-
-    def link_transforms_of(self, index: int, names: Sequence[str]) -> np.ndarray:
-        """Position and quaternion of links of the robot of one scene, `[len(names), 7]` [m]."""
-        if self.cpu_scene is not None:
-            return np.array(self.cpu_scene.link_transforms(names))
-        links = self.agent.robot.links_map
-        return np.array([links[name].pose.raw_pose[index].tolist() for name in names])
-
     @property
     def ee_pose(self) -> Tensor:
         """x, y, yaw of the tool's tip, `[num_envs, 3]` float64 [m, m, rad]."""
         pose = self.agent.robot.links_map["tip"].pose
         return torch.cat([pose.p[:, :2].double(), tip_yaw(pose.q.double())[:, None]], -1)
-
-    def hide_goal_marker(self) -> None:
-        """Make the goal's disc invisible, until the next `render`."""
-        if self._marker is not None:
-            self._marker.hide_visual()
-
-    def start(self, scenario: Scenario) -> None:
-        """Start an episode in the one scene of a CPU task: `reset` without its overhead."""
-        self._initialize_episode(torch.tensor([0]), {"scenarios": [scenario]})
 
     def get_state_dict(self) -> dict[str, Any]:
         """ManiSkill's state of bodies and controller, movable obstacles among the actors.

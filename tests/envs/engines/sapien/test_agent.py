@@ -3,10 +3,10 @@ import pytest
 import torch
 from mani_skill.agents.registration import REGISTERED_AGENTS
 
+from modpush.envs.engines.sapien.task import ClutterPushEnv
 from modpush.envs.robot.ur5_2f85 import FORCE_LIMIT, LINKS, TOOLS, urdf_path, urdf_text
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.envs.scenes.scenario import Scenario
-from modpush.envs.sim.task import ClutterPushEnv
 
 TABLE_ONLY = {"scene": "free", "difficulty": 0.0, "obstacles": ()}
 

@@ -1,49 +1,57 @@
-"""Scenes in one batched simulation on CUDA. Experimental: it has never been run."""
+"""Scenes in one batched simulation on CUDA. Experimental: it has never been run.
+
+`make test-gpu` is the command that would prove it.
+"""
 
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+import sapien
 import torch
 from torch import Tensor
 
 from modpush._experimental import warn_experimental
 from modpush.envs.depth.base import DepthCameraFactory
+from modpush.envs.engines.base import SceneSpec
+from modpush.envs.engines.sapien.task import ClutterPushEnv
+from modpush.envs.scene_batch import Measurement, SceneBatch
+from modpush.envs.scene_state import SceneState
 from modpush.envs.scenes.scenario import Scenario
-from modpush.envs.sim.batch import Measurement, SceneBatch
-from modpush.envs.sim.scene_state import SceneState
-from modpush.envs.sim.task import ClutterPushEnv
 
 __all__ = ["CudaBatch"]
 
 
 class CudaBatch(SceneBatch):
-    """One task that holds all scenes on a GPU. Images are still made on the CPU.
+    """One ManiSkill task that holds all scenes on a GPU. Images are still made on the CPU.
 
     Args:
         num_envs: Number of scenes.
-        depth: What makes the depth camera of a task, or None.
+        spec: The properties of every scene.
+        depth: What makes the depth camera, or None.
         arm_in_depth: Whether the depth camera sees the arm.
-        **task: Arguments of `ClutterPushEnv`.
 
     Raises:
         ValueError: If there is no CUDA device.
     """
 
     def __init__(
-        self, num_envs: int, depth: DepthCameraFactory | None, arm_in_depth: bool, **task: Any
+        self, num_envs: int, spec: SceneSpec, depth: DepthCameraFactory | None, arm_in_depth: bool
     ) -> None:
         warn_experimental("PushEnv")
-        self._task = ClutterPushEnv(
-            obs_mode="none", num_envs=num_envs, sim_backend="physx_cuda", **task
-        )
-        super().__init__([self._task], depth, arm_in_depth)
+        self._task = ClutterPushEnv.of_spec(spec, num_envs=num_envs, sim_backend="physx_cuda")
+        scenes: Any = iter([_Scene(self._task, i) for i in range(num_envs)])
+        super().__init__(num_envs, lambda _: next(scenes), spec, depth, arm_in_depth)
 
     def start(self, indices: Sequence[int], scenarios: Sequence[Scenario]) -> None:
         """See `SceneBatch`."""
         rows = torch.as_tensor(indices, device=self._task.device)
         self._task.reset(options={"env_idx": rows, "scenarios": list(scenarios)})
         for i in indices:
-            self._begin_episode(i)
+            placed = self._task.scenarios[
+                i
+            ]  # lengths of obstacles are rounded to those of the pool
+            self._begin_episode(i, placed, placed.tool_pose)
 
     def step(self, action: Tensor) -> None:
         """See `SceneBatch`."""
@@ -56,7 +64,7 @@ class CudaBatch(SceneBatch):
             task.object_pose,
             task.ee_pose,
             task.agent.robot.get_qpos().double(),
-            task.contacts.flags(),
+            task.contact_flags(),
             task.agent.controller.reachable,
         )
         return Measurement(*(tensor.cpu().numpy() for tensor in tensors))
@@ -71,7 +79,7 @@ class CudaBatch(SceneBatch):
             scenario=task.scenarios[index],
             physics=_select_scene(physics, index),
             target=(x, y, yaw),
-            contacts=tuple(task.contacts.flags()[index].tolist()),
+            contacts=tuple(task.contact_flags()[index].tolist()),
             target_reachable=bool(controller.reachable[index]),
         )
 
@@ -86,6 +94,39 @@ class CudaBatch(SceneBatch):
         task.set_state_dict(physics, torch.tensor([index], device=task.device))
         controller.target[index] = controller.target.new_tensor(state.target)
         controller.reachable[index] = state.target_reachable
+
+    def close(self) -> None:
+        """See `SceneBatch`."""
+        self._task.close()
+        super().close()
+
+
+class _Scene:
+    """Where the bodies of one of a task's scenes are, as an `Engine` says it."""
+
+    name, version = "sapien", sapien.__version__
+
+    def __init__(self, task: ClutterPushEnv, index: int) -> None:
+        self._task, self._index = task, index
+
+    def object_transform(self) -> list[float]:
+        actor = self._task.objects.actors[self._task.scenarios[self._index].pushed_object]
+        return actor.pose.raw_pose[self._index].tolist()
+
+    def obstacle_transforms(self) -> np.ndarray:
+        return self._task.obstacles.transforms(self._index)
+
+    def link_transforms(self, names: Sequence[str]) -> list[list[float]]:
+        links = self._task.agent.robot.links_map
+        return [links[name].pose.raw_pose[self._index].tolist() for name in names]
+
+    def picture(self) -> np.ndarray | None:
+        if not self._task.scene.can_render():
+            return None
+        return self._task.render_rgb_array()[self._index].cpu().numpy()
+
+    def close(self) -> None:
+        """Nothing: the task is closed once for all scenes."""
 
 
 def _select_scene(state: Any, index: int) -> Any:

@@ -1,0 +1,1 @@
+"""The boundary to physics engines, and the engines behind it."""

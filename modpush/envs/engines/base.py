@@ -1,0 +1,153 @@
+"""`Engine`: the boundary between the library and a physics engine."""
+
+import functools
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modpush.envs.robot.ur5_2f85 import Tool
+from modpush.envs.scenes.objects import PushedObject
+from modpush.envs.scenes.scenario import Scenario
+
+__all__ = ["CONTACT_KEYS", "Engine", "EngineFactory", "SceneSpec", "contact_looks"]
+
+CONTACT_KEYS = (
+    "object_contact",
+    "obstacle_contact",
+    "tool_obstacle_contact",
+    "object_contact_at_end",
+    "obstacle_contact_at_end",
+    "tool_obstacle_contact_at_end",
+)
+"""During a control step tool or arm touched the object; the object touched an obstacle; tool or arm
+touched an obstacle; and the same three at the step's end."""
+
+_LOOKS = 4
+
+
+@functools.cache
+def contact_looks(num_substeps: int) -> frozenset[int]:
+    """The physics steps of a control step, counted from 1, after which contacts are read: four."""
+    return frozenset(round(num_substeps * (i + 1) / _LOOKS) for i in range(_LOOKS))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneSpec:
+    """The properties of a scene that are the same in all of its episodes."""
+
+    tool: Tool
+    """Tool of the arm."""
+    objects: tuple[PushedObject, ...]
+    """The objects of which an episode pushes one."""
+    sim_freq: int
+    """Physics steps per second [Hz]."""
+    control_freq: int
+    """Control steps per second [Hz], a divisor of `sim_freq`."""
+    dynamic_obstacles: bool = False
+    """Obstacles can be moved; each has the mass `OBSTACLE_MASS`."""
+    rendered: bool = False
+    """Build the scene with a renderer."""
+
+
+class Engine(ABC):
+    """One scene in a physics engine. Implement all methods to run the library on another engine.
+
+    Gains, frictions, masses and the contact gap are those of `modpush.envs.robot.physics`, links and
+    tools those of `modpush.envs.robot.ur5_2f85`. A transform is a position [m] and a quaternion
+    (w, x, y, z) in the robot's base frame. Two scenes that were loaded with the same scenario and get the
+    same targets behave alike to the last bit, whatever happened in them before.
+    """
+
+    name: ClassVar[str]
+    """Name of the engine, which a state of a scene belongs to."""
+    version: ClassVar[str]
+    """Version of the engine."""
+    default_sim_freq: ClassVar[int]
+    """Physics steps per second at which the engine is accurate enough [Hz]."""
+
+    @abstractmethod
+    def load(self, scenario: Scenario, joints: NDArray[np.float32]) -> None:
+        """Begin an episode: place object, obstacles and arm, all at rest.
+
+        Args:
+            scenario: Layout, object and goal.
+            joints: Angles of the arm's joints, `[n]` [rad].
+
+        Raises:
+            ValueError: If the object is none of the scene's; nothing has changed then.
+        """
+
+    @abstractmethod
+    def advance(
+        self,
+        position: Sequence[Sequence[float]],
+        velocity: Sequence[Sequence[float]],
+        looks: Collection[int],
+    ) -> list[bool]:
+        """Take one control step.
+
+        Args:
+            position: Targets of the joint drives for each of `S` physics steps, `[S][n]` [rad].
+            velocity: Velocity targets in the same form [rad/s].
+            looks: Physics steps, counted from 1, after which contacts are read; the last one is `S`.
+
+        Returns:
+            The contacts, in the order of `CONTACT_KEYS`: the first three at any look, the others at the
+            last one.
+        """
+
+    @abstractmethod
+    def joint_position(self) -> NDArray[np.float32]:
+        """Angles of the arm's joints, `[n]` [rad]."""
+
+    @abstractmethod
+    def object_transform(self) -> Sequence[float]:
+        """Transform of the pushed object, 7 numbers."""
+
+    @abstractmethod
+    def obstacle_transforms(self) -> NDArray[np.float64]:
+        """Transforms of the obstacles in the order of the layout, `[n, 7]`."""
+
+    @abstractmethod
+    def link_transforms(self, names: Sequence[str]) -> Sequence[Sequence[float]]:
+        """Transforms of links of the arm; beside `LINKS` there are `tool` and `tip`."""
+
+    @abstractmethod
+    def gaps(self) -> dict[str, float]:
+        """Smallest distance of surfaces now [m], negative where bodies overlap, by the pair of bodies.
+
+        The pairs are `robot_object`, `object_obstacle`, `robot_obstacle` and `object_table`; a distance
+        that the engine does not know, since the bodies are far apart, is infinite.
+        """
+
+    @abstractmethod
+    def pack(self) -> NDArray[np.float32]:
+        """The state of all bodies and drives, as one vector."""
+
+    @abstractmethod
+    def unpack(self, packed: NDArray[np.float32]) -> None:
+        """Inverse of `pack`, after `load` of the same scenario."""
+
+    @abstractmethod
+    def check_packed(self, packed: NDArray[np.float32], scenario: Scenario) -> None:
+        """Refuse a vector that cannot be a state of this scene with a scenario; nothing changes.
+
+        Raises:
+            ValueError: If it cannot.
+        """
+
+    def picture(self) -> NDArray[np.uint8] | None:
+        """A rendered picture from the side, `[H, W, 3]`; None without a renderer."""
+        return None
+
+    @abstractmethod
+    def close(self) -> None:
+        """Free the simulator."""
+
+
+EngineFactory = Callable[[SceneSpec], Engine]
+"""Makes one scene; the class of an engine is one."""

@@ -1,0 +1,286 @@
+"""`SceneBatch`: the scenes of a `PushEnv`, each in an engine of its own."""
+
+import gc
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from modpush.envs.depth.analytic import AnalyticDepthCamera
+from modpush.envs.depth.base import DepthCamera, DepthCameraFactory
+from modpush.envs.depth.image_memory import ImageMemory
+from modpush.envs.engines.base import CONTACT_KEYS, Engine, EngineFactory, SceneSpec, contact_looks
+from modpush.envs.robot.control import MotionConfig
+from modpush.envs.robot.control_cpu import plan_motion_cpu, start_joints
+from modpush.envs.robot.ur5_2f85 import Tool
+from modpush.envs.scene_state import SceneState
+from modpush.envs.scenes.arm_room import check_arm_is_free
+from modpush.envs.scenes.drawing import draw_top_view
+from modpush.envs.scenes.objects import SUPPORT_DIRECTIONS, PushedObject, get_object_of
+from modpush.envs.scenes.obstacle import MAX_OBSTACLES
+from modpush.envs.scenes.scenario import Scenario
+
+__all__ = ["Measurement", "SceneBatch"]
+
+
+class Measurement(NamedTuple):
+    """The present state of all scenes, as numpy arrays in the robot's base frame."""
+
+    object_pose: NDArray[np.float64]
+    """x, y, yaw of the pushed object, `[B, 3]` [m, m, rad]."""
+    ee_pose: NDArray[np.float64]
+    """x, y, yaw of the tool's tip, `[B, 3]` [m, m, rad]."""
+    joint_position: NDArray[np.float64]
+    """Angles of the arm's joints, `[B, 6]` [rad]."""
+    contacts: NDArray[np.bool_]
+    """The contacts during the last step, `[B, 6]`, in the order of `CONTACT_KEYS`."""
+    target_reachable: NDArray[np.bool_]
+    """False where the commanded pose had no solution, `[B]`."""
+
+
+class SceneBatch:
+    """Scenes that are reset, stepped, measured and seen together, whatever engine simulates them.
+
+    The scenes are stepped one after the other: SAPIEN holds Python's lock while it steps, so that threads
+    would only wait for each other. More cores are used by several processes, each stepping a whole batch
+    (`MultiSyncCollector`).
+
+    What stays the same throughout an episode is kept in `goal_position` `[B, 2]` [m],
+    `object_radius` and `object_inscribed_radius` `[B, 1]` [m], `object_symmetry` `[B, 1]`, and
+    `object_support` `[B, SUPPORT_DIRECTIONS]` [m]. A batch is the `SceneView` of its cameras.
+
+    Args:
+        num_envs: Number of scenes.
+        make_engine: Makes one of them.
+        spec: The properties of every scene.
+        depth: What makes the depth camera, or None.
+        arm_in_depth: Whether the depth camera sees the arm.
+    """
+
+    def __init__(
+        self,
+        num_envs: int,
+        make_engine: EngineFactory,
+        spec: SceneSpec,
+        depth: DepthCameraFactory | None,
+        arm_in_depth: bool,
+    ) -> None:
+        self.engines: list[Engine] = [make_engine(spec) for _ in range(num_envs)]
+        self.num_envs, self._spec = num_envs, spec
+        self.scenarios: list[Scenario] = []
+        self.goal_position = np.zeros((num_envs, 2))
+        self.object_radius = np.zeros((num_envs, 1))
+        self.object_inscribed_radius = np.zeros((num_envs, 1))
+        self.object_symmetry = np.zeros((num_envs, 1))
+        self.object_support = np.zeros((num_envs, SUPPORT_DIRECTIONS))
+        self._images = ImageMemory(num_envs)
+        self._analytic = AnalyticDepthCamera(self, arm_in_depth)
+        self._camera: DepthCamera = self._analytic
+        if depth not in (AnalyticDepthCamera, None):
+            self._camera = self._make_camera(depth, arm_in_depth)
+        self._motion = MotionConfig()
+        self._substeps = spec.sim_freq // spec.control_freq
+        self._looks = contact_looks(self._substeps)
+        self._target, self._ee_pose = np.zeros((num_envs, 3)), np.zeros((num_envs, 3))
+        self._flange_height = np.zeros(num_envs)
+        self._contacts = [[False] * len(CONTACT_KEYS) for _ in range(num_envs)]
+        self._target_reachable = np.ones(num_envs, dtype=bool)
+        self._plan(torch.zeros(num_envs, 3))  # compiles now, or loads what was compiled before
+
+    def _make_camera(self, depth: DepthCameraFactory, arm_in_depth: bool) -> DepthCamera:
+        camera = depth(self, arm_in_depth)
+        if not isinstance(camera, DepthCamera):
+            raise ValueError(
+                f"PushEnv: depth must make a DepthCamera, got {camera!r} from {depth!r}."
+            )
+        return camera
+
+    def start(self, indices: Sequence[int], scenarios: Sequence[Scenario]) -> None:
+        """Start episodes in the scenes of these indices.
+
+        Raises:
+            ValueError: If an object is none of the scenes', or the arm cannot reach a tool's pose;
+                nothing has changed then.
+        """
+        joints = [self._start_joints(scenario) for scenario in scenarios]
+        for i, scenario, angles in zip(indices, scenarios, joints, strict=True):
+            self.engines[i].load(scenario, angles)
+            self._contacts[i] = [False] * len(CONTACT_KEYS)
+            self._target_reachable[i] = True
+            self._begin_episode(i, scenario, scenario.tool_pose)
+
+    def _start_joints(self, scenario: Scenario) -> NDArray[np.float32]:
+        item = get_object_of(self._spec.objects, scenario.pushed_object)
+        return start_joints(scenario.tool_pose, item.tool_height, self._spec.tool.length)
+
+    def _begin_episode(self, i: int, scenario: Scenario, target: Sequence[float]) -> None:
+        """Update all that is kept of a scene that has been put into another state."""
+        if not self.scenarios:  # the first reset is of all scenes
+            self.scenarios = [scenario] * self.num_envs
+        self.scenarios[i] = scenario
+        item = get_object_of(self._spec.objects, scenario.pushed_object)
+        self.goal_position[i] = scenario.goal_position
+        self.object_radius[i] = item.radius
+        self.object_inscribed_radius[i] = item.inscribed_radius
+        self.object_symmetry[i] = item.symmetry
+        self.object_support[i] = item.support
+        self._target[i] = target
+        self._flange_height[i] = item.tool_height + self._spec.tool.length
+        self._ee_pose[i] = planar_poses(self.engines[i].link_transforms(("tip",)))[0]
+        self._analytic.reset(i)
+        if self._camera is not self._analytic:
+            self._camera.reset(i)
+
+    def step(self, action: Tensor) -> None:
+        """Take one control step in all scenes; action `[B, 3]` in [-1, 1]."""
+        self._target, position, velocity, self._target_reachable = self._plan(action)
+        targets = zip(position.tolist(), velocity.tolist(), strict=True)
+        self._contacts = [
+            engine.advance(angles, rates, self._looks)
+            for engine, (angles, rates) in zip(self.engines, targets, strict=True)
+        ]
+        tips = [engine.link_transforms(("tip",))[0] for engine in self.engines]
+        self._ee_pose = planar_poses(tips)
+
+    def _plan(
+        self, action: Tensor
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        return plan_motion_cpu(
+            action.double().numpy(),
+            self._target,
+            self._ee_pose,
+            self._flange_height,
+            self._motion,
+            self._substeps,
+            self._spec.control_freq,
+        )
+
+    def measure(self) -> Measurement:
+        """The present state of all scenes."""
+        return Measurement(
+            object_pose=planar_poses([engine.object_transform() for engine in self.engines]),
+            ee_pose=self._ee_pose,
+            joint_position=np.array(
+                [engine.joint_position() for engine in self.engines], dtype=np.float64
+            ),
+            contacts=np.array(self._contacts),
+            target_reachable=self._target_reachable,
+        )
+
+    def get_state(self, index: int) -> SceneState:
+        """A copy of the state of one scene."""
+        x, y, yaw = self._target[index].tolist()
+        return SceneState(
+            scenario=self.scenarios[index],
+            physics=self.engines[index].pack(),
+            target=(x, y, yaw),
+            contacts=tuple(self._contacts[index]),
+            target_reachable=bool(self._target_reachable[index]),
+        )
+
+    def check_state(self, index: int, state: SceneState) -> None:
+        """Refuse a state that `set_state` could not restore; nothing changes."""
+        scenario = state.scenario
+        self.engines[index].check_packed(state.physics, scenario)
+        self._start_joints(scenario)
+        height = get_object_of(self._spec.objects, scenario.pushed_object).tool_height
+        check_arm_is_free("PushEnv.set_state", scenario, height, self.tool.name)
+
+    def set_state(self, index: int, state: SceneState) -> None:
+        """Put one scene into a state. The layout comes first, so that its bodies are there."""
+        engine, scenario = self.engines[index], state.scenario
+        engine.load(scenario, self._start_joints(scenario))
+        engine.unpack(state.physics)
+        self._contacts[index] = list(state.contacts)
+        self._target_reachable[index] = state.target_reachable
+        self._begin_episode(index, scenario, state.target)
+
+    def capture(self) -> tuple[Tensor, Tensor]:
+        """Depth [m] and labels of all scenes, `[B, 1, H, W]` float32 and uint8."""
+        depth, segmentation = self._images.take()
+        camera = self._camera
+        for i in range(self.num_envs):
+            given = camera.capture(i, depth[i, 0], segmentation[i, 0])  # type: ignore[func-returns-value]  # checked
+            if given is not None:
+                raise TypeError(
+                    f"PushEnv: depth: {type(camera).__name__}.capture must write into the arrays that it "
+                    f"is given and return None, got {type(given).__name__}."
+                )
+        return torch.from_numpy(depth), torch.from_numpy(segmentation)
+
+    def cast(self, index: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Depth [m] and label at single pixels `[..., 2]` (u, v) of one scene's image."""
+        return self._analytic.cast(index, pixels)
+
+    def obstacle_displacement(self) -> Tensor:
+        """How far each obstacle has moved in its episode, `[B, MAX_OBSTACLES]` float32 [m]."""
+        moved = np.zeros((self.num_envs, MAX_OBSTACLES))
+        for i, scenario in enumerate(self.scenarios):
+            start = np.array([o.pose[:2] for o in scenario.obstacles])
+            if len(start):
+                now = self.obstacle_transforms_of(i)[:, :2]
+                moved[i, : len(start)] = np.linalg.norm(now - start, axis=-1)
+        return torch.from_numpy(moved.astype(np.float32))
+
+    def render(self, index: int) -> np.ndarray:
+        """A picture of one scene, `[H, W, 3]` uint8: rendered from the side, or the drawn top view."""
+        picture = self.engines[index].picture()
+        if picture is not None:
+            return picture
+        measured, scenario = self.measure(), self.scenarios[index]
+        name = scenario.pushed_object
+        return draw_top_view(
+            scenario,
+            measured.object_pose[index].tolist(),
+            measured.ee_pose[index].tolist(),
+            obstacle_poses=planar_poses(self.obstacle_transforms_of(index)),
+            tool=self.tool.name,
+            objects={name: get_object_of(self._spec.objects, name)},
+        )
+
+    @property
+    def dynamic_obstacles(self) -> bool:
+        """See `SceneView`."""
+        return self._spec.dynamic_obstacles
+
+    @property
+    def pushed_objects(self) -> Sequence[PushedObject]:
+        """See `SceneView`."""
+        return self._spec.objects
+
+    @property
+    def tool(self) -> Tool:
+        """See `SceneView`."""
+        return self._spec.tool
+
+    def object_transform_of(self, index: int) -> NDArray[np.float64]:
+        """See `SceneView`."""
+        return np.array(self.engines[index].object_transform())
+
+    def obstacle_transforms_of(self, index: int) -> NDArray[np.float64]:
+        """See `SceneView`."""
+        return self.engines[index].obstacle_transforms()
+
+    def link_transforms_of(self, index: int, names: Sequence[str]) -> NDArray[np.float64]:
+        """See `SceneView`."""
+        return np.array(self.engines[index].link_transforms(names))
+
+    def close(self) -> None:
+        """Free the simulators."""
+        for engine in self.engines:
+            engine.close()
+        # One collection for all of them, once nothing refers to them any more, is quicker and frees them.
+        del self._camera, self._analytic
+        self.engines = []
+        gc.collect()
+
+
+def planar_poses(transforms: Sequence[Sequence[float]] | np.ndarray) -> np.ndarray:
+    """x, y, yaw of `B` transforms of 7 numbers, `[B, 3]` [m, m, rad]."""
+    rows = np.array(transforms)
+    w, x, y, z = rows[:, 3:].T
+    yaw = np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
+    return np.column_stack([rows[:, :2], yaw])

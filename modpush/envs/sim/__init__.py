@@ -1,1 +1,0 @@
-"""The task in SAPIEN and ManiSkill."""
