@@ -1,6 +1,6 @@
 """`SimulationConfig`: tool, camera, rates, ends of episodes; `set_fields`: single fields of configs."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields, replace
 from typing import Any, Literal
 
@@ -55,15 +55,18 @@ class SimulationConfig:
             )
 
 
-def set_fields(who: str, given: Mapping[str, Any], *configs: Any) -> list[Any]:
+def set_fields(
+    who: str, given: Mapping[str, Any], *configs: Any, also: Iterable[str] = ()
+) -> list[Any]:
     """Configurations with single fields replaced; each name goes to the first that has such a field.
 
-    By this `scene="slot"` is understood by `PushEnv`, `make_push_env`, presets and `gymnasium.make`.
+    By this `PushEnv`, `PushEnvConfig`, `make_push_env` and `gymnasium.make` understand `scene="slot"`.
 
     Args:
         who: What was called, for the error message.
         given: New values by the names of fields.
         *configs: Dataclass instances.
+        also: Further names that the error message lists.
 
     Returns:
         The configurations in their order; those of which nothing is replaced are the same objects.
@@ -76,7 +79,8 @@ def set_fields(who: str, given: Mapping[str, Any], *configs: Any) -> list[Any]:
     # TorchRL's GymEnv looks for Python's own words to find out what an environment does not take.
     if unknown := ", ".join(repr(name) for name in sorted(set(given) - known)):
         raise TypeError(
-            f"{who}: got an unexpected keyword argument {unknown}; expected some of {sorted(known)}."
+            f"{who}: got an unexpected keyword argument {unknown}; expected some of "
+            f"{sorted({*known, *also})}."
         )
     changed, left = [], dict(given)
     for config, own in zip(configs, names, strict=True):

@@ -1,9 +1,10 @@
 """The environment of a pushing agent as one configuration, and its presets."""
 
+import functools
 from collections.abc import Collection
-from dataclasses import field, replace
+from dataclasses import field, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from annotated_types import Le
 
@@ -34,23 +35,50 @@ from modpush.planners.subgoals import SubgoalMode
 
 __all__ = ["END_TO_END", "PushEnvConfig"]
 
+T = TypeVar("T")
+
 END_TO_END = "end_to_end"
 """Name of the encoder that is trained with the agent."""
 
 
+def _accept_single_fields(cls: type[T]) -> type[T]:
+    """Let the constructor take fields of `scenario` and `simulation` one by one."""
+    as_any: Any = cls
+    init, own = as_any.__init__, {field.name for field in fields(as_any)}
+    nested = {"scenario": _default_scenario, "simulation": SimulationConfig}
+
+    @functools.wraps(init)
+    def init_with_fields(self: Any, **given: Any) -> None:
+        single = {name: given.pop(name) for name in [*given] if name not in own}
+        if single:
+            whole = [given.get(name) or make() for name, make in nested.items()]
+            changed = set_fields(cls.__name__, single, *whole, also=own)
+            given |= dict(zip(nested, changed, strict=True))
+        init(self, **given)
+
+    as_any.__init__ = init_with_fields
+    return cls
+
+
+def _default_scenario() -> ScenarioConfig:
+    return ScenarioConfig(scene=OBSTACLE_SCENES)
+
+
+@_accept_single_fields
 @checked
 class PushEnvConfig:
-    """What `make_push_env` stacks on a `PushEnv`: scenes, planner, encoder, observation and reward.
+    """Settings of `make_push_env`: scenes, planner, encoder, observation and reward.
 
     The defaults are the paper's. Where the paper gives no value, or a default differs from it, the
     field's description says so. Your own parts are given as `"module:name"`, or as objects to
-    `make_push_env`.
+    `make_push_env`. The constructor and `dataclasses.replace` also take fields of `scenario` and
+    `simulation` one by one: `PushEnvConfig(scene="slot", tool="rod")`.
     """
 
     num_envs: Scenes = 8
     """Number of scenes stepped together, which share the cost of a call. The paper gives no number;
     the authors' code steps one."""
-    scenario: ScenarioConfig = field(default_factory=lambda: ScenarioConfig(scene=OBSTACLE_SCENES))
+    scenario: ScenarioConfig = field(default_factory=_default_scenario)
     """Settings from which episodes are drawn: scenes, objects, difficulty, distance, ..."""
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
     """Tool, depth camera, physics and ends of episodes."""
@@ -153,18 +181,13 @@ class PushEnvConfig:
         """`scenario` with the circle that `path_inflation` says."""
         return replace(self.scenario, path_inflation=self.path_inflation)
 
-    def with_fields(self, **fields: Any) -> "PushEnvConfig":
+    def with_fields(self, **changes: Any) -> "PushEnvConfig":
         """The same with single fields replaced, also those of `scenario` and `simulation`.
 
         Raises:
             TypeError: If there is no such field; the message lists those that there are.
         """
-        whole = {name: fields.pop(name) for name in ("scenario", "simulation") if name in fields}
-        config = replace(self, **whole) if whole else self
-        own, scenario, simulation = set_fields(
-            "PushEnvConfig", fields, config, config.scenario, config.simulation
-        )
-        return replace(own, scenario=scenario, simulation=simulation)
+        return replace(self, **changes)
 
     @classmethod
     def preset(cls, name: Literal["paper", "authors", "cpu"], **overrides: Any) -> "PushEnvConfig":
@@ -184,7 +207,7 @@ class PushEnvConfig:
             raise ValueError(
                 f"PushEnvConfig: preset must be one of {sorted(_PRESETS)}, got {name!r}."
             )
-        return cls().with_fields(**{**_PRESETS[name], **overrides})
+        return cls(**{**_PRESETS[name], **overrides})
 
 
 _PRESETS: dict[str, dict[str, Any]] = {
