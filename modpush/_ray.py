@@ -1,4 +1,4 @@
-"""Being connected to Ray for a while."""
+"""Connection to a Ray cluster."""
 
 import os
 import socket
@@ -9,18 +9,19 @@ from urllib.parse import urlsplit
 
 from modpush._extras import require_extra
 
-__all__ = ["ray_session"]
+__all__ = ["RESTARTS", "ray_session"]
 
-_PATIENCE = 5.0
-"""Time limit for a connection to a cluster [s]."""
+RESTARTS = 10
+"""How often Ray starts an actor again that has ended; what it was doing is done again."""
+_TIMEOUT = 5.0
 
 
 @contextmanager
 def ray_session(who: str, least: int) -> Iterator[ModuleType]:
-    """Ray, connected to the cluster that it finds or else begun on this machine, and ended if so.
+    """Ray, connected to the cluster that it finds, or else started on this machine.
 
-    Ray looks for a cluster in the variable `RAY_ADDRESS` and on this machine. A connection that is there
-    already is used, and left.
+    Ray looks for a cluster in the variable `RAY_ADDRESS` and on this machine. A connection that exists
+    already is used and kept; one that is made here ends with the context.
 
     Args:
         who: What needs it, for error messages.
@@ -31,22 +32,20 @@ def ray_session(who: str, least: int) -> Iterator[ModuleType]:
 
     Raises:
         MissingExtraError: If Ray is not installed.
-        RuntimeError: If there is no connection, or the cluster has fewer CPUs than that; the
-            message has what Ray says.
+        RuntimeError: If there is no connection, or the cluster has fewer CPUs than that.
     """
     require_extra(who, "ray")
     import ray
 
     own = not ray.is_initialized()
     if own:
-        if gone := _no_answer():  # `ray.init` would wait for it without end
-            raise RuntimeError(f"{who}: no connection to Ray: {gone}")
         try:
+            _check_address(os.environ.get("RAY_ADDRESS", ""))
             ray.init(include_dashboard=False, log_to_driver=False)
         except Exception as error:  # Ray's own kinds differ with what went wrong
             ray.shutdown()
             reason = str(error).strip().splitlines() or [type(error).__name__]
-            raise RuntimeError(f"{who}: no connection to Ray: {_refusal() or reason[0]}") from error
+            raise RuntimeError(f"{who}: no connection to Ray: {reason[0]}") from error
     try:
         cpus = ray.cluster_resources().get("CPU", 0)
         if cpus < least:
@@ -57,30 +56,13 @@ def ray_session(who: str, least: int) -> Iterator[ModuleType]:
             ray.shutdown()
 
 
-def _no_answer() -> str | None:
-    """Why the cluster that `RAY_ADDRESS` names cannot be reached; None if it can, or none is named."""
-    address = os.environ.get("RAY_ADDRESS", "")
+def _check_address(address: str) -> None:
+    """Refuse an address at which nothing answers, for which `ray.init` would wait without end."""
     where = urlsplit(address if "://" in address else f"ray://{address}")
     try:
         if where.hostname and where.port:
-            socket.create_connection((where.hostname, where.port), _PATIENCE).close()
+            socket.create_connection((where.hostname, where.port), _TIMEOUT).close()
     except (OSError, ValueError) as error:
-        return f"nothing answers at {address}, which RAY_ADDRESS names ({error})."
-    return None
-
-
-def _refusal() -> str | None:
-    """What the cluster says if it is there and refuses this process's token, which `ray.init` hides."""
-    from ray._raylet import GcsClient  # type: ignore[attr-defined]
-    from ray.exceptions import AuthenticationError
-
-    address = os.environ.get("RAY_ADDRESS", "")
-    if not address or "://" in address:
-        return None
-    try:
-        GcsClient(address=address).check_alive([], 2)
-    except AuthenticationError as error:
-        return f"{address} refuses the token: {error}"
-    except Exception:
-        return None
-    return None
+        raise ConnectionError(
+            f"nothing answers at {address}, named by RAY_ADDRESS ({error})."
+        ) from None

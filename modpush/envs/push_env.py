@@ -23,7 +23,6 @@ from modpush.envs.arguments import (
 )
 from modpush.envs.depth.cameras import find_depth_camera
 from modpush.envs.engines.base import SceneSpec
-from modpush.envs.engines.sapienulation_config import SimulationConfig, set_fields
 from modpush.envs.entries import state_entries
 from modpush.envs.outcome import episode_status
 from modpush.envs.push_state import PushState, check_state, object_digest
@@ -32,6 +31,7 @@ from modpush.envs.scene_batch import SceneBatch
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.envs.seeding import make_generators, restart_generators
+from modpush.envs.simulation_config import SimulationConfig, set_fields
 from modpush.envs.specs import make_specs
 from modpush.geometry.workspace import Rectangle
 

@@ -37,7 +37,6 @@ from modpush.envs.engines.sapien.engine import SapienEngine
 from modpush.envs.engines.sapien.object_bodies import ObjectBodies
 from modpush.envs.engines.sapien.obstacle_bodies import ObstacleSwapper
 from modpush.envs.engines.sapien.rendering import choose_render_backend
-from modpush.envs.engines.sapienulation_config import set_fields
 from modpush.envs.outcome import GOAL_THRESHOLD, is_at_goal, is_out_of_bounds
 from modpush.envs.robot.control_cpu import start_joints
 from modpush.envs.scenes.arm_room import check_arm_is_free
@@ -45,6 +44,7 @@ from modpush.envs.scenes.objects import get_object_of
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.envs.seeding import make_generators
+from modpush.envs.simulation_config import set_fields
 from modpush.geometry.workspace import BOUNDS_MARGIN
 
 __all__ = ["ClutterPushEnv"]
