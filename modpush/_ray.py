@@ -13,12 +13,11 @@ __all__ = ["RESTARTS", "ray_session"]
 
 RESTARTS = 10
 """How often Ray starts an actor again that has ended; what it was doing is done again."""
-_TIMEOUT = 5.0
 
 
 @contextmanager
 def ray_session(who: str, least: int) -> Iterator[ModuleType]:
-    """Ray, connected to the cluster that it finds, or else started on this machine.
+    """The package `ray`, connected to the cluster that it finds, or else started on this machine.
 
     Ray looks for a cluster in the variable `RAY_ADDRESS` and on this machine. A connection that exists
     already is used and kept; one that is made here ends with the context.
@@ -26,9 +25,6 @@ def ray_session(who: str, least: int) -> Iterator[ModuleType]:
     Args:
         who: What needs it, for error messages.
         least: Number of CPUs that the cluster must have.
-
-    Yields:
-        The package `ray`.
 
     Raises:
         MissingExtraError: If Ray is not installed.
@@ -38,16 +34,15 @@ def ray_session(who: str, least: int) -> Iterator[ModuleType]:
     import ray
 
     own = not ray.is_initialized()
-    if own:
-        try:
+    try:
+        if own:
             _check_address(os.environ.get("RAY_ADDRESS", ""))
             ray.init(include_dashboard=False, log_to_driver=False)
-        except Exception as error:  # Ray's own kinds differ with what went wrong
-            ray.shutdown()
-            reason = str(error).strip().splitlines() or [type(error).__name__]
-            raise RuntimeError(f"{who}: no connection to Ray: {reason[0]}") from error
-    try:
         cpus = ray.cluster_resources().get("CPU", 0)
+    except Exception as error:  # Ray's own kinds differ with what went wrong
+        reason = str(error).strip().splitlines() or [type(error).__name__]
+        raise RuntimeError(f"{who}: no connection to Ray: {reason[0]}") from error
+    try:
         if cpus < least:
             raise RuntimeError(f"{who}: {least} CPUs are needed, Ray has {cpus:g}.")
         yield ray
@@ -57,12 +52,12 @@ def ray_session(who: str, least: int) -> Iterator[ModuleType]:
 
 
 def _check_address(address: str) -> None:
-    """Refuse an address at which nothing answers, for which `ray.init` would wait without end."""
+    """Refuse an address at which nothing answers: `ray.init` would wait for it without end."""
     where = urlsplit(address if "://" in address else f"ray://{address}")
     try:
         if where.hostname and where.port:
-            socket.create_connection((where.hostname, where.port), _TIMEOUT).close()
-    except (OSError, ValueError) as error:
+            socket.create_connection((where.hostname, where.port), 5.0).close()
+    except OSError as error:
         raise ConnectionError(
-            f"nothing answers at {address}, named by RAY_ADDRESS ({error})."
+            f"nothing answers at {address}, named by RAY_ADDRESS: {error}"
         ) from None

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torchrl.envs import EnvBase
 
-from modpush._ray import ray_session
+from modpush._ray import RESTARTS, ray_session
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.episodes import Episode, Policy, run_episodes
 
@@ -18,28 +18,22 @@ __all__ = ["run_with_ray"]
 
 _SHARES = 4
 """Parts that an actor's episodes are divided into, so that no actor waits long for the others."""
-_RESTARTS = 3
-"""How often an actor that ends is begun again; what it was running is run again."""
 
 
 class _Runner:
     """Runs episodes in an environment of its own, in an actor's process."""
 
     def __init__(
-        self,
-        make_env: Callable[[int], EnvBase],
-        policy: Policy,
-        config: "EvaluationConfig",
-        options: dict[str, Any],
+        self, make_env: Callable[[int], EnvBase], policy: Policy, num_envs: int, seed: int
     ) -> None:
         torch.set_num_threads(1)  # an actor has one CPU
-        self._env, self._policy = make_env(config.num_envs), policy
-        self._seed, self._options = config.seed, options
+        self._env, self._policy, self._seed = make_env(num_envs), policy, seed
 
-    def run(self, episodes: Sequence[tuple[int, Scenario]]) -> list[Episode]:
-        """Run episodes to their end."""
+    def run(
+        self, episodes: Sequence[tuple[int, Scenario]], options: dict[str, Any]
+    ) -> list[Episode]:
         torch.manual_seed(self._seed)
-        return list(run_episodes(self._env, self._policy, episodes, **self._options))
+        return list(run_episodes(self._env, self._policy, episodes, **options))
 
 
 def run_with_ray(
@@ -49,20 +43,14 @@ def run_with_ray(
     config: "EvaluationConfig",
     options: dict[str, Any],
 ) -> Iterator[Episode]:
-    """Run episodes in a pool of actors, one for each CPU that Ray has.
-
-    An actor that ends in the middle of its work is begun again, up to three times, and runs what it was
-    running again.
+    """Run episodes in a pool of actors, one for each CPU of the cluster, in any order.
 
     Args:
         make_env: `number of scenes -> environment`.
-        policy: What acts.
+        policy: Acts on what the environment emits.
         episodes: Number and start of each.
         config: How episodes are run.
         options: Further arguments of `run_episodes`.
-
-    Yields:
-        Each episode once, some time after it ended.
 
     Raises:
         MissingExtraError: If Ray is not installed.
@@ -75,16 +63,15 @@ def run_with_ray(
         cpus = int(ray.cluster_resources()["CPU"])
         size = max(config.num_envs, math.ceil(len(episodes) / (cpus * _SHARES)))
         shares = [episodes[k : k + size] for k in range(0, len(episodes), size)]
-        actor = ray.remote(num_cpus=1, max_restarts=_RESTARTS, max_task_retries=_RESTARTS)(_Runner)
+        actor = ray.remote(num_cpus=1, max_restarts=RESTARTS, max_task_retries=RESTARTS)(_Runner)
         shared = [ray.put(part) for part in (make_env, policy)]
-        actors = [actor.remote(*shared, config, options) for _ in range(min(cpus, len(shares)))]
+        count = min(cpus, len(shares))
+        actors = [actor.remote(*shared, config.num_envs, config.seed) for _ in range(count)]
         try:
-            for done in ActorPool(actors).map_unordered(_run_share, shares):
+            for done in ActorPool(actors).map_unordered(
+                lambda one, share: one.run.remote(share, options), shares
+            ):
                 yield from done
         finally:
             for one in actors:
                 ray.kill(one)
-
-
-def _run_share(actor: Any, share: Sequence[tuple[int, Scenario]]) -> Any:
-    return actor.run.remote(share)

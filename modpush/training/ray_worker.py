@@ -6,10 +6,9 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -21,20 +20,23 @@ from torchrl.collectors.weight_update import RayWeightUpdater
 from modpush._ray import RESTARTS, ray_session
 from modpush.mdp.curriculum import Curriculum
 from modpush.training.config import TrainConfig
-from modpush.training.rollout import Outcome, Rollout, WorkerSpecs
+from modpush.training.rollout import Outcome, Rollout
 from modpush.training.scene_worker import EnvFactory, SceneWorker
 from modpush.training.worker import CollectionEndedError, Worker
 
 __all__ = ["RayWorker", "SceneCollector"]
 
+R = TypeVar("R")
+
 
 class _RecordingCurriculum(Curriculum):
     """A curriculum that also keeps the results of its episodes, for the learner's curriculum."""
 
-    outcomes: list[Outcome]
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.outcomes: list[Outcome] = []
 
     def record(self, success: bool, scene: str, *, evaluated: bool = True) -> None:
-        """Keep the result, then do as `Curriculum.record` does."""
         self.outcomes.append(Outcome(self.level, success, scene, evaluated))
         super().record(success, scene, evaluated=evaluated)
 
@@ -62,9 +64,6 @@ class SceneCollector(BaseCollector):
         super().__init__()
         torch.set_num_threads(1)  # an actor has one CPU
         self.worker = create_env_fn[0](make_curriculum=_RecordingCurriculum)
-        curriculum = self.worker.curriculum
-        assert isinstance(curriculum, _RecordingCurriculum)
-        self._outcomes = curriculum.outcomes = []
         self._index, self._length, self._version = worker_idx, rollout_length, 0
         self._weights: dict[str, NDArray] | None = None
         self._begins = self._begun = False
@@ -73,17 +72,13 @@ class SceneCollector(BaseCollector):
         """True. Ray asks this where the constructor fails, and TorchRL's own answer is an error."""
         return True
 
-    def specs(self) -> WorkerSpecs:
-        """See `SceneWorker.specs`."""
-        return self.worker.specs()
+    def call(self, method: Callable[..., R], *args: Any) -> R:
+        """Call a method of the `SceneWorker`."""
+        return method(self.worker, *args)
 
-    def evaluate(self, weights: dict[str, NDArray]) -> list[dict[str, Any]]:
-        """See `SceneWorker.evaluate`."""
-        return self.worker.evaluate(weights)
-
-    def follow(self, curriculum: Mapping[str, Any], version: int) -> None:
+    def follow(self, curriculum: dict[str, Any], version: int) -> None:
         """Take over the learner's curriculum, and the number by which the next batch is known."""
-        self.worker.set_state(dict(curriculum))
+        self.worker.set_state(curriculum)
         self._version = version
 
     def update_policy_weights_(
@@ -93,18 +88,19 @@ class SceneCollector(BaseCollector):
         self._weights = {name: value.clone().numpy() for name, value in policy_weights.items()}
 
     def set_seed(self, seed: int, static_seed: bool = False) -> int:
-        """Start new episodes in all scenes, drawn from a seed; returns the next collector's seed."""
+        """Start new episodes in all scenes, drawn from a seed."""
         self.worker.restart(seed)
         self._begins = self._begun = True
-        return seed if static_seed else seed + 1
+        return seed + 1
 
     def next(self) -> Rollout:
         """The next batch."""
         if (
             not self._begun
         ):  # Ray has started this actor again; the same episodes must not come twice
-            self.set_seed(_seed_of([self._index, os.getpid(), time.time_ns()]))
-        self._outcomes.clear()
+            self.set_seed(_seed_of(self._index, os.getpid(), time.time_ns()))
+        curriculum: Any = self.worker.curriculum
+        curriculum.outcomes.clear()
         rollout = self.worker.collect(self._length, self._weights)
         self.worker.forget_history()  # it is never asked for here, and would grow to the run's end
         begins, self._begins = self._begins, False
@@ -113,7 +109,7 @@ class SceneCollector(BaseCollector):
             source=self._index,
             begins=begins,
             version=self._version,
-            outcomes=list(self._outcomes),
+            outcomes=list(curriculum.outcomes),
         )
 
     def iterator(self) -> Iterator[Rollout]:
@@ -149,37 +145,37 @@ class RayWorker(Worker):
 
     Raises:
         MissingExtraError: If Ray is not installed.
-        RuntimeError: If there is no connection to Ray, or it has fewer CPUs than collectors. When a result
-            is asked for, if a collector failed.
+        RuntimeError: If there is no connection to Ray, or it has fewer CPUs than collectors; or when a
+            result is asked for, if a collector failed.
         CollectionEndedError: When a result is asked for, if a collector has ended too often.
     """
 
     def __init__(self, config: TrainConfig, parts: Mapping[str, Any], make_env: EnvFactory) -> None:
-        self._stack = ExitStack()
         count = config.num_collectors
-        self._ray = self._stack.enter_context(ray_session("Trainer: collector='ray'", count))
+        self._session = ray_session("Trainer: collector='ray'", count)
+        self._ray = self._session.__enter__()
         self._curriculum = Curriculum(config.curriculum, warm_up=config.warm_up)
         self._updater = RayWeightUpdater(TensorDict(), [None] * count)
-        with self._stack.pop_all() as undo:  # closes the session if the next line fails
-            self._collector = Collector(
-                [partial(SceneWorker, config, parts, make_env)] * count,
-                backend="ray",
-                num_collectors=count,
-                sync=False,
-                frames_per_batch=config.rollout_length * config.env.num_envs,
-                total_frames=sys.maxsize,
-                weight_updater=self._updater,
-                backend_options={
-                    "collector_class": SceneCollector,
-                    "collector_kwargs": [{"rollout_length": config.rollout_length}] * count,
-                    "remote_configs": {
-                        "num_cpus": 1,
-                        "max_restarts": RESTARTS,
-                        "max_task_retries": RESTARTS,
-                    },
+        self._collector = Collector(
+            [partial(SceneWorker, config, parts, make_env)] * count,
+            backend="ray",
+            num_collectors=count,
+            sync=False,
+            frames_per_batch=config.rollout_length * config.env.num_envs,
+            total_frames=sys.maxsize,
+            weight_updater=self._updater,
+            backend_options={
+                "collector_class": SceneCollector,
+                "collector_kwargs": [
+                    {"rollout_length": config.rollout_length} for _ in range(count)
+                ],
+                "remote_configs": {
+                    "num_cpus": 1,
+                    "max_restarts": RESTARTS,
+                    "max_task_retries": RESTARTS,
                 },
-            )
-            self._stack = undo.pop_all()
+            },
+        )
         self._actors = self._updater.remote_collectors = self._collector.remote_collectors
         self._rollouts: Iterator[Rollout] | None = None
         self._last = self._version = 0
@@ -207,19 +203,20 @@ class RayWorker(Worker):
         """End the collectors, and the connection to Ray if it was made here."""
         self._thread.shutdown(wait=False, cancel_futures=True)
         self._collector.shutdown(timeout=1.0)
-        self._stack.close()
+        self._session.__exit__(None, None, None)
 
-    # What `submit` may ask for, under the names of `SceneWorker`.
+    # The calls that `submit` hands over, under the names of `SceneWorker`.
 
-    def _specs(self) -> WorkerSpecs:
-        specs: WorkerSpecs = self._ray.get(self._actors[0].specs.remote())
-        return specs
+    def _specs(self) -> Any:
+        return self._ray.get(self._actors[0].call.remote(SceneWorker.specs))
+
+    def _evaluate(self, weights: dict[str, NDArray]) -> Any:
+        return self._ray.get(self._actors[self._last].call.remote(SceneWorker.evaluate, weights))
 
     def _restart(self, seed: int) -> None:
         if self._rollouts is None:  # once begun, the scenes are never interrupted
-            self._ray.get(
-                [a.set_seed.remote(_seed_of([seed, i])) for i, a in enumerate(self._actors)]
-            )
+            seeds = [_seed_of(seed, i) for i in range(len(self._actors))]
+            self._ray.get([a.set_seed.remote(s) for a, s in zip(self._actors, seeds, strict=True)])
 
     def _collect(self, steps: int, weights: dict[str, NDArray] | None) -> Rollout:
         targets = [*range(len(self._actors))] if self._rollouts is None else [self._last]
@@ -250,12 +247,6 @@ class RayWorker(Worker):
     def _history(self) -> None:
         return None
 
-    def _evaluate(self, weights: dict[str, NDArray]) -> list[dict[str, Any]]:
-        rows: list[dict[str, Any]] = self._ray.get(
-            self._actors[self._last].evaluate.remote(weights)
-        )
-        return rows
-
     def _get_state(self) -> dict[str, Any]:
         return self._curriculum.state_dict()
 
@@ -263,5 +254,5 @@ class RayWorker(Worker):
         self._curriculum.load_state_dict(state)
 
 
-def _seed_of(entropy: Sequence[int]) -> int:
+def _seed_of(*entropy: int) -> int:
     return int(np.random.SeedSequence(entropy).generate_state(1)[0])
