@@ -12,23 +12,19 @@ from modpush._extras import require_extra
 __all__ = ["RESTARTS", "ray_session"]
 
 RESTARTS = 10
-"""How often Ray starts an actor again that has ended; what it was doing is done again."""
+"""How often Ray starts an actor again that has ended."""
 
 
 @contextmanager
 def ray_session(who: str, least: int) -> Iterator[ModuleType]:
-    """The package `ray`, connected to the cluster that it finds, or else started on this machine.
+    """The package `ray`, connected to a cluster of at least so many CPUs while the context lasts.
 
-    Ray looks for a cluster in the variable `RAY_ADDRESS` and on this machine. A connection that exists
-    already is used and kept; one that is made here ends with the context.
-
-    Args:
-        who: What needs it, for error messages.
-        least: Number of CPUs that the cluster must have.
+    Ray looks for a cluster in `RAY_ADDRESS` and on this machine, and else starts one here. A connection
+    that exists already is used and kept.
 
     Raises:
         MissingExtraError: If Ray is not installed.
-        RuntimeError: If there is no connection, or the cluster has fewer CPUs than that.
+        RuntimeError: If there is no connection, or the cluster has fewer CPUs.
     """
     require_extra(who, "ray")
     import ray
@@ -40,8 +36,7 @@ def ray_session(who: str, least: int) -> Iterator[ModuleType]:
             ray.init(include_dashboard=False, log_to_driver=False)
         cpus = ray.cluster_resources().get("CPU", 0)
     except Exception as error:  # Ray's own kinds differ with what went wrong
-        reason = str(error).strip().splitlines() or [type(error).__name__]
-        raise RuntimeError(f"{who}: no connection to Ray: {reason[0]}") from error
+        raise RuntimeError(f"{who}: no connection to Ray: {error}") from error
     try:
         if cpus < least:
             raise RuntimeError(f"{who}: {least} CPUs are needed, Ray has {cpus:g}.")
@@ -54,10 +49,8 @@ def ray_session(who: str, least: int) -> Iterator[ModuleType]:
 def _check_address(address: str) -> None:
     """Refuse an address at which nothing answers: `ray.init` would wait for it without end."""
     where = urlsplit(address if "://" in address else f"ray://{address}")
-    try:
-        if where.hostname and where.port:
+    if where.hostname and where.port:
+        try:
             socket.create_connection((where.hostname, where.port), 5.0).close()
-    except OSError as error:
-        raise ConnectionError(
-            f"nothing answers at {address}, named by RAY_ADDRESS: {error}"
-        ) from None
+        except OSError as error:
+            raise ConnectionError(f"nothing answers at {address} (RAY_ADDRESS), {error}") from None

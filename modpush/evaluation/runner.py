@@ -2,6 +2,7 @@
 
 import functools
 import inspect
+import math
 import multiprocessing
 import queue
 from collections.abc import Callable, Iterator, Sequence
@@ -21,13 +22,13 @@ from modpush._atomic import clean_leftovers
 from modpush._checks import check_callable
 from modpush._end_with_parent import begin_worker_process
 from modpush._folder_lock import FolderLock
+from modpush._ray import RESTARTS, ray_session
 from modpush._threads import torch_threads
 from modpush._types import Count, Key, Scenes, Seed
 from modpush._validation import checked
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.episodes import Episode, Policy, run_episodes
-from modpush.evaluation.ray_workers import run_with_ray
 from modpush.evaluation.results import SET_FILE, ResultStore, describe_policy
 from modpush.evaluation.sets import SET_NAMES, EvaluationSet, load_set
 
@@ -251,7 +252,22 @@ class _Job(NamedTuple):
 
 
 def _run_on_cluster(job: _Job) -> Iterator[Episode]:
-    yield from run_with_ray(job.env, job.policy, job.episodes, job.config, job.options)
+    """Run episodes in as many tasks at a time as the Ray cluster has CPUs."""
+    with ray_session("evaluate: workers='ray'", 1) as ray:
+        # Several tasks for each CPU, so that none waits long for the others.
+        tasks = 4 * int(ray.cluster_resources()["CPU"])
+        size = max(job.config.num_envs, math.ceil(len(job.episodes) / tasks))
+        shares = [job.episodes[k : k + size] for k in range(0, len(job.episodes), size)]
+        run = ray.remote(num_cpus=1, max_retries=RESTARTS)(_run_share)
+        left = [run.remote(job._replace(episodes=share)) for share in shares]
+        while left:
+            (done, *_), left = ray.wait(left)
+            yield from ray.get(done)
+
+
+def _run_share(job: _Job) -> list[Episode]:
+    torch.set_num_threads(1)  # a task has one CPU
+    return list(_run_here(job))
 
 
 def _run_here(job: _Job) -> Iterator[Episode]:

@@ -4,16 +4,16 @@ import os
 import sys
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from tensordict import TensorDict, TensorDictBase
+from tensordict import TensorDict
 from torchrl.collectors import BaseCollector, Collector
 from torchrl.collectors.weight_update import RayWeightUpdater
 
@@ -26,53 +26,36 @@ from modpush.training.worker import CollectionEndedError, Worker
 
 __all__ = ["RayWorker", "SceneCollector"]
 
-R = TypeVar("R")
-
 
 class _RecordingCurriculum(Curriculum):
     """A curriculum that also keeps the results of its episodes, for the learner's curriculum."""
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
-        self.outcomes: list[Outcome] = []
+    outcomes: tuple[Outcome, ...] = ()
 
     def record(self, success: bool, scene: str, *, evaluated: bool = True) -> None:
-        self.outcomes.append(Outcome(self.level, success, scene, evaluated))
+        self.outcomes += (Outcome(self.level, success, scene, evaluated),)
         super().record(success, scene, evaluated=evaluated)
 
 
 class SceneCollector(BaseCollector):
-    """The collector that TorchRL's `RayCollector` runs in an actor: a `SceneWorker` and its scenes.
+    """The collector that TorchRL runs in an actor: a `SceneWorker`, made by `create_env_fn[0]`."""
 
-    Args:
-        create_env_fn: Makes the `SceneWorker`, in a list of one.
-        worker_idx: Index of this collector.
-        rollout_length: Steps of each scene in a batch.
-        **unused: Arguments of TorchRL's collectors that ask for nothing here.
-    """
-
-    total_frames = -1  # without end; TorchRL asks for it
+    total_frames = -1  # without end
 
     def __init__(
-        self,
-        create_env_fn: Sequence[Callable[..., SceneWorker]],
-        *,
-        worker_idx: int = 0,
-        rollout_length: int,
-        **unused: Any,
+        self, create_env_fn: Any, *, rollout_length: int, worker_idx: int = 0, **unused: Any
     ) -> None:
         super().__init__()
         torch.set_num_threads(1)  # an actor has one CPU
-        self.worker = create_env_fn[0](make_curriculum=_RecordingCurriculum)
+        self.worker: SceneWorker = create_env_fn[0](make_curriculum=_RecordingCurriculum)
         self._index, self._length, self._version = worker_idx, rollout_length, 0
         self._weights: dict[str, NDArray] | None = None
         self._begins = self._begun = False
 
     def __bool__(self) -> bool:
-        """True. Ray asks this where the constructor fails, and TorchRL's own answer is an error."""
-        return True
+        return True  # Ray asks where the constructor fails, and TorchRL's own answer is an error
 
-    def call(self, method: Callable[..., R], *args: Any) -> R:
+    def call(self, method: Callable[..., Any], *args: Any) -> Any:
         """Call a method of the `SceneWorker`."""
         return method(self.worker, *args)
 
@@ -81,67 +64,49 @@ class SceneCollector(BaseCollector):
         self.worker.set_state(curriculum)
         self._version = version
 
-    def update_policy_weights_(
-        self, policy_or_weights: Any = None, *, policy_weights: TensorDictBase, **unused: Any
-    ) -> None:
-        """Take over the actor's weights, from TorchRL's `RayWeightUpdater`."""
+    def update_policy_weights_(self, *unused: Any, policy_weights: Any, **options: Any) -> None:
         self._weights = {name: value.clone().numpy() for name, value in policy_weights.items()}
 
     def set_seed(self, seed: int, static_seed: bool = False) -> int:
-        """Start new episodes in all scenes, drawn from a seed."""
+        """Start new episodes in all scenes."""
         self.worker.restart(seed)
         self._begins = self._begun = True
-        return seed + 1
+        return seed
 
     def next(self) -> Rollout:
-        """The next batch."""
         if (
             not self._begun
         ):  # Ray has started this actor again; the same episodes must not come twice
             self.set_seed(_seed_of(self._index, os.getpid(), time.time_ns()))
         curriculum: Any = self.worker.curriculum
-        curriculum.outcomes.clear()
+        curriculum.outcomes = ()
         rollout = self.worker.collect(self._length, self._weights)
         self.worker.forget_history()  # it is never asked for here, and would grow to the run's end
         begins, self._begins = self._begins, False
-        return replace(
-            rollout,
-            source=self._index,
-            begins=begins,
-            version=self._version,
-            outcomes=list(curriculum.outcomes),
-        )
+        about = {"source": self._index, "begins": begins, "version": self._version}
+        return replace(rollout, **about, outcomes=list(curriculum.outcomes))
 
     def iterator(self) -> Iterator[Rollout]:
-        """Batches without end."""
         while True:
             yield self.next()
 
-    def shutdown(self, timeout: float | None = None, **unused: Any) -> None:
-        """Free the simulators."""
+    def shutdown(self, *args: Any, **kwargs: Any) -> None:
         self.worker.close()
 
     def state_dict(self) -> OrderedDict[str, Any]:
-        """The curriculum's state."""
         return OrderedDict(self.worker.get_state())
 
     def load_state_dict(self, state_dict: Mapping[str, Any], **unused: Any) -> None:
-        """Inverse of `state_dict`."""
         self.worker.set_state(dict(state_dict))
 
 
 class RayWorker(Worker):
-    """Runs the scenes in collectors on a Ray cluster, each an actor with a CPU of its own.
+    """Runs the scenes in `config.num_collectors` collectors on a Ray cluster, each with a CPU.
 
     The collector that is done first gives the next rollout; it continues when the one after is asked for,
     with the weights and the curriculum of then. A collector that ends is started again by Ray, with new
     episodes. If the cluster's head is lost, Ray ends this process after a minute: the run continues from
-    its last checkpoint.
-
-    Args:
-        config: The run's configuration, with `num_collectors`.
-        parts: Parts given as objects, see `Trainer`; pickled.
-        make_env: Makes the environment; pickled.
+    its last checkpoint. `parts` and `make_env` are pickled.
 
     Raises:
         MissingExtraError: If Ray is not installed.
@@ -156,6 +121,7 @@ class RayWorker(Worker):
         self._ray = self._session.__enter__()
         self._curriculum = Curriculum(config.curriculum, warm_up=config.warm_up)
         self._updater = RayWeightUpdater(TensorDict(), [None] * count)
+        restarts = {"max_restarts": RESTARTS, "max_task_retries": RESTARTS}
         self._collector = Collector(
             [partial(SceneWorker, config, parts, make_env)] * count,
             backend="ray",
@@ -169,11 +135,7 @@ class RayWorker(Worker):
                 "collector_kwargs": [
                     {"rollout_length": config.rollout_length} for _ in range(count)
                 ],
-                "remote_configs": {
-                    "num_cpus": 1,
-                    "max_restarts": RESTARTS,
-                    "max_task_retries": RESTARTS,
-                },
+                "remote_configs": {"num_cpus": 1, **restarts},
             },
         )
         self._actors = self._updater.remote_collectors = self._collector.remote_collectors
@@ -184,7 +146,8 @@ class RayWorker(Worker):
 
     def _send(self, method: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
         *args, kwargs = arguments
-        self._result = self._thread.submit(getattr(self, f"_{method.__name__}"), *args, **kwargs)
+        own = getattr(self, f"_{method.__name__}", partial(self._ask, method))
+        self._result = self._thread.submit(own, *args, **kwargs)
 
     def _receive(self) -> Any:
         errors = self._ray.exceptions
@@ -195,9 +158,7 @@ class RayWorker(Worker):
             raise RuntimeError(f"Trainer: a collector failed:\n{error}") from error
         except errors.RayError as error:
             self._outstanding = False
-            raise CollectionEndedError(
-                f"Trainer: collector='ray': the collectors are gone: {error}"
-            ) from error
+            raise CollectionEndedError(f"Trainer: the Ray collectors are gone: {error}") from error
 
     def close(self) -> None:
         """End the collectors, and the connection to Ray if it was made here."""
@@ -205,13 +166,9 @@ class RayWorker(Worker):
         self._collector.shutdown(timeout=1.0)
         self._session.__exit__(None, None, None)
 
-    # The calls that `submit` hands over, under the names of `SceneWorker`.
-
-    def _specs(self) -> Any:
-        return self._ray.get(self._actors[0].call.remote(SceneWorker.specs))
-
-    def _evaluate(self, weights: dict[str, NDArray]) -> Any:
-        return self._ray.get(self._actors[self._last].call.remote(SceneWorker.evaluate, weights))
+    def _ask(self, method: Callable[..., Any], *args: Any) -> Any:
+        """Have one collector's `SceneWorker` do it: `specs` and `evaluate`."""
+        return self._ray.get(self._actors[self._last].call.remote(method, *args))
 
     def _restart(self, seed: int) -> None:
         if self._rollouts is None:  # once begun, the scenes are never interrupted
@@ -234,8 +191,7 @@ class RayWorker(Worker):
             if outcome.level == self._curriculum.level:
                 self._curriculum.record(outcome.success, outcome.scene, evaluated=outcome.evaluated)
         self._curriculum.count_steps(len(rollout.transitions["action"]))
-        # What Ray gives lies in memory that may not be written to, which torch does not know of.
-        return replace(
+        return replace(  # Ray's memory may not be written to, which torch does not know
             rollout,
             transitions={key: value.copy() for key, value in rollout.transitions.items()},
             last_observation=rollout.last_observation.copy(),

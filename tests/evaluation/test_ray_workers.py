@@ -54,26 +54,25 @@ def few() -> EvaluationSet:
 def test_rows_are_those_of_one_process(cluster: Any, tmp_path: Path) -> None:
     (tmp_path / "seen").mkdir()
     rows = rows_of(tmp_path / "ray", Noting(tmp_path / "seen"), "ray")
-    assert len(list((tmp_path / "seen").iterdir())) == 2, "both CPUs must have worked"
+    assert len(list((tmp_path / "seen").iterdir())) >= 2, "both CPUs must have worked"
     assert not (tmp_path / "seen" / str(os.getpid())).exists()
     expected = rows_of(tmp_path / "here", Noting(tmp_path / "seen"), 1)
     pd.testing.assert_frame_equal(rows, expected)
 
 
 @pytest.mark.slow
-def test_an_actor_that_is_killed_loses_and_doubles_nothing(cluster: Any, tmp_path: Path) -> None:
+def test_a_task_that_is_killed_loses_and_doubles_nothing(cluster: Any, tmp_path: Path) -> None:
     (tmp_path / "seen").mkdir()
     rows = rows_of(tmp_path / "ray", Noting(tmp_path / "seen", end_once=True), "ray")
     seen = {path.name for path in (tmp_path / "seen").iterdir()}
     assert "ended" in seen
-    assert len(seen - {"ended"}) == 3, "one of two processes must have been begun again"
     assert rows["episode"].tolist() == list(range(8))
     expected = rows_of(tmp_path / "here", Noting(tmp_path / "seen"), 1)
     pd.testing.assert_frame_equal(rows, expected)
 
 
 @pytest.mark.slow
-def test_a_run_of_one_process_goes_on_with_ray(cluster: Any, tmp_path: Path) -> None:
+def test_a_run_of_one_process_continues_with_ray(cluster: Any, tmp_path: Path) -> None:
     (tmp_path / "seen").mkdir()
     policy = Noting(tmp_path / "seen")
     begun = evaluate(
@@ -85,7 +84,7 @@ def test_a_run_of_one_process_goes_on_with_ray(cluster: Any, tmp_path: Path) -> 
 
 
 @pytest.mark.slow
-def test_an_error_in_an_actor_is_shown(cluster: Any, tmp_path: Path) -> None:
+def test_an_error_in_a_task_is_shown(cluster: Any, tmp_path: Path) -> None:
     def broken(num_envs: int, objects: tuple[str, ...]) -> PushEnv:
         raise ValueError("this environment cannot be made")
 

@@ -22,7 +22,6 @@ from torchrl.collectors import Evaluator
 from torchrl.envs import EnvBase
 
 import modpush
-from modpush._extras import MissingExtraError
 from modpush._ray import ray_session
 from modpush.recipes.agent_file import load_agent
 from modpush.recipes.make_env import make_push_env
@@ -34,11 +33,7 @@ from modpush.training.scene_worker import SceneWorker
 from modpush.training.worker import InlineWorker
 from tests.training.conftest import SMOKE
 
-pytestmark = [
-    pytest.mark.ray,
-    # A loaded machine may take more than a minute to begin an actor.
-    pytest.mark.filterwarnings("default:Trainer. collector='ray'. no collector has begun"),
-]
+pytestmark = pytest.mark.ray
 
 TWO = replace(SMOKE, collector="ray", num_collectors=2)
 
@@ -230,14 +225,6 @@ def test_collectors_without_ray_are_refused(tmp_path: Path) -> None:
         Trainer(replace(SMOKE, num_collectors=2), tmp_path / "run")
 
 
-def test_without_ray_it_is_said_what_to_install(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("modpush._extras.importlib.util.find_spec", lambda name: None)
-    with pytest.raises(MissingExtraError, match=r"ray not installed; .*modpush\[ray\]"):
-        Trainer(TWO, tmp_path / "run")
-
-
 def failing_env(*args: Any, **kwargs: Any) -> Any:
     raise ValueError("this environment cannot be made")
 
@@ -256,41 +243,33 @@ from tests.training.conftest import SMOKE
 
 config = replace(
     SMOKE, collector="ray", total_steps=10_000_000, evaluate_every=10_000_000, log_every=32,
-    checkpoint_every=10_000_000,
+    checkpoint_every=160,
 )
 Trainer(config, sys.argv[1]).run()
 """
 
 
 @pytest.mark.slow
-def test_the_head_gone_ends_the_run_with_a_checkpoint(tmp_path: Path) -> None:
+def test_a_run_whose_cluster_is_lost_continues_from_its_last_checkpoint(tmp_path: Path) -> None:
     pytest.importorskip("ray")
     from ray.cluster_utils import Cluster
 
-    cluster = Cluster(
-        initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False}
-    )
-    folder = tmp_path / "run"
+    head = {"num_cpus": 1, "include_dashboard": False}
+    cluster = Cluster(initialize_head=True, head_node_args=head)
+    folder = RunFolder(tmp_path / "run")
     run = subprocess.Popen(
-        [sys.executable, "-c", DRIVER, str(folder)],
+        [sys.executable, "-c", DRIVER, str(folder.path)],
         env={**os.environ, "RAY_ADDRESS": cluster.address},
-        stderr=subprocess.PIPE,
-        text=True,
     )
     try:
-        log = RunFolder(folder).log
-        wait_for(lambda: log.exists() and len(pd.read_csv(log)) > 2, run)
+        wait_for(lambda: folder.checkpoints.latest() is not None, run)
         cluster.head_node.kill_gcs_server()
-        _, errors = run.communicate(timeout=90)
+        assert run.wait(180) != 0
     finally:
         run.kill()
         cluster.shutdown()
-    assert run.returncode == 1
-    assert "the cluster's head does not answer" in errors
-    seen = int(pd.read_csv(log)["step"].iloc[-1])
-    local = Trainer(replace(SMOKE, total_steps=seen + 200), folder, resume=True)
-    assert local.steps >= seen, "the checkpoint must hold all that was learned from"
-    local.run()
+    local = Trainer(replace(SMOKE, total_steps=10_000_000), folder.path, resume=True)
+    assert local.steps >= 160
 
 
 @pytest.mark.parametrize("form", ["127.0.0.1:{}", "ray://127.0.0.1:{}"])
@@ -310,59 +289,17 @@ def test_a_cluster_that_is_gone_is_named_at_once(monkeypatch, form: str) -> None
     assert time.monotonic() - began < 30
 
 
-TOKEN = """
-from modpush._ray import ray_session
-
-with ray_session("test", 1):
-    pass
-"""
-
-
-@pytest.mark.slow
-def test_a_wrong_token_is_named(tmp_path: Path) -> None:
-    ray = pytest.importorskip("ray")
-    command = Path(sys.executable).parent / "ray"
-    for name in ("right", "wrong"):
-        (tmp_path / name).write_text(name * 10)
-    port = free_port()
-    env = {**os.environ, "RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN_PATH": str(tmp_path / "right")}
-    start = [command, "start", "--head", "--num-cpus", "1", "--port", str(port)]
-    head = subprocess.Popen(
-        [*start, "--include-dashboard", "false", "--block"], env=env, stdout=subprocess.DEVNULL
-    )
-    try:
-        client = {**env, "RAY_ADDRESS": f"127.0.0.1:{port}"}
-        said = {}
-        for name in ("right", "wrong"):
-            client["RAY_AUTH_TOKEN_PATH"] = str(tmp_path / name)
-            result = subprocess.run(
-                [sys.executable, "-c", TOKEN],
-                env=client,
-                capture_output=True,
-                text=True,
-                timeout=120,
-            )
-            said[name] = (result.returncode, result.stderr)
-    finally:
-        head.terminate()
-        head.wait(30)
-    assert said["right"][0] == 0, said["right"][1]
-    assert said["wrong"][0] == 1
-    expected = f"test: no connection to Ray: 127.0.0.1:{port} refuses the token"
-    assert expected in said["wrong"][1], ray.__version__
-
-
 def free_port() -> int:
     with socket.socket() as listening:
         listening.bind(("127.0.0.1", 0))
         return int(listening.getsockname()[1])
 
 
-def wait_for(condition: Callable[[], bool], process: subprocess.Popen[str]) -> None:
+def wait_for(condition: Callable[[], bool], process: subprocess.Popen[bytes]) -> None:
     for _ in range(1200):
         if condition():
             return
-        assert process.poll() is None, process.stderr.read() if process.stderr else ""
+        assert process.poll() is None
         time.sleep(0.1)
     raise AssertionError("it did not happen in two minutes")
 
