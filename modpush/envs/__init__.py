@@ -34,7 +34,7 @@ if "ClutterPush-v1" not in registry:
         additional_wrappers=(
             WrapperSpec(
                 "EpisodeEnd",
-                "modpush.envs.engines.sapien.episode_end:EpisodeEnd",
+                "modpush.envs.engines.sapien.task:EpisodeEnd",
                 {"max_episode_steps": 200},
             ),
         ),

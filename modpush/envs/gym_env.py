@@ -1,18 +1,24 @@
-"""The state of the task as a plain Gymnasium environment, for instance for Stable-Baselines3."""
+"""One scene for Gymnasium, and its state as an observation, for instance for Stable-Baselines3."""
 
 import math
+from abc import ABC, abstractmethod
 from typing import Any
 
+import gymnasium
 import numpy as np
 import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
 from tensordict import TensorDictBase
+from torchrl.envs import EnvBase
+from torchrl.envs.utils import step_mdp
 
+from modpush._types import Seed
+from modpush._validation import check_value
 from modpush.envs.push_env import PushEnv
-from modpush.envs.single_scene import SingleSceneEnv, check_arguments
+from modpush.envs.specs import ACTION_SIZE
 
-__all__ = ["OBSERVATION_KEYS", "PushGymEnv"]
+__all__ = ["OBSERVATION_KEYS", "PushGymEnv", "SingleSceneEnv", "check_arguments"]
 
 OBSERVATION_KEYS = (
     "object_pose",
@@ -24,6 +30,123 @@ OBSERVATION_KEYS = (
     "tool_obstacle_contact",
 )
 """Keys of `PushEnv` that make up the observation, of 3 + 2 + 3 + 6 + 1 + 1 + 1 numbers."""
+_INFO_KEYS = (
+    "success",
+    "out_of_bounds",
+    "object_contact",
+    "obstacle_contact",
+    "tool_obstacle_contact",
+)
+
+
+class SingleSceneEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], ABC):
+    """Implement `_observation(state) -> [n] float32`; the rest follows from a TorchRL environment.
+
+    Args:
+        env: A `PushEnv` of one scene, or one with transforms on top.
+        observation_space: Space of the observation.
+        render_mode: None, or `"rgb_array"` for a drawn top view, which needs no renderer.
+
+    Raises:
+        ValueError: If the render mode is unknown.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 15}  # noqa: RUF012 (Gymnasium's form)
+
+    def __init__(
+        self, env: EnvBase, observation_space: spaces.Box, render_mode: str | None
+    ) -> None:
+        self.env, self.render_mode = env, render_mode
+        self.observation_space = observation_space  # type: ignore[assignment]  # a Box of float32
+        self.action_space = spaces.Box(-1.0, 1.0, (ACTION_SIZE,), dtype=np.float32)
+        self._state: TensorDictBase | None = None
+
+    @abstractmethod
+    def _observation(self, state: TensorDictBase) -> NDArray[np.float32]:
+        """The observation, `[n]`, of what the environment emits, batch size `[1]`."""
+
+    @property
+    def simulator(self) -> PushEnv:
+        """The `PushEnv` without the transforms."""
+        return self.env if isinstance(self.env, PushEnv) else self.env.base_env
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Start an episode.
+
+        Args:
+            seed: Restarts the random numbers that episodes are drawn with.
+            options: May have `scenario`, a `Scenario` to start from instead of drawing it.
+
+        Raises:
+            ValueError: For unknown options.
+        """
+        who = f"{type(self).__name__}.reset"
+        check_value(who, "seed", seed, Seed | None)
+        check_value(who, "options", options, dict[str, Any] | None)
+        super().reset(seed=None if seed is None else int(seed))
+        options = options or {}
+        if unknown := sorted(set(options) - {"scenario"}):
+            raise ValueError(f"{who}: unknown options {unknown}, expected ['scenario'] or none.")
+        scenario = options.get("scenario")
+        state = self.env.reset(seed=seed, scenarios=None if scenario is None else [scenario])
+        self._state = state
+        return self._observation(state), _info(state)
+
+    @torch.no_grad()
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Take one control step, as `gymnasium.Env.step` does."""
+        who = type(self).__name__
+        row = torch.as_tensor(np.asarray(action, dtype=np.float32))
+        if row.shape != (ACTION_SIZE,):
+            raise ValueError(f"{who}.step: action must be [{ACTION_SIZE}], got {tuple(row.shape)}.")
+        if self._state is None:
+            raise RuntimeError(f"{who}.step: call reset first.")
+        stepped = self.env.step(self._state.set("action", row[None]))
+        after = stepped["next"]
+        self._state = step_mdp(stepped)
+        return (
+            self._observation(after),
+            float(after["reward"]),
+            bool(after["terminated"]),
+            bool(after["truncated"]),
+            _info(after),
+        )
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The drawn top view, `[H, W, 3]` uint8, or None without a render mode or an episode."""
+        if self.render_mode is None or self._state is None:
+            return None
+        return self.simulator.render()
+
+    def close(self) -> None:
+        """Free the simulator."""
+        self.env.close(raise_if_closed=False)
+
+
+def check_arguments(
+    who: str, env_id: str, render_mode: str | None, options: dict[str, Any]
+) -> None:
+    """Refuse a render mode that is not there, and a batch of scenes.
+
+    Raises:
+        ValueError: With what to do instead.
+    """
+    if render_mode not in (None, "rgb_array"):
+        raise ValueError(f"{who}: render_mode must be None or 'rgb_array', got {render_mode!r}.")
+    if "num_envs" in options:
+        raise ValueError(
+            f"{who}: it has one scene, got num_envs={options['num_envs']}; for several use "
+            f"gymnasium.make_vec({env_id!r}, num_envs=...) or modpush.envs.PushEnv."
+        )
+
+
+def _info(state: TensorDictBase) -> dict[str, Any]:
+    """Success, contacts and end of the episode as Python's bools; `is_success` as SB3 names it."""
+    return {key: bool(state[key]) for key in _INFO_KEYS} | {"is_success": bool(state["success"])}
 
 
 class PushGymEnv(SingleSceneEnv):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tensordict import TensorDictBase
 
 from modpush._validation import from_plain
-from modpush.envs.single_scene import SingleSceneEnv, check_arguments
+from modpush.envs.gym_env import SingleSceneEnv, check_arguments
 from modpush.mdp.push_observation import PushObservation
 from modpush.recipes.config import END_TO_END, PushEnvConfig
 from modpush.recipes.make_env import make_push_env

@@ -27,8 +27,7 @@ __all__ = [
     "entropy_settings",
     "mlp_actor",
     "mlp_critic",
-    "sac_loss",
-    "td3_loss",
+    "scalar_loss",
     "tqc_loss",
 ]
 
@@ -110,57 +109,33 @@ def tqc_loss(
             actor, critics, encoder=specs.encoder, image_key=specs.image_key, **settings
         )
     )
-    loss.set_keys(action=specs.action_key)
-    loss.make_value_estimator(gamma=config.gamma)
-    return loss
-
-
-def sac_loss(
-    config: TQCConfig,
-    actor: ProbabilisticActor,
-    critics: list[TensorDictModule],
-    specs: LearnerSpecs,
-) -> SACLoss:
-    """TorchRL's `SACLoss`: critics of one value each, of which targets take the least.
-
-    Raises:
-        ValueError: If an image encoder is to be trained, which only the loss "tqc" does.
-    Source: Haarnoja et al. (2018), arXiv 1812.05905.
-    """
-    loss = SACLoss(
-        actor,
-        critics,
-        num_qvalue_nets=len(critics),
-        loss_function="l2",
-        skip_done_states=config.skip_done_states,
-        **entropy_settings(config, specs),
-    )
     return _complete(loss, config, specs)
 
 
-def td3_loss(
+def scalar_loss(
     config: TQCConfig,
     actor: ProbabilisticActor,
     critics: list[TensorDictModule],
     specs: LearnerSpecs,
-) -> TD3Loss:
-    """TorchRL's `TD3Loss`, with its noise on the target's actions and a target actor.
+) -> LossModule:
+    """TorchRL's `TD3Loss` if the config's loss is "td3", else `SACLoss`: critics of one value each.
 
-    The actor learns in every update, where the publication has it learn in every second one.
+    With TD3 the actor learns in every update, where the publication has it learn in every second one.
 
     Raises:
         ValueError: If an image encoder is to be trained, which only the loss "tqc" does.
-    Source: Fujimoto et al. (2018), arXiv 1802.09477.
+    Source: Haarnoja et al. (2018), arXiv 1812.05905; Fujimoto et al. (2018), arXiv 1802.09477.
     """
-    loss = TD3Loss(
-        actor,
-        critics,
-        num_qvalue_nets=len(critics),
-        loss_function="l2",
-        action_spec=specs.action,
-        delay_actor=True,
-        delay_qvalue=True,
-    )
+    if specs.encoder is not None:
+        raise ValueError(
+            f"make_tqc: loss must be 'tqc' to train an image encoder, got {config.loss!r}."
+        )
+    kind: Any = SACLoss
+    settings = {"skip_done_states": config.skip_done_states, **entropy_settings(config, specs)}
+    if config.loss == "td3":
+        kind = TD3Loss
+        settings = {"action_spec": specs.action, "delay_actor": True, "delay_qvalue": True}
+    loss = kind(actor, critics, num_qvalue_nets=len(critics), loss_function="l2", **settings)
     return _complete(loss, config, specs)
 
 
@@ -178,11 +153,6 @@ def entropy_settings(config: TQCConfig, specs: LearnerSpecs) -> dict[str, Any]:
 
 
 def _complete(loss: Any, config: TQCConfig, specs: LearnerSpecs) -> Any:
-    if specs.encoder is not None:
-        raise ValueError(
-            f"make_tqc: loss must be 'tqc' to train an image encoder, got {config.loss!r}."
-        )
-    assert isinstance(loss, LossModule)
     loss.set_keys(action=specs.action_key)
     loss.make_value_estimator(gamma=config.gamma)
     return loss
@@ -195,5 +165,5 @@ ACTORS: Mapping[str, ActorFactory] = {
 """Actor networks by name."""
 CRITICS: Mapping[str, CriticFactory] = {"mlp": mlp_critic}
 """Critic networks by name."""
-LOSSES: Mapping[str, LossFactory] = {"tqc": tqc_loss, "sac": sac_loss, "td3": td3_loss}
+LOSSES: Mapping[str, LossFactory] = {"tqc": tqc_loss, "sac": scalar_loss, "td3": scalar_loss}
 """Losses by name."""

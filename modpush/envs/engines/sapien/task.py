@@ -13,7 +13,7 @@ import sapien
 import torch
 from mani_skill.envs.sapien_env import BaseEnv
 from mani_skill.sensors.camera import CameraConfig
-from mani_skill.utils.registration import register
+from mani_skill.utils.registration import TimeLimitWrapper, register
 from mani_skill.utils.structs import Pose
 from mani_skill.utils.structs.types import SimConfig
 from torch import Tensor
@@ -47,7 +47,7 @@ from modpush.envs.seeding import make_generators
 from modpush.envs.simulation_config import set_fields
 from modpush.geometry.workspace import BOUNDS_MARGIN
 
-__all__ = ["ClutterPushEnv"]
+__all__ = ["ClutterPushEnv", "EpisodeEnd"]
 
 
 class ClutterPushEnv(BaseEnv):
@@ -377,6 +377,15 @@ class ClutterPushEnv(BaseEnv):
         super().set_state_dict(state, env_idx)
         if "controller" in state:
             self.agent.controller.set_state(state["controller"])
+
+
+class EpisodeEnd(TimeLimitWrapper):
+    """ManiSkill's time limit, and truncation when the object leaves the workspace."""
+
+    def step(self, action: Any) -> Any:
+        """As `gymnasium.Env.step`, batched."""
+        observation, reward, terminated, truncated, info = super().step(action)
+        return observation, reward, terminated, truncated | info["out_of_bounds"], info
 
 
 register("ClutterPush-v1", ClutterPushEnv, max_episode_steps=200)
