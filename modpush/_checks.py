@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 __all__ = [
+    "NO_NUMBERS",
     "check_callable",
     "check_depth_unit",
     "check_dtype",
@@ -22,7 +23,7 @@ __all__ = [
     "check_texts",
 ]
 
-_NO_NUMBERS = {torch.bool, torch.complex32, torch.complex64, torch.complex128}
+NO_NUMBERS = {torch.bool, torch.complex32, torch.complex64, torch.complex128}
 
 _STRIDE = 8  # of the pixels that are looked at first
 _TOLERANCE = 1.1  # of the camera's height over the table
@@ -76,7 +77,7 @@ def check_real(who: str, name: str, value: Any, *last: int) -> None:
     """
     if not isinstance(value, Tensor):
         raise TypeError(f"{who}: {name} must be a tensor, got {type(value).__name__}.")
-    if value.dtype in _NO_NUMBERS:
+    if value.dtype in NO_NUMBERS:
         raise TypeError(f"{who}: {name} must be a tensor of real numbers, got {value.dtype}.")
     if last and value.shape[-len(last) :] != last:
         dims = ", ".join(map(str, last))

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
-from modpush._checks import check_real
+from modpush._checks import NO_NUMBERS, check_real
 
 __all__ = ["check_spec_has", "read_key", "stored_next"]
 
@@ -30,8 +30,8 @@ def read_key(who: str, tensordict: TensorDictBase, key: NestedKey, *last: int) -
             f"{who}: key {key!r} is missing; there are "
             f"{sorted(map(str, tensordict.keys(True, True)))}."
         )
-    if last:
-        check_real(who, repr(key), value, *last)
+    if last and (value.shape[-len(last) :] != last or value.dtype in NO_NUMBERS):
+        check_real(who, repr(key), value, *last)  # raises
     return value
 
 

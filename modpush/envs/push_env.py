@@ -135,7 +135,8 @@ class PushEnv(EnvBase):
         self._scenario, self._simulation = set_fields(
             "PushEnv", fields, scenario or ScenarioConfig(), simulation or SimulationConfig()
         )
-        self.pushed_objects = {item.name: item for item in self.scenario.objects}
+        self._bounds = self._scenario.bounds()
+        self.pushed_objects = {item.name: item for item in self._scenario.objects}
         """The objects that may be pushed, by name."""
         self._batch = self._build_batch(pictures)
         self.is_closed = False  # TorchRL says True, and would not close it then
@@ -290,7 +291,7 @@ class PushEnv(EnvBase):
     @property
     def bounds(self) -> Rectangle:
         """Lower and upper corner of where the object may be without being out of bounds [m]."""
-        return self.scenario.bounds()
+        return self._bounds
 
     def cast(self, index: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Depth [m] and label at pixels `[..., 2]` (u, v) of one scene's image, without drawing it."""

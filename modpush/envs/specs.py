@@ -28,42 +28,34 @@ def make_specs(
         dynamic_obstacles: Whether there is `obstacle_displacement`.
     """
     shape: dict[str, Any] = {"shape": (num_envs,), "device": device}
-
-    def real(size: int) -> Unbounded:
-        return Unbounded((num_envs, size), device=device, dtype=torch.float32)
-
-    def flag() -> Binary:
-        return Binary(1, (num_envs, 1), device=device, dtype=torch.bool)
-
-    def bounded(low: float, high: float, *sizes: int) -> Bounded:
-        return Bounded(low, high, (num_envs, *sizes), device=device, dtype=torch.float32)
-
-    observation: dict[str, Any] = {
-        "object_pose": real(3),
-        "goal_position": real(2),
-        "ee_pose": real(3),
-        "joint_position": real(6),
-        "object_radius": real(1),
-        "object_inscribed_radius": real(1),
-        "object_symmetry": real(1),
-        "object_support": real(SUPPORT_DIRECTIONS),
-        **{key: flag() for key in CONTACT_KEYS},
-        "target_reachable": flag(),
-        "success": flag(),
-        "out_of_bounds": flag(),
+    single: Any = {"device": device, "dtype": torch.float32}
+    flag = Binary(1, (num_envs, 1), device=device, dtype=torch.bool)
+    numbers = {
+        "object_pose": 3,
+        "goal_position": 2,
+        "ee_pose": 3,
+        "joint_position": 6,
+        "object_radius": 1,
+        "object_inscribed_radius": 1,
+        "object_symmetry": 1,
+        "object_support": SUPPORT_DIRECTIONS,
+        **({"obstacle_displacement": MAX_OBSTACLES} if dynamic_obstacles else {}),
     }
-    if dynamic_obstacles:
-        observation["obstacle_displacement"] = real(MAX_OBSTACLES)
+    flags = (*CONTACT_KEYS, "target_reachable", "success", "out_of_bounds")
+    observation: dict[str, Any] = {
+        **{key: Unbounded((num_envs, size), **single) for key, size in numbers.items()},
+        **{key: flag.clone() for key in flags},
+    }
     if images:
         size = (1, CAMERA.height, CAMERA.width)
-        observation["depth"] = bounded(0.0, CAMERA.z, *size)
+        observation["depth"] = Bounded(0.0, CAMERA.z, (num_envs, *size), **single)
         observation["segmentation"] = UnboundedDiscrete(
             (num_envs, *size), device=device, dtype=torch.uint8
         )
-    done = {key: flag() for key in ("done", "terminated", "truncated")}
+    done = {key: flag.clone() for key in ("done", "terminated", "truncated")}
     return {
         "observation_spec": Composite(observation, **shape),
-        "action_spec": bounded(-1.0, 1.0, ACTION_SIZE),
-        "reward_spec": bounded(0.0, 1.0, 1),
+        "action_spec": Bounded(-1.0, 1.0, (num_envs, ACTION_SIZE), **single),
+        "reward_spec": Bounded(0.0, 1.0, (num_envs, 1), **single),
         "done_spec": Composite(done, **shape),
     }

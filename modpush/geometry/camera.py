@@ -1,6 +1,7 @@
 """The bird's-eye pinhole camera: conversion of pixels to metres and back."""
 
 import math
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -46,22 +47,22 @@ class Camera:
     field_of_view: HalfTurn = math.radians(45.0)
     """Vertical opening angle [rad]."""
 
-    @property
+    @cached_property
     def position(self) -> tuple[float, float, float]:
         """The pinhole (x, y, z) in the robot's base frame [m]."""
         return self.x, self.y, self.z
 
-    @property
+    @cached_property
     def focal_length(self) -> float:
         """Focal length [px]."""
         return 0.5 * self.height / math.tan(0.5 * self.field_of_view)
 
-    @property
+    @cached_property
     def cell_size(self) -> float:
         """Side of a pixel projected on the table [m]."""
         return self.z / self.focal_length
 
-    @property
+    @cached_property
     def principal_point(self) -> tuple[float, float]:
         """Intersection of the optical axis with the image, (u, v) [px]."""
         return 0.5 * (self.width - 1), 0.5 * (self.height - 1)

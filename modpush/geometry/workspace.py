@@ -33,10 +33,8 @@ class Rectangle(_Corners):
     __slots__ = ()
 
     def __new__(cls, low: tuple[float, float], high: tuple[float, float]) -> "Rectangle":
-        low, high = (
-            check_value("Rectangle", name, corner, Point)
-            for name, corner in (("low", low), ("high", high))
-        )
+        low = check_value("Rectangle", "low", low, Point)
+        high = check_value("Rectangle", "high", high, Point)
         if not (low[0] < high[0] and low[1] < high[1]):
             raise ValueError(f"Rectangle: low must be < high, got {low} and {high}.")
         return super().__new__(cls, low, high)

@@ -48,7 +48,8 @@ def resolve_entries(
     items = list(entries.items()) if isinstance(entries, Mapping) else list(entries)
     found: dict[str, Entry] = {}
     for item in [*items, *add]:
-        name, entry = _find_entry(item)
+        ready = isinstance(item, tuple) and isinstance(item[1], Entry)
+        name, entry = item if ready else _find_entry(item)
         if name in found:
             raise ValueError(
                 f"PushObservation: entries must have different names, got {name!r} twice."

@@ -6,7 +6,6 @@ from typing import Any, Literal
 
 import torch
 from tensordict import NestedKey, TensorDictBase
-from torch import Tensor
 from torchrl.data import TensorSpec
 
 from modpush._arguments import checked_arguments
@@ -156,7 +155,10 @@ class PushReward(DescribedTransform):
         total = torch.zeros_like(start[..., :1], dtype=torch.float32)
         for name, term in self.terms.items():
             value = term(outcome).float() * (self._weights[name] * config.scale)
-            _check_shape(name, value, total)
+            if value.shape != total.shape:
+                raise ValueError(
+                    f"PushReward: term {name!r} must be {list(total.shape)}, got {list(value.shape)}."
+                )
             next_tensordict.set(self._term_keys[name], value)
             total = total + value
         next_tensordict.set(self.start_key, start)
@@ -215,10 +217,3 @@ def _find_terms(
 
 def _inside(group: NestedKey, name: str) -> NestedKey:
     return (group, name) if isinstance(group, str) else (*group, name)
-
-
-def _check_shape(name: str, value: Tensor, expected: Tensor) -> None:
-    if value.shape != expected.shape:
-        raise ValueError(
-            f"PushReward: term {name!r} must be {list(expected.shape)}, got {list(value.shape)}."
-        )

@@ -74,19 +74,21 @@ class StepOutcome:
         return read_key("PushReward", self._after, key)
 
     def _read(self, name: str) -> Tensor:
-        return self[self._keys[name]]
+        return read_key("PushReward", self._after, self._keys[name])
 
     def _read_flag(self, name: str) -> Tensor:
-        flag = self._read(name)
-        check_dtype("PushReward", repr(self._keys[name]), flag, torch.bool)
+        key = self._keys[name]
+        flag = read_key("PushReward", self._after, key)
+        if flag.dtype != torch.bool:
+            check_dtype("PushReward", repr(key), flag, torch.bool)  # raises
         return flag
 
     @property
     def action(self) -> Tensor:
         """The agent's action, `[..., 3]` in [-1, 1]."""
-        return self._read("action")
+        return self.before[self._keys["action"]]
 
-    @property
+    @cached_property
     def object_pose(self) -> Tensor:
         """The object's pose (x, y, yaw) after the step, base frame, `[..., 3]` [m, rad]."""
         return self._read("object_pose")
@@ -96,7 +98,7 @@ class StepOutcome:
         """The object's pose before the step, `[..., 3]` [m, rad]."""
         return self.before[self._keys["object_pose"]]
 
-    @property
+    @cached_property
     def path_length(self) -> Tensor:
         """Length of the planned path to the goal after the step, `[..., 1]` [m]."""
         return self._read("path_length")
@@ -130,12 +132,12 @@ class StepOutcome:
         """
         return self.fractions[..., 1:]
 
-    @property
+    @cached_property
     def success(self) -> Tensor:
         """Whether the object is at the goal, `[..., 1]` bool."""
         return self._read_flag("success")
 
-    @property
+    @cached_property
     def object_contact(self) -> Tensor:
         """Whether the tool touches the object, `[..., 1]` bool."""
         return self._read_flag("object_contact")

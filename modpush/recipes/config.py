@@ -179,6 +179,8 @@ class PushEnvConfig:
 
     def filled_scenario(self) -> ScenarioConfig:
         """`scenario` with the circle that `path_inflation` says."""
+        if self.scenario.path_inflation is not None:
+            return self.scenario
         return replace(self.scenario, path_inflation=self.path_inflation)
 
     def with_fields(self, **changes: Any) -> "PushEnvConfig":
@@ -187,7 +189,7 @@ class PushEnvConfig:
         Raises:
             TypeError: If there is no such field; the message lists those that there are.
         """
-        return replace(self, **changes)
+        return replace(self, **changes) if changes else self
 
     @classmethod
     def preset(cls, name: Literal["paper", "authors", "cpu"], **overrides: Any) -> "PushEnvConfig":

@@ -33,10 +33,12 @@ class AnalyticDepthCamera(DepthCamera):
         self._objects = {item.name: Solids.of(item.parts) for item in scenes.pushed_objects}
         self._background = [blank_image() for _ in range(scenes.num_envs)]
         self._fixed: list[list[Placed]] = [[] for _ in range(scenes.num_envs)]
-        shapes = {link.name: link.shapes for link in LINKS} | {"tool": scenes.tool.shapes}
-        self._link_names = tuple(shapes)
-        self._robot = Solids.of(part for parts in shapes.values() for part in parts)
-        self._link_of_part = np.repeat(np.arange(len(shapes)), [len(p) for p in shapes.values()])
+        if arm_in_depth:
+            shapes = {link.name: link.shapes for link in LINKS} | {"tool": scenes.tool.shapes}
+            self._link_names = tuple(shapes)
+            self._robot = Solids.of(part for parts in shapes.values() for part in parts)
+            counts = [len(parts) for parts in shapes.values()]
+            self._link_of_part = np.repeat(np.arange(len(shapes)), counts)
 
     def reset(self, index: int) -> None:
         """Draw the table and, if they are fixed, the obstacles."""

@@ -297,6 +297,8 @@ def get_scene(scene: str | SceneFn) -> tuple[str, SceneFn]:
         ValueError: If there is no such family (the known ones are listed), or if it is not a function.
     """
     known = {**SCENES, **TIGHT_SCENES}
+    if isinstance(scene, str) and scene in known:
+        return scene, known[scene]
     found = find_part("scene", scene, known)
     if not callable(found):
         raise ValueError(

@@ -247,15 +247,15 @@ def get_object(
         ValueError: If there is no such object (the known ones are listed), or it is not a `PushedObject`.
     """
     known = OBJECTS if objects is None else {**OBJECTS, **objects}
-    seed = random_object_seed(name) if isinstance(name, str) and name not in known else None
+    if isinstance(name, str) and name in known:
+        return known[name]
+    seed = random_object_seed(name) if isinstance(name, str) else None
     if seed is not None:
         return random_object(seed)
     found = find_part("pushed_object", name, known)
     if not isinstance(found, PushedObject):
         raise ValueError(f"pushed_object: {name!r} must be a PushedObject, got {found!r}.")
-    if isinstance(name, str) and name not in known:
-        return replace(found, name=name)
-    return found
+    return replace(found, name=name) if isinstance(name, str) else found
 
 
 def get_object_of(items: Sequence[PushedObject], name: str) -> PushedObject:

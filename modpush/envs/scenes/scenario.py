@@ -32,7 +32,6 @@ from modpush.envs.scenes.layouts import SceneFn, get_scene
 from modpush.envs.scenes.objects import Circle, PushedObject, get_object
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
 from modpush.geometry.workspace import BOUNDS_MARGIN, WORKSPACE, Rectangle
-from modpush.parts import part_module
 
 __all__ = ["Dynamics", "Scenario", "ScenarioConfig"]
 
@@ -170,10 +169,9 @@ class ScenarioConfig:
 
         A config that comes from a file runs no code.
         """
-        if not any(map(part_module, self.scene)):
-            _ = self.scenes
-        if not any(map(part_module, self.pushed_object)):
-            _ = self.objects
+        for parts, look_up in ((self.scene, "scenes"), (self.pushed_object, "objects")):
+            if ":" not in "".join(map(str, parts)):
+                getattr(self, look_up)
         for name in ("difficulty", "distance", "tool_distance", "mass", "friction"):
             low, high = getattr(self, name)
             if not low <= high:
