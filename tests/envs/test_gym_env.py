@@ -7,7 +7,6 @@ from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
 from torchrl.envs import GymEnv
 from torchrl.envs.utils import check_env_specs
 
-from modpush.envs import PushGymEnv  # importing modpush.envs registers the environment
 from tests.envs.engines.sapien.test_agent import scenario
 
 
@@ -45,23 +44,6 @@ def test_a_given_scenario_and_its_end(env) -> None:
     picture = env.render()
     assert picture.dtype == np.uint8
     assert picture.std() > 10
-
-
-def test_wrong_actions_and_modes_are_refused(env) -> None:
-    env.reset(seed=0)
-    with pytest.raises(ValueError, match=r"action must be \[3\], got \(2,\)"):
-        env.unwrapped.step(np.zeros(2, np.float32))
-    with pytest.raises(ValueError, match="render_mode must be None or 'rgb_array', got 'human'"):
-        PushGymEnv(render_mode="human")
-
-
-def test_several_scenes_and_unknown_options_are_refused(env) -> None:
-    with pytest.raises(ValueError, match=r"one scene, got num_envs=4; for several use .*make_vec"):
-        gym.make("ClutterPushState-v1", num_envs=4)
-    with pytest.raises(
-        ValueError, match=r"unknown options \['scenarios'\], expected \['scenario'\]"
-    ):
-        env.reset(options={"scenarios": []})
 
 
 def test_torchrls_gym_env() -> None:

@@ -108,20 +108,6 @@ def test_a_damaged_state_is_refused_before_anything_moves(pushed, path, value, m
     assert env.get_state().to_dict() == before
 
 
-def test_what_is_no_state_is_refused(pushed) -> None:
-    env, state = pushed
-    with pytest.raises(TypeError, match="state must be a PushState, got dict"):
-        env.set_state(state.to_dict())
-    with pytest.raises(ValueError, match="PushState: the state must hold"):
-        PushState.from_dict({"scenes": []})
-    with pytest.raises(
-        ValueError, match=r"indices must be different and in \[0, 1\], got \[0, 0\]"
-    ):
-        env.set_state(state, [0, 0])
-    with pytest.raises(ValueError, match=r"indices must be different .*, got \[5\]"):
-        env.get_state([5])
-
-
 def test_reset_takes_a_state_through_transforms(pushed) -> None:
     base, state = pushed
     env = TransformedEnv(base, Compose(StepCounter(), RewardSum()))

@@ -10,13 +10,8 @@ import onnxruntime
 import pytest
 import torch
 from tensordict import TensorDict
-from tensordict.nn import NormalParamExtractor, TensorDictModule
-from torch import nn
-from torchrl.data import Bounded
-from torchrl.modules import ProbabilisticActor, TanhNormal
 
 from modpush.export import export_agent
-from modpush.export.graphs import ObservationPolicy
 from modpush.mdp import ActionFrame
 from modpush.recipes import load_agent, make_push_env
 from tests.examples import load_example
@@ -95,13 +90,6 @@ def test_the_card_says_what_goes_in_and_comes_out(
     assert card["window"]["size"] == recorded["window"].shape[-1]
 
 
-def test_the_first_axis_of_every_input_and_output_is_called_batch(folder: Path) -> None:
-    for name in ("policy", "window_policy"):
-        session = onnxruntime.InferenceSession(folder / f"{name}.onnx")
-        for value in (*session.get_inputs(), *session.get_outputs()):
-            assert value.shape[0] == "batch", (name, value.name, value.shape)
-
-
 def test_a_robot_without_torch_in_its_policy_pushes(folder: Path) -> None:
     assert load_example("deploy").main(folder, scene="free", num_envs=2) == 1.0
 
@@ -140,44 +128,6 @@ def test_what_cannot_be_exported_is_refused(agent, tmp_path: Path) -> None:
         ValueError, match="policy must be of type ProbabilisticActor, got TensorDictModule"
     ):
         export_agent(blind, tmp_path)
-
-
-class Named(nn.Module):
-    """Gives location and scale of a thing that it is given by name, or by another method."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.layers = nn.Sequential(nn.Linear(4, 6), NormalParamExtractor())
-
-    def forward(self, doubled=None, observation=None):
-        return self.layers(observation if doubled is None else 2 * doubled)
-
-    def act(self, observation):
-        return self.layers(observation)
-
-
-@pytest.mark.parametrize(
-    ("network", "head", "message"),
-    [
-        ({"in_keys": {"observation": "observation"}}, {}, "called without names or a method"),
-        ({"method": "act"}, {}, "called without names or a method"),
-        ({"out_keys": ["scale", "loc"]}, {}, "and a distribution of what it gives"),
-        ({}, {"low": -2.0, "high": 2.0}, "between -1 and 1"),
-        ({}, {"tanh_loc": True}, "have no other options"),
-    ],
-    ids=str,
-)
-def test_policies_that_act_in_another_way_are_refused(network, head, message) -> None:
-    options = {"in_keys": ["observation"], "out_keys": ["loc", "scale"], **network}
-    policy = ProbabilisticActor(
-        TensorDictModule(Named(), **options),
-        in_keys=["loc", "scale"],
-        spec=Bounded(-1, 1, (3,)),
-        distribution_class=TanhNormal,
-        distribution_kwargs=head,
-    )
-    with pytest.raises(ValueError, match=message):
-        ObservationPolicy(policy)
 
 
 def test_a_mirrored_observation_is_for_training_alone(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import pytest
-import safetensors.torch
 import torch
 from tensordict.nn import TensorDictModule
 from torchrl.data import Bounded
@@ -14,14 +13,12 @@ from modpush.encoders import DepthVAE, RayScan
 from modpush.files import read_tensors, write_tensors
 from modpush.mdp import PATH_AHEAD_ENTRIES, PushObservation, RewardConfig, StuckRecovery
 from modpush.recipes import (
-    Agent,
     PushEnvConfig,
     environment_fingerprint,
     load_agent,
     make_push_env,
     save_agent,
 )
-from modpush.recipes.agent_file import _describe
 from modpush.recipes.fingerprint import fingerprint_differences
 from tests.own_parts import MeanHeight, one_post
 
@@ -186,33 +183,6 @@ def test_parts_given_as_objects_are_remembered_as_far_as_they_can_be(tmp_path):
     env.close()
 
 
-def test_what_is_missing_is_named_as_load_agent_takes_it(tmp_path):
-    agent = Agent(
-        actor=make_actor(55, Bounded(-1.0, 1.0, (3,)), (16, 8)),
-        config=RAYS,
-        metadata={},
-        missing={"make_env": "a lambda", "planner": "an object"},
-    )
-    with pytest.raises(ValueError, match=r"as parts=\{'planner': \.\.\.\} and make_env=\.\.\.\."):
-        agent.make_env()
-    with pytest.raises(ValueError, match=r"load_agent as make_env=\.\.\.\."):
-        replace(agent, missing={"make_env": "a lambda"}).make_env()
-
-
-def test_a_truncated_agent_is_refused(saved):
-    path, _ = saved
-    path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(ValueError, match=r"agent.safetensors is cut short or damaged"):
-        load_agent(path)
-
-
-def test_a_file_of_something_else_or_an_earlier_format_is_refused(tmp_path):
-    path = tmp_path / "other.safetensors"
-    safetensors.torch.save_file({"x": torch.zeros(1)}, path)
-    with pytest.raises(ValueError, match=r"carries no checksum.*of an earlier version"):
-        load_agent(path)
-
-
 def test_weights_of_another_network_are_refused(saved):
     path, _ = saved
     tensors, about = read_tensors(path, "modpush.Agent", 4)
@@ -220,31 +190,6 @@ def test_weights_of_another_network_are_refused(saved):
     write_tensors(path, tensors, "modpush.Agent", 4, about)
     with pytest.raises(ValueError, match="weights of another architecture"):
         load_agent(path)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda weight: weight.fill_(torch.nan), "must be finite, .* values are NaN or infinite"),
-        (lambda weight: weight / 0.0, "must be finite"),
-        (lambda weight: weight.double(), "must be torch.float32, got torch.float64"),
-        (lambda weight: weight.int(), "must be torch.float32, got torch.int32"),
-    ],
-)
-def test_weights_that_are_not_finite_or_of_another_dtype_are_refused(saved, change, message):
-    path, _ = saved
-    tensors, about = read_tensors(path, "modpush.Agent", 4)
-    name = next(iter(tensors))
-    write_tensors(path, {**tensors, name: change(tensors[name])}, "modpush.Agent", 4, about)
-    with pytest.raises(ValueError, match=message):
-        load_agent(path)
-
-
-def test_an_unknown_agent_is_answered_with_those_there_are():
-    with pytest.raises(
-        ValueError, match=r"no agent 'duck', expected one of .*a training run's folder"
-    ):
-        load_agent("duck")
 
 
 def test_the_images_key_is_kept(tmp_path, fingerprint):
@@ -289,11 +234,3 @@ def test_an_agent_whose_encoder_is_a_file_loads_anywhere(tmp_path, monkeypatch):
     with pytest.raises(ValueError, match=r"'mine.safetensors', which is not in .*there.*parts="):
         agent.make_env()
     load_agent("../here/agent.safetensors", parts={"encoder": encoder}).make_env().close()
-
-
-def test_a_function_that_cannot_be_found_again_is_named():
-    def mine(config):
-        return make_push_env(config)
-
-    where = "test_a_function_that_cannot_be_found_again_is_named.<locals>.mine"
-    assert _describe(mine) == {"was": f"{__name__}:{where}"}

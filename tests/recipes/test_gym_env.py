@@ -91,13 +91,6 @@ def test_options_are_obeyed_or_refused() -> None:
         PaperGymEnv(render_mode="human")
 
 
-def test_step_before_reset_is_refused() -> None:
-    env = PaperGymEnv(encoder="none")
-    with pytest.raises(RuntimeError, match=r"PaperGymEnv\.step: call reset first"):
-        env.step(np.zeros(3, np.float32))
-    env.close()
-
-
 def test_several_scenes_at_once() -> None:
     envs = gym.make_vec("modpush/Push-v0", num_envs=2, encoder="rays", max_episode_steps=3)
     observation, _ = envs.reset(seed=0)
@@ -114,14 +107,6 @@ def test_torchrls_gym_env() -> None:
     check_env_specs(env)
     assert env.rollout(3)["next", "observation"].shape == (3, 55)
     env.close()
-
-
-def test_the_picture_is_the_drawn_top_view(env) -> None:
-    assert env.unwrapped.render() is None  # no episode yet
-    env.reset(seed=0)
-    picture = env.render()
-    assert picture.dtype == np.uint8
-    assert picture.std() > 10
 
 
 def test_gymnasium_records_a_video(env, tmp_path) -> None:

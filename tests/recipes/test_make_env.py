@@ -44,12 +44,6 @@ def test_specs_hold(env):
     check_env_specs(env, break_when_any_done="both")
 
 
-def test_the_papers_observation_has_49_values():
-    env = make_push_env(PushEnvConfig.preset("paper", num_envs=1, encoder="rays"))
-    assert env.observation_spec["observation"].shape == (1, 49)
-    env.close()
-
-
 def test_images_stay_behind_unless_they_are_asked_for(env):
     images = {"depth", "segmentation", "occupancy", "window"}
     assert not images & set(env.reset().keys())
@@ -149,12 +143,6 @@ def test_text_stands_for_parts_as_in_the_config():
     other.close()
 
 
-def test_entries_can_be_left_out_for_an_ablation():
-    env = make_push_env(replace(RAYS, leave_out=("edges", "contact")), seed=0)
-    assert env.observation_spec["observation"].shape == (2, 55 - 4 - 1)
-    env.close()
-
-
 def test_an_action_penalty_is_a_reward_term():
     weights = {"goal": 1.0, "tests.own_parts:small_actions": 0.5}
     env = make_push_env(replace(RAYS, reward=RewardConfig(weights=weights, scale=1.0)), seed=0)
@@ -227,11 +215,6 @@ def test_every_episode_that_is_drawn_has_a_path():
         choices.append(td["map_choice"])
     assert 0 < torch.stack(choices).float().mean() < 0.2
     env.close()
-
-
-def test_an_unknown_argument_is_refused_with_all_there_are():
-    with pytest.raises(TypeError, match=r"unexpected keyword argument 'keep_image'; .*'oob'"):
-        make_push_env(RAYS, keep_image=True)
 
 
 def test_the_inflation_that_is_given_also_decides_which_episodes_are_drawn():

@@ -4,7 +4,6 @@ import itertools
 from pathlib import Path
 
 import pytest
-import torch
 
 from modpush.envs import EpisodeConditions
 from modpush.evaluation.results import describe_policy
@@ -28,15 +27,6 @@ def test_every_method_is_known_by_its_name_and_settings() -> None:
     assert found[2].make_policy().config.rules == "faithful"
     with pytest.raises(ValueError, match=r"no 'nobody', expected agent, .*training run's folder"):
         get_method("nobody")
-
-
-def test_agent_is_the_shipped_one_for_all_objects() -> None:
-    method = get_method("agent")
-    assert method.name == "agent"
-    own = get_method("any_object")
-    assert method.make_env.keywords == own.make_env.keywords
-    weights, expected = (m.make_policy().state_dict() for m in (method, own))
-    assert all(torch.equal(weights[key], expected[key]) for key in expected)
 
 
 @pytest.mark.parametrize(

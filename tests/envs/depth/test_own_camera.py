@@ -78,16 +78,3 @@ def test_a_camera_finds_object_obstacles_and_arm_through_its_view(arm):
         assert (position - td["object_pose"][0, :2]).norm() < CAMERA.cell_size
         assert (labels == Label.ROBOT).sum() == arm
         td = env.rand_step(td)["next"]
-
-
-@pytest.mark.parametrize(
-    ("depth", "message"),
-    [
-        ("lidar", r"PushEnv: depth: there is no 'lidar', expected one of \['analytic', 'sapien'\]"),
-        (3, r"depth must be text or a function, got 3"),
-        (lambda scenes, arm: None, "depth must make a DepthCamera, got None"),
-    ],
-)
-def test_what_makes_no_camera_is_refused(depth, message):
-    with pytest.raises(ValueError, match=message):
-        PushEnv(1, depth=depth)

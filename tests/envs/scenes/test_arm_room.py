@@ -15,7 +15,6 @@ from modpush.envs.scenes.arm_room import MAX_HEIGHT, arm_reach, obstacle_in_arm,
 from modpush.envs.scenes.layouts import SCENES, TIGHT_SCENES
 from modpush.envs.scenes.objects import OBJECTS, get_object
 from modpush.envs.scenes.obstacle import Obstacle
-from modpush.envs.scenes.rectangles import rectangles, rectangles_touch
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 
@@ -106,17 +105,6 @@ def test_an_arm_can_pass_over_no_obstacle_taller_than_the_tallest() -> None:
     assert "heights up to 0.15 m" in str(obstacle_in_arm([tall]))
     with pytest.raises(ValueError, match=r"leaves the arm no room in 100 layouts: .* to 0.15 m"):
         PushEnv(1, depth=None, scene=lambda rng, difficulty: [tall])
-
-
-def test_two_rectangles_touch_where_their_outlines_or_areas_meet() -> None:
-    """A bar of 12.4 by 2.7 cm at 45 degrees, and a cube whose corner comes near to its side."""
-    bar = np.array([0.5, 0.0, math.pi / 4, 0.124, 0.027])
-    for distance, touches in ((0.0, True), (0.0484, True), (0.0486, False)):
-        # Along the bar's normal, the cube's half side 3.5 cm and the bar's half width 1.35 cm.
-        x, y = 0.5 + distance * math.sqrt(0.5), -distance * math.sqrt(0.5)
-        cube = rectangles([Obstacle((0.07, 0.07, 0.06), (x, y, math.pi / 4))])
-        assert rectangles_touch(bar, cube, 0.0) == touches
-        assert rectangles_touch(bar, cube, 0.001)
 
 
 def test_a_tool_s_upper_part_counts_where_an_obstacle_is_tall_enough() -> None:

@@ -16,13 +16,6 @@ def test_one_seed_one_scenario_and_it_survives_json() -> None:
     assert Scenario.from_dict(json.loads(json.dumps(first.to_dict()))) == first
 
 
-def test_a_scenario_of_other_fields_is_refused() -> None:
-    data = sample_scenario(np.random.default_rng(0), ScenarioConfig()).to_dict()
-    data["gaol"] = data.pop("goal_position")
-    with pytest.raises(ValueError, match=r"'goal_position' is missing; .* argument 'gaol'"):
-        Scenario.from_dict(data)
-
-
 @pytest.mark.parametrize(
     ("fields", "message"),
     [

@@ -74,17 +74,6 @@ def test_the_tip_stands_at_the_height_that_suits_the_object(task, name) -> None:
     assert 0.012 <= OBJECTS[name].tool_height <= 0.02
 
 
-def test_joint_control_modes_of_maniskill_work_too() -> None:
-    task = ClutterPushEnv(obs_mode="none", control_mode="pd_joint_delta_pos")
-    task.reset(options={"scenarios": [scenario((0.5, 0.0, 0.0))]})
-    before = task.agent.robot.get_qpos()[0, 0].item()
-    for _ in range(5):
-        task.step(np.array([1, 0, 0, 0, 0, 0], np.float32))
-    after = task.agent.robot.get_qpos()[0, 0].item()
-    task.close()
-    assert after - before == pytest.approx(5 * 0.05, abs=0.02)
-
-
 def test_the_rod_reaches_down_as_far_as_the_gripper() -> None:
     task = ClutterPushEnv(obs_mode="none", robot_uids="ur5_rod")
     task.reset(options={"scenarios": [scenario((0.5, 0.1, 0.0))]})
