@@ -16,10 +16,13 @@ from .observation_entries import (
     PATH_ENTRIES as PATH_ENTRIES,
     Entry as Entry,
 )
-from .observation_inputs import ObservationInputs as ObservationInputs
+from .observation_inputs import (
+    ObservationInputs as ObservationInputs,
+    ObservationKeys as ObservationKeys,
+)
 from .observation_layout import fingerprint_differences as fingerprint_differences
 from .push_observation import PushObservation as PushObservation
 from .push_reward import PushReward as PushReward, RewardConfig as RewardConfig
 from .reward_terms import REWARD_TERMS as REWARD_TERMS, RewardTerm as RewardTerm
-from .step_outcome import StepOutcome as StepOutcome
+from .step_outcome import RewardKeys as RewardKeys, StepOutcome as StepOutcome
 from .stuck_recovery import StuckRecovery as StuckRecovery, recovering as recovering

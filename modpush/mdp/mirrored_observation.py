@@ -10,6 +10,7 @@ from modpush._arguments import checked_arguments
 from modpush.geometry.frames import Frame
 from modpush.mdp.entry_list import resolve_entries
 from modpush.mdp.observation_entries import Entry, EntryLike
+from modpush.mdp.observation_inputs import ObservationKeys
 from modpush.mdp.push_observation import PushObservation
 
 __all__ = ["MirroredObservation"]
@@ -26,7 +27,7 @@ class MirroredObservation(PushObservation):
     Args:
         frame: The agent's axes, as of `PushObservation`.
         entries: Entries as of `PushObservation`; each needs a `mirrored` function.
-        latent_key: Read, `[..., d]`: the latent of the mirrored window.
+        keys: Keys that the entries read; by default the latent is read from `mirrored_latent`.
         observation_key: Written, `[..., n]` float32.
         **kwargs: Further arguments of `PushObservation`.
 
@@ -43,14 +44,14 @@ class MirroredObservation(PushObservation):
         entries: Mapping[str, EntryLike]
         | Sequence[EntryLike | tuple[str, EntryLike]]
         | None = None,
-        latent_key: NestedKey = "mirrored_latent",
+        keys: ObservationKeys | None = None,
         observation_key: NestedKey = "mirrored_observation",
         **kwargs: Any,
     ) -> None:
         super().__init__(
             frame,
             entries=_mirrored(resolve_entries(frame, entries)),
-            latent_key=latent_key,
+            keys=keys or ObservationKeys(latent="mirrored_latent"),
             observation_key=observation_key,
             **kwargs,
         )

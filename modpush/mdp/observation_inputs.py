@@ -9,10 +9,12 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
 from modpush._keys import read_key
+from modpush._types import Key
+from modpush._validation import checked
 from modpush.geometry.angles import rotate
 from modpush.geometry.frames import Frame, frame_yaw
 
-__all__ = ["ObservationInputs"]
+__all__ = ["ObservationInputs", "ObservationKeys"]
 
 
 _LAST = {
@@ -27,6 +29,40 @@ _LAST = {
     "last_action": (3,),
 }
 """Last dimensions of the quantities that have always the same."""
+
+
+@checked
+class ObservationKeys:
+    """Keys that the entries of an observation read; lengths [m], angles [rad], robot's base frame."""
+
+    object_pose: Key = "object_pose"
+    """`[..., 3]` (x, y, yaw)."""
+    goal_position: Key = "goal_position"
+    """`[..., 2]`."""
+    ee_pose: Key = "ee_pose"
+    """`[..., 3]` (x, y, yaw) of the tool's tip."""
+    joint_position: Key = "joint_position"
+    """`[..., 6]`."""
+    object_radius: Key = "object_radius"
+    """`[..., 1]`."""
+    object_symmetry: Key = "object_symmetry"
+    """`[..., 1]`: number of yaw angles at which the object looks the same, 0 for all."""
+    object_support: Key = "object_support"
+    """`[..., n]`: how far the object reaches in n directions of its own."""
+    object_contact: Key = "object_contact"
+    """`[..., 1]` bool."""
+    path_length: Key = "path_length"
+    """`[..., 1]`."""
+    subgoal: Key = "subgoal"
+    """`[..., 2]`."""
+    subgoal_past: Key = "subgoal_past"
+    """`[..., lags, 2]`."""
+    path_ahead: Key = "path_ahead"
+    """`[..., n, 2]`: points along the planned path."""
+    latent: Key = "latent"
+    """`[..., d]`."""
+    last_action: Key = "last_action"
+    """`[..., 3]`; written by `PushObservation` if an entry reads it."""
 
 
 class ObservationInputs:

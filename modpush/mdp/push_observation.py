@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from modpush.geometry.frames import Frame
 from modpush.geometry.workspace import WORKSPACE, Rectangle
 from modpush.mdp.entry_list import resolve_entries
 from modpush.mdp.observation_entries import EntryLike
-from modpush.mdp.observation_inputs import ObservationInputs
+from modpush.mdp.observation_inputs import ObservationInputs, ObservationKeys
 from modpush.mdp.observation_layout import Layout, ReadRecorder
 
 __all__ = ["PushObservation"]
@@ -46,22 +47,8 @@ class PushObservation(DescribedTransform):
             them, instead of each object's own number. An agent that was trained with one object keeps
             that object's number with others, so that `object_axis` keeps its meaning.
         raw: Write SI units instead of shifted and scaled values.
-        object_pose_key: Read, `[..., 3]` (x, y, yaw).
-        goal_position_key: Read, `[..., 2]`.
-        ee_pose_key: Read, `[..., 3]` (x, y, yaw) of the tool's tip.
-        joint_position_key: Read, `[..., 6]`.
-        object_radius_key: Read, `[..., 1]`.
-        object_symmetry_key: Read, `[..., 1]`: number of yaw angles in which the object looks the
-            same, 0 for all.
-        object_support_key: Read, `[..., n]`: how far the object reaches in n directions of its own.
-        object_contact_key: Read, `[..., 1]` bool.
-        path_length_key: Read, `[..., 1]`.
-        subgoal_key: Read, `[..., 2]`.
-        subgoal_past_key: Read, `[..., lags, 2]`.
-        path_ahead_key: Read, `[..., n, 2]`: points along the planned path.
-        latent_key: Read, `[..., d]`.
+        keys: Keys that the entries read.
         action_key: Read if an entry reads the last action, `[..., 3]`.
-        last_action_key: Written and read if an entry reads the last action, `[..., 3]` float32.
         observation_key: Written, `[..., n]` float32.
 
     Raises:
@@ -83,21 +70,8 @@ class PushObservation(DescribedTransform):
         bounds: Rectangle | None = None,
         symmetry: NonNegativeInteger | None = None,
         raw: bool = False,
-        object_pose_key: NestedKey = "object_pose",
-        goal_position_key: NestedKey = "goal_position",
-        ee_pose_key: NestedKey = "ee_pose",
-        joint_position_key: NestedKey = "joint_position",
-        object_radius_key: NestedKey = "object_radius",
-        object_symmetry_key: NestedKey = "object_symmetry",
-        object_support_key: NestedKey = "object_support",
-        object_contact_key: NestedKey = "object_contact",
-        path_length_key: NestedKey = "path_length",
-        subgoal_key: NestedKey = "subgoal",
-        subgoal_past_key: NestedKey = "subgoal_past",
-        path_ahead_key: NestedKey = "path_ahead",
-        latent_key: NestedKey = "latent",
+        keys: ObservationKeys | None = None,
         action_key: NestedKey = "action",
-        last_action_key: NestedKey = "last_action",
         observation_key: NestedKey = "observation",
     ) -> None:
         super().__init__(in_keys=[], out_keys=[observation_key])
@@ -110,23 +84,9 @@ class PushObservation(DescribedTransform):
                 f"PushObservation: bounds must be a lower and an upper corner, got {bounds}."
             )
         self.symmetry, self.raw = symmetry, raw
-        self._keys: dict[str, NestedKey] = {
-            "object_pose": object_pose_key,
-            "goal_position": goal_position_key,
-            "ee_pose": ee_pose_key,
-            "joint_position": joint_position_key,
-            "object_radius": object_radius_key,
-            "object_symmetry": object_symmetry_key,
-            "object_support": object_support_key,
-            "object_contact": object_contact_key,
-            "path_length": path_length_key,
-            "subgoal": subgoal_key,
-            "subgoal_past": subgoal_past_key,
-            "path_ahead": path_ahead_key,
-            "latent": latent_key,
-            "last_action": last_action_key,
-        }
-        self.action_key, self.last_action_key = action_key, last_action_key
+        keys = keys or ObservationKeys()
+        self._keys: dict[str, NestedKey] = asdict(keys)
+        self.action_key, self.last_action_key = action_key, keys.last_action
         self.observation_key = observation_key
         low, high = (
             torch.tensor(corner, dtype=torch.float32, device="cpu") for corner in self.bounds

@@ -14,7 +14,7 @@ from modpush._transforms import DescribedTransform, add_unbounded
 from modpush._types import Finite, Length, Name, Positive
 from modpush._validation import checked
 from modpush.mdp.reward_terms import REWARD_TERMS, RewardTerm
-from modpush.mdp.step_outcome import StepOutcome, measure_lengths
+from modpush.mdp.step_outcome import RewardKeys, StepOutcome, measure_lengths
 from modpush.parts import find_part
 
 __all__ = ["PushReward", "RewardConfig"]
@@ -71,15 +71,7 @@ class PushReward(DescribedTransform):
         config: Weights, scale and normalisation.
         terms: Your own terms by name, as functions or as `"module:name"`, in addition to those of
             `REWARD_TERMS` or in place of them; each needs a weight in the config.
-        object_pose_key: Read, `[..., 3]` (x, y, yaw) [m, rad].
-        ee_pose_key: Read, `[..., 3]` (x, y, yaw) of the tool's tip [m, rad].
-        path_length_key: Read, `[..., 1]` [m].
-        success_key: Read, `[..., 1]` bool.
-        object_contact_key: Read, `[..., 1]` bool.
-        obstacle_contact_key: Read, `[..., 1]` bool.
-        tool_obstacle_contact_key: Read, `[..., 1]` bool.
-        out_of_bounds_key: Read, `[..., 1]` bool.
-        action_key: Read at the root by terms that ask for the action, `[..., 3]`.
+        keys: Keys that the terms read.
         reward_key: Written, `[..., 1]` float32.
         terms_key: Written, a nested tensordict with each term, weighted and scaled, `[..., 1]`.
         start_key: Written at reset, handed on at each step and read back, `[..., 2]` float32: path
@@ -97,32 +89,14 @@ class PushReward(DescribedTransform):
         config: RewardConfig | None = None,
         *,
         terms: Mapping[str, RewardTerm | str] | None = None,
-        object_pose_key: NestedKey = "object_pose",
-        ee_pose_key: NestedKey = "ee_pose",
-        path_length_key: NestedKey = "path_length",
-        success_key: NestedKey = "success",
-        object_contact_key: NestedKey = "object_contact",
-        obstacle_contact_key: NestedKey = "obstacle_contact",
-        tool_obstacle_contact_key: NestedKey = "tool_obstacle_contact",
-        out_of_bounds_key: NestedKey = "out_of_bounds",
-        action_key: NestedKey = "action",
+        keys: RewardKeys | None = None,
         reward_key: NestedKey = "reward",
         terms_key: NestedKey = "reward_terms",
         start_key: NestedKey = "reward_start",
     ) -> None:
         self.config = config or RewardConfig()
         self.terms, self._weights = _find_terms(self.config, terms or {})
-        self._keys: dict[str, NestedKey] = {
-            "object_pose": object_pose_key,
-            "ee_pose": ee_pose_key,
-            "path_length": path_length_key,
-            "success": success_key,
-            "object_contact": object_contact_key,
-            "obstacle_contact": obstacle_contact_key,
-            "tool_obstacle_contact": tool_obstacle_contact_key,
-            "out_of_bounds": out_of_bounds_key,
-            "action": action_key,
-        }
+        self._keys: dict[str, NestedKey] = asdict(keys or RewardKeys())
         self.reward_key, self.terms_key, self.start_key = reward_key, terms_key, start_key
         self._term_keys = {name: _inside(terms_key, name) for name in self.terms}
         super().__init__(

@@ -9,8 +9,34 @@ from torch import Tensor
 
 from modpush._checks import check_dtype
 from modpush._keys import read_key
+from modpush._types import Key
+from modpush._validation import checked
 
-__all__ = ["StateBefore", "StepOutcome", "measure_lengths"]
+__all__ = ["RewardKeys", "StateBefore", "StepOutcome", "measure_lengths"]
+
+
+@checked
+class RewardKeys:
+    """Keys that the terms of the reward read; lengths [m], angles [rad], robot's base frame."""
+
+    object_pose: Key = "object_pose"
+    """`[..., 3]` (x, y, yaw)."""
+    ee_pose: Key = "ee_pose"
+    """`[..., 3]` (x, y, yaw) of the tool's tip."""
+    path_length: Key = "path_length"
+    """`[..., 1]`."""
+    success: Key = "success"
+    """`[..., 1]` bool."""
+    object_contact: Key = "object_contact"
+    """`[..., 1]` bool."""
+    obstacle_contact: Key = "obstacle_contact"
+    """`[..., 1]` bool."""
+    tool_obstacle_contact: Key = "tool_obstacle_contact"
+    """`[..., 1]` bool."""
+    out_of_bounds: Key = "out_of_bounds"
+    """`[..., 1]` bool."""
+    action: Key = "action"
+    """`[..., 3]`, read at the root by terms that ask for the action."""
 
 
 class StateBefore:

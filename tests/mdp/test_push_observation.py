@@ -12,7 +12,7 @@ from torchrl.envs import Compose, TransformedEnv, check_env_specs
 from modpush.envs import PushEnv
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.geometry.angles import rotate
-from modpush.mdp import ENTRIES, PAPER_ENTRIES, ActionFrame, Entry, PushObservation
+from modpush.mdp import ENTRIES, PAPER_ENTRIES, ActionFrame, Entry, ObservationKeys, PushObservation
 from tests.mdp.straight_path import StraightPath
 
 
@@ -274,13 +274,12 @@ def test_nested_keys():
     state = make_state()
     names = [name for name in state.keys() if name != "last_action"]
     deep = TensorDict({"deep": state.select(*names), "past": state.select("last_action")}, [2])
-    keys = {f"{name}_key": ("deep", name) for name in names}
+    keys = {name: ("deep", name) for name in names}
     entries = list(ENTRIES)
     observe = PushObservation(
         entries=entries,
-        last_action_key=("past", "last_action"),
+        keys=ObservationKeys(last_action=("past", "last_action"), **keys),
         observation_key=("deep", "o"),
-        **keys,
     )
     expected = PushObservation(entries=entries)(state.clone())["observation"]
     assert torch.equal(observe(deep)["deep", "o"], expected)

@@ -9,7 +9,7 @@ from torchrl.data import LazyTensorStorage, ReplayBuffer
 from torchrl.envs import Compose, TransformedEnv, check_env_specs
 
 from modpush.envs import PushEnv
-from modpush.mdp import REWARD_TERMS, ActionFrame, PushReward, RewardConfig
+from modpush.mdp import REWARD_TERMS, ActionFrame, PushReward, RewardConfig, RewardKeys
 from tests.mdp.own_parts import effort
 from tests.mdp.straight_path import StraightPath
 
@@ -247,9 +247,9 @@ def test_nested_keys_are_read():
     deep["my", "action"] = stored["action"]
     deep["next"] = TensorDict({"deep": stored["next"].select(*names)}, [1])
     config = RewardConfig(weights={**RewardConfig().weights, "effort": 1.0})
-    keys = {f"{name}_key": ("deep", name) for name in names}
+    keys = RewardKeys(action=("my", "action"), **{name: ("deep", name) for name in names})
     terms = {"effort": lambda outcome: -outcome.action.norm(dim=-1, keepdim=True)}
-    nested = PushReward(config, terms=terms, action_key=("my", "action"), **keys)
+    nested = PushReward(config, terms=terms, keys=keys)
     flat = PushReward(config, terms=terms)
     assert torch.equal(nested(deep)["next", "reward"], flat(stored)["next", "reward"])
 
