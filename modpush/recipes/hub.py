@@ -125,8 +125,6 @@ def model_card(agent: "Agent", repository: str, licence: str = "mit") -> str:
     _check_agent("model_card", agent)
     _check_texts("model_card", repository=repository, licence=licence)
     config = asdict(agent.config)
-    objects = config["pushed_object"]
-    objects = objects if isinstance(objects, str) else ", ".join(objects)
     entries = agent.fingerprint.get("observation", {}).get("entries", [])
     return "\n".join(
         [
@@ -149,7 +147,7 @@ def model_card(agent: "Agent", repository: str, licence: str = "mit") -> str:
             "env.close()",
             "```",
             "",
-            f"- object: {objects}",
+            f"- object: {', '.join(agent.config.scenario.pushed_object)}",
             f"- frame: {config['frame']}; encoder: {config['encoder']}; planner: {config['planner']}",
             f"- observation: {', '.join(str(entry['name']) for entry in entries) or 'unknown'}",
             f"- written with modpush {modpush.__version__}",

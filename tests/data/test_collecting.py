@@ -79,7 +79,7 @@ def test_minaris_environment_replays_an_episode_to_the_last_bit(collected) -> No
             assert info["object_contact"] == episode.infos["object_contact"][t + 1]
         assert terminated or truncated
         assert info["success"] == known[number]["success"]
-        assert json.loads(known[number]["scenario"])["scene"] in ENV.scene
+        assert json.loads(known[number]["scenario"])["scene"] in ENV.scenario.scene
     env.close()
 
 

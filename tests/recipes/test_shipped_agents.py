@@ -36,7 +36,7 @@ def test_any_object_pushes_shapes_it_never_saw() -> None:
     """Random shapes of other seeds than those of its training, in free space."""
     agent = load_agent("any_object")
     names = [f"random_{seed}" for seed in range(101, 109)]
-    assert not set(names) & set(agent.config.pushed_object)
+    assert not set(names) & set(agent.config.scenario.pushed_object)
     env = make_push_env(agent.config, num_envs=8, pushed_object=tuple(names))
     base = ScenarioConfig(scene="free", distance=(0.2, 0.5))
     scenarios = [
