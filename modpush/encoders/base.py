@@ -46,8 +46,9 @@ def encoder_sizes(who: str, encoder: Any) -> tuple[int, int, float]:
         TypeError: If it is not a module, or one of the three is not a positive number.
     """
     sizes = (getattr(encoder, "latent_dim", None), getattr(encoder, "window_size", WINDOW_SIZE))
-    whole = all(isinstance(size, int) and size >= 1 for size in sizes)
-    if not (isinstance(encoder, nn.Module) and whole):
+    latent_dim, window_size = sizes
+    whole = isinstance(latent_dim, int) and isinstance(window_size, int)
+    if not (isinstance(encoder, nn.Module) and whole and latent_dim >= 1 and window_size >= 1):
         raise TypeError(
             f"{who}: encoder must be a module with an int `latent_dim` >= 1 and, where that is not "
             f"{WINDOW_SIZE}, an int `window_size` >= 1; got {type(encoder).__name__} with "

@@ -48,8 +48,11 @@ def resolve_entries(
     items = list(entries.items()) if isinstance(entries, Mapping) else list(entries)
     found: dict[str, Entry] = {}
     for item in [*items, *add]:
-        ready = isinstance(item, tuple) and isinstance(item[1], Entry)
-        name, entry = item if ready else _find_entry(item)
+        if isinstance(item, str) and item in ENTRIES:
+            name, entry = item, ENTRIES[item]
+        else:
+            ready = isinstance(item, tuple) and isinstance(item[1], Entry)
+            name, entry = item if ready else _find_entry(item)
         if name in found:
             raise ValueError(
                 f"PushObservation: entries must have different names, got {name!r} twice."

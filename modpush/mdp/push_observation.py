@@ -78,8 +78,7 @@ class PushObservation(DescribedTransform):
         self.frame = frame
         self.entries = resolve_entries(frame, entries)
         self.bounds = WORKSPACE.bounds() if bounds is None else bounds
-        corners = np.shape(self.bounds) == (2, 2)
-        if not corners or not all(low < high for low, high in zip(*self.bounds, strict=True)):
+        if np.shape(self.bounds) != (2, 2) or not np.less(*self.bounds).all():
             raise ValueError(
                 f"PushObservation: bounds must be a lower and an upper corner, got {bounds}."
             )

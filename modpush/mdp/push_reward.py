@@ -98,7 +98,8 @@ class PushReward(DescribedTransform):
         self.terms, self._weights = _find_terms(self.config, terms or {})
         self._keys: dict[str, NestedKey] = asdict(keys or RewardKeys())
         self.reward_key, self.terms_key, self.start_key = reward_key, terms_key, start_key
-        self._term_keys = {name: _inside(terms_key, name) for name in self.terms}
+        group = (terms_key,) if isinstance(terms_key, str) else terms_key
+        self._term_keys = {name: (*group, name) for name in self.terms}
         super().__init__(
             in_keys=[key for name, key in self._keys.items() if name != "action"],
             out_keys=[reward_key, start_key, *self._term_keys.values()],
@@ -176,8 +177,9 @@ def _find_terms(
     terms: dict[str, RewardTerm] = {}
     weights: dict[str, float] = {}
     for text, weight in config.weights.items():
-        term = find_part("PushReward: weights", text, known)
-        term = find_part("PushReward: terms", term, REWARD_TERMS)
+        term = known[text] if text in known else find_part("PushReward: weights", text, known)
+        if isinstance(term, str):
+            term = find_part("PushReward: terms", term, REWARD_TERMS)
         if not callable(term):
             raise TypeError(f"PushReward: term {text!r} must be a function, got {term!r}.")
         name = text.rpartition(":")[2].rpartition(".")[2]
@@ -187,7 +189,3 @@ def _find_terms(
         if weight:
             terms[name] = term
     return terms, weights
-
-
-def _inside(group: NestedKey, name: str) -> NestedKey:
-    return (group, name) if isinstance(group, str) else (*group, name)

@@ -52,7 +52,7 @@ class MotionConfig:
                 f"MotionConfig: max_radius must be > min_radius = {self.min_radius}, "
                 f"got {self.max_radius}."
             )
-        if not all(lo < hi for lo, hi in zip(self.low, self.high, strict=True)):
+        if not (self.low[0] < self.high[0] and self.low[1] < self.high[1]):
             raise ValueError(f"MotionConfig: low must be < high, got {self.low} and {self.high}.")
 
 

@@ -183,16 +183,14 @@ class ScenarioConfig:
                 f"ScenarioConfig: distance must reach beyond {GOAL_THRESHOLD} m, at which an episode has "
                 f"ended before its first step, got {self.distance}."
             )
-        if not all(lo < hi for lo, hi in zip(self.low, self.high, strict=True)):
+        (x0, y0), (x1, y1) = self.low, self.high
+        if not (x0 < x1 and y0 < y1):
             raise ValueError(f"ScenarioConfig: low must be < high, got {self.low} and {self.high}.")
-        tool = Rectangle(MotionConfig.low, MotionConfig.high)
-        if not (
-            all(lo >= least for lo, least in zip(self.low, tool.low, strict=True))
-            and all(hi <= most for hi, most in zip(self.high, tool.high, strict=True))
-        ):
+        (least_x, least_y), (most_x, most_y) = MotionConfig.low, MotionConfig.high
+        if x0 < least_x or y0 < least_y or x1 > most_x or y1 > most_y:
             raise ValueError(
-                f"ScenarioConfig: low and high must lie within the tool's workspace, {tool.low} to "
-                f"{tool.high}, got {self.low} and {self.high}."
+                f"ScenarioConfig: low and high must lie within the tool's workspace, {MotionConfig.low} "
+                f"to {MotionConfig.high}, got {self.low} and {self.high}."
             )
 
     def bounds(self, margin: float = BOUNDS_MARGIN) -> Rectangle:

@@ -101,7 +101,8 @@ class SapienEngine(Engine):
         for entity in (*self._entities.values(), *self._obstacles.entities()):
             if entity.scene is not None:
                 old.remove_entity(entity)
-        staying = [entity for entity in old.entities if _has_body(entity)]  # in their old order
+        body = physx.PhysxBaseComponent
+        staying = [one for one in old.entities if one.find_component_by_type(body)]  # in order
         for entity in staying:
             old.remove_entity(entity)
         system = physx.PhysxCpuSystem()
@@ -217,7 +218,3 @@ class SapienEngine(Engine):
 
         ManiSkill's own `close` would collect garbage while the task still holds its bodies.
         """
-
-
-def _has_body(entity: sapien.Entity) -> bool:
-    return any(isinstance(part, physx.PhysxBaseComponent) for part in entity.components)
