@@ -24,7 +24,6 @@ SHARED = {
     "_kernels",
     "_keys",
     "_folder_lock",
-    "_provenance",
     "_ray",
     "_resets",
     "_state",
@@ -58,18 +57,6 @@ MAY_KNOW = {
         "recipes",
         "evaluation",
     },
-    "sweeps": {"training"},
-    "reproduction": {
-        "geometry",
-        "envs",
-        "planners",
-        "encoders",
-        "mdp",
-        "agents",
-        "recipes",
-        "evaluation",
-        "sweeps",
-    },
     "export": {"geometry", "encoders", "mdp", "agents", "planners", "recipes"},
     "data": {"geometry", "envs", "mdp", "recipes", "evaluation"},
     "cli": {
@@ -83,8 +70,6 @@ MAY_KNOW = {
         "recipes",
         "evaluation",
         "training",
-        "sweeps",
-        "reproduction",
         "export",
         "data",
         "viewer",
@@ -103,9 +88,7 @@ MAY_KNOW = {
 }
 """What each package may import besides itself and the shared modules."""
 SIMULATOR = {"sapien", "mani_skill"}
-WITHOUT_SIMULATOR = sorted(
-    set(MAY_KNOW) - {"recipes", "training", "sweeps", "reproduction", "export", "data", "cli"}
-)
+WITHOUT_SIMULATOR = sorted(set(MAY_KNOW) - {"recipes", "training", "export", "data", "cli"})
 
 
 def imported_modules(source: str, package: str) -> set[str]:
@@ -270,7 +253,7 @@ def test_every_text_file_has_its_encoding_named():
     assert not found
 
 
-FOLDERS = ("modpush", "examples", "tools", "benchmarks")
+FOLDERS = ("modpush", "paper", "examples", "tools", "benchmarks")
 
 
 def _leaves_encoding_open(call: ast.Call) -> bool:

@@ -3,11 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import pandas as pd
-
-from modpush.evaluation.tables import METRICS
-
-__all__ = ["PAPER", "PaperFigures", "beside_paper", "measured_as", "paper_set"]
+__all__ = ["PAPER", "PaperFigures", "measured_as", "paper_set"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,30 +147,3 @@ def measured_as(evaluation_set: str, *, of_controller: bool) -> dict[str, str]:
         "spl": "spl_authors_controller" if staircase else "spl_authors_agent",
         "path_length": "path_length",
     }
-
-
-def beside_paper(summary: pd.DataFrame, evaluation_set: str) -> pd.DataFrame:
-    """A summary's means beside the paper's, cell by cell.
-
-    The paper's figures stand beside what is measured as they were, see `measured_as`.
-
-    Args:
-        summary: What `summarize` returned.
-        evaluation_set: Name of the set. Sets that the paper does not have get empty cells; the start of
-            the tool and the tool do not count (`paper_set`).
-
-    Returns:
-        By metric: a column for each method, then `paper_controller`, `paper_agent` and, where there is
-        one, `paper_retrained`.
-    """
-    table = summary[list(METRICS)].T.rename_axis("metric")
-    table.columns.name = None
-    figures = PAPER.get(paper_set(evaluation_set))
-    for column, which in (("paper_controller", 1), ("paper_agent", 0)):
-        for theirs, ours in measured_as(evaluation_set, of_controller=which == 1).items():
-            pair = getattr(figures, theirs, None)
-            table.loc[ours, column] = float("nan") if pair is None else pair[which]
-    if figures is not None and figures.retrained is not None:
-        for theirs, ours in measured_as(evaluation_set, of_controller=False).items():
-            table.loc[ours, "paper_retrained"] = figures.retrained.get(theirs, float("nan"))
-    return table

@@ -1,5 +1,6 @@
 """The agent under dynamics, sizes and sensors that it was not trained with."""
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,7 +12,6 @@ import pandas as pd
 from torchrl.envs import EnvBase
 from tqdm import tqdm
 
-from modpush._provenance import sources_text
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES
 from modpush.envs.scenes.objects import OBJECTS, PushedObject
@@ -19,23 +19,18 @@ from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.evaluation.sets import EvaluationSet
 from modpush.evaluation.tables import format_table
-from modpush.files import write_text
 from modpush.mdp.depth_noise import DepthNoise
 from modpush.recipes.methods import Method
-from modpush.reproduction.cells import make_cells
-from modpush.reproduction.config import ReproduceConfig
-from modpush.reproduction.measure import (
-    AGENT,
-    Measured,
-    agent_method,
-    measure_policy,
-)
+from paper.measure import Running, find_method, measure
+from paper.provenance import origin_of, sources_text
+from paper.rows import ROWS
+from paper.statistics import make_cells
 
 matplotlib.use("Agg")  # no screen is needed
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
-__all__ = ["QUANTITIES", "Change", "Quantity", "write_dynamics"]
+__all__ = ["QUANTITIES", "Change", "Quantity", "measure_dynamics"]
 
 _OBJECT = "small_cube"
 
@@ -139,58 +134,49 @@ class Change:
         return env
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Factory:
-    """`make_env` of a change, as `evaluate` wants it."""
-
-    change: Change
-    config: ReproduceConfig
-
-    def __call__(
-        self, num_envs: int, objects: Sequence[str], conditions: EpisodeConditions
-    ) -> EnvBase:
-        return self.change.make_env(num_envs, agent_method(self.config), conditions)
+def _make_env(
+    change: Change, agent: str, num_envs: int, objects: Sequence[str], conditions: EpisodeConditions
+) -> EnvBase:
+    """`make_env` of a change, as `evaluate` takes it; picklable."""
+    return change.make_env(num_envs, find_method(agent)[1], conditions)
 
 
-def write_dynamics(config: ReproduceConfig) -> None:
-    """Measure the agent for each value, and write `dynamics.md`, `.csv` and `.png`."""
+def measure_dynamics(running: Running, agent: str, count: int, seed: int) -> str:
+    """Measure an agent for each value, draw `dynamics.png`, and return the table in Markdown.
+
+    Args:
+        running: How episodes are run.
+        agent: The agent.
+        count: Number of episodes for each value.
+        seed: Seed from which the scenarios are drawn, which are in no set.
+    """
+    name, method = find_method(agent)
+    cells: dict[str, pd.DataFrame] = {}
+    origins, tables = [], []
     changes = [Change(quantity=q, value=v) for q, about in QUANTITIES.items() for v in about.values]
-    method = agent_method(config)
-    measured: dict[str, Measured] = {}
-    tables = []
-    for change in tqdm(changes, desc="dynamics", unit="value", disable=not config.progress):
-        if change.name not in measured:
-            measured[change.name] = _measure(change, method, config)
-        cells = make_cells({AGENT: measured[change.name].rows})
+    for change in tqdm(changes, desc="dynamics", unit="value", disable=not running.progress):
+        folder = running.folder / "dynamics" / name / change.name
+        if change.name not in cells:
+            rows = measure(
+                method,
+                EvaluationSet(
+                    name=f"dynamics/{change.name}",
+                    scenarios=tuple(change.scenario(seed, number) for number in range(count)),
+                ),
+                folder,
+                running,
+                make_env=functools.partial(_make_env, change, agent),
+                label=change.name,
+            )
+            cells[change.name] = make_cells({name: rows})
+            origins.append(origin_of(folder))
         about = {"quantity": change.quantity, "value": change.value, "nominal": change.nominal}
-        tables.append(cells.drop(columns=["method", "pair"]).assign(**about))
+        tables.append(cells[change.name].assign(**about))
     table = pd.concat(tables, ignore_index=True)
-    write_text(config.out / "dynamics.csv", table.to_csv(index=False))
-    _draw(table, config.out / "dynamics.png")
-    sources = sources_text(
-        config.command("dynamics"),
-        [session for item in measured.values() for session in item.sessions],
-        f"{config.seed}; no evaluation set",
-    )
-    text = _TEXT.format(sources=sources, count=config.dynamics_episodes, table=_as_text(table))
-    write_text(config.out / "dynamics.md", text)
-
-
-def _measure(change: Change, method: Method, config: ReproduceConfig) -> Measured:
-    numbers = range(config.dynamics_episodes)
-    scenarios = tuple(change.scenario(config.seed, number) for number in numbers)
-    episodes = EvaluationSet(name=f"dynamics/{change.name}", scenarios=scenarios)
-    factory = _Factory(change=change, config=config)
-    return measure_policy(
-        method.make_policy(),
-        episodes,
-        config.rows / "dynamics" / method.name / change.name,
-        config,
-        make_env=factory,
-        label=change.name,
-        path_key=method.path_key,
-        target_key=method.target_key,
-    )
+    _draw(table, ROWS.parent / "dynamics.png")
+    commits, machines = ([o.get(key, "") for o in origins] for key in ("commit", "machine"))
+    sources = sources_text("python -m paper dynamics", str(seed), commits, machines)
+    return f"{sources}\n{_as_text(table)}"
 
 
 def _as_text(table: pd.DataFrame) -> str:
@@ -227,30 +213,10 @@ def _draw(table: pd.DataFrame, path: Path) -> None:
         axis.grid(alpha=0.3)
     axes[0, 0].legend(fontsize="small", loc="center right")
     figure.tight_layout()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110)
+    figure.savefig(path, dpi=80, pil_kwargs={"optimize": True})
     plt.close(figure)
 
 
 def _draw_metric(axis: Axes, cells: pd.DataFrame, colour: str, label: str) -> None:
     axis.plot(cells["value"], cells["mean"], color=colour, marker=".", label=label)
     axis.fill_between(cells["value"], cells["low"], cells["high"], color=colour, alpha=0.15)
-
-
-_TEXT = """# Dynamics that the agent was not trained with
-
-{sources}
-The agent as it is, without further training; one quantity is changed at a time. {count} episodes
-for each value, in turn from the five families of Table III, drawn from a seed of their own: the same
-starts for every value, but for the size of the cube, which decides what starts are possible.
-Contact and collision rate are over the solved episodes, intervals are 95 % (Wilson's for success).
-
-![success, contact rate and collision rate against each quantity](dynamics.png)
-
-{table}
-An action moves the tool by up to 2 cm a control step, so that the control rate is also the tool's
-speed; an episode ends after 200 steps at every rate. Missing pixels read as "nothing seen". Depth
-noise is independent from pixel to pixel and from step to step; what is seen higher than 13 mm
-counts as an obstacle for the planner. The cube's mass is the same at every size. The paper says of
-the dynamics that they are unknown to its agent, and has no figures for them.
-"""

@@ -3,7 +3,7 @@
 Two yardsticks of their released code, rebuilt from what it does: their agent's, a Lazy Theta* that
 takes the first path it finds and is some percent too long; and their controller's, a staircase of
 cells on a map with costs around obstacles. Both are for comparison with the paper's SPL alone;
-`shortest_path` is exact.
+`modpush.evaluation.shortest_path` is exact.
 
 Not rebuilt: the eight bits and the perspective of their depth images (obstacles are taken from the
 layout), and an exchange of x and y in a test at the image's right edge.
