@@ -17,7 +17,7 @@ command continues after an interrupt.
 
 import sys
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -92,7 +92,13 @@ class Tables:
     def __call__(self) -> None:
         if unknown := sorted(set(self.names) - set(BLOCKS)):
             raise ValueError(f"tables: names must be some of {sorted(BLOCKS)}, got {unknown}.")
-        _write({name: BLOCKS[name] for name in self.names or BLOCKS})
+        texts = {}
+        for name in self.names or BLOCKS:
+            try:
+                texts[name] = BLOCKS[name]()
+            except KeyError as missing:
+                print(f"{name}: left as it is. {missing.args[0]}")
+        _write(texts)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +112,7 @@ class Examples(Running):
 
     def __call__(self) -> None:
         text = write_examples(self, self.agent, self.first)
-        _write({"examples": lambda: text})
+        _write({"examples": text})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +126,7 @@ class Runtime:
 
     def __call__(self) -> None:
         text = measure_runtime(self.agent, self.seed)
-        _write({"runtime": lambda: text})
+        _write({"runtime": text})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,7 +142,7 @@ class Dynamics(Running):
 
     def __call__(self) -> None:
         text = measure_dynamics(self, self.agent, self.episodes, self.seed)
-        _write({"dynamics": lambda: text})
+        _write({"dynamics": text})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,13 +185,13 @@ class Sweep:
         print(text)
         if self.page:
             draw_sweep(tables[1], ROWS.parent / f"{self.sweep.stem}.png")
-            _write({self.sweep.stem: lambda: text})
+            _write({self.sweep.stem: text})
         if failed:
             raise RuntimeError(f"sweep: {len(failed)} of {len(trials)} runs failed: {failed}.")
 
 
-def _write(blocks: Mapping[str, Callable[[], str]]) -> None:
-    for page in write_blocks(blocks):
+def _write(texts: Mapping[str, str]) -> None:
+    for page in write_blocks(texts):
         print(f"Wrote {page.relative_to(ROWS.parents[2])}.")
 
 

@@ -1,7 +1,7 @@
 """Tables between comments of the pages, written from the rows in `docs/results/rows.parquet`.
 
 A table replaces what stands between `<!-- results: NAME -->` and `<!-- end -->`, in README.md or a page
-of docs/.
+of docs/. A table whose page has gone is an error, so that no name outlives its use.
 """
 
 import re
@@ -169,9 +169,7 @@ _WIDE = "hard_wide/small_cube"
 
 
 def family_tables(method: str) -> str:
-    """A method's means by set and scene family, those of metrics of FAMILY; contact and the metrics
-    after it over solved episodes.
-    """  # noqa: D205
+    """A method's means by set and scene family, as `mean_of` takes them."""
     lines = [("set", "family", "episodes", *FAMILY.values())]
     for name in (f"{prefix}{name}" for prefix in STARTS for name in (*SETS, _WIDE)):
         if (method, name) not in read_rows():
@@ -191,9 +189,11 @@ def seeds_table(agent: str) -> str:
     names = (agent, *(f"{agent}_seed_{seed}" for seed in SEEDS))
     lines = [("set", "episodes", *metrics.values())]
     for name in (*SETS, _WIDE):
-        if any((method, name) not in read_rows() for method in names):
-            continue
         rows = [read_rows().of(method, name) for method in names]
+        if len({len(own) for own in rows}) > 1:
+            raise KeyError(
+                f"The seeds of {agent!r} have run different numbers of episodes of {name!r}."
+            )
         cells = []
         for metric in metrics:
             means = [mean_of(own, metric) for own in rows]
@@ -251,27 +251,27 @@ BLOCKS: dict[str, Callable[[], str]] = {
 """Tables that are made of the rows, by name."""
 
 
-def replace_blocks(text: str, blocks: Mapping[str, Callable[[], str]]) -> str:
-    """A page with some of its tables written again.
+def replace_blocks(page: str, texts: Mapping[str, str]) -> str:
+    """A page with some of its tables replaced.
 
     Args:
-        text: The page.
-        blocks: Makes each table, by name. Tables of other names stay as they are.
+        page: The page.
+        texts: New tables by name. Tables of other names stay as they are.
     """
 
     def block(found: re.Match[str]) -> str:
-        if found[1] not in blocks:
+        if found[1] not in texts:
             return found[0]
-        return f"<!-- results: {found[1]} -->\n\n{blocks[found[1]]().strip()}\n\n<!-- end -->"
+        return f"<!-- results: {found[1]} -->\n\n{texts[found[1]].strip()}\n\n<!-- end -->"
 
-    return BLOCK.sub(block, text)
+    return BLOCK.sub(block, page)
 
 
-def write_blocks(blocks: Mapping[str, Callable[[], str]], root: Path = ROOT) -> list[Path]:
+def write_blocks(texts: Mapping[str, str], root: Path = ROOT) -> list[Path]:
     """Write tables into README.md and the pages of docs/ that have their names.
 
     Args:
-        blocks: As in `replace_blocks`.
+        texts: Tables by name.
         root: Folder of the repository.
 
     Returns:
@@ -281,11 +281,10 @@ def write_blocks(blocks: Mapping[str, Callable[[], str]], root: Path = ROOT) -> 
         ValueError: If no page has one of them.
     """
     pages = [root / "README.md", *sorted((root / "docs").rglob("*.md"))]
-    texts = {page: page.read_text(encoding="utf-8") for page in pages if page.exists()}
-    named = {page: set(BLOCK.findall(text)) for page, text in texts.items()}
-    if missing := sorted(set(blocks) - set().union(*named.values())):
+    before = {page: page.read_text(encoding="utf-8") for page in pages if page.exists()}
+    names = {page: set(BLOCK.findall(text)) & set(texts) for page, text in before.items()}
+    if missing := sorted(set(texts) - set().union(*names.values())):
         raise ValueError(f"write_blocks: no page has `<!-- results: ... -->` of {missing}.")
-    changed = [page for page, names in named.items() if names & set(blocks)]
-    for page in changed:
-        page.write_text(replace_blocks(texts[page], blocks), encoding="utf-8")
-    return changed
+    for page in names:
+        page.write_text(replace_blocks(before[page], texts), encoding="utf-8")
+    return [page for page, found in names.items() if found]

@@ -84,5 +84,7 @@ def write_examples(running: Running, agent: str, first: int | None = None) -> st
     origins = [origin_of(folder) for folder in folders.values()]
     commits, machines = ([o.get(key, "") for o in origins] for key in ("commit", "machine"))
     sources = sources_text("python -m paper examples", f"the set `{_SET}`", commits, machines)
-    head = "| episode | family | shortest path (m) | agent: path (m) | contact | controller: path (m) | contact |"
-    return "\n".join([sources, head, "|---|---|---|---|---|---|---|", *lines]) + "\n"
+    heads = ("episode", "family", "shortest path (m)", "agent: path (m)", "contact")
+    heads += ("controller: path (m)", "contact")
+    table = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads), *lines]
+    return "\n".join([sources, *table]) + "\n"

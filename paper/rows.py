@@ -179,7 +179,7 @@ class Rows:
     def __init__(self, path: Path = ROWS) -> None:
         table = pd.read_parquet(path)
         table = table.astype(dict.fromkeys(_TEXTS, str) | dict.fromkeys(_NUMBERS, float))
-        self._frames = {key: frame for key, frame in table.groupby(["method", "set"])}
+        self._frames = dict(iter(table.groupby(["method", "set"])))
 
     def __contains__(self, key: tuple[str, str]) -> bool:
         return key in self._frames

@@ -57,8 +57,8 @@ _LEVEL = 0.05  # significance level of all tests
 _FEWEST = 30  # bootstrapped intervals of fewer episodes are too narrow
 _AGENT, _CONTROLLER = "paper: agent", "paper: controller"
 _AGENT_RETRAINED = f"{_AGENT}, retrained"
-RULES = f"""1. Against a method that was measured here on the same episodes: ahead or behind where the two-sided
-   paired t-test rejects equal means at 0.05, else level.
+RULES = f"""1. Against a method that was measured here on the same episodes: ahead or behind where the
+   two-sided paired t-test rejects equal means at 0.05, else level.
 2. Against a printed success rate: ahead or behind where Fisher's exact test of the numbers of
    successes, ours and those that the printed rate stands for, gives p < 0.05, else level.
 3. Against another printed figure: ahead or behind where the 95 % interval of our mean leaves it out,

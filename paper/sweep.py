@@ -1,7 +1,7 @@
 """Training runs of several variants and seeds, each a process `modpush train`; resumable.
 
-A sweep's file names a preset, the overrides common to all runs, the seeds and the variants, with fields of
-`TrainConfig` by their dotted names. Its folder gets a run's folder for each variant and seed.
+A sweep's file names a preset, the overrides common to all runs, the seeds and the variants, with
+fields of `TrainConfig` by their dotted names. Its folder gets a run's folder for each variant and seed.
 """
 
 import json

@@ -97,23 +97,39 @@ def table_text(name: str, agent: str) -> str:
     """
     texts: list[str] = []
     frames: list[pd.DataFrame] = []
-    for section in TABLES[name]:
-        for evaluation_set, title in section.rows.items():
-            rows = _rows_of(agent, evaluation_set)
-            frames += rows.values()
-            display = _display(make_cells(rows), evaluation_set)
-            texts += [f"### {title}", section.note, format_table(display).strip()]
-            texts += _test_texts(agent, make_tests(rows))
+    for section, evaluation_set, title in _measured(name, agent):
+        rows = _rows_of(agent, evaluation_set)
+        frames += rows.values()
+        display = _display(make_cells(rows), evaluation_set)
+        texts += [f"### {title}", section.note, format_table(display).strip()]
+        texts += _test_texts(agent, make_tests(rows))
     origins = [
         list(dict.fromkeys(v for f in frames for v in f[key])) for key in ("commit", "machine")
     ]
-    sets = ", ".join(f"`{key}`" for section in TABLES[name] for key in section.rows)
+    sets = ", ".join(f"`{key}`" for _, key, _ in _measured(name, agent))
     sources = sources_text(
         "python -m paper run; python -m paper rows; python -m paper tables",
         f"the sets {sets}",
         *origins,
     )
     return "\n\n".join([sources.strip(), *filter(None, texts)]) + "\n"
+
+
+def _measured(name: str, agent: str) -> list[tuple[Section, str, str]]:
+    """The sections of a table, with each of their sets that an agent has rows of, and its title.
+
+    Raises:
+        KeyError: If it has rows of none.
+    """
+    found = [
+        (section, evaluation_set, title)
+        for section in TABLES[name]
+        for evaluation_set, title in section.rows.items()
+        if (agent, evaluation_set) in read_rows()
+    ]
+    if not found:
+        raise KeyError(f"There are no rows of {agent!r} on a set of {name!r}.")
+    return found
 
 
 def _rows_of(agent: str, evaluation_set: str) -> dict[str, pd.DataFrame]:
@@ -176,14 +192,13 @@ def verdicts(agent: str) -> pd.DataFrame:
         Columns of `judge`, and `table`, `title` and `set`.
     """
     frames = []
-    for table, sections in TABLES.items():
-        for section in sections:
-            for evaluation_set, title in section.rows.items():
-                rows = _rows_of(agent, evaluation_set)
-                about = {"table": table, "title": title, "set": evaluation_set}
-                for frame in (judge(make_cells(rows), evaluation_set), _judged(make_tests(rows))):
-                    if len(frame):
-                        frames.append(frame.assign(**about))
+    for table in TABLES:
+        for _, evaluation_set, title in _measured(table, agent):
+            rows = _rows_of(agent, evaluation_set)
+            about = {"table": table, "title": title, "set": evaluation_set}
+            for frame in (judge(make_cells(rows), evaluation_set), _judged(make_tests(rows))):
+                if len(frame):
+                    frames.append(frame.assign(**about))
     found = pd.concat(frames, ignore_index=True)
     return found[~found["method"].isin(CONTROLLERS)]
 
@@ -200,7 +215,7 @@ def _judged(tests: pd.DataFrame) -> pd.DataFrame:
 
 
 def verdicts_text(found: pd.DataFrame) -> str:
-    """Verdicts in Markdown: the rules, counts for each start of the tool, and a list of each kind.
+    """Verdicts in Markdown: the rules, counts for each start of the tool, and lists beside the paper.
 
     Args:
         found: What `verdicts` returned.
@@ -224,11 +239,12 @@ def verdicts_text(found: pd.DataFrame) -> str:
             )
             parts.append(f"The tool starts {start} the object{note}:")
             parts.append(format_table(table).strip())
+    printed = found[found["versus"].str.startswith("paper:")]
     for verdict in ("ahead", "level", "behind"):
         lines = [
             f"- {table}, {title}, {method} against {versus}: "
             + ", ".join(f"{r.ours} {r.mean:.3f} ({r.theirs:.3f})" for r in own.itertuples())
-            for (table, title, method, versus), own in found[found["verdict"] == verdict].groupby(
+            for (table, title, method, versus), own in printed[printed["verdict"] == verdict].groupby(
                 ["table", "title", "method", "versus"], sort=False
             )
         ]
