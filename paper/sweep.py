@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-import yaml
 
 from modpush._validation import from_plain
+from modpush.files import parse_yaml
 from modpush.training import TRAIN_PRESETS, TrainConfig
 from modpush.training.signals import interrupts_raised
 from paper.provenance import add_session
@@ -59,14 +59,15 @@ def load_trials(
     Raises:
         ValueError: If a group, a field or a value is unknown; the message names variant and field.
     """
-    sweep = yaml.safe_load(path.read_text(encoding="utf-8"))
+    sweep = parse_yaml(path.read_bytes())
     first, *others = sweep["variants"]
     known = {variant.get("group", "all") for variant in others}
     if unknown := sorted(set(groups) - known):
         raise ValueError(f"{path}: groups must be some of {sorted(known)}, got {unknown}.")
     chosen = [first, *(v for v in others if not groups or v.get("group", "all") in groups)]
     plain = asdict(TRAIN_PRESETS[sweep["preset"]][1])
-    always: dict[str, Any] = {} if total_steps is None else {"total_steps": total_steps}
+    always: dict[str, Any] = {"progress": False}
+    always |= {} if total_steps is None else {"total_steps": total_steps}
     return tuple(
         Trial(
             variant=variant["name"],
@@ -152,7 +153,7 @@ def run_trials(trials: Sequence[Trial], folder: Path, jobs: int = 1) -> list[str
 def _start(trial: Trial, folder: Path) -> subprocess.Popen:
     run, config = folder / trial.name, folder / f"{trial.name}.yaml"
     command = [sys.executable, "-m", "modpush", "train", trial.preset, "--out", str(run)]
-    command += ["--config", str(config), "--train.no-progress"]
+    command += ["--config", str(config)]
     command += ["--resume"] if (run / "config.yaml").exists() else []
     run.parent.mkdir(parents=True, exist_ok=True)
     config.write_text(_config_text(trial), encoding="utf-8")
@@ -167,7 +168,8 @@ def _start(trial: Trial, folder: Path) -> subprocess.Popen:
 
 
 def _config_text(trial: Trial) -> str:
-    return yaml.safe_dump(json.loads(json.dumps(asdict(trial.config), default=str)))
+    """The configuration as JSON, which is YAML as well."""
+    return json.dumps(asdict(trial.config), default=str, indent=1)
 
 
 def is_finished(trial: Trial, folder: Path) -> bool:

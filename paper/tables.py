@@ -244,9 +244,9 @@ def verdicts_text(found: pd.DataFrame) -> str:
         lines = [
             f"- {table}, {title}, {method} against {versus}: "
             + ", ".join(f"{r.ours} {r.mean:.3f} ({r.theirs:.3f})" for r in own.itertuples())
-            for (table, title, method, versus), own in printed[printed["verdict"] == verdict].groupby(
-                ["table", "title", "method", "versus"], sort=False
-            )
+            for (table, title, method, versus), own in printed[
+                printed["verdict"] == verdict
+            ].groupby(["table", "title", "method", "versus"], sort=False)
         ]
         parts += [f"### {verdict.capitalize()}", "\n".join(lines) or "Nothing."]
     return "\n\n".join(parts) + "\n"

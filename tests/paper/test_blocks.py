@@ -1,62 +1,49 @@
-"""The tables that `benchmarks/results_tables.py` writes into the pages."""
+"""The tables between the comments of the pages."""
 
-import importlib.util
 from pathlib import Path
-from types import ModuleType
 
-import pandas as pd
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
+from paper.__main__ import main
+from paper.blocks import BLOCK, BLOCKS, replace_blocks, write_blocks
+from paper.rows import ROOT
+
+PAGE = "Before.\n\n<!-- results: agents -->\n\n| old |\n\n<!-- end -->\n\nAfter.\n"
+OTHERS = {"examples", "runtime", "dynamics", "ablations", "hard_further"}
+"""Tables that are not made of the rows."""
 
 
-def load() -> ModuleType:
-    spec = importlib.util.spec_from_file_location(
-        "results_tables", ROOT / "benchmarks" / "results_tables.py"
-    )
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def test_a_table_replaces_what_stands_between_its_comments() -> None:
+    written = replace_blocks(PAGE, {"agents": "| new |\n"})
+    assert written == PAGE.replace("old", "new")
+    assert replace_blocks(written, {"agents": "| new |\n"}) == written
+    assert replace_blocks(PAGE, {"success": "| new |\n"}) == PAGE
 
 
-tables = load()
-ROWS = pd.DataFrame(
-    {
-        "success": [True, True, False, True],
-        "contact_rate_at_end": [0.9, 0.8, 0.0, 1.0],
-        "collision_rate_object_at_end": [0.0, 0.03, 0.9, 0.0],
-        "collision_rate": 0.5,
-        "spl_authors_agent": [1.0, 0.8, 0.0, 0.6],
-    }
-)
+def test_a_table_without_a_page_is_an_error(tmp_path: Path) -> None:
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs" / "page.md").write_text(PAGE)
+    assert write_blocks({"agents": "| new |"}, tmp_path) == [tmp_path / "docs" / "page.md"]
+    assert "| new |" in (tmp_path / "docs" / "page.md").read_text()
+    with pytest.raises(ValueError, match=r"no page has .* of \['success'\]"):
+        write_blocks({"success": "| new |"}, tmp_path)
 
 
-def test_a_cell_has_both_agents_with_their_differences_and_the_printed_figure() -> None:
-    # Success 3 of 4, SPL 2.4 / 4; over the solved ones contact 2.7 / 3 and collisions 0.03 / 3.
-    def cell(metric: str, name: str) -> str:
-        return tables._beside(metric, name, {"any_object": ROWS, "small_cube": ROWS})
-
-    ours = "0.750 (−0.230) / 0.750 (−0.230) / 0.980"
-    assert cell("success", "obstacles/small_cube") == ours
-    assert cell("contact_rate", "hard200/small_cube").endswith("0.900 (−0.077) / 0.977 of 50")
-    assert cell("collision_rate", "obstacles/small_cube").startswith("0.010 (+0.002) / ")
-    assert cell("collision_rate", "free/small_cube") == "0.010 / 0.010 / –"
-    assert cell("spl", "obstacles/fragment").endswith("/ 0.710, retrained 0.830")
+def test_every_table_has_its_place_in_one_page() -> None:
+    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    named = [name for page in pages for name in BLOCK.findall(page.read_text())]
+    assert set(named) == {*BLOCKS, *OTHERS}
+    assert len(named) == len(set(named))
 
 
-def test_a_table_replaces_what_stands_between_its_comments(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(tables.BLOCKS, "agents", lambda: "| new |\n")
-    page = "Before.\n\n<!-- results: agents -->\n\n| old |\n\n<!-- end -->\n\nAfter.\n"
-    written = tables.rewrite(page)
-    assert written == page.replace("old", "new")
-    assert tables.rewrite(written) == written
-    with pytest.raises(ValueError, match=r"results: must be one of .*'agents'.*, got 'nothing'"):
-        tables.rewrite(page.replace("agents", "nothing"))
-
-
-def test_every_table_has_its_place_in_a_page() -> None:
-    text = "".join((ROOT / page).read_text() for page in tables.PAGES)
-    assert all(f"<!-- results: {name} -->" in text for name in tables.BLOCKS)
-    assert text.count("<!-- results: ") == text.count("<!-- end -->") == len(tables.BLOCKS)
+def test_the_command_names_its_subcommands(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
+    assert "python -m paper rows" in capsys.readouterr().out
+    assert main(["reproduce"]) == 2
+    assert "no 'reproduce', there are ['run', 'rows', 'tables'" in capsys.readouterr().out
+    assert main(["tables", "nothing"]) == 2
+    assert "paper tables: tables: names must be some of" in capsys.readouterr().err
+    for name in ("run", "rows", "tables", "examples", "runtime", "dynamics", "sets", "sweep"):
+        with pytest.raises(SystemExit) as ended:
+            main([name, "--help"])
+        assert ended.value.code == 0
