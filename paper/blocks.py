@@ -5,7 +5,7 @@ of docs/. A table whose page has gone is an error, so that no name outlives its 
 """
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import pandas as pd
@@ -154,27 +154,18 @@ def controller_table() -> str:
     }
     heads = (*metrics.values(), "by the authors' rules: success", "SPL, authors'")
     lines = [("set", "episodes", *heads)]
-    for name in (s for prefix in STARTS for s in (f"{prefix}{name}" for name in (*SETS, _WIDE))):
-        if ("corridor", name) in read_rows():
-            rows = read_rows().of("corridor", name)
-            faithful = [
-                _mean("corridor_faithful", name, m) for m in ("success", "spl_authors_controller")
-            ]
-            cells = [number(mean_of(rows, metric)) for metric in metrics]
-            lines.append((f"`{name}`", str(len(rows)), *cells, *map(number, faithful)))
+    for name, rows in _sets_of("corridor"):
+        cells = [mean_of(rows, metric) for metric in metrics]
+        by_rules = ("success", "spl_authors_controller")
+        cells += [_mean("corridor_faithful", name, metric) for metric in by_rules]
+        lines.append((f"`{name}`", str(len(rows)), *map(number, cells)))
     return _markdown(lines) + CONTROLLERS_ABOUT
-
-
-_WIDE = "hard_wide/small_cube"
 
 
 def family_tables(method: str) -> str:
     """A method's means by set and scene family, as `mean_of` takes them."""
     lines = [("set", "family", "episodes", *FAMILY.values())]
-    for name in (f"{prefix}{name}" for prefix in STARTS for name in (*SETS, _WIDE)):
-        if (method, name) not in read_rows():
-            continue
-        rows = read_rows().of(method, name)
+    for name, rows in _sets_of(method):
         families = dict(list(rows.groupby("scene", sort=False)))
         groups = {"all": rows} | (families if len(families) > 1 else {})
         for family, own in groups.items():
@@ -188,7 +179,7 @@ def seeds_table(agent: str) -> str:
     metrics = {key: FAMILY[key] for key in list(FAMILY)[:6]}
     names = (agent, *(f"{agent}_seed_{seed}" for seed in SEEDS))
     lines = [("set", "episodes", *metrics.values())]
-    for name in (*SETS, _WIDE):
+    for name in (*SETS, "hard_wide/small_cube"):
         rows = [read_rows().of(method, name) for method in names]
         if len({len(own) for own in rows}) > 1:
             raise KeyError(
@@ -218,6 +209,14 @@ def verdict_table(agent: str) -> str:
         start = "behind" if name.startswith("behind/") else "any"
         lines.append((SETS[paper_set(name)], start, against, *words))
     return _markdown(lines)
+
+
+def _sets_of(method: str) -> Iterator[tuple[str, pd.DataFrame]]:
+    """The sets that there are rows of a method of, with these."""
+    for prefix in STARTS:
+        for name in (*SETS, "hard_wide/small_cube"):
+            if (method, f"{prefix}{name}") in read_rows():
+                yield f"{prefix}{name}", read_rows().of(method, f"{prefix}{name}")
 
 
 def _mean(method: str, name: str, metric: str) -> float:

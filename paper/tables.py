@@ -1,5 +1,6 @@
 """The paper's Tables II to IV: an agent and the controllers beside the printed figures, with tests."""
 
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -23,6 +24,7 @@ from paper.statistics import (
 __all__ = ["CONTROLLERS", "TABLES", "Section", "table_text", "verdicts", "verdicts_text"]
 
 CONTROLLERS = ("corridor", "corridor_faithful")
+_TRAINED_FURTHER = "small_cube"  # the agent that the one of `RETRAINED` comes from
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +36,7 @@ class Section:
     note: str = ""
 
     @property
-    def rows(self) -> dict[str, str]:
+    def titles(self) -> dict[str, str]:
         """Titles by set: with the tool in any direction, and straight behind where there is a set."""
         behind = f"behind/{self.evaluation_set}"
         found = {self.evaluation_set: self.title}
@@ -98,11 +100,11 @@ def table_text(name: str, agent: str) -> str:
     texts: list[str] = []
     frames: list[pd.DataFrame] = []
     for section, evaluation_set, title in _measured(name, agent):
-        rows = _rows_of(agent, evaluation_set)
+        rows, cells, tests = _figures(agent, evaluation_set)
         frames += rows.values()
-        display = _display(make_cells(rows), evaluation_set)
+        display = _display(cells, evaluation_set)
         texts += [f"### {title}", section.note, format_table(display).strip()]
-        texts += _test_texts(agent, make_tests(rows))
+        texts += _test_texts(agent, tests)
     origins = [
         list(dict.fromkeys(v for f in frames for v in f[key])) for key in ("commit", "machine")
     ]
@@ -124,7 +126,7 @@ def _measured(name: str, agent: str) -> list[tuple[Section, str, str]]:
     found = [
         (section, evaluation_set, title)
         for section in TABLES[name]
-        for evaluation_set, title in section.rows.items()
+        for evaluation_set, title in section.titles.items()
         if (agent, evaluation_set) in read_rows()
     ]
     if not found:
@@ -132,16 +134,17 @@ def _measured(name: str, agent: str) -> list[tuple[Section, str, str]]:
     return found
 
 
-def _rows_of(agent: str, evaluation_set: str) -> dict[str, pd.DataFrame]:
-    """Rows by method, as far as there are some: the agent, one trained with the object, controllers."""
+@functools.cache
+def _figures(
+    agent: str, evaluation_set: str
+) -> tuple[dict[str, pd.DataFrame], pd.DataFrame, pd.DataFrame]:
+    """Rows by method as far as there are some, the agent's first, with their cells and tests."""
     rows = read_rows()
-    retrained = (
-        [RETRAINED] if evaluation_set.endswith(f"/{RETRAINED}") and agent != RETRAINED else []
-    )
-    if agent == "any_object":  # it has been trained with the fragment itself
-        retrained = []
-    methods = [agent, *(m for m in (*retrained, *CONTROLLERS) if (m, evaluation_set) in rows)]
-    return {method: rows.of(method, evaluation_set) for method in methods}
+    with_object = agent == _TRAINED_FURTHER and evaluation_set.endswith(f"/{RETRAINED}")
+    others = ([RETRAINED] if with_object else []) + [*CONTROLLERS]
+    methods = [agent, *(method for method in others if (method, evaluation_set) in rows)]
+    found = {method: rows.of(method, evaluation_set) for method in methods}
+    return found, make_cells(found), make_tests(found)
 
 
 def _display(cells: pd.DataFrame, evaluation_set: str) -> pd.DataFrame:
@@ -194,9 +197,9 @@ def verdicts(agent: str) -> pd.DataFrame:
     frames = []
     for table in TABLES:
         for _, evaluation_set, title in _measured(table, agent):
-            rows = _rows_of(agent, evaluation_set)
+            _, cells, tests = _figures(agent, evaluation_set)
             about = {"table": table, "title": title, "set": evaluation_set}
-            for frame in (judge(make_cells(rows), evaluation_set), _judged(make_tests(rows))):
+            for frame in (judge(cells, evaluation_set), _judged(tests)):
                 if len(frame):
                     frames.append(frame.assign(**about))
     found = pd.concat(frames, ignore_index=True)

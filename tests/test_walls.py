@@ -183,6 +183,12 @@ def test_only_the_simulator_s_folders_of_envs_import_it() -> None:
             assert not {name.split(".")[0] for name in names} & SIMULATOR, path
 
 
+def test_the_library_does_not_know_the_comparison_with_the_paper() -> None:
+    for package in MAY_KNOW:
+        for path, names in imports_of_package(package).items():
+            assert "paper" not in {name.split(".")[0] for name in names}, path
+
+
 def test_importing_a_package_loads_no_simulator() -> None:
     # In one process for all: the first package after which the simulator is there has loaded it.
     code = (

@@ -1,10 +1,11 @@
 """The tables between the comments of the pages."""
 
+import re
 from pathlib import Path
 
 import pytest
 
-from paper.__main__ import main
+from paper.__main__ import COMMANDS, main
 from paper.blocks import BLOCK, BLOCKS, replace_blocks, write_blocks
 from paper.rows import ROOT
 
@@ -34,6 +35,15 @@ def test_every_table_has_its_place_in_one_page() -> None:
     named = [name for page in pages for name in BLOCK.findall(page.read_text())]
     assert set(named) == {*BLOCKS, *OTHERS}
     assert len(named) == len(set(named))
+
+
+def test_the_commands_on_the_pages_exist() -> None:
+    pages = [ROOT / "README.md", ROOT / "Makefile", *(ROOT / "docs").rglob("*.md")]
+    text = "".join(page.read_text(encoding="utf-8") for page in pages)
+    named = set(re.findall(r"python -m paper ([a-z]+)", text))
+    assert {"run", "rows", "tables", "sweep"} <= named <= set(COMMANDS)
+    for file in re.findall(r"paper/sweeps/\w+\.yaml", text):
+        assert (ROOT / file).is_file()
 
 
 def test_the_command_names_its_subcommands(capsys: pytest.CaptureFixture[str]) -> None:
