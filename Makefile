@@ -9,7 +9,7 @@ ifneq ($(ICD),)
 export VK_ICD_FILENAMES ?= $(abspath $(ICD))
 endif
 
-.PHONY: setup demo train test test-slow test-gpu check docs bench renderer clean
+.PHONY: setup demo train paper test test-slow test-gpu check docs bench renderer clean
 
 setup: $(STAMP)
 
@@ -26,6 +26,11 @@ train: setup
 
 demo: setup
 	$(BIN)/modpush demo
+
+# The paper's tables, pictures and times: hours; an interrupted run continues (docs/howto/reproduce.md).
+paper: setup
+	$(BIN)/python -m paper run --workers 2
+	for part in rows tables examples runtime dynamics; do $(BIN)/python -m paper $$part || exit 1; done
 
 # A process for each core, up to four; one that is done takes over half of another's tests.
 test: setup

@@ -37,7 +37,7 @@ class CompareConfig:
     """Folders of the runs."""
     names: tuple[str, ...]
     """What each run is called."""
-    out: Path = Path("docs/results/paper/training")
+    out: Path = Path("runs/compared")
     """Folder of what is written."""
     rows: int = 6
     """Number of evaluations of each run in the table, evenly spread, the last one included."""

@@ -1,6 +1,6 @@
 """Learning evidence: TQC with uniform and attentive replay, and sb3-contrib's TQC beside it.
 
-One run of one seed, appended to `docs/results/learner_curves.csv`:
+One run of one seed, appended to `runs/learner_curves.csv`:
 
     python benchmarks/learning_curves.py run --task pendulum --learner attentive --seed 0
 
@@ -30,7 +30,8 @@ from torchrl.envs import ExplorationType, GymEnv, set_exploration_type
 from modpush.agents import TQCAgent, TQCConfig, make_tqc
 from modpush.replay import AttentiveSampler
 
-RESULTS = Path(__file__).parent.parent / "docs" / "results"
+CURVES = Path("runs/learner_curves.csv")
+PICTURE = Path(__file__).parent.parent / "docs" / "results" / "learner_curves.png"
 EVALUATION_EPISODES = 20
 ENVS = {"pendulum": "Pendulum-v1", "point_pusher": "PointPusher-v0"}
 MAX_EPISODE_STEPS = {"pendulum": 200, "point_pusher": 60}
@@ -54,15 +55,15 @@ class Run:
     """Entropy temperature at the start."""
     k: float = 4
     """Candidates per kept transition of the attentive learners."""
-    out: Path = RESULTS / "learner_curves.csv"
+    out: Path = CURVES
 
 
 @dataclass(frozen=True)
 class Plot:
     """Draw every run in the table."""
 
-    table: Path = RESULTS / "learner_curves.csv"
-    out: Path = RESULTS / "learner_curves.png"
+    table: Path = CURVES
+    out: Path = PICTURE
 
 
 Policy = Callable[[np.ndarray], np.ndarray]

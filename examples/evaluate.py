@@ -4,7 +4,7 @@
     python examples/evaluate.py --set obstacles/small_cube     # 1000 episodes
 
 Writes a folder for each policy in `runs/evaluate_two/`: a row for each episode, tables, pictures of what
-failed and what was solved, and prints the figures beside the paper's with paired t-tests. A run that is
+failed and what was solved, and prints the figures with paired t-tests. A run that is
 interrupted goes on where it stopped. `modpush evaluate` does the same for any policies and sets.
 """
 
@@ -48,7 +48,7 @@ def main(name: str, count: int | None, out: Path) -> dict[str, pd.DataFrame]:
         policy: evaluate_one(policy, episodes, out / policy / name)
         for policy in ("agent", "corridor")
     }
-    print(comparison_report(name, rows))
+    print(name, comparison_report(rows))
     return rows
 
 

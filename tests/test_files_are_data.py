@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from torchrl.envs import EnvBase
 
 import modpush
@@ -26,7 +25,6 @@ from modpush.evaluation.sets import SET_VERSION, load_set
 from modpush.files import read_tensors, write_arrays, write_packed_json, write_tensors, write_yaml
 from modpush.parts import ModulesRefusedError, check_allowed
 from modpush.recipes import PushEnvConfig, load_agent
-from modpush.sweeps import load_sweep
 from modpush.training import TRAIN_PRESETS
 from modpush.training.critics import load_critics
 from modpush.training.run_folder import RunFolder
@@ -180,17 +178,6 @@ def run_config(folder: Path, text: str) -> object:
     return RunFolder(folder).read_config()
 
 
-def sweep(place: str) -> Callable[[Path, str], object]:
-    def read(folder: Path, text: str) -> object:
-        about = {"preset": "smoke", "overrides": {}, "variants": [{"name": "a", "overrides": {}}]}
-        overrides: Any = about["variants"][0] if place == "variant" else about  # type: ignore[index]
-        overrides["overrides"]["env.planner"] = text
-        (folder / "sweep.yaml").write_text(yaml.safe_dump(about))
-        return load_sweep(folder / "sweep.yaml").trials()
-
-    return read
-
-
 READERS: dict[str, Callable[[Path, str], object]] = {
     **{
         f"agent {place}": agent(place)
@@ -218,8 +205,6 @@ READERS: dict[str, Callable[[Path, str], object]] = {
     "minari": minari,
     "minari specification": minari_specification,
     "config.yaml": run_config,
-    "sweep overrides": sweep("all"),
-    "sweep variant": sweep("variant"),
 }
 """What reads a file that names something, and uses what it has read."""
 
@@ -228,11 +213,7 @@ READERS: dict[str, Callable[[Path, str], object]] = {
     ("reader", "text"),
     [
         *((reader, text) for reader in READERS for text in HOSTILE[:2]),
-        *(
-            (reader, text)
-            for reader in ("agent env.planner", "sweep overrides")
-            for text in HOSTILE[2:]
-        ),
+        *(("agent env.planner", text) for text in HOSTILE[2:]),
     ],
 )
 def test_no_file_runs_code_that_its_reader_has_not_allowed(

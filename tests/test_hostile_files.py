@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from modpush import files
-from modpush._provenance import read_sessions
 from modpush._state import _outline
 from modpush.data.demonstration import Demonstration
 from modpush.data.store import DemonstrationStore
@@ -31,7 +30,6 @@ from modpush.files import (
     write_tensors,
 )
 from modpush.recipes import load_agent, make_push_env
-from modpush.sweeps import load_sweep
 from modpush.training import TRAIN_PRESETS
 from modpush.training.critics import load_critics
 from modpush.training.run_folder import RunFolder
@@ -73,7 +71,6 @@ READERS: dict[str, tuple[str, int, Callable[..., None], Callable[[Path], object]
         write_text,
         lambda path: RunFolder(path.parent).read_config(),
     ),
-    "sessions.json": ("modpush.Sessions", 1, write_text, lambda path: read_sessions(path.parent)),
     "run.json": (
         "modpush.Demonstrations",
         1,
@@ -98,7 +95,7 @@ WRONG = {
     "a list": [],
     "nothing in it": {},
     "values of other types": {
-        **dict.fromkeys(("name", "conditions", "episodes", "about", "sessions", "scenario"), 3),
+        **dict.fromkeys(("name", "conditions", "episodes", "about", "scenario"), 3),
         **dict.fromkeys(("env", "network", "parts", "fingerprint", "metadata", "make_env"), 3),
         **dict.fromkeys(("latent_dim", "encoder_widths", "decoder_widths", "sample"), 3),
     },
@@ -254,12 +251,9 @@ ITSELF = "a: &a [*a]"
 def test_a_few_lines_of_yaml_that_stand_for_a_million_are_refused(
     tmp_path: Path, text: str
 ) -> None:
-    path, seal = tmp_path / "sweep.yaml", f"# modpush.Thing v1 sha256:{'0' * 64}\n"
-    path.write_text(text)
-    with pytest.raises(ValueError, match=r"sweep.yaml .*values of YAML"):
-        load_sweep(path)
+    path, seal = tmp_path / "thing.yaml", f"# modpush.Thing v1 sha256:{'0' * 64}\n"
     files._write(path, f"{seal}{text}".encode())
-    with pytest.raises(ValueError, match=r"sweep.yaml .*values of YAML"):
+    with pytest.raises(ValueError, match=r"thing.yaml .*values of YAML"):
         read_yaml(path, "modpush.Thing", 1)
 
 

@@ -107,6 +107,7 @@ def test_the_wheel_holds_types_weights_and_data(wheel: Path) -> None:
     }
     assert "modpush/weights/agent_small_cube.safetensors" in needed
     assert needed <= packaged
+    assert {name.split("/")[0] for name in packaged if ".dist-info" not in name} == {"modpush"}
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +132,7 @@ def test_the_wheel_that_is_built_from_the_source_archive_is_the_same(
 
 def test_the_source_archive_holds_what_its_tests_read(unpacked: Path) -> None:
     root = unpacked
-    for name in ("benchmarks", "docs", "examples", "tests", "tools", ".ci", ".github"):
+    for name in ("benchmarks", "docs", "examples", "paper", "tests", "tools", ".ci", ".github"):
         for path in (ROOT / name).rglob("*"):
             if path.is_file() and "__pycache__" not in path.parts:
                 assert (root / path.relative_to(ROOT)).is_file(), path

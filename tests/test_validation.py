@@ -26,7 +26,6 @@ from modpush._types import ONE_NUMBER, Count, Point, Scenes
 from modpush._validation import check_value, from_plain
 from modpush._yaml import dump_yaml, load_yaml
 from modpush.agents.tqc.config import TQCConfig
-from modpush.cli.sweep import SweepConfig
 from modpush.envs.robot.ur5_2f85 import LINKS, TOOLS
 from modpush.envs.scenes.objects import OBJECTS, PushedObject
 from modpush.envs.scenes.obstacle import Obstacle
@@ -38,7 +37,6 @@ from modpush.planners import PlannerSubgoals
 from modpush.recipes import agent_file
 from modpush.recipes.config import PushEnvConfig
 from modpush.replay import AttentiveSampler
-from modpush.sweeps.definition import Sweep, Variant
 from modpush.training import TRAIN_PRESETS, TrainConfig
 
 NETWORK = agent_file._Network(hidden_sizes=(8,), observation_dim=4, actor="mlp")
@@ -58,9 +56,6 @@ WITHOUT_DEFAULTS: dict[type, Any] = {
     EvaluationSet: EvaluationSet(name="mine", scenarios=(SCENARIO,)),
     Primitive: Primitive(kind="box", size=(0.1, 0.2, 0.3)),
     PushedObject: OBJECTS["small_cube"],
-    SweepConfig: SweepConfig(sweep="sweep.yaml"),
-    Variant: Variant(name="cpu"),
-    Sweep: Sweep(variants=(Variant(name="cpu"),)),
     agent_file._Network: NETWORK,
     agent_file._Content: agent_file._Content(
         env=PushEnvConfig(), network=NETWORK, fingerprint={}, parts={}, make_env=None, metadata={}

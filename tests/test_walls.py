@@ -24,7 +24,6 @@ SHARED = {
     "_kernels",
     "_keys",
     "_folder_lock",
-    "_provenance",
     "_ray",
     "_resets",
     "_state",
@@ -58,18 +57,6 @@ MAY_KNOW = {
         "recipes",
         "evaluation",
     },
-    "sweeps": {"training"},
-    "reproduction": {
-        "geometry",
-        "envs",
-        "planners",
-        "encoders",
-        "mdp",
-        "agents",
-        "recipes",
-        "evaluation",
-        "sweeps",
-    },
     "export": {"geometry", "encoders", "mdp", "agents", "planners", "recipes"},
     "data": {"geometry", "envs", "mdp", "recipes", "evaluation"},
     "cli": {
@@ -83,8 +70,6 @@ MAY_KNOW = {
         "recipes",
         "evaluation",
         "training",
-        "sweeps",
-        "reproduction",
         "export",
         "data",
         "viewer",
@@ -103,9 +88,7 @@ MAY_KNOW = {
 }
 """What each package may import besides itself and the shared modules."""
 SIMULATOR = {"sapien", "mani_skill"}
-WITHOUT_SIMULATOR = sorted(
-    set(MAY_KNOW) - {"recipes", "training", "sweeps", "reproduction", "export", "data", "cli"}
-)
+WITHOUT_SIMULATOR = sorted(set(MAY_KNOW) - {"recipes", "training", "export", "data", "cli"})
 
 
 def imported_modules(source: str, package: str) -> set[str]:
@@ -200,6 +183,12 @@ def test_only_the_simulator_s_folders_of_envs_import_it() -> None:
             assert not {name.split(".")[0] for name in names} & SIMULATOR, path
 
 
+def test_the_library_does_not_know_the_comparison_with_the_paper() -> None:
+    for package in MAY_KNOW:
+        for path, names in imports_of_package(package).items():
+            assert "paper" not in {name.split(".")[0] for name in names}, path
+
+
 def test_importing_a_package_loads_no_simulator() -> None:
     # In one process for all: the first package after which the simulator is there has loaded it.
     code = (
@@ -270,7 +259,7 @@ def test_every_text_file_has_its_encoding_named():
     assert not found
 
 
-FOLDERS = ("modpush", "examples", "tools", "benchmarks")
+FOLDERS = ("modpush", "paper", "examples", "tools", "benchmarks")
 
 
 def _leaves_encoding_open(call: ast.Call) -> bool:

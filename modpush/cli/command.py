@@ -20,9 +20,7 @@ __all__ = ["SUBCOMMANDS", "run_command"]
 SUBCOMMANDS = {
     "demo": "Watch a trained agent push different objects, beside the corridor controller.",
     "train": "Train an agent: environment and learner each in their own process, on two cores.",
-    "evaluate": "Evaluate policies on the evaluation sets: tables beside the paper's, pictures, videos.",
-    "reproduce": "Reproduce the paper's tables and figures: ours beside the printed ones, with tests.",
-    "sweep": "Train variants and seeds of a configuration, one after the other or with Ray Tune.",
+    "evaluate": "Evaluate policies on the evaluation sets: tables, tests, pictures, videos.",
     "play": "Push in the browser, at `http://127.0.0.1:8080`, without a GPU or a renderer.",
     "collect": "Record demonstrations of any policies for offline learning, as Minari and ManiSkill data "
     "sets.",
@@ -57,7 +55,7 @@ def run_command(arguments: Sequence[str] | None = None) -> int:
     if name not in SUBCOMMANDS:
         print(_unknown(name), file=sys.stderr)
         return 2
-    if name in ("train", "sweep"):
+    if name == "train":
         # One thread for the learner; the other core is the environment's. Before torch is imported.
         os.environ.setdefault("OMP_NUM_THREADS", "1")
     warnings.filterwarnings("ignore", message="Failed to find system libvulkan")

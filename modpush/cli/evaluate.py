@@ -1,4 +1,4 @@
-"""Evaluate policies on the evaluation sets: tables beside the paper's, pictures, videos.
+"""Evaluate policies on the evaluation sets: tables, pictures, videos.
 
     modpush evaluate --policy corridor --set obstacles/small_cube
     modpush evaluate --policy agent corridor --set all --episodes 100
@@ -8,7 +8,7 @@
     modpush evaluate --policy any_object --set hard/small_cube --recovery False
 
 For each policy and set `runs/evaluate/<policy>/<set>/` gets `episodes.csv` (a row for each episode),
-`table.md`, `.tex` and `.csv`, `failures.png`, `successes.png` and a video for each family. With
+`table.md` and `.csv`, `failures.png`, `successes.png` and a video for each family. With
 several policies `runs/evaluate/comparison/<set>.md` has metrics over the episodes that all solved,
 and paired t-tests. An interrupted run continues where it stopped; `--fresh` starts over.
 """
@@ -91,14 +91,13 @@ def evaluate_policies(config: EvaluateConfig) -> "dict[str, dict[str, pd.DataFra
     results: dict[str, dict[str, pd.DataFrame]] = {}
     for name, episodes in _load_sets(config).items():
         rows = {method.name: _evaluate_one(method, episodes, config) for method in methods}
-        report = evaluation.comparison_report(episodes.name, rows)
-        path = config.out / "comparison" / f"{episodes.name}.md"
-        if len(rows) == 1:
-            path = config.out / methods[0].name / episodes.name / "beside_paper.md"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(report, encoding="utf-8")
-        print(f"\n{report}")
         results[name] = rows
+        if len(rows) > 1:
+            report = evaluation.comparison_report(rows)
+            path = config.out / "comparison" / f"{episodes.name}.md"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(report, encoding="utf-8")
+            print(f"\n{episodes.name}: {report}")
     videos = ", videos" if config.videos else ""
     print(f"Wrote to {config.out}/: tables, a row for each episode, pictures{videos}.")
     return results

@@ -15,7 +15,6 @@ from torchrl.envs.utils import ExplorationType, step_mdp
 
 from modpush.envs.scenes.objects import Circle, PushedObject
 from modpush.envs.scenes.scenario import Scenario
-from modpush.evaluation.authors_paths import authors_agent_length, authors_controller_length
 from modpush.evaluation.metrics import EpisodeMetrics, episode_metrics
 from modpush.evaluation.shortest import shortest_path
 from modpush.files import read_arrays, write_arrays
@@ -126,8 +125,6 @@ class _Log:
             success=success,
             out_of_bounds=out_of_bounds,
             shortest_length=shortest,
-            authors_agent_length=authors_agent_length(self.scenario),
-            authors_controller_length=authors_controller_length(self.scenario),
         )
         trajectory = Trajectory(
             **{key: value.astype(np.float32) for key, value in poses.items()},

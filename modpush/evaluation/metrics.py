@@ -39,7 +39,7 @@ class EpisodeMetrics:
     """Share of the control steps in contact, from the first contact on; 0 if there was none. A step
     counts in which any of four looks, spread over it, shows contact."""
     contact_rate_at_end: float
-    """The same of the looks at the steps' ends alone, as in the authors' code."""
+    """The same of the looks at the steps' ends alone."""
     collision_rate: float
     """Share of all control steps in which the object, the tool or the arm touched an obstacle."""
     collision_rate_object: float
@@ -47,27 +47,17 @@ class EpisodeMetrics:
     collision_rate_arm: float
     """Share of all control steps in which the tool or the arm touched an obstacle."""
     collision_rate_at_end: float
-    """Share of all control steps at whose end the object, the tool or the arm touched an obstacle, as
-    the authors measured their controller."""
+    """Share of all control steps at whose end the object, the tool or the arm touched an obstacle."""
     collision_rate_object_at_end: float
-    """Share of all control steps at whose end the object touched an obstacle, as they measured their
-    agent."""
+    """Share of all control steps at whose end the object touched an obstacle."""
     path_length: float
     """Length of the object's path, plus its distance to the goal at the end [m]."""
     final_distance: float
     """Distance from the object to the goal at the end [m]."""
     shortest_length: float
     """Length of the shortest path at reset, see `shortest_path` [m]."""
-    authors_agent_length: float
-    """The same as the authors measured their agent, see `authors_agent_length` [m]."""
-    authors_controller_length: float
-    """The same as they measured their controller, see `authors_controller_length` [m]."""
     spl: float
     """Success weighted by path length, against the exact shortest path."""
-    spl_authors_agent: float
-    """The same against the authors' Lazy Theta*, by which they measured their agent."""
-    spl_authors_controller: float
-    """The same against the authors' staircase of cells, by which they measured their controller."""
     out_of_bounds: bool
     """The object left the workspace."""
     mean_jerk: float
@@ -190,8 +180,6 @@ def episode_metrics(
     success: bool,
     out_of_bounds: bool,
     shortest_length: Positive,
-    authors_agent_length: Positive,
-    authors_controller_length: Positive,
 ) -> EpisodeMetrics:
     """All metrics of an episode of T control steps.
 
@@ -210,8 +198,6 @@ def episode_metrics(
         success: Whether the goal was reached.
         out_of_bounds: Whether the object left the workspace.
         shortest_length: See `shortest_path` [m].
-        authors_agent_length: See `modpush.evaluation.authors_paths` [m].
-        authors_controller_length: See `modpush.evaluation.authors_paths` [m].
 
     Raises:
         TypeError: If an argument is not an array, or has another dtype.
@@ -229,10 +215,6 @@ def episode_metrics(
     _check_array("obstacle_contact_at_end", obstacle_contact_at_end, "b", (steps,))
     _check_array("tool_obstacle_contact_at_end", tool_obstacle_contact_at_end, "b", (steps,))
     taken, final = pushed_length(object_position, goal_position)
-    spl, spl_agent, spl_controller = (
-        success_weighted_by_path_length(success, length, taken)
-        for length in (shortest_length, authors_agent_length, authors_controller_length)
-    )
     return EpisodeMetrics(
         success=bool(success),
         steps=steps,
@@ -247,11 +229,7 @@ def episode_metrics(
         path_length=taken,
         final_distance=final,
         shortest_length=shortest_length,
-        authors_agent_length=authors_agent_length,
-        authors_controller_length=authors_controller_length,
-        spl=spl,
-        spl_authors_agent=spl_agent,
-        spl_authors_controller=spl_controller,
+        spl=success_weighted_by_path_length(success, shortest_length, taken),
         out_of_bounds=bool(out_of_bounds),
         mean_jerk=mean_jerk(ee_position, control_freq),
         reversal_rate=reversal_rate(ee_position),

@@ -19,7 +19,6 @@ from modpush.evaluation.pictures import (
     write_picture,
     write_video,
 )
-from modpush.evaluation.published_results import beside_paper
 from modpush.evaluation.results import load_trajectory
 from modpush.evaluation.sets import EvaluationSet
 from modpush.evaluation.tables import (
@@ -36,7 +35,7 @@ __all__ = ["comparison_report", "draw_results", "write_tables"]
 
 @checked_arguments
 def write_tables(rows: pd.DataFrame, folder: Path | str) -> str:
-    """Write means over all episodes and over each scene family as `table.csv`, `.tex` and `.md`.
+    """Write means over all episodes and over each scene family as `table.csv` and `table.md`.
 
     Args:
         rows: A row for each episode, as `evaluate` returns them.
@@ -52,8 +51,7 @@ def write_tables(rows: pd.DataFrame, folder: Path | str) -> str:
         [summarize({name: frame}) for name, frame in [("all", rows), *by_scene.items()]]
     ).rename_axis("scene")
     text = format_table(to_display(table))
-    (folder / "table.csv").write_text(format_table(table, "csv"), encoding="utf-8")
-    (folder / "table.tex").write_text(format_table(to_display(table), "latex"), encoding="utf-8")
+    (folder / "table.csv").write_text(table.to_csv(), encoding="utf-8")
     (folder / "table.md").write_text(f"{text}\n{LEGEND}", encoding="utf-8")
     return text
 
@@ -116,21 +114,22 @@ def draw_results(
 
 
 @checked_arguments
-def comparison_report(name: str, rows: Mapping[str, pd.DataFrame]) -> str:
-    """Policies beside the paper's figures; several of them are tested against the first.
+def comparison_report(rows: Mapping[str, pd.DataFrame]) -> str:
+    """Several policies over the episodes that all of them solved, with tests of the first against each.
 
     Args:
-        name: Name of the evaluation set.
         rows: A row for each episode, as `evaluate` returns them, by policy.
 
     Returns:
-        Tables in Markdown. With several policies, metrics are over the episodes that all solved.
+        Tables in Markdown.
+
+    Raises:
+        ValueError: If the policies ran different episodes.
     """
-    summary = summarize(dict(rows))
-    text = f"{name}: beside the paper\n\n{format_table(beside_paper(summary, name))}"
-    if len(rows) > 1:
-        text += f"\nmetrics over what all solved\n\n{format_table(to_display(summary))}"
-        (first, a), *others = rows.items()
-        for second, b in others:
-            text += f"\n{first} against {second}\n\n{format_table(compare(a, b))}"
+    text = (
+        f"Metrics over the episodes that all solved\n\n{format_table(to_display(summarize(rows)))}"
+    )
+    (first, a), *others = rows.items()
+    for second, b in others:
+        text += f"\n{first} against {second}\n\n{format_table(compare(a, b))}"
     return f"{text}\n{LEGEND}"

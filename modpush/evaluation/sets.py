@@ -2,7 +2,6 @@
 
     python -m modpush.evaluation.sets            # writes the files anew, bit for bit the same
     python -m modpush.evaluation.sets --check    # compares them instead
-    python -m modpush.evaluation.set_statistics  # what is in them
 
 What they are drawn from is in `set_recipes.py`.
 """

@@ -1,4 +1,4 @@
-"""Intervals and tests over a set of episodes."""
+"""Confidence intervals and tests over the episodes of a set."""
 
 import math
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ __all__ = ["PairedTest", "bootstrap_interval", "paired_t_test"]
 def bootstrap_interval(
     values: ArrayLike, confidence: float = 0.95, resamples: Count = 10_000, seed: Seed = 0
 ) -> tuple[float, float]:
-    """Percentile bootstrap interval of the mean.
+    """Percentile bootstrap interval of the mean, by `scipy.stats.bootstrap`.
 
     Args:
         values: One value for each episode, `[N]`.
@@ -35,10 +35,10 @@ def bootstrap_interval(
     """
     if not 0 < confidence < 1:
         raise ValueError(f"bootstrap_interval: confidence must be in (0, 1), got {confidence}.")
-    sample = _checked_sample("bootstrap_interval", "values", values)
+    sample = _checked_sample("bootstrap_interval", values)
     if len(sample) == 0:
         return math.nan, math.nan
-    if np.ptp(sample) == 0:
+    if np.ptp(sample) == 0:  # scipy gives NaN
         return float(sample[0]), float(sample[0])
     interval = stats.bootstrap(
         (sample,),
@@ -73,7 +73,7 @@ class PairedTest:
 
 
 def paired_t_test(first: ArrayLike, second: ArrayLike) -> PairedTest:
-    """A paired t-test of two methods on the same episodes.
+    """Paired t-test of two methods on the same episodes, by `scipy.stats.ttest_rel`.
 
     Args:
         first: Values of the first method, `[N]`.
@@ -87,37 +87,26 @@ def paired_t_test(first: ArrayLike, second: ArrayLike) -> PairedTest:
     Raises:
         ValueError: If the shapes differ, or the values are not `[N]` and finite.
     """
-    a = _checked_sample("paired_t_test", "first", first)
-    b = _checked_sample("paired_t_test", "second", second)
+    a, b = (_checked_sample("paired_t_test", values) for values in (first, second))
     if a.shape != b.shape:
         raise ValueError(
-            "paired_t_test: first and second must be of one shape [N], got "
-            f"{a.shape} and {b.shape}."
+            f"paired_t_test: first and second must be of one shape [N], got {a.shape} and {b.shape}."
         )
-    n = len(a)
-    mean = float(np.mean(a - b)) if n else math.nan
+    n, nan = len(a), math.nan
     if n < 2:
-        return PairedTest(count=n, difference=mean, t=math.nan, p=math.nan, effect_size=math.nan)
-    deviation = float(np.std(a - b, ddof=1))
-    if deviation <= 1e-12 * max(1.0, abs(mean)):  # no spread but rounding
+        difference = float((a - b)[0]) if n else nan
+        return PairedTest(count=n, difference=difference, t=nan, p=nan, effect_size=nan)
+    mean, deviation = float(np.mean(a - b)), float(np.std(a - b, ddof=1))
+    if deviation <= 1e-12 * max(1.0, abs(mean)):  # no spread but rounding: scipy gives NaN
         size = math.copysign(math.inf, mean) if abs(mean) > 1e-12 else 0.0
         p = 0.5 ** (n - 1) if size else 1.0
         return PairedTest(count=n, difference=mean, t=size, p=p, effect_size=size)
-    test = stats.ttest_rel(a, b)
-    return PairedTest(
-        count=n,
-        difference=mean,
-        t=float(test.statistic),
-        p=float(test.pvalue),
-        effect_size=mean / deviation,
-    )
+    t, p = map(float, stats.ttest_rel(a, b))
+    return PairedTest(count=n, difference=mean, t=t, p=p, effect_size=mean / deviation)
 
 
-def _checked_sample(who: str, name: str, values: ArrayLike) -> NDArray[np.float64]:
-    try:
-        sample = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{who}: {name} must be numbers [N], got {values!r}.") from error
+def _checked_sample(who: str, values: ArrayLike) -> NDArray[np.float64]:
+    sample = np.asarray(values, dtype=np.float64)
     if sample.ndim != 1 or not np.isfinite(sample).all():
-        raise ValueError(f"{who}: {name} must be finite numbers [N], got {values!r}.")
+        raise ValueError(f"{who}: values must be finite numbers [N], got {values!r}.")
     return sample

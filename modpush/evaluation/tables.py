@@ -1,7 +1,6 @@
-"""The paper's tables from per-episode rows."""
+"""Tables of means, intervals and tests from per-episode rows."""
 
 from collections.abc import Mapping, Sequence
-from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -12,32 +11,7 @@ from modpush.evaluation.stats import bootstrap_interval, paired_t_test
 
 __all__ = ["LEGEND", "METRICS", "check_rows", "compare", "format_table", "summarize", "to_display"]
 
-METRICS = (
-    "success",
-    "spl",
-    "spl_authors_agent",
-    "spl_authors_controller",
-    "contact_rate",
-    "contact_rate_at_end",
-    "collision_rate",
-    "collision_rate_at_end",
-    "collision_rate_object_at_end",
-    "path_length",
-    "mean_jerk",
-    "reversal_rate",
-)
-"""Columns of the tables. Success and SPL are over all episodes, the rest over solved ones."""
-LEGEND = (
-    "`spl` measures by the exact shortest path inside the workspace, `spl_authors_agent` by the Lazy "
-    "Theta* and `spl_authors_controller` by the staircase of cells by which the paper's authors measured "
-    "their agent and their controller. `contact_rate` counts a step in which any of four looks shows "
-    "contact, `contact_rate_at_end` one in which a look at its end does, as the authors' code. "
-    "`collision_rate` counts object, tool and arm by any of four looks, `collision_rate_at_end` by the "
-    "look at the end, as the authors their controller's, and `collision_rate_object_at_end` the object "
-    "alone, as they their agent's.\n"
-)
-"""What the columns of a table of these metrics mean, in Markdown."""
-_OVER_ALL = ("success", "spl", "spl_authors_agent", "spl_authors_controller")
+_OVER_ALL = ("success", "spl")
 _OVER_SOLVED = (
     "contact_rate",
     "contact_rate_at_end",
@@ -45,14 +19,21 @@ _OVER_SOLVED = (
     "collision_rate_object",
     "collision_rate_arm",
     "collision_rate_at_end",
-    "collision_rate_object_at_end",
     "path_length",
     "mean_jerk",
     "reversal_rate",
     "steps",
 )
+METRICS = (*_OVER_ALL, *(name for name in _OVER_SOLVED if name != "steps"))
+"""Metrics that `compare` tests. Success and SPL are over all episodes, the rest over solved ones."""
+LEGEND = (
+    "`spl` is measured by the exact shortest path inside the workspace. `contact_rate` counts a step in "
+    "which any of four looks shows contact, `contact_rate_at_end` one in which the look at its end does. "
+    "`collision_rate` counts object, tool and arm by any of four looks, `collision_rate_object` and "
+    "`collision_rate_arm` one of them alone, and `collision_rate_at_end` both by the look at the end.\n"
+)
+"""Meaning of the columns of a table of these metrics, in Markdown."""
 _IDENTITY = ("episode", "scene", "pushed_object", "difficulty")
-TableFormat = Literal["markdown", "latex", "csv"]
 
 
 @checked_arguments
@@ -63,7 +44,7 @@ def summarize(rows: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
         rows: What `evaluate` returned, by method.
 
     Returns:
-        By method: `episodes`; `success` and the three SPL with `_low` and `_high` of their 95 % bootstrap
+        By method: `episodes`; `success` and `spl` with `_low` and `_high` of their 95 % bootstrap
         intervals, over all episodes; `solved`, the number of episodes that all methods solved, and
         over these alone the other metrics with their standard deviation, `_std` (NaN where there
         is none).
@@ -200,43 +181,22 @@ def _std(value: float, digits: int) -> str:
 
 
 @checked_arguments
-def format_table(table: pd.DataFrame, how: TableFormat = "markdown") -> str:
-    """Write a table, its index as first columns.
+def format_table(table: pd.DataFrame) -> str:
+    """A table in Markdown, its index as first columns.
 
     Args:
-        table: Any table; numbers are written with three decimals, except in CSV, which keeps all.
-        how: `"markdown"`, `"latex"` or `"csv"`.
+        table: Any table; fractions are written with three decimals.
 
     Raises:
         TypeError: If the table is not a data frame.
-        ValueError: If there is no such format; the message lists the known ones.
     """
-    if how == "csv":
-        return table.to_csv()
     flat = table.reset_index()
-    cells = [[_cell(value) for value in row] for row in flat.itertuples(index=False)]
-    names = [str(name) for name in flat.columns]
-    if how == "markdown":
-        texts = [[cell.replace("|", r"\|") for cell in line] for line in [names, *cells]]
-        table_rows = [texts[0], ["---"] * len(names), *texts[1:]]
-        return "".join(f"| {' | '.join(line)} |\n" for line in table_rows)
-    head, *body = (" & ".join(map(_escape, line)) + r" \\" for line in [names, *cells])
-    columns = "l" * table.index.nlevels + "r" * len(table.columns)
-    start = [rf"\begin{{tabular}}{{{columns}}}", r"\toprule", head, r"\midrule"]
-    return "\n".join([*start, *body, r"\bottomrule", r"\end{tabular}", ""])
+    rows = [flat.columns, *flat.itertuples(index=False)]
+    head, *body = (f"| {' | '.join(map(_cell, row))} |" for row in rows)
+    return "\n".join([head, "|" + " --- |" * len(flat.columns), *body, ""])
 
 
 def _cell(value: object) -> str:
     if isinstance(value, float | np.floating):
         return "–" if np.isnan(value) else f"{value:.3f}"
-    return str(value)
-
-
-_LATEX = str.maketrans(
-    {character: f"\\{character}" for character in "_%&#${}"}
-    | {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\~{}", "±": r"$\pm$", "–": "--"}
-)
-
-
-def _escape(text: str) -> str:
-    return text.translate(_LATEX)
+    return str(value).replace("|", r"\|")

@@ -51,10 +51,7 @@ def make_episode(number: int, scenario: Scenario, *, success: bool = True) -> Ep
         ee_position=poses[:, :2],
         success=success,
         out_of_bounds=False,
-        **dict.fromkeys(
-            ("shortest_length", "authors_agent_length", "authors_controller_length"),
-            float(np.linalg.norm(goal - start[:2])),
-        ),
+        shortest_length=float(np.linalg.norm(goal - start[:2])),
     )
     trajectory = Trajectory(
         object_pose=poses.astype(np.float32),

@@ -95,8 +95,6 @@ def test_an_episode_by_hand() -> None:
         success=True,
         out_of_bounds=False,
         shortest_length=0.6,
-        authors_agent_length=0.65,
-        authors_controller_length=0.9,
     )
     assert metrics.steps == 4
     assert metrics.episode_return == pytest.approx(3.25)
@@ -114,8 +112,6 @@ def test_an_episode_by_hand() -> None:
     assert metrics.path_length == pytest.approx(0.75)  # 0.3 + 0.4 + 0.05
     assert metrics.final_distance == pytest.approx(0.05)
     assert metrics.spl == pytest.approx(0.8)
-    assert metrics.spl_authors_agent == pytest.approx(0.65 / 0.75)
-    assert metrics.spl_authors_controller == 1.0  # the path was shorter than their staircase
 
 
 def test_lengths_that_do_not_fit_are_refused() -> None:
@@ -137,6 +133,4 @@ def test_lengths_that_do_not_fit_are_refused() -> None:
             success=False,
             out_of_bounds=False,
             shortest_length=1.0,
-            authors_agent_length=1.0,
-            authors_controller_length=1.0,
         )

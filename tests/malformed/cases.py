@@ -48,13 +48,12 @@ def targets() -> tuple[Target, ...]:
         files,
         saved_agents,
         states,
-        sweeping,
         transforms,
         viewing,
     )
 
     parts = (environments, states, transforms, agents, buffers, files, evaluations, saved_agents)
-    late = (viewing, demonstrations, sweeping)
+    late = (viewing, demonstrations)
     return (*light_targets(), *(target for part in parts + late for target in part.targets()))
 
 

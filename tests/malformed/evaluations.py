@@ -11,7 +11,6 @@ import torch
 from modpush import evaluation
 from modpush.envs import EpisodeConditions
 from modpush.evaluation.results import COLUMNS
-from modpush.evaluation.set_statistics import set_statistics
 from tests.malformed.files import folder, good
 from tests.malformed.target import BELOW_1, NOT_FINITE, UNKNOWN, Target
 
@@ -85,8 +84,8 @@ def _tables() -> list[Target]:
         Target(
             name="format_table",
             call=evaluation.format_table,
-            given=lambda: {"table": rows(), "how": "csv"},
-            bad={"how": UNKNOWN, "table": [None, 3, {}]},
+            given=lambda: {"table": rows()},
+            bad={"table": [None, 3, {}]},
             only=["table"],
         ),
         Target(
@@ -107,9 +106,9 @@ def _reports() -> list[Target]:
         Target(
             name="comparison_report",
             call=evaluation.comparison_report,
-            given=lambda: {"name": "free/small_cube", "rows": {"a": rows()}},
-            bad={"name": [3, None], "rows": [{}, 3, None, *({"a": frame} for frame in frames)]},
-            only=["name", "rows"],
+            given=lambda: {"rows": {"a": rows()}},
+            bad={"rows": [{}, 3, None, *({"a": frame} for frame in frames)]},
+            only=["rows"],
             also={"rows": ["success"]},
         ),
         Target(
@@ -139,13 +138,6 @@ def _reports() -> list[Target]:
             given=lambda: {"summary": evaluation.summarize({"a": rows()})},
             bad={"summary": [None, 3, {}, "text", rows()]},
             only=["summary"],
-        ),
-        Target(
-            name="set_statistics",
-            call=set_statistics,
-            given=lambda: {"episodes": smoke.first(1)},
-            bad={"episodes": [None, 3, "smoke", smoke.scenarios]},
-            only=["episodes"],
         ),
         Target(
             name="EpisodeConditions.from_dict",

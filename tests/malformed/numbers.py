@@ -38,8 +38,6 @@ def _numbers() -> list[Target]:
         "success": True,
         "out_of_bounds": False,
         "shortest_length": 1.0,
-        "authors_agent_length": 1.0,
-        "authors_controller_length": 1.0,
     }
     pair = {"candidates": torch.rand(2, 5, 3), "queries": torch.rand(2, 3)}
     return [

@@ -1,8 +1,0 @@
-"""The paper's tables and figures, measured here and written beside the printed ones.
-
-Names are imported on first use; `__init__.pyi` lists them.
-"""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,8 +1,0 @@
-"""Training runs of several variants and seeds, one after the other or as trials of Ray Tune.
-
-Names are imported on first use; `__init__.pyi` lists them.
-"""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
