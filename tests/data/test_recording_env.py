@@ -21,7 +21,7 @@ def test_it_keeps_torchrls_contract(recorder) -> None:
 
 
 def test_it_emits_what_push_env_does(recorder) -> None:
-    plain = PushEnv(2, scene=ENV.scene, difficulty=ENV.difficulty, distance=ENV.distance, seed=0)
+    plain = PushEnv(2, scene=ENV.scenario.scene, difficulty=ENV.scenario.difficulty, distance=ENV.scenario.distance, seed=0)
     assert recorder.observation_spec == plain.observation_spec
     ours, theirs = recorder.reset(seed=5), plain.reset(seed=5)
     action = torch.tensor([[0.3, -0.2, 0.1], [1.0, 1.0, 0.0]])
