@@ -11,18 +11,16 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from torchrl.envs import EnvBase
 
 import modpush
 from modpush._state import write_state
 from modpush.data import load_demonstrations
-from modpush.data.demonstration import Demonstration
 from modpush.envs import PushEnv
 from modpush.envs.scenes.objects import OBJECTS, get_object_of
 from modpush.evaluation.sets import SET_VERSION, load_set
-from modpush.files import read_tensors, write_arrays, write_packed_json, write_tensors, write_yaml
+from modpush.files import read_tensors, write_packed_json, write_tensors, write_yaml
 from modpush.parts import ModulesRefusedError, check_allowed
 from modpush.recipes import PushEnvConfig, load_agent
 from modpush.training import TRAIN_PRESETS
@@ -147,12 +145,6 @@ def replay(folder: Path, text: str) -> ReplayLane:
     return lane
 
 
-def demonstration(folder: Path, text: str) -> Demonstration:
-    about = np.array(json.dumps({"scenario": {**SCENARIO, "pushed_object": text}}))
-    write_arrays(folder / "0.npz", {"about": about}, "modpush.Demonstration", 1)
-    return Demonstration.load(folder / "0.npz")
-
-
 def minari(folder: Path, text: str) -> object:
     pytest.importorskip("minari")
     (folder / "main_data.hdf5").touch()
@@ -201,7 +193,6 @@ READERS: dict[str, Callable[[Path, str], object]] = {
     "set pushed_object": evaluation_set("pushed_object"),
     "set scene": evaluation_set("scene"),
     "replay": replay,
-    "demonstration": demonstration,
     "minari": minari,
     "minari specification": minari_specification,
     "config.yaml": run_config,

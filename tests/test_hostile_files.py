@@ -15,8 +15,6 @@ import pytest
 
 from modpush import files
 from modpush._state import _outline
-from modpush.data.demonstration import Demonstration
-from modpush.data.store import DemonstrationStore
 from modpush.encoders import DepthVAE, WindowData
 from modpush.evaluation.sets import load_set
 from modpush.files import (
@@ -50,10 +48,6 @@ def write_text(path: Path, data: Any, kind: str, version: int) -> None:
     files._write(path, json.dumps(content).encode())
 
 
-def write_about(path: Path, data: Any, kind: str, version: int) -> None:
-    write_arrays(path, {"about": np.array(json.dumps(data))}, kind, version)
-
-
 def start_from(path: Path) -> None:
     load_initial_weights(None, replace(SMOKE, init_from=str(path)), None, {})  # type: ignore[arg-type]
 
@@ -64,18 +58,11 @@ READERS: dict[str, tuple[str, int, Callable[..., None], Callable[[Path], object]
     "windows.safetensors": ("modpush.WindowData", 2, write_tensor_config, WindowData.load),
     "step-1.safetensors": ("modpush.Checkpoint", 1, write_tensor_config, start_from),
     "set.json.gz": ("modpush.EvaluationSet", 3, write_packed_json, load_set),
-    "0.npz": ("modpush.Demonstration", 1, write_about, Demonstration.load),
     "config.yaml": (
         "modpush.TrainConfig",
         1,
         write_text,
         lambda path: RunFolder(path.parent).read_config(),
-    ),
-    "run.json": (
-        "modpush.Demonstrations",
-        1,
-        write_text,
-        lambda path: DemonstrationStore(path.parent, {}),
     ),
 }
 """By name of the file: kind, version, and what writes and reads it."""

@@ -1,10 +1,10 @@
-"""Record demonstrations of any policies for offline learning, as Minari and ManiSkill data sets.
+"""Record demonstrations of any policies for offline learning, as a Minari data set.
 
     modpush collect --policy agent corridor --episodes 1000 --only-success
     modpush collect --policy scripted --env.scenario.scene free --env.scenario.difficulty 0 0.5 --images
 
-Writes both data sets and a card to `runs/demonstrations/`. An interrupted run continues where it
-stopped, and one that asks for more episodes adds them. It needs `pip install 'modpush[data]'`.
+Writes the data set and a card to `runs/demonstrations/`. The same again continues after an
+interrupt; more episodes or further policies are added. It needs `pip install 'modpush[data]'`.
 """
 
 from collections.abc import Sequence

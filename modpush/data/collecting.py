@@ -1,17 +1,13 @@
-"""`collect_demonstrations`: runs policies and writes what they do as a data set."""
+"""`collect_demonstrations`: runs policies and writes their episodes as a Minari data set."""
 
 import json
-import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
-import pandas as pd
-from gymnasium.envs.registration import EnvSpec
 from torchrl.envs import EnvBase, TransformedEnv
 from tqdm import tqdm
 
@@ -23,10 +19,8 @@ from modpush._threads import torch_threads
 from modpush._types import Count
 from modpush.data.card import card_text
 from modpush.data.config import MAX_NUMBER, CollectConfig, episode_seed
-from modpush.data.maniskill_file import write_maniskill
-from modpush.data.minari_folder import write_minari
+from modpush.data.minari_dataset import RecordedEpisode, extend_dataset, read_about
 from modpush.data.recording_env import RecordingEnv
-from modpush.data.store import DemonstrationStore
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.episodes import run_episodes
@@ -40,6 +34,9 @@ __all__ = ["collect_demonstrations"]
 
 _TRIES = 10
 """With `only_success`, the largest number of episodes to run for each that is to be kept."""
+_BATCH = 200
+"""Number of episodes after which they are written; a kill loses at most these."""
+_BATCH_WITH_IMAGES = 20
 
 
 @checked_arguments
@@ -48,13 +45,12 @@ def collect_demonstrations(
 ) -> Path:
     """Run policies from starts drawn for this purpose, and write their episodes and a card.
 
-    The folder gets `README.md` (the card), `minari/` (a data set for Minari; point
-    `MINARI_DATASETS_PATH` there), `trajectory.h5` and `trajectory.json` (ManiSkill's format), and
-    `episodes/` with `attempts.csv`, from which a run that was interrupted, or that asks for more
-    episodes, continues. The data sets hold the policies and the number of episodes of this call.
+    The folder gets `README.md` (the card) and `minari/`, the root of a data set for Minari. A data set
+    that is there already, of the same environment and seed, is extended: by episodes that are missing
+    after an interrupt, by more episodes, or by further policies.
 
     Args:
-        config: What to collect, and where to write it.
+        config: Policies, environment and number of episodes, and the folder.
         progress: Show a progress bar.
         threads: Number of torch's threads meanwhile.
 
@@ -64,153 +60,173 @@ def collect_demonstrations(
     Raises:
         MissingExtraError: If a package of the extra `data` is missing.
         FolderLockedError: If another process writes to the folder.
-        ValueError: If a policy is unknown, two have the same name, the folder holds other demonstrations,
-            or with `only_success` a policy solves too few episodes.
+        ValueError: If a policy is unknown, the folder holds other demonstrations or those of another
+            policy of the same name, or with `only_success` a policy solves too few episodes.
     """
-    require_extra("collect_demonstrations", "h5py", *(["minari"] * ("minari" in config.formats)))
+    require_extra("collect_demonstrations", "minari")
     methods = get_methods(config.policy, allow=config.allow)
-    labels = [method.name for method in methods]
-    spec, spaces = _gym_spec(config)
+    made = gymnasium.make("modpush/Push-v0", **config.env_options())
+    spec = made.spec
+    made.close()
+    assert spec is not None
+    folder = config.out / "minari" / config.dataset_id
     with FolderLock(config.out), torch_threads(threads):
         env = make_push_env(config.env, keep_images=True)
-        fingerprint = environment_fingerprint(env)
         recorder = RecordingEnv(env, images=config.images)
         try:
-            store = DemonstrationStore(config.out, _about(config, fingerprint))
-            if left_out := sorted(set(store.policies()) - set(labels)):
-                warnings.warn(
-                    f"collect_demonstrations: the data sets in {config.out} will hold only the "
-                    f"policies {labels}; also name {left_out}, whose episodes it has, to include them.",
-                    stacklevel=3,
-                )
-            chosen = [_collect(method, recorder, store, config, progress) for method in methods]
+            about = _about(config, environment_fingerprint(env), read_about(folder))
+            policies = {method.name: method.make_policy() for method in methods}
+            for name, policy in policies.items():
+                _claim(name, policy, about["policies"], folder)
+
+            def write(episodes: list[RecordedEpisode]) -> None:
+                if episodes:
+                    extend_dataset(folder, episodes, spec, about)
+                    write_text(config.out / "README.md", card_text(config, about))
+
+            for method in methods:
+                counts = about["policies"][method.name]
+                runner = _Runner(method, policies[method.name], recorder, config, counts)
+                runner.collect(write, progress)
         finally:
             recorder.close()
-        rows = pd.concat(chosen, ignore_index=True)
-        about = {
-            "env": asdict(config.env),
-            "fingerprint": fingerprint,
-            "policies": {label: store.policies()[label] for label in labels},
-            "only_success": config.only_success,
-        }
-        if "minari" in config.formats:
-            read = partial(store.read, rows)
-            write_minari(config.out / "minari", config.dataset_id, read, spec, spaces, about)
-        if "maniskill" in config.formats:
-            write_maniskill(config.out / "trajectory.h5", store.read(rows), config.env)
-        write_text(config.out / "README.md", card_text(config, rows, store.rows(), about))
     return config.out
 
 
-def _gym_spec(config: CollectConfig) -> tuple[EnvSpec, tuple[gymnasium.Space, gymnasium.Space]]:
-    """What the recorded environment is made again from, and its spaces; fails before any work is done."""
-    made = gymnasium.make("modpush/Push-v0", **config.env_options())
-    spaces = (made.observation_space, made.action_space)
-    made.close()
-    assert made.spec is not None
-    return made.spec, spaces
+def _about(
+    config: CollectConfig, fingerprint: dict[str, Any], found: dict[str, Any] | None
+) -> dict[str, Any]:
+    """The metadata of the data set, from before if there is one.
 
-
-def _about(config: CollectConfig, fingerprint: dict[str, Any]) -> dict[str, Any]:
-    """What all episodes of a folder have in common."""
-    env = asdict(replace(config.env, num_envs=1))
-    return _plain(
-        {
-            "env": env,
-            "fingerprint": fingerprint,
-            "seed": config.seed,
-            "only_success": config.only_success,
-            "images": config.images,
-        }
-    )
-
-
-def _plain(value: Any) -> Any:
-    """The same after a round trip through JSON: tuples are lists."""
-    return json.loads(json.dumps(value))
-
-
-def _collect(
-    method: Method,
-    recorder: RecordingEnv,
-    store: DemonstrationStore,
-    config: CollectConfig,
-    progress: bool,
-) -> pd.DataFrame:
-    """Run what is missing of one policy; returns the rows of the episodes to write, by number."""
-    policy = method.make_policy()
-    store.claim_policy(method.name, _plain(describe_policy(policy)))
-    env: EnvBase | None = None
-    with tqdm(desc=method.name, unit="episode", disable=not progress) as bar:
-        bar.total = config.episodes
-        while True:
-            rows = store.rows()
-            rows = rows[rows["policy"] == method.name]
-            kept = rows[rows["kept"]]
-            bar.n = min(len(kept), config.episodes)
-            bar.refresh()
-            tried = set(rows["number"])
-            left = [n for n in range(max(tried, default=0)) if n not in tried]  # by a kill
-            if len(kept) >= config.episodes and not left:
-                return kept.head(config.episodes)
-            if len(kept) < config.episodes:
-                _check_tries(method.name, len(rows), len(kept), config)
-            numbers = left or _next_numbers(len(tried), config.episodes - len(kept), config)
-            if env is None:
-                env = _with_policy_view(method, recorder, config.objects)
-            for kept_one in _run(env, policy, recorder, store, config, method, numbers):
-                bar.update(kept_one)
-
-
-def _next_numbers(first: int, missing: int, config: CollectConfig) -> range:
-    """Numbers of the starts to run next."""
-    if config.only_success:  # some may fail; scenes that have nothing to do cost the same
-        missing = max(missing, config.env.num_envs)
-    return range(first, min(first + missing, MAX_NUMBER))
-
-
-def _check_tries(name: str, tried: int, kept: int, config: CollectConfig) -> None:
-    if tried >= min(_TRIES * config.episodes + 20, MAX_NUMBER):
+    Raises:
+        ValueError: If that data set was collected otherwise.
+    """
+    asked = {
+        "env": asdict(replace(config.env, num_envs=1)),
+        "fingerprint": fingerprint,
+        "seed": config.seed,
+        "only_success": config.only_success,
+        "images": config.images,
+    }
+    asked = json.loads(json.dumps(asked))  # tuples are lists in what is read
+    if found is None:
+        return {**asked, "policies": {}}
+    if other := {
+        key: (found.get(key), asked[key]) for key in asked if found.get(key) != asked[key]
+    }:
         raise ValueError(
-            f"collect_demonstrations: {name!r} reached the goal in {kept} of {tried} episodes, which "
-            f"is too few to find {config.episodes}; ask for fewer, or easier scenes."
+            f"collect_demonstrations: {config.out} holds other demonstrations, (there, asked for): "
+            f"{other}. Choose another folder."
+        )
+    return found
+
+
+def _claim(name: str, policy: Any, policies: dict[str, Any], folder: Path) -> None:
+    """Note the policy of a name, with its counts of episodes, or compare it with the one noted."""
+    described = json.loads(json.dumps(describe_policy(policy)))
+    found = policies.setdefault(
+        name, {"described": described, "tried": 0, "solved": 0, "kept": 0, "steps": 0}
+    )
+    if found["described"] != described:
+        raise ValueError(
+            f"collect_demonstrations: {folder} holds episodes of another policy {name!r}, "
+            f"{found['described']}, got {described}. Choose another folder."
         )
 
 
-def _with_policy_view(
-    method: Method, recorder: RecordingEnv, objects: tuple[str, ...]
-) -> TransformedEnv:
-    """The recorder with the transforms of the environment that the policy was made for."""
-    own = method.make_env(recorder.batch_size[0], objects)
-    transform = own.transform.clone()
-    own.close()
-    return TransformedEnv(recorder, transform)
+class _Runner:
+    """Runs the missing episodes of one policy.
 
+    Args:
+        method: The policy's name, and the environment that it was made for.
+        policy: The policy.
+        recorder: The environment that records.
+        config: What to collect.
+        counts: Numbers of episodes `tried`, `solved` and `kept`, and of `steps` kept; kept up to date.
+    """
 
-def _run(
-    env: EnvBase,
-    policy: Any,
-    recorder: RecordingEnv,
-    store: DemonstrationStore,
-    config: CollectConfig,
-    method: Method,
-    numbers: Iterable[int],
-) -> Iterator[bool]:
-    """Run episodes and store them; yields of each whether it was kept."""
-    rows: dict[int, int] = {}
+    def __init__(
+        self,
+        method: Method,
+        policy: Any,
+        recorder: RecordingEnv,
+        config: CollectConfig,
+        counts: dict[str, int],
+    ) -> None:
+        self._method, self._policy, self._recorder = method, policy, recorder
+        self._config, self._counts = config, counts
 
-    def note_row(row: int, number: int) -> None:
-        rows[number] = row
+    def collect(self, write: Callable[[list[RecordedEpisode]], None], progress: bool) -> None:
+        """Run episodes until enough are kept; `write` gets them in batches, and at an interrupt."""
+        config, counts = self._config, self._counts
+        batch = _BATCH_WITH_IMAGES if config.images else _BATCH
+        env = self._env() if counts["kept"] < config.episodes else None
+        with tqdm(
+            desc=self._method.name,
+            unit="episode",
+            total=config.episodes,
+            initial=min(counts["kept"], config.episodes),
+            disable=not progress,
+        ) as bar:
+            while counts["kept"] < config.episodes:
+                self._check_tries()
+                missing = config.episodes - counts["kept"]
+                if config.only_success:  # some may fail; idle scenes cost as much as busy ones
+                    missing = max(missing, config.env.num_envs)
+                first = counts["tried"]
+                numbers = range(first, min(first + min(missing, batch), MAX_NUMBER))
+                found: dict[int, RecordedEpisode] = {}
+                try:
+                    for episode in self._run(env, numbers):
+                        found[episode.number] = episode
+                        bar.update(episode.success or not config.only_success)
+                finally:  # after an interrupt, those before the first that is missing
+                    write(self._keep(found, first))
 
-    starts = ((number, _start(config, number)) for number in numbers)
-    inflation = config.env.path_inflation
-    for episode in run_episodes(env, policy, starts, inflation=inflation, on_step=note_row):
-        number = episode.number
-        seed = episode_seed(config.seed, number)
-        found = recorder.demonstration(rows[number], policy=method.name, number=number, seed=seed)
-        kept = found.success or not config.only_success
-        store.write(found, episode.metrics, kept)
-        yield kept
+    def _keep(self, found: dict[int, RecordedEpisode], first: int) -> list[RecordedEpisode]:
+        """The episodes to write in the order of their numbers, counted."""
+        kept = []
+        for number in range(first, MAX_NUMBER):
+            if (episode := found.get(number)) is None:
+                return kept
+            self._counts["tried"] += 1
+            self._counts["solved"] += episode.success
+            if episode.success or not self._config.only_success:
+                self._counts["kept"] += 1
+                self._counts["steps"] += len(episode.action)
+                kept.append(episode)
+        return kept
+
+    def _check_tries(self) -> None:
+        tried, solved, asked = self._counts["tried"], self._counts["solved"], self._config.episodes
+        if tried >= min(_TRIES * asked + 20, MAX_NUMBER):
+            raise ValueError(
+                f"collect_demonstrations: {self._method.name!r} reached the goal in {solved} of {tried} "
+                f"episodes, which is too few to find {asked}; ask for fewer, or easier scenes."
+            )
+
+    def _env(self) -> EnvBase:
+        """The recorder with the transforms of the environment that the policy was made for."""
+        own = self._method.make_env(self._recorder.batch_size[0], self._config.objects)
+        transform = own.transform.clone()
+        own.close()
+        return TransformedEnv(self._recorder, transform)
+
+    def _run(self, env: EnvBase | None, numbers: range) -> Iterator[RecordedEpisode]:
+        assert env is not None
+        rows: dict[int, int] = {}
+
+        def note_row(row: int, number: int) -> None:
+            rows[number] = row
+
+        starts = ((number, _start(self._config, number)) for number in numbers)
+        for episode in run_episodes(env, self._policy, starts, on_step=note_row):
+            yield self._recorder.episode(
+                rows[episode.number],
+                policy=self._method.name,
+                number=episode.number,
+                seed=episode_seed(self._config.seed, episode.number),
+            )
 
 
 def _start(config: CollectConfig, number: int) -> Scenario:

@@ -2,7 +2,7 @@
 
 from dataclasses import asdict, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from annotated_types import Le
 from pydantic import StringConstraints
@@ -11,9 +11,7 @@ from modpush._types import AtLeastOne, Count, FilePath, Name, NonNegativeInteger
 from modpush._validation import checked
 from modpush.recipes.config import END_TO_END, PushEnvConfig
 
-__all__ = ["MAX_NUMBER", "CollectConfig", "Format", "episode_seed"]
-
-Format = Literal["minari", "maniskill"]
+__all__ = ["MAX_NUMBER", "CollectConfig", "episode_seed"]
 
 MAX_NUMBER = 1_000_000
 """Number of starts that there are for one seed."""
@@ -45,9 +43,7 @@ class CollectConfig:
     only_success: bool = False
     """Keep only episodes that reach the goal; failed ones are replaced by further episodes."""
     images: bool = False
-    """Also store depth and segmentation images in the Minari data set (some 2 kB per step)."""
-    formats: AtLeastOne[Format] = ("minari", "maniskill")
-    """Formats to write."""
+    """Also store depth and segmentation images (some 2 kB per step)."""
     env: PushEnvConfig = field(default_factory=lambda: PushEnvConfig.preset("cpu", num_envs=8))
     """Environment whose observations, actions and rewards are recorded. Policies made for another
     environment observe their own; their actions are turned into the axes of this one."""
@@ -60,8 +56,7 @@ class CollectConfig:
     allow: Several[Name] = ()
     """Modules from which an agent's file may import its author's own parts."""
     out: FilePath = Path("runs/demonstrations")
-    """Folder to write to. A run that was interrupted, or that asks for more episodes, continues
-    with what it holds."""
+    """Folder to write to. A data set that it holds already is extended."""
 
     def __post_init__(self) -> None:
         """Refuse what a flat observation cannot hold, and policies that are named twice."""

@@ -138,11 +138,11 @@ def load_demonstrations(
 def _find(path: Path) -> Path:
     """The folder with the data in a folder of a run or of a data set."""
     found = sorted({p.parent for p in path.rglob("main_data.hdf5")})
-    found = [p for p in found if not p.name.startswith(".")]
+    found = [p for p in found if not p.name.startswith(".")]  # left by a killed process
     if not found:
         raise FileNotFoundError(
             f"load_demonstrations: there is no Minari data set in {path}; `modpush "
-            "collect` writes one with --formats minari."
+            "collect` writes one."
         )
     if len(found) > 1:
         raise ValueError(

@@ -12,7 +12,7 @@ from torchrl.envs import EnvBase, Transform, TransformedEnv
 from torchrl.envs.utils import step_mdp
 
 from modpush._arguments import checked_arguments
-from modpush.data.demonstration import FLAG_KEYS, POSE_KEYS, Demonstration, body_state
+from modpush.data.minari_dataset import RecordedEpisode
 from modpush.envs.push_env import PushEnv
 from modpush.envs.scenes.objects import PushedObject
 from modpush.geometry.frames import frame_yaw
@@ -20,6 +20,14 @@ from modpush.mdp.action_frame import ActionFrame, turn_action
 
 __all__ = ["RecordingEnv"]
 
+_POSES = ("object_pose", "goal_position", "ee_pose")
+_FLAGS = (
+    "success",
+    "out_of_bounds",
+    "object_contact",
+    "obstacle_contact",
+    "tool_obstacle_contact",
+)
 _IMAGES = ("depth", "segmentation")
 
 
@@ -133,20 +141,15 @@ class RecordingEnv(EnvBase):
         return TensorDict({key: td[key] for key in self._keys}, batch_size=self.batch_size)
 
     def _record_state(self, td: TensorDictBase, rows: Any) -> None:
-        state = self._base.get_state(list(rows))
-        values: dict[str, NDArray[Any]] = {"observation": td["observation"].numpy()}
-        values |= {f"poses/{key}": td[key].numpy() for key in POSE_KEYS}
-        values |= {f"flags/{key}": td[key][:, 0].numpy() for key in FLAG_KEYS}
+        values: dict[str, NDArray[Any]] = {key: td[key].numpy() for key in ("observation", *_POSES)}
+        values |= {key: td[key][:, 0].numpy() for key in _FLAGS}
         if self._images:
             values |= {key: td[key][:, 0].numpy() for key in _IMAGES}
-        for row, scene in zip(rows, state.scenes, strict=True):
-            record = self._records[row]
+        for row in rows:
             for key, value in values.items():
-                record.setdefault(key, []).append(np.array(value[row]))  # a copy
-            record.setdefault("physics", []).append(body_state(scene))
-            record.setdefault("target", []).append(scene.target)
+                self._records[row].setdefault(key, []).append(value[row].copy())
 
-    def demonstration(self, row: int, *, policy: str, number: int, seed: int) -> Demonstration:
+    def episode(self, row: int, *, policy: str, number: int, seed: int) -> RecordedEpisode:
         """The episode of a scene since its last reset.
 
         Args:
@@ -155,18 +158,15 @@ class RecordingEnv(EnvBase):
             number: Number of the start.
             seed: Seed of the start.
         """
-        found: dict[str, Any] = {"poses": {}, "flags": {}}
-        for name, value in self._records[row].items():
-            group, _, key = name.partition("/")
-            if key:
-                found[group][key] = np.array(value)
-            else:
-                found[name] = np.array(value)
-        return Demonstration(
+        found = {key: np.array(value) for key, value in self._records[row].items()}
+        infos = (*_POSES, *_FLAGS, "command")
+        return RecordedEpisode(
             policy=policy,
             number=number,
             seed=seed,
             scenario=self._base.scenarios[row],
+            infos={key: found.pop(key) for key in infos},
+            images={key: found.pop(key) for key in _IMAGES if key in found},
             **found,
         )
 

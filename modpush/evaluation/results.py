@@ -1,15 +1,12 @@
 """Per-episode results on disk: a row as soon as an episode ends, so that a run can continue later."""
 
-import functools
-import inspect
 from collections.abc import Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
-from types import CodeType
 from typing import Any
 
 import pandas as pd
-from tensordict.nn import TensorDictModule, TensorDictModuleBase
+from tensordict.nn import TensorDictModuleBase
 from torch import nn
 
 from modpush._arguments import checked_arguments
@@ -163,19 +160,18 @@ def load_trajectory(folder: Path | str, number: int) -> Trajectory:
 
 
 def describe_policy(policy: Any, label: str = "") -> dict[str, Any]:
-    """What tells a policy and its settings from another, as plain data.
+    """Identity of a policy and its settings, as plain data.
 
     Args:
-        policy: A policy. The weights and keys of a module count, and the `config` of anything that
-            has one; of a function what it does, and the numbers and texts that it holds.
+        policy: A policy. Its class or name counts, the weights and keys of a module, and the `config` of
+            anything that has one. Functions are told apart by their names alone.
         label: Further text to tell them apart.
     """
+    named = policy if hasattr(policy, "__qualname__") else type(policy)  # a function or a class
     described: dict[str, Any] = {
-        "class": f"{type(policy).__module__}:{type(policy).__qualname__}",
+        "class": f"{named.__module__}:{named.__qualname__}",
         "label": label,
     }
-    if (function := _function_of(policy)) is not None:
-        described["function"] = function
     if isinstance(policy, nn.Module) and policy.state_dict():
         described["weights"] = weights_hash(policy)
     if isinstance(policy, TensorDictModuleBase):
@@ -183,36 +179,6 @@ def describe_policy(policy: Any, label: str = "") -> dict[str, Any]:
     if (config := getattr(policy, "config", None)) is not None:
         described["config"] = repr(config)
     return described
-
-
-def _function_of(policy: Any) -> str | None:
-    """What tells a function, or a module around one, from another; None for anything else."""
-    if isinstance(policy, functools.partial):
-        given = [*map(repr, policy.args), *(f"{k}={v!r}" for k, v in policy.keywords.items())]
-        return f"{_function_of(policy.func)}({', '.join(given)})"
-    if isinstance(policy, TensorDictModule):
-        policy = policy.module
-    code = getattr(policy, "__code__", None)  # of a lambda the line tells more than the name
-    if code is None:
-        return None
-    held = inspect.getclosurevars(policy).nonlocals.values()
-    given = [*held, *(policy.__defaults__ or ()), *(policy.__kwdefaults__ or {}).values()]
-    settings = [repr(value) for value in given if isinstance(value, str | int | float)]
-    content = data_hash([_content_of(code), settings])
-    return f"{policy.__module__}:{policy.__qualname__}:{code.co_firstlineno}:{content}"
-
-
-def _content_of(code: CodeType) -> list[Any]:
-    """What a function does, as plain data: it may have been edited since its results were written."""
-    constants: list[Any] = []
-    for constant in code.co_consts:
-        if isinstance(constant, CodeType):
-            constants.append(_content_of(constant))
-        elif isinstance(constant, frozenset):  # in another order in every process
-            constants.append(sorted(map(repr, constant)))
-        else:
-            constants.append(repr(constant))
-    return [code.co_code.hex(), code.co_names, constants]
 
 
 def policy_hash(described: Mapping[str, Any]) -> str:

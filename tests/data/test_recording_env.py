@@ -21,7 +21,13 @@ def test_it_keeps_torchrls_contract(recorder) -> None:
 
 
 def test_it_emits_what_push_env_does(recorder) -> None:
-    plain = PushEnv(2, scene=ENV.scene, difficulty=ENV.difficulty, distance=ENV.distance, seed=0)
+    plain = PushEnv(
+        2,
+        scene=ENV.scenario.scene,
+        difficulty=ENV.scenario.difficulty,
+        distance=ENV.scenario.distance,
+        seed=0,
+    )
     assert recorder.observation_spec == plain.observation_spec
     ours, theirs = recorder.reset(seed=5), plain.reset(seed=5)
     action = torch.tensor([[0.3, -0.2, 0.1], [1.0, 1.0, 0.0]])
@@ -29,16 +35,17 @@ def test_it_emits_what_push_env_does(recorder) -> None:
         for key in ("object_pose", "ee_pose", "success", "depth"):
             torch.testing.assert_close(ours[key], theirs[key], rtol=0, atol=1e-6)
         ours = step_mdp(recorder.step(ours.set("action", action)))
-        found = recorder.demonstration(1, policy="p", number=0, seed=0)
+        found = recorder.episode(1, policy="p", number=0, seed=0)
         # What was done may be shorter than what was asked for, in its own axes; so is the other's.
         done = [
-            recorder.demonstration(i, policy="p", number=0, seed=0).command[-1] for i in range(2)
+            recorder.episode(i, policy="p", number=0, seed=0).infos["command"][-1] for i in range(2)
         ]
         theirs = step_mdp(
             plain.step(theirs.set("action", torch.tensor([c.tolist() for c in done])))
         )
-    assert len(found) == 4
-    cross = found.command[:, 0] * 1.0 - found.command[:, 1] * 1.0
+    command = found.infos["command"]
+    assert len(command) == 4
+    cross = command[:, 0] - command[:, 1]
     assert abs(cross).max() < 1e-6  # the direction of (1, 1) is kept
     plain.close()
 

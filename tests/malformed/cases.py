@@ -42,7 +42,6 @@ def targets() -> tuple[Target, ...]:
     from tests.malformed import (
         agents,
         buffers,
-        demonstrations,
         environments,
         evaluations,
         files,
@@ -53,7 +52,7 @@ def targets() -> tuple[Target, ...]:
     )
 
     parts = (environments, states, transforms, agents, buffers, files, evaluations, saved_agents)
-    late = (viewing, demonstrations)
+    late = (viewing,)
     return (*light_targets(), *(target for part in parts + late for target in part.targets()))
 
 
