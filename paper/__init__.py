@@ -2,3 +2,7 @@
 
 A user of the library that runs from a clone, as `python -m paper`; it is not part of the wheel.
 """
+
+import warnings
+
+warnings.filterwarnings("ignore", message="Failed to find system libvulkan")  # SAPIEN brings its own

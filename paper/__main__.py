@@ -16,7 +16,6 @@ command continues after an interrupt.
 """
 
 import sys
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -216,7 +215,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             __doc__ if name in ("-h", "--help") else f"paper: no {name!r}, there are {[*COMMANDS]}."
         )
         return 0 if name in ("-h", "--help") else 2
-    warnings.filterwarnings("ignore", message="Failed to find system libvulkan")
     command = COMMANDS[name]
     options = parse_options(command, f"python -m paper {name}", str(command.__doc__), rest)
     with torch_threads(1):
