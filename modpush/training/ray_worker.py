@@ -163,8 +163,10 @@ class RayWorker(Worker):
     def close(self) -> None:
         """End the collectors, and the connection to Ray if it was made here."""
         self._thread.shutdown(wait=False, cancel_futures=True)
-        self._collector.shutdown(timeout=1.0)
-        self._session.__exit__(None, None, None)
+        if self._actors:
+            self._actors = []
+            self._collector.shutdown(timeout=1.0)
+            self._session.__exit__(None, None, None)
 
     def _ask(self, method: Callable[..., Any], *args: Any) -> Any:
         """Have one collector's `SceneWorker` do it: `specs` and `evaluate`."""

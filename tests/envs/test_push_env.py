@@ -5,15 +5,11 @@ import numpy as np
 import pytest
 import torch
 from tensordict import TensorDict
-from torchrl.collectors import Collector, MultiSyncCollector
 from torchrl.envs import (
     ParallelEnv,
     SerialEnv,
-    StepCounter,
-    TransformedEnv,
 )
 from torchrl.envs.utils import check_env_specs
-from torchrl.record import CSVLogger, PixelRenderTransform, VideoRecorder
 
 from modpush.envs import OBJECTS, PushEnv, ScenarioConfig
 from modpush.envs.engines.sapien.task import ClutterPushEnv
@@ -95,16 +91,6 @@ def test_in_serial_and_parallel_envs(kind) -> None:
     check_env_specs(env)
     assert env.rollout(4, break_when_any_done=False).shape == (2, 2, 4)
     env.close()
-
-
-def test_in_collectors() -> None:
-    for data in Collector(make_small, None, frames_per_batch=8, total_frames=16):
-        assert data.shape == (2, 4)
-    collector = MultiSyncCollector([make_small], None, frames_per_batch=8)
-    data = next(iter(collector))
-    assert data.numel() == 8
-    assert data["next", "object_pose"].isfinite().all()
-    collector.shutdown()
 
 
 def test_partial_reset_leaves_the_others_alone(env) -> None:
@@ -218,41 +204,6 @@ def test_contact_at_a_step_s_end_is_what_physics_shows_then() -> None:
     assert 0 < sum(at_end) <= sum(during) < 24
     kept = env.get_state()
     assert bool(env.reset(state=kept)["object_contact_at_end"]) == at_end[-1]
-    env.close()
-
-
-def test_collisions_at_a_step_s_end_are_what_physics_shows_then() -> None:
-    """The object is pushed into a wall, again and again."""
-    env = PushEnv(1, depth=None)
-    wall = Obstacle((0.06, 0.1, 0.06), (0.58, 0.0, 0.0))
-    start = scenario((0.42, 0.0, np.pi / 2), (0.50, 0.0, 0.0), goal_position=(0.75, -0.25))
-    td = env.reset(scenarios=[replace(start, obstacles=(wall,))])
-    task = env._batch.engines[0].task
-    bodies = {
-        "obstacle_contact": {task.objects.actors["small_cube"]._bodies[0]},
-        "tool_obstacle_contact": {link._objs[0] for link in task.agent.robot.links},
-    }
-    walls = set(task.contacts._obstacles.rigid_bodies())
-    seen = {key: ([], []) for key in bodies}
-    for step in range(30):
-        td = act(env, td, 1.0 if step % 4 < 3 else -0.6, 0.0, 0.0)
-        for key, group in bodies.items():
-            touching = any(
-                point.separation <= CONTACT_GAP
-                or (point.separation <= 0.005 and point.impulse.any())
-                for contact in task.scene.px.get_contacts()
-                if group.intersection(contact.bodies) and walls.intersection(contact.bodies)
-                for point in contact.points
-            )
-            assert bool(td[f"{key}_at_end"]) == touching
-            seen[key][0].append(bool(td[key]))
-            seen[key][1].append(touching)
-    for during, at_end in seen.values():
-        assert all(a or not b for a, b in zip(during, at_end, strict=True))
-    assert 0 < sum(seen["obstacle_contact"][1]) < 30
-    kept = env.get_state()
-    restored = env.reset(state=kept)
-    assert bool(restored["obstacle_contact_at_end"]) == seen["obstacle_contact"][1][-1]
     env.close()
 
 
@@ -375,21 +326,6 @@ def test_a_misspelt_argument_lists_the_fields_that_there_are() -> None:
     assert "'max_episode_steps'" in str(error.value)
 
 
-def test_a_seed_given_to_reset_is_that_of_set_seed() -> None:
-    env = TransformedEnv(PushEnv(3, scene="posts", depth=None), StepCounter())
-    env.set_seed(3)
-    env.reset()
-    wanted = [env.scenarios, (env.reset(), env.scenarios)[1]]
-    env.reset(seed=3)
-    got = [env.scenarios, (env.reset(), env.scenarios)[1]]
-    assert got == wanted
-    # In a partial reset only the scenes that are reset start anew.
-    mask = torch.tensor([[False], [True], [False]])
-    env.reset(TensorDict({"_reset": mask}, [3]), seed=3)
-    assert env.scenarios == [wanted[1][0], wanted[0][1], wanted[1][2]]
-    env.close()
-
-
 def test_closing_frees_the_simulators_once_and_for_all() -> None:
     env = make_small()
     td = env.rand_step(env.reset())
@@ -415,20 +351,6 @@ def test_closing_frees_the_simulators_once_and_for_all() -> None:
             use()
 
 
-def test_use_before_reset_is_refused() -> None:
-    env = PushEnv(2, depth=None)
-    with pytest.raises(RuntimeError, match="call reset first"):
-        env.step(TensorDict({"action": torch.zeros(2, 3)}, [2]))
-    with pytest.raises(RuntimeError, match=r"PushEnv\.render: call reset first"):
-        env.render()
-    with pytest.raises(RuntimeError, match="first reset must be of all scenes"):
-        env.reset(TensorDict({"_reset": torch.tensor([[True], [False]])}, [2]))
-    env.reset()
-    with pytest.raises(ValueError, match="one entry for each of the 2 scenes being reset, got 1"):
-        env.reset(scenarios=[scenario((0.4, 0.0, 0.0))])
-    env.close()
-
-
 def test_render_draws_each_scene_from_above_where_there_is_no_renderer() -> None:
     env = PushEnv(2, scene="posts", dynamic_obstacles=True, depth=None, seed=0)
     state = env.reset()
@@ -439,31 +361,6 @@ def test_render_draws_each_scene_from_above_where_there_is_no_renderer() -> None
         (first, second), env.scenarios, objects, tools, strict=True
     ):
         np.testing.assert_array_equal(picture, draw_top_view(start, pose, tool))
-    env.close()
-
-
-def test_torchrl_s_video_recorder_records_it(tmp_path) -> None:
-    logger = CSVLogger("run", log_dir=str(tmp_path), video_format="pt")
-    env = TransformedEnv(PushEnv(2, scene="slot", depth=None, seed=0))
-    env.append_transform(PixelRenderTransform())
-    env.append_transform(VideoRecorder(logger, tag="top"))
-    env.rollout(5)
-    env.transform[-1].dump()
-    env.close()
-    (video,) = tmp_path.rglob("*.pt")
-    assert torch.load(video).float().std() > 10
-
-
-def test_an_episode_that_starts_out_of_bounds_is_refused_and_changes_nothing():
-    env = PushEnv(2)
-    with pytest.raises(RuntimeError, match=r"PushEnv.scenarios: call reset first"):
-        _ = env.scenarios
-    env.reset(seed=0)
-    before = env.scenarios
-    outside = replace(before[1], object_pose=(0.9, 0.0, 0.0), tool_pose=(0.7, 0.0, 0.0))
-    with pytest.raises(ValueError, match=r"scenarios\[1\] must start within .*got \[0.9, 0.0\]"):
-        env.reset(scenarios=[before[0], outside])
-    assert env.scenarios == before
     env.close()
 
 

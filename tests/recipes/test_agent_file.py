@@ -7,7 +7,6 @@ import torch
 from tensordict.nn import TensorDictModule
 from torchrl.data import Bounded
 
-from modpush.agents.tqc.encoder import make_trained_encoder
 from modpush.agents.tqc.networks import make_actor
 from modpush.encoders import DepthVAE, RayScan
 from modpush.files import read_tensors, write_tensors
@@ -190,17 +189,6 @@ def test_weights_of_another_network_are_refused(saved):
     write_tensors(path, tensors, "modpush.Agent", 4, about)
     with pytest.raises(ValueError, match="weights of another architecture"):
         load_agent(path)
-
-
-def test_the_images_key_is_kept(tmp_path, fingerprint):
-    path = tmp_path / "agent.safetensors"
-    encoder = "modpush.encoders:ConvEncoder"
-    spec = Bounded(-1.0, 1.0, (3,), dtype=torch.float32)
-    options = {"encoder": make_trained_encoder(encoder), "image_key": "camera_image"}
-    actor = make_actor(23, spec, (16, 8), **options)
-    options = {"encoder": encoder, "image_key": "camera_image", "hidden_sizes": (16, 8)}
-    save_agent(path, actor, RAYS, observation_dim=23, fingerprint=fingerprint, **options)
-    assert load_agent(path).actor.in_keys == ["observation", "camera_image"]
 
 
 @pytest.mark.parametrize(

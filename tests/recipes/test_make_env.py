@@ -10,7 +10,7 @@ from torch import nn
 from torchrl.envs import ParallelEnv, check_env_specs
 from torchrl.envs.utils import step_mdp
 
-from modpush.encoders import ConvEncoder, RayScan
+from modpush.encoders import RayScan
 from modpush.envs import ScenarioConfig
 from modpush.envs.scenes.objects import OBJECTS, PushedObject
 from modpush.envs.scenes.sampling import sample_scenario
@@ -163,12 +163,6 @@ def test_end_to_end_emits_the_window_as_bytes():
     assert keeping.reset()["window"].max() > 0
     env.close()
     keeping.close()
-
-
-def test_an_untrained_conv_encoder_is_warned_of():
-    with pytest.warns(UserWarning, match="nothing trains the weights of this ConvEncoder"):
-        make_push_env(RAYS, encoder=ConvEncoder()).close()
-    make_push_env(RAYS, encoder=ConvEncoder().requires_grad_(False)).close()
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,6 @@ from modpush.recipes import (
     METHODS,
     PushEnvConfig,
     get_method,
-    get_methods,
     load_agent,
     make_push_env,
 )
@@ -107,16 +106,3 @@ def test_an_agent_s_file_and_a_run_s_folder_are_found(tmp_path: Path) -> None:
         env = method.make_env(1, ("small_cube",))
         assert "path" in env.full_observation_spec.keys()
         env.close()
-
-
-def test_two_policies_of_one_name_are_refused(tmp_path: Path) -> None:
-    for parent in ("a", "b"):
-        (tmp_path / parent / "run").mkdir(parents=True)
-        file = tmp_path / parent / "run" / "best_agent.safetensors"
-        file.write_bytes(shipped_agents()["small_cube"].read_bytes())
-    runs = [str(tmp_path / parent / "run") for parent in ("a", "b")]
-    with pytest.raises(ValueError, match=r"a/run' and '.*b/run' are both called 'run'"):
-        get_methods(runs)
-    with pytest.raises(ValueError, match="'corridor' and 'corridor' are both called"):
-        get_methods(["corridor", "corridor"])
-    assert [method.name for method in get_methods([runs[0], "corridor"])] == ["run", "corridor"]

@@ -22,7 +22,7 @@ from modpush.agents.tqc.update import Execution
 
 __all__ = ["TQCConfig"]
 
-Preset = Literal["paper", "cpu", "gpu"]
+Preset = Literal["paper", "cpu"]
 
 
 @checked
@@ -88,9 +88,10 @@ class TQCConfig:
     updates_per_step: Positive = 1.0
     """Number of updates per environment step."""
     device: Device = "cpu"
-    """Torch device of the networks and updates."""
+    """Torch device of the networks and updates; only "cpu" has been tried."""
     execution: Execution = "eager"
-    """How an update runs: operation by operation ("eager"), compiled, or as one CUDA graph."""
+    """Execution of an update: operation by operation ("eager") or compiled ("compile"); see
+    `TQCUpdate`."""
 
     def __post_init__(self) -> None:
         """Check what depends on several fields."""
@@ -119,7 +120,7 @@ class TQCConfig:
         Args:
             name: `"paper"` is the paper's setting. `"cpu"` is what learned best in minutes on two
                 cores: small networks, few updates per step, a temperature that fits rewards of
-                order 1. `"gpu"` is the paper's networks with that temperature in CUDA graphs.
+                order 1.
             **overrides: Fields to set differently.
 
         Raises:
@@ -130,22 +131,16 @@ class TQCConfig:
         return replace(cls(**_PRESETS[name]), **overrides)
 
 
-_LEARNING_RATE = {"actor_lr": 3e-4, "critic_lr": 3e-4, "alpha_lr": 3e-4}
 _PRESETS: dict[str, dict[str, Any]] = {
     "paper": {},
     "cpu": {
-        **_LEARNING_RATE,
+        "actor_lr": 3e-4,
+        "critic_lr": 3e-4,
+        "alpha_lr": 3e-4,
         "hidden_sizes": (256, 256),
         "batch_size": 256,
         "alpha_init": 0.02,
         "learning_starts": 3000,
         "updates_per_step": 0.125,
-    },
-    "gpu": {
-        **_LEARNING_RATE,
-        "alpha_init": 0.02,
-        "updates_per_step": 0.125,
-        "device": "cuda",
-        "execution": "cudagraph",
     },
 }

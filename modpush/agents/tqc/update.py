@@ -25,7 +25,7 @@ class TQCUpdate:
         optimizer: Over the loss's parameters; `capturable` for CUDA graphs.
         target_updater: Moves the loss's target networks after the optimizer's step; None for a
             loss that has none.
-        execution: `"eager"`; `"compile"` with `torch.compile`; `"cudagraph"`, compiled and
+        execution: `"eager"`; `"compile"` with `torch.compile`; `"cudagraph"` (experimental), compiled and
             recorded as one CUDA graph: batches must keep their shape, and a batch's tensors are
             copied into the graph's own.
 

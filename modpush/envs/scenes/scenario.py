@@ -3,7 +3,7 @@
 import json
 import zlib
 from collections.abc import Mapping, Set
-from dataclasses import asdict, field
+from dataclasses import asdict, field, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -192,6 +192,10 @@ class ScenarioConfig:
                 f"ScenarioConfig: low and high must lie within the tool's workspace, {MotionConfig.low} "
                 f"to {MotionConfig.high}, got {self.low} and {self.high}."
             )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The fields alone: another process looks parts up by their names again."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def bounds(self, margin: float = BOUNDS_MARGIN) -> Rectangle:
         """Where the object's centre may be before an episode ends, base frame [m]."""

@@ -10,10 +10,9 @@ from modpush.envs.scenes.layouts import (
     HARD_WIDE_SCENES,
     OBSTACLE_SCENES,
     get_scene,
-    random_clutter,
 )
 from modpush.envs.scenes.objects import get_object
-from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
+from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.rectangles import obstacle_distance
 
 
@@ -121,13 +120,6 @@ def test_clutter_does_not_overlap_and_is_different_every_time() -> None:
         for b in cubes[:i]:
             assert free_gap(a, b) > 0.02 - 1e-9
     assert cubes != build("random_clutter", 0.0, seed=1)
-
-
-def test_clutter_that_does_not_fit_fails_after_bounded_tries() -> None:
-    with pytest.raises(ValueError, match=r"24 cubes at a spacing of 0.2 m do not fit; placed"):
-        random_clutter(np.random.default_rng(0), 0.0, num_cubes=24, spacing=0.2)
-    with pytest.raises(ValueError, match=rf"num_cubes must be in \[0, {MAX_OBSTACLES}\], got 99"):
-        random_clutter(np.random.default_rng(0), 0.0, num_cubes=99)
 
 
 def test_families_are_functions_of_generator_and_difficulty_alone() -> None:

@@ -64,11 +64,6 @@ def test_sizes_are_those_of_the_paper() -> None:
     assert OBJECTS["fragment"].height == pytest.approx(0.029)
 
 
-def test_all_weigh_the_same_and_none_meets_the_grippers_linkage() -> None:
-    assert {item.mass for item in OBJECTS.values()} == {1.0}
-    assert max(item.height for item in OBJECTS.values()) <= 0.06
-
-
 def test_fragment_is_made_of_convex_parts_around_its_centroid() -> None:
     mask = np.zeros((2000, 2000), np.uint8)
     for outline in OBJECTS["fragment"].footprints():
