@@ -3,6 +3,9 @@
 python tools/train_options.py
 """
 
+import ast
+import inspect
+import itertools
 import textwrap
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
@@ -11,7 +14,6 @@ from typing import Any
 import yaml
 
 from modpush.cli import RunConfig
-from modpush.cli.options import field_texts
 from modpush.mdp.curriculum import Phase
 from modpush.training import TRAIN_PRESETS, TrainConfig
 
@@ -64,7 +66,7 @@ def _configs(prefix: str, config: Any) -> list[str]:
 
 
 def _section(title: str, prefix: str, config: Any) -> list[str]:
-    texts = field_texts(type(config))
+    texts = _field_texts(type(config))
     lines = []
     for field in fields(config):
         name = f"{prefix}{field.name.replace('_', '-') if prefix == '--' else field.name}"
@@ -73,6 +75,19 @@ def _section(title: str, prefix: str, config: Any) -> list[str]:
             text = f"- `{name}` = `{_shown(value)}`: {texts[field.name]}"
             lines.append(textwrap.fill(text, 120, subsequent_indent="  ", break_on_hyphens=False))
     return [f"## {title}", "\n".join(lines)]
+
+
+def _field_texts(config: type) -> dict[str, str]:
+    """The docstring of each field of a configuration, as one line."""
+    (made,) = ast.parse(textwrap.dedent(inspect.getsource(config))).body
+    assert isinstance(made, ast.ClassDef)
+    return {
+        ast.unparse(line.target): " ".join(str(text.value.value).split())
+        for line, text in itertools.pairwise(made.body)
+        if isinstance(line, ast.AnnAssign)
+        and isinstance(text, ast.Expr)
+        and isinstance(text.value, ast.Constant)
+    }
 
 
 def _shown(value: Any) -> str:

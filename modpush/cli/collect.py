@@ -5,11 +5,31 @@
 
 Writes the data set and a card to `runs/demonstrations/`. The same again continues after an
 interrupt; more episodes or further policies are added. It needs `pip install 'modpush[data]'`.
+
+Options:
+  --policy NAME ...   Policies to record: agent (the shipped one for all objects), a shipped agent by
+                      its name, corridor, corridor_faithful, scripted, a training run's folder, or an
+                      agent's file; by default agent.
+  --episodes N        Number of episodes to keep for each policy; by default 100.
+  --only-success      Keep only episodes that reach the goal; failed ones are replaced by further ones.
+  --images            Also store depth and segmentation images, some 2 kB a step.
+  --env.FIELD X       Field of the environment whose observations, actions and rewards are recorded,
+                      such as --env.scenario.scene, --env.scenario.pushed-object or --env.encoder; by
+                      default that of the preset cpu. docs/train_options.md lists all, as
+                      --train.env.FIELD.
+  --seed N            Seed of the starts; by default 0. Different seeds have different starts, and none
+                      is in an evaluation set.
+  --name NAME         Name of the data set: letters, digits and underscores; by default push.
+  --licence NAME      Licence that the card states; by default MIT.
+  --out FOLDER        Folder to write to; by default runs/demonstrations. A data set that it holds
+                      already is extended.
+  --allow MODULE ...  Modules from which an agent's file may import its author's own parts.
 """
 
 from collections.abc import Sequence
 
-from modpush.cli.options import parse_options
+import tyro
+
 from modpush.data.config import CollectConfig
 
 __all__ = ["main"]
@@ -17,7 +37,7 @@ __all__ = ["main"]
 
 def main(arguments: Sequence[str]) -> None:
     """`modpush collect <arguments>`."""
-    config = parse_options(CollectConfig, "modpush collect", __doc__, arguments)
+    config = tyro.cli(CollectConfig, prog="modpush collect", args=[*arguments])
     from modpush.data.collecting import collect_demonstrations
 
     folder = collect_demonstrations(config)

@@ -1,5 +1,6 @@
 """The command `modpush`, which finds the subcommand and imports no other."""
 
+import ast
 import difflib
 import importlib
 import io
@@ -26,7 +27,11 @@ SUBCOMMANDS = {
     "sets.",
     "export": "Write an agent's policy as ONNX or torch.export graphs, with a card.",
 }
-"""What each subcommand does. `modpush.cli.<name>` has a function `main(arguments)`."""
+"""Purpose of each subcommand.
+
+`modpush.cli.<name>` has a function `main(arguments)`, and its docstring is the help.
+"""
+_POSITIONAL = {"train": "PRESET ", "play": "[FOLDER ...] ", "export": "[AGENT] "}
 
 
 def run_command(arguments: Sequence[str] | None = None) -> int:
@@ -83,13 +88,18 @@ def run_command(arguments: Sequence[str] | None = None) -> int:
 
 def _run(name: str, arguments: Sequence[str]) -> None:
     """Run a subcommand, and flush its output here: nothing catches an error when the interpreter ends."""
-    try:
+    if {"-h", "--help"} & {*arguments}:
+        print(_help(name))
+    else:
         importlib.import_module(f"modpush.cli.{name}").main(arguments)
-    except SystemExit as ended:
-        if not ended.code:  # after --help
-            sys.stdout.flush()
-        raise
     sys.stdout.flush()
+
+
+def _help(name: str) -> str:
+    """Help of a subcommand: its module's docstring, read without importing torch, which takes seconds."""
+    source = Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8")
+    usage = f"usage: modpush {name} {_POSITIONAL.get(name, '')}[OPTIONS]"
+    return f"{usage}\n\n{ast.get_docstring(ast.parse(source))}"
 
 
 def _output_is_closed() -> bool:

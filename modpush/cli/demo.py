@@ -11,6 +11,21 @@ Writes `runs/demo/`: `table.md`, one picture for each family and `demo.mp4`, top
 episodes side by side, with the first planned path and the present sub-goal in magenta. Each says which
 policy pushes which object, and how the episode ended. With a Vulkan device it also writes `arm.mp4`:
 the first policy's episodes rendered by SAPIEN.
+
+Options:
+  --policy NAME ...         Policies to show side by side: agent, a shipped agent by its name, corridor,
+                            corridor_faithful, scripted, a training run's folder, or an agent's file;
+                            by default any_object and corridor.
+  --scenes NAME ...         Scene families to show.
+  --episodes N              Number of episodes of each family; the first one is shown in the video; by
+                            default 4.
+  --pushed-object NAME ...  Objects that are pushed, one after the other; by default small_cube,
+                            large_cube, small_cylinder and fragment.
+  --difficulty X            Difficulty of the scenes, 0 to 1; by default 0.3.
+  --seed N                  Seed of the episodes; by default 0.
+  --no-rendered             Write no arm.mp4.
+  --out FOLDER              Folder to write to; by default runs/demo.
+  --allow MODULE ...        Modules from which an agent's file may import its author's own parts.
 """
 
 import contextlib
@@ -23,6 +38,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import torch
+import tyro
 from numpy.typing import NDArray
 from torchrl.envs import EnvBase
 from tqdm import tqdm
@@ -30,7 +46,6 @@ from tqdm import tqdm
 from modpush._atomic import make_folder
 from modpush._types import AtLeastOne, Count, FilePath, Fraction, Name, Seed, Several
 from modpush._validation import checked
-from modpush.cli.options import parse_options
 from modpush.envs import (
     SCENES,
     PushEnv,
@@ -245,5 +260,5 @@ def _verdict(episode: Episode) -> str:
 def main(arguments: Sequence[str]) -> None:
     """`modpush demo <arguments>`."""
     torch.set_num_threads(1)
-    config = parse_options(DemoConfig, "modpush demo", __doc__, arguments)
+    config = tyro.cli(DemoConfig, prog="modpush demo", args=[*arguments])
     show_demo(config)

@@ -11,6 +11,29 @@ For each policy and set `runs/evaluate/<policy>/<set>/` gets `episodes.csv` (a r
 `table.md` and `.csv`, `failures.png`, `successes.png` and a video for each family. With
 several policies `runs/evaluate/comparison/<set>.md` has metrics over the episodes that all solved,
 and paired t-tests. An interrupted run continues where it stopped; `--fresh` starts over.
+
+Options:
+  --policy NAME ...  Policies to evaluate: agent (the shipped one for all objects), a shipped agent by
+                     its name, corridor, corridor_faithful, scripted, a training run's folder, or an
+                     agent's file; by default agent. Several are compared with each other.
+  --set NAME ...     Evaluation sets by name or file; all, for all sets in which the tool starts in any
+                     direction from the object, except smoke and the tuning sets; or behind/all, for
+                     those in which it starts straight behind the object; by default smoke.
+  --tool {2f85,rod}  Tool to use instead of the sets' own; results are stored under SET+TOOL.
+  --recovery {True,False}
+                     Use StuckRecovery, which takes over when a policy has come to rest before the
+                     goal, or do not; by default as an agent's config says, and False for
+                     hand-written policies. Results of the other choice are stored under
+                     POLICY+recovery or POLICY_without_recovery.
+  --episodes N       Number of episodes of each set, starting with its first; by default all.
+  --num-envs N       Number of scenes that each process steps together; by default 8.
+  --workers N        Number of processes, or ray for all CPUs of a Ray cluster; by default 1.
+  --pictures N       Maximum number of failed episodes to draw, and at most half as many solved ones;
+                     by default 24.
+  --no-videos        Write no video for each family.
+  --fresh            Start over instead of resuming an interrupted run.
+  --out FOLDER       Folder to write to; by default runs/evaluate.
+  --allow MODULE ... Modules from which an agent's file or a set's may import its author's own parts.
 """
 
 import itertools
@@ -23,7 +46,6 @@ import tyro
 from modpush import evaluation, recipes  # these import their parts, and torch, on first use
 from modpush._types import AtLeastOne, Count, FilePath, Name, NonNegativeInteger, Scenes, Several
 from modpush._validation import checked
-from modpush.cli.options import parse_options
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -148,5 +170,5 @@ def _evaluate_one(
 
 def main(arguments: Sequence[str]) -> None:
     """`modpush evaluate <arguments>`."""
-    config = parse_options(EvaluateConfig, "modpush evaluate", __doc__, arguments)
+    config = tyro.cli(EvaluateConfig, prog="modpush evaluate", args=[*arguments])
     evaluate_policies(config)

@@ -6,6 +6,15 @@
 Writes `policy` (observation to action), `window_policy` (local window and state to action, encoder
 included) and `card.json`, which describes inputs and outputs. ONNX needs `pip install
 'modpush[export]'`; `examples/deploy.py` pushes with a policy that runs in onnxruntime alone.
+
+Arguments:
+  AGENT               Shipped agent by its name, an agent's file, a training run's folder, or
+                      hf://owner/name; by default small_cube.
+
+Options:
+  --format NAME ...   Formats of the graphs, onnx and torch_export; by default onnx.
+  --out FOLDER        Folder to write to; by default runs/exported.
+  --allow MODULE ...  Modules from which an agent's file may import its author's own parts.
 """
 
 from collections.abc import Sequence
@@ -17,7 +26,6 @@ import tyro
 
 from modpush._types import AtLeastOne, FilePath, Name, Several
 from modpush._validation import checked
-from modpush.cli.options import parse_options
 from modpush.export.agent import Format, export_agent
 from modpush.recipes.agent_file import load_agent
 
@@ -41,7 +49,7 @@ class ExportConfig:
 def main(arguments: Sequence[str]) -> None:
     """`modpush export <arguments>`."""
     torch.set_num_threads(1)
-    config = parse_options(ExportConfig, "modpush export", __doc__, arguments)
+    config = tyro.cli(ExportConfig, prog="modpush export", args=[*arguments])
     agent = load_agent(config.agent, allow=config.allow)
     for path in export_agent(agent, config.out, config.formats).values():
         print(f"{path}  {path.stat().st_size / 1e6:.2f} MB")

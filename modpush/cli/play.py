@@ -1,12 +1,35 @@
 """Push in the browser, at `http://127.0.0.1:8080`, without a GPU or a renderer.
 
 Drag the goal and the obstacles while a policy or the keyboard moves the arm.
+
+Arguments:
+  FOLDER [FOLDER]       One or two folders that an evaluation wrote for a policy and a set, whose
+                        episodes are shown instead of running policies.
+
+Options:
+  --policy NAME [NAME]  One policy, or two that are shown side by side on the same scene: agent (the
+                        shipped one for all objects), a shipped agent by its name, corridor,
+                        corridor_faithful, scripted, hand, an agent's file, a training run's folder,
+                        or hf://owner/name; by default agent.
+  --scene NAME          Scene family from which episodes are drawn; by default slot.
+  --pushed-object NAME  Object that is pushed; by default small_cube.
+  --difficulty X        Difficulty of the scenes, 0 to 1; by default 0.3.
+  --seed N              Seed of the first episode, or its number in a replay; by default 0.
+  --paused              Start paused.
+  --host ADDRESS        Address to listen on. The default, 127.0.0.1, can be reached from this machine
+                        only. The page has no password: anyone who reaches it can use it.
+  --port N              Port to listen on; if it is taken, the next free one is used and printed; by
+                        default 8080.
+  --out FOLDER          Folder for recorded videos; by default runs/play.
+  --allow MODULE ...    Modules from which the file of an agent, a run or a replayed set may import its
+                        author's own parts.
 """
 
 from collections.abc import Sequence
 
+import tyro
+
 from modpush._extras import require_extra
-from modpush.cli.options import parse_options
 
 __all__ = ["main"]
 
@@ -16,4 +39,4 @@ def main(arguments: Sequence[str]) -> None:
     require_extra("modpush play", "viser")
     from modpush.viewer import PlayConfig, play
 
-    play(parse_options(PlayConfig, "modpush play", __doc__, arguments))
+    play(tyro.cli(PlayConfig, prog="modpush play", args=[*arguments]))

@@ -84,17 +84,13 @@ Every other field of `TrainConfig` is an option in the same way, such as `--trai
 docs/train_options.md lists all of them with their defaults, and the settings of each preset.
 """
 
-import sys
 from collections.abc import Sequence
+
+from modpush.cli.training_run import run_preset
 
 __all__ = ["main"]
 
 
 def main(arguments: Sequence[str]) -> None:
     """`modpush train <arguments>`."""
-    if {"-h", "--help"} & {*arguments}:
-        print(f"usage: modpush train PRESET [OPTIONS]\n\n{__doc__}", end="")
-        sys.exit(0)
-    from modpush.cli.training_run import run_preset  # it imports torch, which takes seconds
-
     run_preset(arguments)
