@@ -30,7 +30,7 @@ QUICK = ("README.md", "docs/get_started.md")
 PRINTED = {
     "planners.md": ["tensor([True]) tensor([0.65", "[True]"],
     "evaluation.md": ["| mine | 4 |", "| success | 3 |"],
-    "scale.md": ["torch.Size([2, 8, 16])"],
+    "scaling.md": ["torch.Size([2, 8, 16])"],
 }
 """Parts of what a page's blocks print, in order."""
 
