@@ -41,7 +41,7 @@ def measure(policy: tuple[str, ...], overlays: bool) -> tuple[float, float]:
     """Median time of a step and of drawing it [ms]."""
     page = Page(PlayConfig(policy=policy, port=0))
     page.controls.overlays.map = page.controls.overlays.window = overlays
-    page.session.set_go_on(True)
+    page.session.set_auto_continue(True)
     took = []
     for _ in range(_STEPS):
         start = time.perf_counter()
@@ -66,7 +66,7 @@ def measure_with_browser(
     page = Page(PlayConfig(policy=policy, port=0))
     page.controls.overlays.map = page.controls.overlays.window = overlays
     page.controls.time.speed = speed
-    page.session.set_go_on(True)
+    page.session.set_auto_continue(True)
     ticks = 0
     tick = page.session.tick
 

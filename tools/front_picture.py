@@ -86,7 +86,9 @@ def run_episode(pushed_object: str, scene: str, seed: int) -> tuple[Scenario, li
             step, td = env.step_and_maybe_reset(policy(td))
             if step["next", "done"].any():
                 break
-    print(f"{pushed_object}, {scene}: {len(moments)} steps, success {step['next', 'success'].item()}")
+    print(
+        f"{pushed_object}, {scene}: {len(moments)} steps, success {step['next', 'success'].item()}"
+    )
     env.close()
     return scenario, moments
 
@@ -167,7 +169,7 @@ def _draw_on_table(
 ) -> None:
     angles = np.linspace(0, 2 * math.pi, 48, endpoint=False)
     circle = 0.05 * np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
-    disc = circle + [*scenario.goal_position, 0.0]
+    disc = circle + np.array([*scenario.goal_position, 0.0])
     cv2.fillConvexPoly(image, camera.polygon(disc), GOAL, cv2.LINE_AA, 4)
     path = np.column_stack([moment.path, np.zeros(len(moment.path))])
     if len(path) > 1:
@@ -182,10 +184,16 @@ def _draw_triangles(
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True) + 1e-12
     faces_camera = ((EYE - triangles[:, 0]) * normals).sum(-1) > 0
-    light = 0.50 + 0.42 * np.maximum(normals @ LIGHT, 0) + 0.10 * np.maximum(normals @ -camera.axes[2], 0)
+    light = (
+        0.50
+        + 0.42 * np.maximum(normals @ LIGHT, 0)
+        + 0.10 * np.maximum(normals @ -camera.axes[2], 0)
+    )
     shaded = (colors * light[:, None]).astype(np.float32)
     nearest = np.full(image.shape[:2], np.inf)
-    for corners, color in zip(camera.project(triangles)[faces_camera], shaded[faces_camera], strict=True):
+    for corners, color in zip(
+        camera.project(triangles)[faces_camera], shaded[faces_camera], strict=True
+    ):
         low = np.maximum(np.floor(corners[:, :2].min(0)).astype(int), 0)
         high = np.minimum(np.ceil(corners[:, :2].max(0)).astype(int) + 1, image.shape[1::-1])
         (ax, ay, _), (bx, by, _), (cx, cy, _) = corners
@@ -216,7 +224,8 @@ def main() -> None:
     length = max(map(len, clips)) + HOLD
     padded = [clip + [clip[-1]] * (length - len(clip)) for clip in clips]
     frames = [
-        np.vstack([np.hstack([a, b]), np.hstack([c, d])]) for a, b, c, d in zip(*padded, strict=True)
+        np.vstack([np.hstack([a, b]), np.hstack([c, d])])
+        for a, b, c, d in zip(*padded, strict=True)
     ]
     imageio.imwrite(PICTURE, np.stack(frames), duration=1000 / 15, loop=0, quality=75, method=6)
     print(f"Wrote {PICTURE}, {len(frames)} frames, {PICTURE.stat().st_size / 1e6:.2f} MB.")

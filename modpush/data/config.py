@@ -1,4 +1,4 @@
-"""`CollectConfig`: which demonstrations are collected, and from which starts."""
+"""`CollectConfig`: demonstrations to collect, and the seeds of their starts."""
 
 from dataclasses import asdict, field, replace
 from pathlib import Path
@@ -33,7 +33,7 @@ def episode_seed(seed: int, number: int) -> int:
 
 @checked
 class CollectConfig:
-    """What `collect_demonstrations` collects."""
+    """Settings of `collect_demonstrations`."""
 
     policy: AtLeastOne[Name] = ("agent",)
     """Policies to record: `agent`, `corridor`, `corridor_faithful`, `scripted`, a training run's

@@ -37,12 +37,12 @@ class Demonstrations:
     `observation`, `reward`, `done`, `terminated` and `truncated` `[N, 1]`, one episode after the other:
     what `make_replay_buffer(...).extend` takes."""
     episodes: tuple[Mapping[str, Any], ...]
-    """What is known of each episode, by its number in `episode`: `seed`, `policy`, `scene`,
+    """Properties of each episode, by its number in `episode`: `seed`, `policy`, `scene`,
     `pushed_object`, `success`, `scenario` (JSON)."""
     config: PushEnvConfig
     """Configuration of the environment, for `make_push_env`."""
     fingerprint: Mapping[str, Any]
-    """What the transitions depend on in it, see `environment_fingerprint`."""
+    """Fingerprint of that environment, see `environment_fingerprint`."""
 
     def make_env(self, num_envs: int | None = None, **options: Any) -> EnvBase:
         """The environment that the episodes were recorded in.

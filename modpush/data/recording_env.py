@@ -137,7 +137,7 @@ class RecordingEnv(EnvBase):
         return turn_action(command, -yaw)
 
     def _emitted(self, td: TensorDictBase) -> TensorDictBase:
-        """What `PushEnv` emits, of what the stack does."""
+        """The entries of `PushEnv` among the stack's."""
         return TensorDict({key: td[key] for key in self._keys}, batch_size=self.batch_size)
 
     def _record_state(self, td: TensorDictBase, rows: Any) -> None:

@@ -66,7 +66,7 @@ class CurriculumConfig:
     """Phases, one after the other; each ends with the last stage. By default there is one, with the
     environment's own scenes."""
     promotion: Literal["success", "steps", "off"] = "success"
-    """When the next stage begins: "success" (enough episodes of this stage succeeded), "steps"
+    """Event that begins the next stage: "success" (enough episodes of this stage succeeded), "steps"
     (after given numbers of environment steps, as in the authors' code), or "off" (no curriculum:
     training begins with the last stage of the last phase and stays there). The paper gives no rule.
     With "success" no stage begins before the previous one is learned, however fast that is."""
@@ -145,17 +145,17 @@ class Curriculum:
 
     @property
     def warming_up(self) -> bool:
-        """Whether another policy acts instead of the agent, so that episodes begun now do not count."""
+        """True while another policy acts instead of the agent; episodes begun then do not count."""
         return self.steps < self.warm_up
 
     @property
     def finished(self) -> bool:
-        """Whether this is the last stage of the last phase."""
+        """True in the last stage of the last phase."""
         last = len(self.config.distances) - 1
         return self.phase == len(self.config.phases) - 1 and self.stage == last
 
     def scenario(self, base: ScenarioConfig) -> ScenarioConfig:
-        """What episodes are drawn from now: `base` with scenes, difficulty and distance replaced.
+        """Settings of the present stage: `base` with scenes, difficulty and distance replaced.
 
         Args:
             base: The environment's own. Its scenes stay in a phase that has none, and the difficulty

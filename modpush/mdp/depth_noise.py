@@ -14,7 +14,7 @@ __all__ = ["DepthNoise"]
 
 
 class DepthNoise(StatelessTransform):
-    """Adds noise to a depth image and removes pixels from it, anew in every step.
+    """Adds noise to a depth image and removes pixels from it, independently in every step.
 
     Insert it before the transforms that read the image:
     `env.insert_transform(0, DepthNoise(sigma=0.002))`. Random numbers are torch's, so that

@@ -1,4 +1,4 @@
-"""How the entries of an observation are chosen."""
+"""Choice of the entries of an observation."""
 
 from collections.abc import Mapping, Sequence
 

@@ -1,4 +1,4 @@
-"""What an entry of the observation can read."""
+"""Inputs of an entry of the observation."""
 
 import math
 from collections.abc import Mapping
@@ -66,7 +66,7 @@ class ObservationKeys:
 
 
 class ObservationInputs:
-    """What an entry of the observation can read.
+    """Inputs of an entry of the observation.
 
     The attributes are quantities of the pushing task in the agent's frame, whose origin is the
     object's centre. Any other key of the tensordict is read unchanged by indexing:
@@ -74,7 +74,7 @@ class ObservationInputs:
     uses it.
 
     Args:
-        tensordict: What is observed.
+        tensordict: The tensordict to observe.
         frame: The agent's axes.
         keys: Key of each quantity, by its default name.
         bounds: Lower and upper corner of the area in which the object may be, base frame, `[2]`
@@ -195,7 +195,7 @@ class ObservationInputs:
         return self._read("object_symmetry")
 
     def support(self, count: int) -> Tensor:
-        """How far the object's footprint reaches from its centre, `[..., count]` [m].
+        """Reach of the object's footprint from its centre in `count` directions, `[..., count]` [m].
 
         The first direction is the frame's x, the others follow counter-clockwise at equal angles. Between
         the directions that are known it is interpolated.

@@ -1,4 +1,4 @@
-"""Which columns of an observation belong to which entry, and how they are shifted and scaled."""
+"""Columns of an observation by entry, with their shifts and scales."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -126,7 +126,7 @@ class ReadRecorder:
 
 
 def fingerprint_differences(stored: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """What differs between two `PushObservation.fingerprint`s, in words; nothing if they agree.
+    """Differences between two `PushObservation.fingerprint`s in words; an empty list if they agree.
 
     Numbers agree within 0.1 % or 1e-4, so that rounding on another machine is no difference.
 

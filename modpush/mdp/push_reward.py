@@ -140,7 +140,7 @@ class PushReward(DescribedTransform):
         return next_tensordict.set(self.reward_key, total)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Reward stored transitions anew, in `"next"`; rewards at the root, of earlier steps, stay.
+        """Reward stored transitions again, in `"next"`; rewards at the root, of earlier steps, stay.
 
         Raises:
             KeyError: If `"next"` or the lengths at reset are not stored with the transitions.

@@ -1,4 +1,4 @@
-"""What a term of the reward can read."""
+"""Inputs of a term of the reward."""
 
 from collections.abc import Mapping
 from functools import cached_property
@@ -59,7 +59,7 @@ class StateBefore:
 
 
 class StepOutcome:
-    """What a step led to.
+    """Outcome of a step: the inputs of a term of the reward.
 
     The attributes are quantities of the pushing task. Any other key of the tensordict is read by
     indexing: `outcome["my_key"]` after the step, `outcome.before["my_key"]` before it, and
@@ -160,32 +160,32 @@ class StepOutcome:
 
     @cached_property
     def success(self) -> Tensor:
-        """Whether the object is at the goal, `[..., 1]` bool."""
+        """True where the object is at the goal, `[..., 1]` bool."""
         return self._read_flag("success")
 
     @cached_property
     def object_contact(self) -> Tensor:
-        """Whether the tool touches the object, `[..., 1]` bool."""
+        """True where the tool touches the object, `[..., 1]` bool."""
         return self._read_flag("object_contact")
 
     @property
     def obstacle_contact(self) -> Tensor:
-        """Whether the object touches an obstacle, `[..., 1]` bool."""
+        """True where the object touches an obstacle, `[..., 1]` bool."""
         return self._read_flag("obstacle_contact")
 
     @property
     def tool_obstacle_contact(self) -> Tensor:
-        """Whether the tool or the arm touches an obstacle, `[..., 1]` bool."""
+        """True where the tool or the arm touches an obstacle, `[..., 1]` bool."""
         return self._read_flag("tool_obstacle_contact")
 
     @property
     def out_of_bounds(self) -> Tensor:
-        """Whether the object left the workspace, `[..., 1]` bool."""
+        """True where the object left the workspace, `[..., 1]` bool."""
         return self._read_flag("out_of_bounds")
 
     @property
     def outside_window(self) -> Tensor:
-        """Whether the tip is farther from the object than the window's edge, `[..., 1]` bool."""
+        """True where the tip is farther from the object than the window's edge, `[..., 1]` bool."""
         return self.lengths[..., 1:] > self._window_radius
 
 

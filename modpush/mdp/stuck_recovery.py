@@ -99,7 +99,7 @@ class StuckRecovery(DescribedTransform):
         return self._write(next_tensordict, torch.cat([anchor, counts], -1))
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write anew what stored transitions have in `"next"`, from the state at their root.
+        """Compute the entries under `"next"` of stored transitions again, from the state at their root.
 
         Raises:
             KeyError: If `"next"` or the state is not stored with the transitions.

@@ -16,10 +16,10 @@ __all__ = ["make_draggable", "ray_on_plane"]
 def ray_on_plane(
     eye: NDArray[np.float64], through: NDArray[np.float64], height: float
 ) -> NDArray[np.float64] | None:
-    """Where a ray meets a horizontal plane.
+    """Intersection of a ray with a horizontal plane.
 
     Args:
-        eye: Where the ray begins, `[3]` [m].
+        eye: Origin of the ray, `[3]` [m].
         through: A point on it, `[3]` [m].
         height: Height of the plane [m].
 

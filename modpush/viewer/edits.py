@@ -151,7 +151,7 @@ def _nearest(places: NDArray[np.float64], wanted: NDArray[np.float64]) -> tuple[
 def check_scene(
     scenario: Scenario, object_pose: Sequence[float], tool_pose: Sequence[float]
 ) -> None:
-    """Refuse a scene that no episode can go on in.
+    """Refuse a scene in which no episode can continue.
 
     Args:
         scenario: The scene after a change.
@@ -164,7 +164,7 @@ def check_scene(
     """
     position = np.array([object_pose[:2]])
     if is_out_of_bounds(position, WORKSPACE.bounds())[0]:
-        raise ValueError("The object is out of bounds: begin an episode anew.")
+        raise ValueError("The object is out of bounds: begin another episode.")
     if is_at_goal(position, np.array([scenario.goal_position]))[0]:
         raise ValueError("The object is at the goal: move the goal away from it.")
     item = get_object(scenario.pushed_object)

@@ -17,7 +17,7 @@ class TimeControls:
     def __init__(self, panel: Panel) -> None:
         self._session = session = panel.session
         self.speed = 1.0
-        """How many times faster than real time it runs."""
+        """Speed as a multiple of real time."""
         with panel.gui.add_folder("Time"):
             self._paused = panel.field(
                 panel.gui.add_checkbox("Pause", session.paused), session.set_paused
@@ -26,7 +26,8 @@ class TimeControls:
             speed = panel.gui.add_dropdown("Speed", _SPEEDS, initial_value="1")
             speed.on_update(self._set_speed)
             panel.field(
-                panel.gui.add_checkbox("Continue after the end", session.go_on), session.set_go_on
+                panel.gui.add_checkbox("Continue after the end", session.auto_continue),
+                session.set_auto_continue,
             )
             self._record = panel.button("Record a video", self._toggle_recording)
 
@@ -40,14 +41,14 @@ class TimeControls:
             self._session.stop_recording()
 
     def update(self) -> None:
-        """Show how the session stands."""
+        """Show the session's state."""
         self._paused.show(self._session.paused)
         recording = self._session.recorder is not None
         assign(self._record, "label", "Stop recording" if recording else "Record a video")
 
 
 class EpisodeControls:
-    """Which episode is run: seed, scene family, difficulty and object."""
+    """Choice of the episode: seed, scene family, difficulty and object."""
 
     def __init__(self, panel: Panel) -> None:
         self._session = session = panel.session
@@ -77,7 +78,7 @@ class EpisodeControls:
             panel.button("Next episode", session.next_episode, "M")
 
     def update(self) -> None:
-        """Show how the session stands."""
+        """Show the session's state."""
         session = self._session
         self._seed.show(session.seed)
         if not session.replaying:

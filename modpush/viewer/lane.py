@@ -20,12 +20,12 @@ from modpush.evaluation.episodes import Policy
 __all__ = ["FLAGS", "Lane", "PolicyLane", "Snapshot"]
 
 FLAGS = ("object_contact", "obstacle_contact", "tool_obstacle_contact", "success", "out_of_bounds")
-"""What a snapshot tells of a step, by the keys of `PushEnv`."""
+"""Flags of a snapshot, by the keys of `PushEnv`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Snapshot:
-    """What there is to draw of one moment. Base frame, metres and radians."""
+    """Contents of the picture of one moment. Base frame, metres and radians."""
 
     scenario: Scenario
     """Obstacles, object and goal."""
@@ -40,7 +40,7 @@ class Snapshot:
     flags: Mapping[str, bool]
     """The keys of `FLAGS`."""
     ended: bool = False
-    """Whether the episode is over."""
+    """True once the episode is over."""
     path: NDArray[np.float64] | None = None
     """The planned path that the policy follows, `[n, 2]`."""
     subgoal: tuple[float, float] | None = None
@@ -54,7 +54,7 @@ class Snapshot:
 
 
 class Lane(Protocol):
-    """What a `Session` shows: a running policy or a stored episode."""
+    """Running policy or stored episode that a `Session` shows."""
 
     name: str
     """Name for the page."""
@@ -66,7 +66,7 @@ class Lane(Protocol):
         """Take one control step."""
 
     def reconstruction(self) -> NDArray[np.float32] | None:
-        """What the autoencoder keeps of the window, `[S, S]` in [0, 1], if there is one."""
+        """The autoencoder's reconstruction of the window, `[S, S]` in [0, 1], if there is one."""
 
     def close(self) -> None:
         """Free what it holds."""
@@ -120,7 +120,7 @@ class PolicyLane:
     def _snapshot(
         self, now: TensorDictBase, plan: TensorDictBase, value: float | None = None
     ) -> Snapshot:
-        """What is shown: the state now, and the path and sub-goal that led here."""
+        """Snapshot of the state now, with the path and sub-goal that led here."""
         x, y, yaw = now["object_pose"][0].tolist()
         tool_x, tool_y, tool_yaw = now["ee_pose"][0].tolist()
         path, target = plan.get(self._path_key, None), plan.get(self._target_key, None)
@@ -142,7 +142,7 @@ class PolicyLane:
 
     @torch.no_grad()
     def reconstruction(self) -> NDArray[np.float32] | None:
-        """What the autoencoder keeps of the window; None with another encoder."""
+        """The autoencoder's reconstruction of the window; None with another encoder."""
         if self._vae is None or "window" not in self._td.keys():
             return None
         return self._vae.reconstruct(self._td["window"])[0, 0].numpy()

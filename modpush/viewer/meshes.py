@@ -1,4 +1,4 @@
-"""Triangle meshes of the primitives that physics uses, and where the arm's links are."""
+"""Triangle meshes of the primitives that physics uses, and transforms of the arm's links."""
 
 import math
 from typing import NamedTuple
@@ -67,7 +67,7 @@ def _stack_outlines(
 
 
 def link_transforms(joint_position: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Where the arm's links and its tool are.
+    """Transforms of the arm's links and its tool.
 
     Args:
         joint_position: Angles of the six joints, `[6]` [rad].

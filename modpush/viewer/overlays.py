@@ -1,4 +1,4 @@
-"""What is laid over the scene, and whether it is shown."""
+"""Overlays of the scene."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ _SCALE = 3  # screen pixels for each pixel of the window
 
 @dataclass
 class Overlays:
-    """Which overlays are shown."""
+    """Overlays that are shown."""
 
     path: bool = True
     """The planned path."""

@@ -29,7 +29,7 @@ __all__ = ["Page", "play"]
 _BESIDE = 1.35  # distance of two lanes' robots [m]
 _CAMERA_OF_ONE = (1.08, -0.45, 0.72), (0.40, 0.0, 0.05)
 _CAMERA_OF_TWO = (1.75, 0.0, 1.0), (0.40, 0.0, 0.05)
-"""Where the camera stands and what it looks at in the beginning [m]."""
+"""First position of the camera, and the point that it looks at [m]."""
 _DRAW_PERIOD = 1 / 30  # at high speeds not every step is drawn [s]
 _PORTS = 100  # that are tried, from the one asked for on
 _WAIT_FOR_TAB = 0.1  # [s]
@@ -200,7 +200,7 @@ def _refusing_other_origins(host: str) -> Iterator[None]:
 
 
 def _is_of_page(host: str, origin: str | None, asked: str | None) -> bool:
-    """Whether a request is not of a page in a browser, or of the page itself.
+    """True for requests of this page, and for those that no page in a browser makes.
 
     Args:
         host: Address that the server listens on.

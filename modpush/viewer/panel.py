@@ -1,4 +1,4 @@
-"""What every part of the panel needs: buttons and fields that send commands to the session."""
+"""Buttons and fields that send commands to the session, for all folders of the panel."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any

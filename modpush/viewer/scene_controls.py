@@ -18,11 +18,11 @@ _MOVES = {
     "turn left": ("U", (0.0, 0.0, 1.0)),
     "turn right": ("O", (0.0, 0.0, -1.0)),
 }
-"""How the tool is moved by hand: key and action, seen from the robot."""
+"""Key and action of each move by hand, seen from the robot."""
 
 
 class PolicyControls:
-    """Which policy runs, and which one beside it."""
+    """Choice of the policy, and of a second one beside it."""
 
     def __init__(self, panel: Panel) -> None:
         self._session, gui = panel.session, panel.gui

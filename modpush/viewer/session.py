@@ -43,15 +43,15 @@ class Session:
         self.scene, self.difficulty = self.config.scene, self.config.difficulty
         self.pushed_object, self.seed = self.config.pushed_object, self.config.seed
         self.paused = self.config.paused
-        self.go_on = True
-        """Whether the next episode begins by itself after one has ended."""
+        self.auto_continue = True
+        """Begin the next episode by itself after one has ended."""
         self.message = ""
-        """Why the last command could not be carried out; empty if it could."""
+        """Error of the last command; empty if it succeeded."""
         self.lanes: list[Lane] = []
         self.policies: tuple[str, ...] = ()
         """The policies as they were given; empty in a replay."""
         self.snapshots: list[Snapshot] = []
-        """What there is to show of each lane."""
+        """Snapshot of each lane."""
         self.recorder: Recorder | None = None
         self._commands = CommandQueue()
         self._ticks_since_end = 0
@@ -71,7 +71,7 @@ class Session:
 
     @property
     def replaying(self) -> bool:
-        """Whether stored episodes are shown, which nothing can change."""
+        """True while stored episodes are shown, which nothing can change."""
         return not self.policies
 
     @property
@@ -91,7 +91,7 @@ class Session:
 
     @property
     def ended(self) -> bool:
-        """Whether the episode is over in every lane."""
+        """True once the episode is over in every lane."""
         return all(shown.ended for shown in self.snapshots)
 
     def submit(self, command: Command, key: Hashable = None) -> None:
@@ -112,7 +112,7 @@ class Session:
             return
         if not self.ended:
             self.step()
-        elif self.go_on:
+        elif self.auto_continue:
             self._ticks_since_end += 1
             if self._ticks_since_end >= _PAUSE_AT_END:
                 self._try(self.next_episode)
@@ -122,7 +122,7 @@ class Session:
         try:
             command()
         except (ValueError, TypeError, ImportError, OSError, RuntimeError) as error:
-            self.message = str(error)  # the page, and what was changed on it, goes on
+            self.message = str(error)  # the page and its changes stay
 
     def step(self) -> None:
         """Take one control step in every lane that still runs."""
@@ -145,9 +145,9 @@ class Session:
         self.paused = paused
 
     @checked_arguments
-    def set_go_on(self, go_on: bool) -> None:
+    def set_auto_continue(self, auto_continue: bool) -> None:
         """Have the next episode begin by itself, or not."""
-        self.go_on = go_on
+        self.auto_continue = auto_continue
 
     @checked_arguments
     def reset(self, seed: Seed | None = None) -> None:

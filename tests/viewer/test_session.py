@@ -31,7 +31,7 @@ def session(shared: Session, tmp_path: Path) -> Session:
     """The shipped agent at the beginning of episode 0 of the slot."""
     shared.config = PlayConfig(out=tmp_path)
     shared.set_paused(False)
-    shared.set_go_on(False)
+    shared.set_auto_continue(False)
     shared.choose_policies("agent")
     shared.choose_scene("slot", 0.3, "small_cube")
     shared.reset(0)
@@ -160,7 +160,7 @@ def test_a_pause_a_single_step_and_the_same_seed_again(session) -> None:
 
 
 def test_the_next_episode_begins_by_itself(session) -> None:
-    session.set_go_on(True)
+    session.set_auto_continue(True)
     run(session)
     for _ in range(15):
         session.tick()

@@ -108,7 +108,7 @@ class _QuantileHuber(torch.autograd.Function):
 
 
 def _runs_native(x: Tensor) -> bool:
-    """Whether numpy and numba can work on this tensor's memory."""
+    """True if numpy and numba can work on this tensor's memory."""
     native = x.device.type == "cpu" and x.dtype in (torch.float32, torch.float64)
     return native and not torch.compiler.is_compiling()
 

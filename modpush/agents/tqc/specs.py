@@ -11,7 +11,7 @@ __all__ = ["LearnerSpecs"]
 
 @dataclass(frozen=True, kw_only=True)
 class LearnerSpecs:
-    """What the networks and the loss read and write; every factory of them is given one."""
+    """Specs and keys that the networks and the loss read and write; an argument of their factories."""
 
     observation: Composite
     """Specs of everything that the environment observes, without batch dimensions."""
