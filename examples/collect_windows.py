@@ -8,7 +8,7 @@ Writes one safetensors file with its config. A tenth of the windows are blank, t
 something in view. An episode gives the object's own window at its start and, if the random policy
 has moved it, after a few steps; and, since the object seldom moves much, windows of the same scene at
 other free poses where it might have been. Yaw is uniform in all of them. Work is kept in parts beside
-the output: run the same command again to go on where it was stopped.
+the output: run the same command again to continue where it was stopped.
 """
 
 import dataclasses
@@ -115,7 +115,7 @@ def episodes(
 
 @functools.cache
 def make_env(config: Config) -> PushEnv:
-    """One for all parts of a process: seeded anew, it starts as a new one would."""
+    """One for all parts of a process: seeded again, it starts as a new one would."""
     torch.set_num_threads(1)
     return PushEnv(
         config.num_envs,

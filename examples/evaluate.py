@@ -5,7 +5,7 @@
 
 Writes a folder for each policy in `runs/evaluate_two/`: a row for each episode, tables, pictures of what
 failed and what was solved, and prints the figures with paired t-tests. A run that is
-interrupted goes on where it stopped. `modpush evaluate` does the same for any policies and sets.
+interrupted continues where it stopped. `modpush evaluate` does the same for any policies and sets.
 """
 
 import argparse

@@ -39,12 +39,12 @@ def push(agent_file: Path, num_envs: int = 4) -> float:
 
 
 def main(preset: str, seed: int, out: Path) -> None:
-    """Train, or go on with what the folder holds."""
+    """Train, or continue the run in the folder."""
     trainer = Trainer(make_config(preset, seed), out, resume=(out / "checkpoints").exists())
     best = trainer.run()
     draw_curve([out], trainer.folder.curve)
     print(f"Best on the held-out episodes: {best}")
-    print(f"It solves {push(trainer.folder.best_agent):.2f} of 4 episodes drawn anew.")
+    print(f"It solves {push(trainer.folder.best_agent):.2f} of 4 new episodes.")
 
 
 if __name__ == "__main__":  # the environment's process imports this file, too

@@ -4,9 +4,9 @@
     python examples/train_vae.py                  # the default
     python examples/train_vae.py paper            # the paper's schedule, on 700k windows
 
-Writes to the output folder: `log.csv` (held-out figures as training goes on), `checkpoint.pt`, and at
+Writes to the output folder: `log.csv` (held-out figures during training), `checkpoint.pt`, and at
 the end `depth_vae.safetensors`, which `DepthVAE.from_pretrained` loads. Run the same command again to
-go on where it was stopped; the result is the same as without the stop. `examples/report_vae.py` shows
+continue where it was stopped; the result is the same as without the stop. `examples/report_vae.py` shows
 what was learned.
 """
 
@@ -45,7 +45,7 @@ class Config:
     schedule: Literal["one_cycle", "constant"] = "one_cycle"
     """Schedule of the learning rate."""
     augment: bool = True
-    """Whether windows are turned, mirrored and laid over each other."""
+    """Turn and mirror windows, and lay them over each other."""
     latent_dim: int = 32
     """Number of values in a latent."""
     kl_weight: float = 0.5
@@ -158,7 +158,7 @@ class Training:
 
 
 def recipe(config: Config) -> dict[str, Any]:
-    """What the weights depend on, as plain data."""
+    """The fields on which the weights depend, as plain data."""
     plain = {k: list(v) if isinstance(v, tuple) else v for k, v in vars(config).items()}
     for name in ("data", "output", "eval_every", "eval_windows", "threads", "stop_at"):
         del plain[name]
@@ -179,7 +179,7 @@ def log(path: Path, row: dict[str, float]) -> None:
 
 
 def main(config: Config) -> DepthVAE:
-    """Train, or go on training."""
+    """Train, or continue training."""
     torch.set_num_threads(config.threads)
     data = WindowData.load(config.data)
     train, held_out = data.where(~data.held_out), data.where(data.held_out)

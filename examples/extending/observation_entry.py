@@ -18,7 +18,7 @@ from modpush.training import TRAIN_PRESETS
 
 
 def read_obstacle_contacts(inputs: ObservationInputs) -> Tensor:
-    """Whether object and tool touch obstacles, `[..., 2]`, from two keys of `PushEnv`."""
+    """1 where object and tool touch obstacles, `[..., 2]`, from two keys of `PushEnv`."""
     flags = (inputs["obstacle_contact"], inputs["tool_obstacle_contact"])
     return torch.cat(flags, -1).float()
 

@@ -70,7 +70,9 @@ def run_command(arguments: Sequence[str] | None = None) -> int:
     try:
         _run(name, rest)
     except KeyboardInterrupt as interrupt:
-        if not interrupt.args or str(interrupt):  # with an empty text the subcommand has said it
+        if not interrupt.args or str(
+            interrupt
+        ):  # an empty text: the subcommand has printed its own
             print(f"\nmodpush {name}: {interrupt or 'Stopped.'}", file=sys.stderr)
         return 130
     except BrokenPipeError:
@@ -80,8 +82,8 @@ def run_command(arguments: Sequence[str] | None = None) -> int:
     except (ValueError, TypeError, OSError, ImportError, RuntimeError) as error:
         if not _is_ours(error):
             raise
-        who = f"modpush {name}: "
-        print(f"{who}{str(error).removeprefix(who)}", file=sys.stderr)
+        prefix = f"modpush {name}: "
+        print(f"{prefix}{str(error).removeprefix(prefix)}", file=sys.stderr)
         return 2
     return 0
 
@@ -103,7 +105,7 @@ def _help(name: str) -> str:
 
 
 def _output_is_closed() -> bool:
-    """Whether what read the output has read enough, as `head` does; what is left then goes nowhere."""
+    """True if stdout was closed by its reader, such as `head`; further output is then discarded."""
     try:
         output = sys.stdout.fileno()
     except OSError:  # it is not a file, as in tests
@@ -144,6 +146,6 @@ def _unknown(name: str) -> str:
 
 
 def _is_ours(error: BaseException) -> bool:
-    """Whether the library raised an error itself, rather than a package that it uses."""
+    """True if the library raised an error itself, rather than a package that it uses."""
     frames = traceback.extract_tb(error.__traceback__)
     return bool(frames) and Path(frames[-1].filename).is_relative_to(Path(modpush.__file__).parent)

@@ -69,7 +69,7 @@ class EvaluateConfig:
     """Tool to use instead of the sets' own, for instance `rod`, the tool in the code of the paper's
     authors; results are stored under `<set>+<tool>`."""
     recovery: bool | None = None
-    """Whether `StuckRecovery` takes over when a policy has come to rest before the goal. By default
+    """Let `StuckRecovery` take over when a policy has come to rest before the goal. By default
     this is what an agent's config says, and no for hand-written policies; results of the other
     choice are stored under `<policy>+recovery` or `<policy>_without_recovery`."""
     episodes: Count | None = None
@@ -81,7 +81,7 @@ class EvaluateConfig:
     pictures: NonNegativeInteger = 24
     """Maximum number of failed episodes to draw; at most half as many solved ones are drawn, too."""
     videos: bool = True
-    """Whether to write a video for each family."""
+    """Write a video for each family."""
     fresh: bool = False
     """Start over instead of resuming an interrupted run."""
     allow: Several[Name] = ()

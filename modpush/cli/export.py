@@ -34,7 +34,7 @@ __all__ = ["ExportConfig", "main"]
 
 @checked
 class ExportConfig:
-    """What is exported, and where it is written."""
+    """Agent to export, formats, and folder to write to."""
 
     agent: tyro.conf.Positional[Name] = "small_cube"
     """Name of a shipped agent, an agent's file, a training run's folder, or hf://owner/name."""

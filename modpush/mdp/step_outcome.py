@@ -201,7 +201,7 @@ def measure_lengths(tensordict: TensorDictBase, keys: Mapping[str, NestedKey]) -
     """
     tip = read_key("PushReward", tensordict, keys["ee_pose"], 3)
     centre = read_key("PushReward", tensordict, keys["object_pose"], 3)
-    apart = (tip[..., :2] - centre[..., :2]).norm(dim=-1, keepdim=True)
+    distance = (tip[..., :2] - centre[..., :2]).norm(dim=-1, keepdim=True)
     return torch.cat(
-        [read_key("PushReward", tensordict, keys["path_length"], 1), apart], -1
+        [read_key("PushReward", tensordict, keys["path_length"], 1), distance], -1
     ).float()

@@ -286,7 +286,7 @@ class Session:
         self._change(lambda scenario: edits.remove_obstacle(scenario, index))
 
     def _change(self, edit: Callable[[Scenario], Scenario]) -> None:
-        """Change the scene of every lane; each goes on from where its object and its tool are."""
+        """Change the scene of every lane; each continues with its object and its tool where they are."""
         self._refuse_in_replay()
         changed = []
         for shown in self.snapshots:

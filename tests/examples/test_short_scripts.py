@@ -29,4 +29,4 @@ def test_train(
 ) -> None:
     monkeypatch.setitem(TRAIN_PRESETS, "smoke", ("", SMOKE))
     load_example("train").main("smoke", 1, tmp_path / "run")
-    assert "of 4 episodes drawn anew" in capsys.readouterr().out
+    assert "of 4 new episodes" in capsys.readouterr().out
