@@ -29,7 +29,7 @@ from modpush.viewer.meshes import link_transforms, primitive_mesh
 PICTURE = Path(__file__).resolve().parents[1] / "docs" / "pictures" / "pushing.webp"
 EPISODES = (
     ("small_cube", "slot"),
-    ("fragment", "posts"),
+    ("fragment", "zigzag"),
     ("small_cylinder", "corridor"),
     ("large_cube", "bar_across"),
 )
