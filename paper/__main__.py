@@ -24,7 +24,6 @@ from typing import Any
 import tyro
 
 from modpush._threads import torch_threads
-from modpush.cli.options import parse_options
 from modpush.evaluation.sets import BEHIND_SETS, EVALUATION_SETS, SET_NAMES
 from paper.blocks import AGENTS, BLOCKS, write_blocks
 from paper.dynamics import measure_dynamics
@@ -216,7 +215,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         return 0 if name in ("-h", "--help") else 2
     command = COMMANDS[name]
-    options = parse_options(command, f"python -m paper {name}", str(command.__doc__), rest)
+    options = tyro.cli(command, prog=f"python -m paper {name}", args=rest)
     with torch_threads(1):
         try:
             options()

@@ -56,7 +56,7 @@ class RecordedEpisode:
 
 
 def read_about(folder: Path) -> dict[str, Any] | None:
-    """What `extend_dataset` noted beside the episodes; None where there is no data set.
+    """Metadata that `extend_dataset` wrote beside the episodes; None without a data set.
 
     Args:
         folder: Folder of the data set, `<root>/modpush/<name>`.

@@ -32,7 +32,7 @@ class PushObservation(DescribedTransform):
     """Writes one flat observation: chosen entries, in a frame at the object, scaled to order 1.
 
     Only the keys that the entries read are needed. Positions are in metres and angles in radians, in
-    the robot's base frame. In a replay buffer, the observation is written anew at the root and,
+    the robot's base frame. In a replay buffer, the observation is computed again at the root and,
     where there is one, in `"next"`; both must hold what the entries read.
 
     Args:
@@ -182,7 +182,7 @@ class PushObservation(DescribedTransform):
         return self._call(next_tensordict)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the observation of stored data anew, at the root and in `"next"` if there is one."""
+        """Compute the observation of stored data again, at the root and in `"next"` if there is one."""
         following = tensordict.get("next", None)
         if following is not None:
             self._call(following)

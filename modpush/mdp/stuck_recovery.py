@@ -73,7 +73,7 @@ class StuckRecovery(DescribedTransform):
         )
 
     def describe(self) -> dict[str, Any]:
-        """When a recovery begins, and how long it is."""
+        """Conditions of a recovery, and its length."""
         names = ("patience", "duration", "tolerance")
         return {"recovery": {name: getattr(self, name) for name in names}}
 
