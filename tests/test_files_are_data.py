@@ -19,7 +19,7 @@ from modpush._state import write_state
 from modpush.data import load_demonstrations
 from modpush.envs import PushEnv
 from modpush.envs.scenes.objects import OBJECTS, get_object_of
-from modpush.evaluation.sets import SET_VERSION, load_set
+from modpush.evaluation.sets import load_set
 from modpush.files import read_tensors, write_packed_json, write_tensors, write_yaml
 from modpush.parts import ModulesRefusedError, check_allowed
 from modpush.recipes import PushEnvConfig, load_agent
@@ -124,7 +124,7 @@ def warm_start_from_agent(folder: Path, text: str) -> None:
 def write_set(path: Path, field: str, text: str) -> None:
     conditions = asdict(load_set("smoke").conditions)
     content = {"name": "own", "conditions": conditions, "episodes": [{**SCENARIO, field: text}]}
-    write_packed_json(path, content, "modpush.EvaluationSet", SET_VERSION)
+    write_packed_json(path, content)
 
 
 def evaluation_set(field: str) -> Callable[[Path, str], object]:
