@@ -33,7 +33,6 @@ __all__ = [
     "NonNegative",
     "NonNegativeInteger",
     "NonNegativeLength",
-    "OneOrMoreNames",
     "PartName",
     "PixelCount",
     "Point",
@@ -48,11 +47,6 @@ __all__ = [
 ]
 
 T = TypeVar("T")
-
-
-def _one_text(value: Any) -> Any:
-    """A text as a tuple that holds it."""
-    return (value,) if isinstance(value, str) else value
 
 
 def _one_number(value: Any) -> Any:
@@ -131,5 +125,3 @@ Several = Annotated[tuple[T, ...], Strict(False)]
 """Any number of something."""
 AtLeastOne = Annotated[tuple[T, ...], Strict(False), Field(min_length=1)]
 """One of something or more."""
-OneOrMoreNames = Annotated[AtLeastOne[Name], BeforeValidator(_one_text)]
-"""Names; a single one may be given without a tuple around it."""
