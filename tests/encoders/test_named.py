@@ -59,13 +59,13 @@ def test_a_file_of_an_autoencoder_is_read(tmp_path, form):
 @pytest.mark.parametrize(
     ("encoder", "error", "message"),
     [
-        ("vaes", ValueError, "test: encoder: there is no 'vaes', expected one of"),
+        ("vaes", ValueError, "encoder: there is no 'vaes', expected one of"),
         (
             "nowhere.safetensors",
             ValueError,
             "must be an existing file, .*'nowhere.safetensors'",
         ),
-        (nn.Linear(2, 2), TypeError, "test: encoder must be a module with an int `latent_dim`"),
+        (nn.Linear(2, 2), TypeError, "encoder must be a module with an int `latent_dim`"),
         (lambda: 3, TypeError, "got int with latent_dim=None and window_size=64"),
     ],
 )

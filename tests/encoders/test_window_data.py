@@ -47,7 +47,7 @@ def test_a_file_cut_short_or_of_another_kind_is_refused(tmp_path):
         with pytest.raises(ValueError, match="checksum"):
             WindowData.load(path)
     path.write_bytes(whole.replace(b"modpush.WindowData", b"modpush.WindowBeta"))
-    with pytest.raises(ValueError, match=r"expected 'modpush.WindowData'"):
+    with pytest.raises(ValueError, match=r"format 'modpush.WindowData v2'"):
         WindowData.load(path)
     with pytest.raises(FileNotFoundError, match="no file"):
         WindowData.load(tmp_path / "none.safetensors")
@@ -83,7 +83,7 @@ def test_another_window_is_laid_over_but_blank_ones_stay_blank():
     assert (out[:100] == 0).all()
     share = (out[100:].flatten(1).amax(1) == 0.6).float().mean()
     assert share == pytest.approx(0.5, abs=0.15)
-    with pytest.raises(ValueError, match=r"overlay must be <= 1, got 2"):
+    with pytest.raises(ValueError, match=r"overlay: .*less than or equal to 1, got 2"):
         augment_windows(windows, others, overlay=2)
     with pytest.raises(ValueError, match="others must be shaped like windows"):
         augment_windows(windows, others[:3])

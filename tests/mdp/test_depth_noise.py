@@ -38,7 +38,7 @@ def test_without_noise_nothing_changes() -> None:
 
 
 def test_what_is_out_of_range_is_refused() -> None:
-    with pytest.raises(ValueError, match="dropout must be <= 1, got 2"):
+    with pytest.raises(ValueError, match=r"dropout: .*less than or equal to 1, got 2"):
         DepthNoise(dropout=2.0)
     with pytest.raises(ValueError, match="sigma must be >= 0, got -1"):
         DepthNoise(sigma=-1.0)

@@ -356,7 +356,9 @@ def test_a_noisy_map_is_searched_over_the_grid():
 
 
 def test_unknown_nodes_are_refused():
-    with pytest.raises(ValueError, match="nodes must be 'corners' or 'grid', got 'hex'"):
+    with pytest.raises(
+        ValueError, match=r"nodes: .*Input should be 'corners' or 'grid', got 'hex'"
+    ):
         LazyThetaStar(nodes="hex")
 
 
