@@ -54,7 +54,7 @@ def start_from(path: Path) -> None:
 
 
 READERS: dict[str, tuple[str, int, Callable[..., None], Callable[[Path], object]]] = {
-    "a.safetensors": ("modpush.Agent", 4, write_tensor_config, load_agent),
+    "a.safetensors": ("modpush.Agent", 5, write_tensor_config, load_agent),
     "vae.safetensors": ("modpush.DepthVAE", 2, write_tensor_config, DepthVAE.from_pretrained),
     "windows.safetensors": ("modpush.WindowData", 2, write_tensor_config, WindowData.load),
     "step-1.safetensors": ("modpush.Checkpoint", 1, write_tensor_config, start_from),
@@ -134,7 +134,7 @@ def test_an_agent_s_file_with_any_value_of_another_type_loads_or_is_refused_by_n
     tmp_path: Path,
 ) -> None:
     path, _ = KINDS["agent"](tmp_path)
-    tensors, about = read_tensors(path, "modpush.Agent", 4)
+    tensors, about = read_tensors(path, "modpush.Agent", 5)
     refused = 0
     ways = [way for way in places(about) if way]
     for way in ways:
@@ -144,7 +144,7 @@ def test_an_agent_s_file_with_any_value_of_another_type_loads_or_is_refused_by_n
             for key in way[:-1]:
                 inside = inside[key]
             inside[way[-1]] = value
-            write_tensors(path, tensors, "modpush.Agent", 4, changed)
+            write_tensors(path, tensors, "modpush.Agent", 5, changed)
             refused += is_refused(path)
     assert refused > 2 * len(ways)
 
@@ -163,9 +163,9 @@ def test_an_agent_of_a_size_that_its_file_does_not_hold_takes_no_memory(
     tmp_path: Path, field: str, value: Any
 ) -> None:
     path, _ = KINDS["agent"](tmp_path)
-    tensors, about = read_tensors(path, "modpush.Agent", 4)
+    tensors, about = read_tensors(path, "modpush.Agent", 5)
     about["network"][field] = value
-    write_tensors(path, tensors, "modpush.Agent", 4, about)
+    write_tensors(path, tensors, "modpush.Agent", 5, about)
     with pytest.raises(ValueError, match=r"agent.safetensors"):
         load_agent(path)
 

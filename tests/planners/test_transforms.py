@@ -342,7 +342,7 @@ def test_points_ahead_are_written_and_kept_where_there_is_no_path():
 @pytest.mark.parametrize("ahead", [(0.0,), (0.1, float("inf")), (-0.1,)])
 def test_points_behind_or_nowhere_are_refused(ahead):
     with pytest.raises(
-        ValueError, match=r"ahead\[\d\]: Input should be (greater than 0|a finite number), got"
+        ValueError, match=r"ahead\[\d\]: .*(greater than 0|finite number), got"
     ):
         PlannerSubgoals(DistanceField(), ahead=ahead)
 
