@@ -333,42 +333,10 @@ def replay(args: Args) -> str:
     return "\n".join(lines)
 
 
-def memory() -> str:
-    """Bytes a transition of 49 values, measured on full buffers of 50 000."""
-    from stable_baselines3.common.buffers import ReplayBuffer
-
-    capacity, episode = 50_000, 200
-    observation = torch.randn(capacity + 1, OBS)
-    data = transitions(capacity)
-    data["observation"], following = observation[:-1], observation[1:].clone()
-    ends = torch.arange(episode - 1, capacity, episode)
-    following[ends] = torch.randn(len(ends), OBS)
-    data["next", "observation"] = following
-    rows = {}
-    theirs = ReplayBuffer(capacity, Dummy.observation_space, Dummy.action_space, device="cpu")
-    arrays = [a for a in vars(theirs).values() if isinstance(a, np.ndarray) and a.ndim > 1]
-    rows["sb3"] = sum(array.nbytes for array in arrays)
-    for name in ("tensor", "compact"):
-        buffer = make_replay_buffer(
-            ReplayConfig(capacity=capacity, batch_size=8, sampler="uniform", storage=name)
-        )
-        for part in data.split(100):
-            buffer.extend(part.clone())
-        stored = buffer.storage
-        leaves = stored._storage.values(True, True)
-        rows[f"ours, {name}"] = (
-            stored.nbytes()
-            if name == "compact"
-            else sum(leaf.numel() * leaf.element_size() for leaf in leaves)
-        )
-    lines = ["| storage, episodes of 200 | bytes a transition |", "|---|---|"]
-    return "\n".join([*lines, *(f"| {n} | {size / capacity:.0f} |" for n, size in rows.items())])
-
-
 def main(args: Args) -> None:
     tables = [updates(args), gpu(args), huber(args)]
     if args.replay:
-        tables += [replay(args), memory()]
+        tables.append(replay(args))
     header = f"{args.rounds} rounds, {args.clock} time; milliseconds: median (fastest round)."
     text = "\n\n".join([header, *tables]) + "\n"
     print("\n" + text)

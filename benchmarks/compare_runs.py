@@ -1,6 +1,6 @@
 """Learning curves of training runs beside each other, against steps, updates and minutes.
 
-    modpush train paper --out runs/paper --train.replay.storage compact --train.no-save-buffer
+    modpush train paper --out runs/paper --train.no-save-buffer
     modpush train cpu --out runs/train
     python benchmarks/compare_runs.py --runs runs/paper runs/train --names paper cpu
 

@@ -1,7 +1,6 @@
-"""Checks of tensors at the border to compiled kernels, which check nothing themselves.
+"""Checks of what annotations cannot express: shapes and dtypes of tensors, units, keys.
 
-In all of them `who` asks, and `name` is the name of the argument whose `value` is checked: both are for
-the error message.
+`name` is the name of the argument, for the error. Compiled kernels check nothing themselves.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -11,8 +10,6 @@ import torch
 from torch import Tensor
 
 __all__ = [
-    "NO_NUMBERS",
-    "check_callable",
     "check_depth_unit",
     "check_dtype",
     "check_finite",
@@ -20,16 +17,15 @@ __all__ = [
     "check_keys",
     "check_real",
     "check_shape",
-    "check_texts",
 ]
 
-NO_NUMBERS = {torch.bool, torch.complex32, torch.complex64, torch.complex128}
+_NO_NUMBERS = {torch.bool, torch.complex32, torch.complex64, torch.complex128}
 
 _STRIDE = 8  # of the pixels that are looked at first
 _TOLERANCE = 1.1  # of the camera's height over the table
 
 
-def check_dtype(who: str, name: str, value: Any, dtype: torch.dtype) -> None:
+def check_dtype(name: str, value: Any, dtype: torch.dtype) -> None:
     """Check that a value is a torch tensor of a dtype.
 
     Raises:
@@ -37,38 +33,33 @@ def check_dtype(who: str, name: str, value: Any, dtype: torch.dtype) -> None:
     """
     if not isinstance(value, Tensor):
         raise TypeError(
-            f"{who}: {name} must be a {dtype} tensor, got "
-            f"{type(value).__module__}.{type(value).__name__}."
+            f"{name} must be a {dtype} tensor, got {type(value).__module__}.{type(value).__name__}."
         )
     if value.dtype != dtype:
-        raise TypeError(f"{who}: {name} must be a {dtype} tensor, got {value.dtype}.")
+        raise TypeError(f"{name} must be a {dtype} tensor, got {value.dtype}.")
 
 
-def check_shape(who: str, name: str, value: Tensor, letters: str, expected: Sequence[int]) -> None:
+def check_shape(name: str, value: Tensor, letters: str, expected: Sequence[int]) -> None:
     """Check the shape of a tensor; `letters` name the expected dimensions, `"B, H, W"`.
 
     Raises:
         ValueError: If the shape is another one.
     """
     if value.shape != tuple(expected):
-        raise ValueError(
-            f"{who}: {name} must be [{letters}] = {list(expected)}, got {list(value.shape)}."
-        )
+        raise ValueError(f"{name} must be [{letters}] = {list(expected)}, got {list(value.shape)}.")
 
 
-def check_instance(who: str, name: str, value: Any, kind: type) -> None:
+def check_instance(name: str, value: Any, kind: type) -> None:
     """Check that a value is of a class.
 
     Raises:
         TypeError: If it is not.
     """
     if not isinstance(value, kind):
-        raise TypeError(
-            f"{who}: {name} must be of type {kind.__name__}, got {type(value).__name__}."
-        )
+        raise TypeError(f"{name} must be of type {kind.__name__}, got {type(value).__name__}.")
 
 
-def check_real(who: str, name: str, value: Any, *last: int) -> None:
+def check_real(name: str, value: Any, *last: int) -> None:
     """Check that a value is a tensor of real numbers `[..., *last]`, in less than a microsecond.
 
     Raises:
@@ -76,15 +67,15 @@ def check_real(who: str, name: str, value: Any, *last: int) -> None:
         ValueError: If its last dimensions are others.
     """
     if not isinstance(value, Tensor):
-        raise TypeError(f"{who}: {name} must be a tensor, got {type(value).__name__}.")
-    if value.dtype in NO_NUMBERS:
-        raise TypeError(f"{who}: {name} must be a tensor of real numbers, got {value.dtype}.")
+        raise TypeError(f"{name} must be a tensor, got {type(value).__name__}.")
+    if value.dtype in _NO_NUMBERS:
+        raise TypeError(f"{name} must be a tensor of real numbers, got {value.dtype}.")
     if last and value.shape[-len(last) :] != last:
         dims = ", ".join(map(str, last))
-        raise ValueError(f"{who}: {name} must be [..., {dims}], got {list(value.shape)}.")
+        raise ValueError(f"{name} must be [..., {dims}], got {list(value.shape)}.")
 
 
-def check_finite(who: str, name: str, value: Tensor) -> None:
+def check_finite(name: str, value: Tensor) -> None:
     """Check a tensor for NaN and infinity; it waits for a GPU.
 
     Raises:
@@ -94,11 +85,11 @@ def check_finite(who: str, name: str, value: Tensor) -> None:
     if not good.all():
         index = (~good).nonzero()[0, : max(value.ndim - 1, 0)].tolist()
         raise ValueError(
-            f"{who}: {name} must be finite, got {value[tuple(index)].tolist()} in row {index}."
+            f"{name} must be finite, got {value[tuple(index)].tolist()} in row {index}."
         )
 
 
-def check_keys(who: str, state: Mapping[str, Any], expected: Collection[str]) -> None:
+def check_keys(state: Mapping[str, Any], expected: Collection[str]) -> None:
     """Check that a state holds the expected fields, and nothing else.
 
     Raises:
@@ -106,35 +97,13 @@ def check_keys(who: str, state: Mapping[str, Any], expected: Collection[str]) ->
     """
     if not isinstance(state, Mapping) or set(state) != set(expected):
         got = sorted(map(str, state)) if isinstance(state, Mapping) else repr(state)
-        raise ValueError(f"{who}: the state must hold {sorted(expected)}, got {got}.")
+        raise ValueError(f"the state must hold {sorted(expected)}, got {got}.")
 
 
-def check_texts(who: str, name: str, value: Any) -> None:
-    """Check that a value is a collection of texts, in any order, and not one text.
-
-    Raises:
-        TypeError: If it is not.
-    """
-    several = isinstance(value, Collection) and not isinstance(value, str)
-    if not several or not all(isinstance(item, str) for item in value):
-        raise TypeError(f"{who}: {name} must be texts, got {value!r}.")
-
-
-def check_callable(who: str, name: str, value: Any) -> None:
-    """Check that a value can be called.
-
-    Raises:
-        TypeError: If it cannot.
-    """
-    if not callable(value):
-        raise TypeError(f"{who}: {name} must be a function, got {value!r}.")
-
-
-def check_depth_unit(who: str, depth: Tensor, camera_z: float) -> None:
+def check_depth_unit(depth: Tensor, camera_z: float) -> None:
     """Refuse depth in another unit than metres, which would read as an empty table.
 
     Args:
-        who: What asks, for the error message.
         depth: `[B, H, W]` [m]; 0 where nothing was seen.
         camera_z: Height of the camera over the table [m].
 
@@ -152,7 +121,7 @@ def check_depth_unit(who: str, depth: Tensor, camera_z: float) -> None:
     if not good.all():
         scene = int((~good).nonzero()[0, 0])
         raise ValueError(
-            f"{who}: depth must be in metres along the optical axis of a camera {camera_z:g} m over "
+            f"depth must be in metres along the optical axis of a camera {camera_z:g} m over "
             f"the table, got {depth[scene].min().item():g} to {depth[scene].max().item():g} in scene "
             f"{scene}: not one pixel shows the table or what stands on it."
         )

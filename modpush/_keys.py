@@ -1,45 +1,41 @@
-"""Reading entries of a tensordict, with one error for a missing one."""
+"""Entries of a tensordict, with one error for a missing one."""
 
 from collections.abc import Iterable
 
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
-from modpush._checks import NO_NUMBERS, check_real
-
 __all__ = ["check_spec_has", "read_key", "stored_next"]
 
 
-def read_key(who: str, tensordict: TensorDictBase, key: NestedKey, *last: int) -> Tensor:
+def read_key(tensordict: TensorDictBase, key: NestedKey, *last: int) -> Tensor:
     """The entry under a key.
 
     Args:
-        who: What reads it, for the error message.
         tensordict: Where it is read.
         key: Its key.
         last: Its last dimensions; none for an entry of any kind.
 
     Raises:
         KeyError: If there is none; the message lists the keys.
-        TypeError: With `last`, if it is not a tensor of real numbers.
         ValueError: If its last dimensions are others.
     """
     value = tensordict.get(key, None)
     if value is None:
         raise KeyError(
-            f"{who}: key {key!r} is missing; there are "
-            f"{sorted(map(str, tensordict.keys(True, True)))}."
+            f"key {key!r} is missing; there are {sorted(map(str, tensordict.keys(True, True)))}."
         )
-    if last and (value.shape[-len(last) :] != last or value.dtype in NO_NUMBERS):
-        check_real(who, repr(key), value, *last)  # raises
+    if last and value.shape[-len(last) :] != last:
+        raise ValueError(
+            f"{key!r} must be [..., {', '.join(map(str, last))}], got {list(value.shape)}."
+        )
     return value
 
 
-def check_spec_has(who: str, spec: "TensorDictBase", keys: Iterable[NestedKey]) -> None:
+def check_spec_has(spec: "TensorDictBase", keys: Iterable[NestedKey]) -> None:
     """Check that an environment emits what a transform reads.
 
     Args:
-        who: What reads, for the error message.
         spec: The environment's observation spec, a `Composite`.
         keys: What is read.
 
@@ -49,13 +45,12 @@ def check_spec_has(who: str, spec: "TensorDictBase", keys: Iterable[NestedKey]) 
     missing = [key for key in keys if spec.get(key, None) is None]
     if missing:
         raise KeyError(
-            f"{who}: the environment does not emit {missing}; it emits "
+            f"the environment does not emit {missing}; it emits "
             f"{sorted(map(str, spec.keys(True, True)))}."
         )
 
 
 def stored_next(
-    who: str,
     tensordict: TensorDictBase,
     in_keys: Iterable[NestedKey],
     out_keys: Iterable[NestedKey],
@@ -63,7 +58,6 @@ def stored_next(
     """The `"next"` of stored transitions, which a transform has to rewrite along with the root.
 
     Args:
-        who: What rewrites, for the error message.
         tensordict: Stored data.
         in_keys: What the transform reads.
         out_keys: What it writes.
@@ -84,7 +78,7 @@ def stored_next(
     stale = [key for key in out_keys if after.get(key, None) is not None]
     if stale:
         raise KeyError(
-            f"{who}: {missing} are missing in 'next', so that {stale} there cannot be written "
+            f"{missing} are missing in 'next', so that {stale} there cannot be written "
             f"anew; there are {sorted(map(str, after.keys(True, True)))}."
         )
     return None

@@ -36,7 +36,7 @@ class StatelessTransform(DescribedTransform):
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write the entries of stored data anew and, in transitions, those of their `"next"`."""
-        after = stored_next(type(self).__name__, tensordict, self.in_keys, self.out_keys)
+        after = stored_next(tensordict, self.in_keys, self.out_keys)
         if after is not None:
             self._call(after)
         return self._call(tensordict)

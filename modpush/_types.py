@@ -4,17 +4,14 @@ They are checked by `modpush._validation`; a type checker sees float, int, str a
 """
 
 import math
-from collections.abc import Set
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from pydantic import BeforeValidator, Field, Strict, StringConstraints
-from pydantic_core import PydanticCustomError
 
 __all__ = [
     "ONE_NUMBER",
-    "ORDERED",
     "Angle",
     "Angles",
     "AtLeastOne",
@@ -36,7 +33,6 @@ __all__ = [
     "NonNegative",
     "NonNegativeInteger",
     "NonNegativeLength",
-    "OneOrMoreNames",
     "PartName",
     "PixelCount",
     "Point",
@@ -44,7 +40,6 @@ __all__ = [
     "Position",
     "Positive",
     "PositiveFraction",
-    "Real",
     "Scenes",
     "Seed",
     "Several",
@@ -52,23 +47,6 @@ __all__ = [
 ]
 
 T = TypeVar("T")
-
-
-def _plain_number(value: Any) -> Any:
-    """NumPy's numbers as Python's."""
-    return value.item() if isinstance(value, np.number) else value
-
-
-def _ordered(value: Any) -> Any:
-    """Refuse sets, which pydantic would take in any order."""
-    if isinstance(value, Set):
-        raise PydanticCustomError("tuple_type", "a tuple")
-    return value
-
-
-def _one_text(value: Any) -> Any:
-    """A text as a tuple that holds it."""
-    return (value,) if isinstance(value, str) else value
 
 
 def _one_number(value: Any) -> Any:
@@ -79,43 +57,38 @@ def _one_number(value: Any) -> Any:
 
 ONE_NUMBER = BeforeValidator(_one_number)
 """For ranges: a single number may be given, too."""
-_NUMBER = BeforeValidator(_plain_number)
-ORDERED = BeforeValidator(_ordered)
-"""For tuples: no set, whose order is not the writer's."""
-Real = Annotated[float, _NUMBER]
-"""A number, infinity included."""
-Finite = Annotated[float, Field(allow_inf_nan=False), _NUMBER]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
 """A finite number."""
-Positive = Annotated[float, Field(allow_inf_nan=False, gt=0), _NUMBER]
+Positive = Annotated[float, Field(allow_inf_nan=False, gt=0)]
 """A finite number > 0."""
-NonNegative = Annotated[float, Field(allow_inf_nan=False, ge=0), _NUMBER]
+NonNegative = Annotated[float, Field(allow_inf_nan=False, ge=0)]
 """A finite number >= 0."""
-Fraction = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1), _NUMBER]
+Fraction = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1)]
 """A number in [0, 1]."""
-PositiveFraction = Annotated[float, Field(allow_inf_nan=False, gt=0, le=1), _NUMBER]
+PositiveFraction = Annotated[float, Field(allow_inf_nan=False, gt=0, le=1)]
 """A number in (0, 1]."""
-HalfTurn = Annotated[float, Field(allow_inf_nan=False, gt=0, lt=math.pi), _NUMBER]
+HalfTurn = Annotated[float, Field(allow_inf_nan=False, gt=0, lt=math.pi)]
 """An angle in (0, pi) [rad]."""
-Coordinate = Annotated[float, Field(allow_inf_nan=False, ge=-100, le=100), _NUMBER]
+Coordinate = Annotated[float, Field(allow_inf_nan=False, ge=-100, le=100)]
 """A coordinate on the table [m]; nothing is farther than 100 m."""
-Length = Annotated[float, Field(allow_inf_nan=False, gt=0, le=100), _NUMBER]
+Length = Annotated[float, Field(allow_inf_nan=False, gt=0, le=100)]
 """A positive length [m], up to 100 m."""
-NonNegativeLength = Annotated[float, Field(allow_inf_nan=False, ge=0, le=100), _NUMBER]
+NonNegativeLength = Annotated[float, Field(allow_inf_nan=False, ge=0, le=100)]
 """A length [m], up to 100 m."""
-Angle = Annotated[float, Field(allow_inf_nan=False, ge=-1000, le=1000), _NUMBER]
+Angle = Annotated[float, Field(allow_inf_nan=False, ge=-1000, le=1000)]
 """An angle [rad]; it need not be wrapped."""
 
-NonNegativeInteger = Annotated[int, Field(ge=0, lt=2**62), _NUMBER]
+NonNegativeInteger = Annotated[int, Field(ge=0, lt=2**62)]
 """A whole number >= 0."""
-Count = Annotated[int, Field(ge=1, lt=2**62), _NUMBER]
+Count = Annotated[int, Field(ge=1, lt=2**62)]
 """A whole number >= 1."""
-Frequency = Annotated[int, Field(ge=1, le=100_000), _NUMBER]
+Frequency = Annotated[int, Field(ge=1, le=100_000)]
 """Steps per second [Hz]."""
-PixelCount = Annotated[int, Field(ge=1, le=16_384), _NUMBER]
+PixelCount = Annotated[int, Field(ge=1, le=16_384)]
 """A side of an image [px]."""
-Seed = Annotated[int, Field(ge=0, lt=2**63), _NUMBER]
+Seed = Annotated[int, Field(ge=0, lt=2**63)]
 """A seed of random numbers."""
-Scenes = Annotated[int, Field(ge=1, le=65_536), _NUMBER]
+Scenes = Annotated[int, Field(ge=1, le=65_536)]
 """A number of scenes that are stepped together."""
 
 Name = Annotated[str, StringConstraints(min_length=1)]
@@ -130,29 +103,25 @@ Key = Name | Annotated[tuple[Name, ...], Field(min_length=1)]
 """A key of a tensordict, nested or not."""
 
 # A list does for a tuple: it is what files and command lines give.
-Point = Annotated[tuple[Coordinate, Coordinate], Strict(False), ORDERED]
+Point = Annotated[tuple[Coordinate, Coordinate], Strict(False)]
 """x and y [m]."""
-Position = Annotated[tuple[Coordinate, Coordinate, Coordinate], Strict(False), ORDERED]
+Position = Annotated[tuple[Coordinate, Coordinate, Coordinate], Strict(False)]
 """x, y and z [m]."""
-Pose = Annotated[tuple[Coordinate, Coordinate, Angle], Strict(False), ORDERED]
+Pose = Annotated[tuple[Coordinate, Coordinate, Angle], Strict(False)]
 """x, y and yaw [m, m, rad]."""
-Size = Annotated[tuple[Length, Length, Length], Strict(False), ORDERED]
+Size = Annotated[tuple[Length, Length, Length], Strict(False)]
 """Length, width and height [m]."""
-Extents = Annotated[
-    tuple[NonNegativeLength, NonNegativeLength, NonNegativeLength], Strict(False), ORDERED
-]
+Extents = Annotated[tuple[NonNegativeLength, NonNegativeLength, NonNegativeLength], Strict(False)]
 """Sizes along x, y and z [m], of which some may be 0."""
-Angles = Annotated[tuple[Angle, Angle, Angle], Strict(False), ORDERED]
+Angles = Annotated[tuple[Angle, Angle, Angle], Strict(False)]
 """Roll, pitch and yaw [rad]."""
-Color = Annotated[tuple[Fraction, Fraction, Fraction], Strict(False), ORDERED]
+Color = Annotated[tuple[Fraction, Fraction, Fraction], Strict(False)]
 """Red, green and blue in [0, 1]."""
-LengthSpan = Annotated[tuple[Length, Length], Strict(False), ORDERED]
+LengthSpan = Annotated[tuple[Length, Length], Strict(False)]
 """Lower and upper end of a range of lengths [m]."""
-FractionSpan = Annotated[tuple[Fraction, Fraction], Strict(False), ORDERED]
+FractionSpan = Annotated[tuple[Fraction, Fraction], Strict(False)]
 """Lower and upper end of a range within [0, 1]."""
-Several = Annotated[tuple[T, ...], Strict(False), ORDERED]
+Several = Annotated[tuple[T, ...], Strict(False)]
 """Any number of something."""
-AtLeastOne = Annotated[tuple[T, ...], Strict(False), Field(min_length=1), ORDERED]
+AtLeastOne = Annotated[tuple[T, ...], Strict(False), Field(min_length=1)]
 """One of something or more."""
-OneOrMoreNames = Annotated[AtLeastOne[Name], BeforeValidator(_one_text)]
-"""Names; a single one may be given without a tuple around it."""

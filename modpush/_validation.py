@@ -1,10 +1,9 @@
-"""Classes that check their fields, by one mechanism: pydantic's dataclasses.
+"""Classes that check their fields: pydantic's dataclasses, with errors of one line.
 
 `checked` makes a frozen dataclass whose fields are checked against their annotations, such as the
 types of `modpush._types`, when one is made, replaced or read from a file. `from_plain` reads one from
-what JSON and YAML hold, `check_value` checks an argument of a function in the same way. Conditions
-between fields stay in a class's own `__post_init__`. All errors are put into words here, those of
-`modpush._arguments` too, which checks the arguments of functions.
+what JSON and YAML hold. Conditions between fields stay in a class's own `__post_init__`. The arguments
+of functions are checked in the same way by `modpush._arguments`.
 """
 
 import dataclasses
@@ -12,19 +11,22 @@ import functools
 import inspect
 import json
 import operator
+import re
 import types
 import typing
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from typing import Annotated, Any, TypeVar, dataclass_transform, overload
 
+import numpy as np
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as pydantic_dataclass
 
-__all__ = ["check_value", "checked", "from_plain", "plain_signature"]
+__all__ = ["CONFIG", "check_value", "checked", "checking", "from_plain", "plain_signature"]
 
 T = TypeVar("T")
 
-_CONFIG = ConfigDict(strict=True, extra="forbid", arbitrary_types_allowed=True)
+CONFIG = ConfigDict(strict=True, extra="forbid", arbitrary_types_allowed=True)
+"""Of all that pydantic checks here: True is not a number and "3" is not 3."""
 
 
 @overload
@@ -37,39 +39,58 @@ def checked(*, kw_only: bool = True) -> Callable[[type[T]], type[T]]: ...
 def checked(cls: type[T] | None = None, *, kw_only: bool = True) -> Any:
     """Make a frozen dataclass of a class, which checks its fields when one is made.
 
-    True is not a number and "3" is not 3; a whole number does for a float, a list for a tuple.
+    An integer is accepted for a float, a list for a tuple, and NumPy's numbers for Python's.
 
     Args:
         cls: The class, as a decorator gets it.
         kw_only: Take the fields by keyword only.
 
     Returns:
-        The class. Making one raises a ValueError that names class and field, what came and what was
-        expected; and a TypeError for unknown and missing fields, as Python does.
+        The class. Making one raises a ValueError that names class and field, the value and what was
+        expected, and a TypeError for unknown and missing fields, as Python does.
     """
     if cls is None:
         return functools.partial(checked, kw_only=kw_only)
-    made: Any = pydantic_dataclass(cls, frozen=True, kw_only=kw_only, config=_CONFIG)
-    init, names = made.__init__, _field_names(made)
-
-    @functools.wraps(init)
-    def checking_init(self: Any, *args: Any, **kwargs: Any) -> None:
-        given = {**dict(zip(names, args, strict=False)), **kwargs}
-        if not kw_only and len(given) == len(args) + len(kwargs):
-            args, kwargs = (), given  # so that errors name the field
-        try:
-            init(self, *args, **kwargs)
-        except ValidationError as error:
-            misused = all(
-                problem["type"] in _MISUSES and len(problem["loc"]) == 1
-                for problem in error.errors()
-            )
-            text = _describe(made.__name__, error, given, names)
-            raise (TypeError if misused else ValueError)(text) from None
-
-    made.__init__ = checking_init
+    made: Any = pydantic_dataclass(cls, frozen=True, kw_only=kw_only, config=CONFIG)
+    made.__init__ = checking(made.__init__, inspect.signature(made), made.__name__, bound=True)
     made.__signature__ = plain_signature(made)
     return made
+
+
+def checking(
+    validated: Callable[..., T], signature: inspect.Signature, name: str, *, bound: bool = False
+) -> Callable[..., T]:
+    """A function of pydantic's, with errors of one line that begin with a name.
+
+    Args:
+        validated: Checks its arguments, and raises a ValidationError.
+        signature: Signature of the arguments.
+        name: Name of the function or class.
+        bound: The first argument is an instance, which the signature does not list.
+
+    Returns:
+        The function. It takes NumPy's numbers for Python's. It raises a TypeError for missing and unknown
+        arguments and a ValueError for wrong ones.
+    """
+
+    @functools.wraps(validated)
+    def call(*args: Any, **kwargs: Any) -> T:
+        try:
+            return validated(*args, **kwargs)
+        except ValidationError as error:
+            first = error
+        try:
+            signature.bind(*args[bound:], **kwargs)
+        except TypeError as error:
+            names = [name for name in signature.parameters if name != "self"]
+            raise TypeError(f"{name}: {error}; expected some of {names}.") from None
+        plain = [_plain(value) for value in args], {k: _plain(v) for k, v in kwargs.items()}
+        try:
+            return validated(*plain[0], **plain[1])
+        except ValidationError:
+            raise ValueError(_one_line(name, first, list(signature.parameters))) from None
+
+    return call
 
 
 def plain_signature(function: Callable[..., Any]) -> inspect.Signature:
@@ -108,27 +129,25 @@ def from_plain(kind: type[T], data: Any) -> T:
         ValueError: If a field is missing, unknown, of another type or out of its range; the message
             names it.
     """
-    as_any: Any = kind
     try:
         text = json.dumps(data)
     except (TypeError, ValueError, RecursionError) as error:
-        found = _unplain(data) if isinstance(error, TypeError) else str(error)
-        raise ValueError(f"{kind.__name__}: expected plain data, got {found}.") from None
+        raise ValueError(f"{kind.__name__}: expected plain data: {error}.") from None
     try:
-        return _adapter(as_any).validate_json(text)
+        found: T = _adapter(typing.cast(Any, kind)).validate_json(text)
+        return found
     except ValidationError as error:
-        names = _field_names(kind)
-        raise ValueError(_describe(kind.__name__, error, json.loads(text), names)) from None
+        fields = [field.name for field in dataclasses.fields(kind) if field.init]  # type: ignore[arg-type]  # made by `checked`
+        raise ValueError(_one_line(kind.__name__, error, fields)) from None
 
 
-def check_value(who: str, name: str, value: Any, kind: Any) -> Any:
-    """An argument of a function, checked against one of this module's types.
+def check_value(name: str, value: Any, kind: Any) -> Any:
+    """A single value, checked against a type such as `modpush._types.Count`.
 
     Args:
-        who: The function or class, for the error message.
-        name: The argument's name.
-        value: What was given.
-        kind: The type, `Count` for instance.
+        name: Name of the value, for the error.
+        value: The value.
+        kind: The type.
 
     Returns:
         The value; NumPy's numbers as Python's and lists as tuples, where the type says so.
@@ -136,130 +155,65 @@ def check_value(who: str, name: str, value: Any, kind: Any) -> Any:
     Raises:
         ValueError: If the value is of another type or out of its range.
     """
+    adapter = _adapter(kind)
     try:
-        return _adapter(kind).validate_python(value)
+        return adapter.validate_python(value)
+    except ValidationError:
+        value = _plain(value)
+    try:
+        return adapter.validate_python(value)
     except ValidationError as error:
-        raise ValueError(_describe(who, error, value, (), name)) from None
-
-
-def _unplain(data: Any, path: str = "") -> str | None:
-    """First value that JSON cannot hold, with its place."""
-    if isinstance(data, Mapping):
-        inner = [(f"{path}.{key}" if path else str(key), value) for key, value in data.items()]
-        if odd := [key for key in data if not isinstance(key, str | int | float | None)]:
-            return f"the name {_shortened(odd[0])} in {path or 'it'}"
-    elif isinstance(data, list | tuple):
-        inner = [(f"{path}[{i}]", value) for i, value in enumerate(data)]
-    elif isinstance(data, str | int | float | None):
-        return None
-    else:
-        return f"{_shortened(data)} for {path or 'it'}"
-    return next(filter(None, (_unplain(value, place) for place, value in inner)), None)
+        raise ValueError(_one_line(name, error, [])) from None
 
 
 @functools.cache
 def _adapter(kind: Any) -> TypeAdapter[Any]:
-    return TypeAdapter(kind, config=None if dataclasses.is_dataclass(kind) else _CONFIG)
+    return TypeAdapter(kind, config=None if dataclasses.is_dataclass(kind) else CONFIG)
 
 
-def _field_names(kind: Any) -> list[str]:
-    return [field.name for field in dataclasses.fields(kind) if field.init]
+def _plain(value: Any) -> Any:
+    """NumPy's numbers and arrays as Python's numbers and lists, also in sequences; ranges as lists."""
+    if isinstance(value, range | np.generic | np.ndarray):
+        return list(value) if isinstance(value, range) else value.tolist()
+    if type(value) in (list, tuple):
+        return type(value)(_plain(item) for item in value)
+    return value
 
 
-_MISUSES = {
-    "missing": "{name!r} is missing",
-    "missing_argument": "{name!r} is missing",
-    "missing_keyword_only_argument": "{name!r} is missing",
-    "unexpected_keyword_argument": "got an unexpected keyword argument {name!r}",
-    "unexpected_positional_argument": "got an unexpected positional argument",
-    "multiple_argument_values": "got {name!r} twice",
-}
-"""Errors in how a class is called, rather than in a value."""
-_EXPECTED = {
-    "bool_type": "True or False",
-    "callable_type": "a function",
-    "dict_type": "a mapping",
-    "dataclass_exact_type": "of type {class_name}",
-    "dataclass_type": "of type {class_name}",
-    "finite_number": "finite",
-    "float_type": "a number",
-    "greater_than": "> {gt:g}",
-    "greater_than_equal": ">= {ge:g}",
-    "int_from_float": "a whole number",
-    "int_parsing_size": "a whole number of usual size",
-    "int_type": "a whole number",
-    "is_instance_of": "of type {class}",
-    "less_than": "< {lt:g}",
-    "less_than_equal": "<= {le:g}",
-    "list_type": "a list",
-    "literal_error": "{expected}",
-    "mapping_type": "a mapping",
-    "path_type": "a path",
-    "none_required": "None",
-    "sequence_str": "a sequence",
-    "string_pattern_mismatch": "text of the form {pattern}",
-    "string_too_short": "text that is not empty",
-    "string_type": "text",
-    "too_long": "of length {max_length}",
-    "too_short": "of length >= {min_length}",
-    "tuple_type": "a tuple",
-}
-"""What was expected, by the types of pydantic's errors."""
+_BRANCH = re.compile(r"[A-Z]|.*\W|(int|float|str|bool|none|callable|path|any)\Z")
+"""Parts of a location that name a branch of a union."""
 
 
-def _describe(
-    who: str, error: ValidationError, data: Any, names: Sequence[str], root: str = ""
-) -> str:
-    """Pydantic's errors in this library's words: fields, what was expected and what came.
+def _one_line(name: str, error: ValidationError, fields: list[str]) -> str:
+    """Pydantic's errors in one line: the places, what was expected, and the values.
 
     Args:
-        who: The class or function, which the message begins with.
+        name: Name of the function or class.
         error: Pydantic's error.
-        data: What was checked.
-        names: Names of the fields that the data may have.
-        root: Name of the data itself, if it is no set of fields.
+        fields: Names of the fields or arguments, listed where one is unknown.
     """
     expected: dict[str, list[str]] = {}
-    got: dict[str, str] = {}
-    misuses: list[str] = []
+    given: dict[str, str] = {}
     for problem in error.errors(include_url=False):
-        kind, context = problem["type"], problem.get("ctx", {})
-        path = _path(problem["loc"], data, root)
-        if kind in ("value_error", "assertion_error"):  # a class's own __post_init__
-            return str(context.get("error", problem["msg"]))
-        if kind in _MISUSES and not path.endswith("]"):
-            misuses.append(_MISUSES[kind].format(name=path))
-            continue
-        if kind in _MISUSES:  # a tuple that is too short
-            expected.setdefault(path.rpartition("[")[0], []).append("longer")
-            got[path.rpartition("[")[0]] = _shortened(problem["input"])
-            continue
-        expected.setdefault(path, []).append(_EXPECTED.get(kind, problem["msg"]).format(**context))
-        got[path] = _shortened(problem["input"])
-    if misuses:
-        return f"{who}: {'; '.join(misuses)}; expected some of {sorted(names)}."
-    # Where a field may be several things, the item that is none of them says most.
-    inner = [a for a in expected if not any(b.startswith((f"{a}.", f"{a}[")) for b in expected)]
+        if problem["type"] in ("value_error", "assertion_error"):  # a class's own __post_init__
+            return str(problem.get("ctx", {}).get("error", problem["msg"]))
+        steps = list(problem["loc"])
+        if steps and isinstance(steps[0], int) and steps[0] < len(fields):  # given by position
+            steps[0] = fields[steps[0]]
+        place = "".join(
+            f"[{step}]" if isinstance(step, int) else f".{step}"
+            for number, step in enumerate(steps)
+            if number == 0 or isinstance(step, int) or not _BRANCH.match(step)
+        ).lstrip(".")
+        text = problem["msg"]
+        if problem["type"].startswith("unexpected") and len(steps) == 1:
+            text += f", expected some of {fields}"
+        expected.setdefault(place, []).append(text)
+        given[place] = repr(problem["input"])
     texts = (
-        f"{path or 'it'} must be {' or '.join(dict.fromkeys(expected[path]))}, got {got[path]}"
-        for path in inner
+        (f"{place}: " if place else "")
+        + " or ".join(dict.fromkeys(messages))
+        + f", got {given[place][:200]}"
+        for place, messages in expected.items()
     )
-    return f"{who}: {'; '.join(texts)}."
-
-
-def _path(location: Sequence[int | str], data: Any, root: str) -> str:
-    """Where the error is, in the data's own terms: pydantic also names the branches of unions."""
-    path = root
-    for step in location:
-        if isinstance(step, int) and isinstance(data, Sequence) and not isinstance(data, str):
-            path += f"[{step}]"
-            data = data[step] if step < len(data) else None
-        elif isinstance(data, Mapping) and (step in data or step == location[-1]):
-            path = f"{path}.{step}" if path else str(step)
-            data = data.get(step)
-    return path
-
-
-def _shortened(value: Any, limit: int = 200) -> str:
-    text = repr(value)
-    return text if len(text) <= limit else f"{text[:limit]}..."
+    return f"{name}: {'; '.join(texts)}."

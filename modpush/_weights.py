@@ -7,11 +7,11 @@ from torch import Tensor
 __all__ = ["check_weights"]
 
 
-def check_weights(who: str, own: Mapping[str, Tensor], given: Mapping[str, Tensor]) -> None:
+def check_weights(source: object, own: Mapping[str, Tensor], given: Mapping[str, Tensor]) -> None:
     """Refuse weights that a network cannot take over as they are.
 
     Args:
-        who: What takes the weights, for error messages.
+        source: File that the weights come from, for errors.
         own: The network's `state_dict`.
         given: The weights from a file.
 
@@ -21,16 +21,18 @@ def check_weights(who: str, own: Mapping[str, Tensor], given: Mapping[str, Tenso
     own = {name: value for name, value in own.items() if isinstance(value, Tensor)}
     missing, unknown = sorted(set(own) - set(given)), sorted(set(given) - set(own))
     if missing or unknown:
-        raise ValueError(f"{who}: weights missing {missing}, unknown {unknown}.")
+        raise ValueError(f"{source}: weights missing {missing}, unknown {unknown}.")
     for name, value in own.items():
         found = given[name]
         if found.shape != value.shape:
             raise ValueError(
-                f"{who}: weights of another architecture: {name} must be {list(value.shape)}, "
+                f"{source}: weights of another architecture: {name} must be {list(value.shape)}, "
                 f"got {list(found.shape)}."
             )
         if found.dtype != value.dtype:
-            raise ValueError(f"{who}: {name} must be {value.dtype}, got {found.dtype}.")
+            raise ValueError(f"{source}: {name} must be {value.dtype}, got {found.dtype}.")
         if not found.isfinite().all():
             count = int((~found.isfinite()).sum())
-            raise ValueError(f"{who}: {name} must be finite, {count} values are NaN or infinite.")
+            raise ValueError(
+                f"{source}: {name} must be finite, {count} values are NaN or infinite."
+            )

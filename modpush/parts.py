@@ -14,8 +14,6 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
-from modpush._checks import check_texts
-
 __all__ = [
     "ModulesRefusedError",
     "check_allowed",
@@ -42,11 +40,11 @@ class ModulesRefusedError(ValueError):
     """A file names parts in modules that its reader has not agreed to import."""
 
 
-def find_part(who: str, part: Any, known: Mapping[str, Any]) -> Any:
+def find_part(name: str, part: Any, known: Mapping[str, Any]) -> Any:
     """The part that a name, a `"module:name"` or an object stands for.
 
     Args:
-        who: Name of the caller, for error messages: `"make_push_env: planner"`.
+        name: Name of the argument, for errors: `"planner"`.
         part: A name in `known`; `"module:name"`, which is imported (`name` may have dots); or
             anything that is not text, which is returned as it is.
         known: The parts that the library brings, by name.
@@ -61,32 +59,34 @@ def find_part(who: str, part: Any, known: Mapping[str, Any]) -> Any:
         return known[part]
     if part_module(part) is None:
         raise ValueError(
-            f"{who}: there is no {part!r}, expected one of {sorted(known)}, or 'module:name' for "
+            f"{name}: there is no {part!r}, expected one of {sorted(known)}, or 'module:name' for "
             "a part of your own."
         )
-    *_, found = _walk(who, part)
+    *_, found = _walk(name, part)
     return found
 
 
-def _walk(who: str, part: str) -> Iterator[Any]:
-    """What a `"module:name"` leads to: each object on the way from the module, and the part itself."""
+def _walk(place: str, part: str) -> Iterator[Any]:
+    """Objects on the way of a `"module:name"`, from the module's attribute to the part itself."""
     module, _, name = part.partition(":")
     try:
         found: Any = import_module(module)
     except ImportError as error:
-        raise ValueError(f"{who}: cannot import {module!r} for {part!r}: {error}.") from error
+        raise ValueError(f"{place}: cannot import {module!r} for {part!r}: {error}.") from error
     for attribute in name.split("."):
         if not hasattr(found, attribute):
-            raise ValueError(f"{who}: {part!r} names nothing: {found!r} has no {attribute!r}.")
+            raise ValueError(
+                f"{place}: {part!r} not found: {found!r} has no attribute {attribute!r}."
+            )
         found = getattr(found, attribute)
         yield found
 
 
-def part_name(who: str, part: Any, known: Mapping[str, Any]) -> str:
+def part_name(name: str, part: Any, known: Mapping[str, Any]) -> str:
     """The text by which `find_part` finds this part again, for configuration files.
 
     Args:
-        who: Name of the caller, for error messages.
+        name: Name of the argument, for errors.
         part: A part; text is checked and returned.
         known: The parts that the library brings, by name.
 
@@ -95,16 +95,16 @@ def part_name(who: str, part: Any, known: Mapping[str, Any]) -> str:
             inside a function or in the script that is being run.
     """
     if isinstance(part, str):
-        find_part(who, part, known)
+        find_part(name, part, known)
         return part
     for known_name, value in known.items():
         if value is part:
             return known_name
-    module, name = getattr(part, "__module__", None), getattr(part, "__qualname__", None)
-    if module is not None and name is not None and module != "__main__" and "<" not in name:
-        return f"{module}:{name}"
+    module, own = getattr(part, "__module__", None), getattr(part, "__qualname__", None)
+    if module is not None and own is not None and module != "__main__" and "<" not in own:
+        return f"{module}:{own}"
     raise ValueError(
-        f"{who}: {part!r} cannot be written to a file, since nothing says how to import it. Define "
+        f"{name}: {part!r} cannot be written to a file, since nothing says how to import it. Define "
         "it at the top level of a module and give it as 'module:name'."
     )
 
@@ -142,7 +142,7 @@ def _texts(data: Any) -> set[str]:
     return found
 
 
-def check_allowed(who: str, data: Any, allow: Collection[str] = ()) -> None:
+def check_allowed(source: str, data: Any, allow: Collection[str] = ()) -> None:
     """The gate between a file's data and code.
 
     A file must never decide which code is run: what it names is imported only if it is one of the
@@ -150,7 +150,7 @@ def check_allowed(who: str, data: Any, allow: Collection[str] = ()) -> None:
     a module has imported from elsewhere, or that leads through another module, is refused, too.
 
     Args:
-        who: Reader and file, for error messages.
+        source: Reader and file, for errors.
         data: The part of a file's content that may name parts, as plain data.
         allow: Modules and packages from which the caller agrees to import; or single parts,
             `"module:name"`, that the caller has named himself.
@@ -160,21 +160,20 @@ def check_allowed(who: str, data: Any, allow: Collection[str] = ()) -> None:
         ModulesRefusedError: If the data name anything else; nothing has been imported from there.
         ValueError: If a part cannot be imported.
     """
-    check_texts(who, "allow", allow)
     allowed = (*_LIBRARY, *allow)
     parts = parts_named(data) - {*allow}
     if refused := sorted(m for m in modules_named([*parts]) if not _is_within(m, allowed)):
         raise ModulesRefusedError(
-            f"{who}: the file names parts in {refused}, which are imported only if you say so: "
+            f"{source}: the file names parts in {refused}, which are imported only if you say so: "
             f"pass allow={tuple(refused)!r}, or the parts themselves; on the command line, "
             f"--allow {' '.join(refused)}."
         )
     for text in sorted(parts):
-        for step in _walk(who, text):
+        for step in _walk(source, text):
             home = _home(step)
             if home is not None and not _is_within(home, allowed):
                 raise ModulesRefusedError(
-                    f"{who}: the file names {text!r}, which leads to {step!r} of {home!r}; expected "
+                    f"{source}: the file names {text!r}, which leads to {step!r} of {home!r}; expected "
                     "something that is defined in its own module, or allow that module, too."
                 )
 

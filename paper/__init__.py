@@ -5,4 +5,6 @@ A user of the library that runs from a clone, as `python -m paper`; it is not pa
 
 import warnings
 
-warnings.filterwarnings("ignore", message="Failed to find system libvulkan")  # SAPIEN brings its own
+warnings.filterwarnings(
+    "ignore", message="Failed to find system libvulkan"
+)  # SAPIEN brings its own

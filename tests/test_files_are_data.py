@@ -19,7 +19,7 @@ from modpush._state import write_state
 from modpush.data import load_demonstrations
 from modpush.envs import PushEnv
 from modpush.envs.scenes.objects import OBJECTS, get_object_of
-from modpush.evaluation.sets import SET_VERSION, load_set
+from modpush.evaluation.sets import load_set
 from modpush.files import read_tensors, write_packed_json, write_tensors, write_yaml
 from modpush.parts import ModulesRefusedError, check_allowed
 from modpush.recipes import PushEnvConfig, load_agent
@@ -72,7 +72,7 @@ def put(data: Any, place: str, value: Any) -> None:
 def agent_content() -> tuple[Any, Any]:
     """What an agent's file holds."""
     with tempfile.TemporaryDirectory() as folder:
-        return read_tensors(KINDS["agent"](Path(folder))[0], "modpush.Agent", 4)
+        return read_tensors(KINDS["agent"](Path(folder))[0], "modpush.Agent", 5)
 
 
 def agent(place: str, several: bool = False) -> Callable[[Path, str], object]:
@@ -84,7 +84,7 @@ def agent(place: str, several: bool = False) -> Callable[[Path, str], object]:
         if place.startswith("make_env"):
             about["make_env"] = {}
         put(about, place, [text] if several else text)
-        write_tensors(path, tensors, "modpush.Agent", 4, about)
+        write_tensors(path, tensors, "modpush.Agent", 5, about)
         return load_agent(path).make_env()
 
     return read
@@ -124,7 +124,7 @@ def warm_start_from_agent(folder: Path, text: str) -> None:
 def write_set(path: Path, field: str, text: str) -> None:
     conditions = asdict(load_set("smoke").conditions)
     content = {"name": "own", "conditions": conditions, "episodes": [{**SCENARIO, field: text}]}
-    write_packed_json(path, content, "modpush.EvaluationSet", SET_VERSION)
+    write_packed_json(path, content)
 
 
 def evaluation_set(field: str) -> Callable[[Path, str], object]:
@@ -221,7 +221,7 @@ def test_a_part_given_by_the_caller_does_not_open_the_door_to_another(tmp_path) 
     path = tmp_path / "agent.safetensors"
     tensors, about = copy.deepcopy(agent_content())
     about["network"]["encoder"] = "evil_module:thing"
-    write_tensors(path, tensors, "modpush.Agent", 4, about)
+    write_tensors(path, tensors, "modpush.Agent", 5, about)
     with pytest.raises(ModulesRefusedError, match="evil_module"):
         load_agent(path, parts={"encoder": "rays"})
 

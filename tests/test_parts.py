@@ -22,7 +22,7 @@ def test_a_part_is_found_by_name_by_module_and_name_or_is_the_object_itself():
         (":cos", "there is no ':cos'"),
         ("math:", "there is no 'math:'"),
         ("no_such_module:thing", "cannot import 'no_such_module' for 'no_such_module:thing'"),
-        ("math:nothing", "'math:nothing' names nothing: .* has no 'nothing'"),
+        ("math:nothing", "'math:nothing' not found: .* has no attribute 'nothing'"),
     ],
 )
 def test_what_cannot_be_found_is_answered_with_what_there_is(text, message):

@@ -84,8 +84,7 @@ def test_images_are_read_where_they_are(elsewhere: None) -> None:
     assert paths.found.all()
 
 
-@pytest.mark.parametrize("storage", ["compact", "tensor"])
-def test_buffers_hold_what_is_on_the_cpu(storage: str, elsewhere: None) -> None:
+def test_buffers_hold_what_is_on_the_cpu(elsewhere: None) -> None:
     with CPU:
         observation = torch.randn(31, 4)
         done = torch.zeros(30, 1, dtype=torch.bool)
@@ -95,7 +94,7 @@ def test_buffers_hold_what_is_on_the_cpu(storage: str, elsewhere: None) -> None:
         now = {"observation": observation[:-1], "mirrored_observation": -observation[:-1]}
         now |= {"action": torch.rand(30, 3)}
         mirror = MirrorTransitions()
-    config = ReplayConfig(capacity=40, batch_size=6, storage=storage, num_queries=4)
+    config = ReplayConfig(capacity=40, batch_size=6, num_queries=4)
     buffer = make_replay_buffer(config)
     buffer.append_transform(mirror)
     for _ in range(3):

@@ -95,7 +95,7 @@ def main(plans: int = 10_000, seed: int = 0) -> None:
             call: Call = OccupancyMap(Camera(height=SIDE, width=SIDE))
             draw: Callable[[int, np.random.Generator], Inputs] = images
         else:
-            planner, draw = make_planner("threads", name), queries
+            planner, draw = make_planner(name), queries
 
             def call(*given: torch.Tensor, planner=planner) -> Sequence[torch.Tensor]:
                 return tuple(vars(planner.plan(*given)).values())

@@ -140,19 +140,16 @@ class ScriptedPusher(TensorDictModuleBase):
             TypeError: If a value is not a tensor of real numbers.
             ValueError: If a value has another width, or a pose is not finite.
         """
-        who = "ScriptedPusher"
         pose_key, target_key, ee_key, contact_key, radius_key = self.in_keys
-        object_pose = read_key(who, tensordict, pose_key, 3)
-        target = read_key(who, tensordict, target_key, 2)
-        ee_pose = read_key(who, tensordict, ee_key, 3)
-        contact = read_key(who, tensordict, contact_key)
-        check_dtype(who, repr(contact_key), contact, torch.bool)
-        radius = read_key(who, tensordict, radius_key, 1)
+        object_pose = read_key(tensordict, pose_key, 3)
+        target = read_key(tensordict, target_key, 2)
+        ee_pose = read_key(tensordict, ee_key, 3)
+        contact = read_key(tensordict, contact_key)
+        check_dtype(repr(contact_key), contact, torch.bool)
+        radius = read_key(tensordict, radius_key, 1)
         batch = object_pose.shape[:-1]
         if contact.shape != (*batch, 1):
-            raise ValueError(
-                f"{who}: {contact_key!r} must be {[*batch, 1]}, got {list(contact.shape)}."
-            )
+            raise ValueError(f"{contact_key!r} must be {[*batch, 1]}, got {list(contact.shape)}.")
         target, ee_pose, contact, radius = (
             value.reshape(-1, value.shape[-1]) for value in (target, ee_pose, contact, radius)
         )
@@ -160,7 +157,7 @@ class ScriptedPusher(TensorDictModuleBase):
         if not math.isfinite(torch.cat([position, target, ee_pose, radius], -1).sum()):
             given = (object_pose, target, ee_pose, radius)
             for key, value in zip([*self.in_keys[:3], radius_key], given, strict=True):
-                check_finite(who, repr(key), value)
+                check_finite(repr(key), value)
         action = scripted_push(position, target, ee_pose, contact, radius, self.config)
         tensordict.set(self.out_keys[0], action.reshape(*batch, 3))
         return tensordict

@@ -13,7 +13,6 @@ from torch import Tensor
 from torchrl.envs import EnvBase
 
 from modpush._arguments import checked_arguments
-from modpush._checks import check_texts
 from modpush._extras import require_extra
 from modpush._validation import from_plain
 from modpush.files import reading
@@ -88,8 +87,6 @@ def load_demonstrations(
         ValueError: If it is not modpush's or damaged, there are several, it names modules that are not
             allowed, or no episode is left.
     """
-    if policies is not None:
-        check_texts("load_demonstrations", "policies", policies)
     require_extra("load_demonstrations", *_PACKAGES)
     from minari import MinariDataset
 

@@ -34,11 +34,10 @@ class Encoder(nn.Module, ABC):
         """Encode `[B, 1, S, S]` windows to `[B, latent_dim]`."""
 
 
-def encoder_sizes(who: str, encoder: Any) -> tuple[int, int, float]:
+def encoder_sizes(encoder: Any) -> tuple[int, int, float]:
     """Width of an encoder's latent, side of the windows that it takes [px], and of their pixels [m].
 
     Args:
-        who: Name of the caller, for error messages.
         encoder: Any module with `latent_dim`; with `window_size` and `metres_per_pixel` where these
             are not `Encoder`'s.
 
@@ -50,14 +49,14 @@ def encoder_sizes(who: str, encoder: Any) -> tuple[int, int, float]:
     whole = isinstance(latent_dim, int) and isinstance(window_size, int)
     if not (isinstance(encoder, nn.Module) and whole and latent_dim >= 1 and window_size >= 1):
         raise TypeError(
-            f"{who}: encoder must be a module with an int `latent_dim` >= 1 and, where that is not "
+            f"encoder must be a module with an int `latent_dim` >= 1 and, where that is not "
             f"{WINDOW_SIZE}, an int `window_size` >= 1; got {type(encoder).__name__} with "
             f"latent_dim={sizes[0]!r} and window_size={sizes[1]!r}."
         )
     scale = getattr(encoder, "metres_per_pixel", METRES_PER_PIXEL)
     if not isinstance(scale, float | int) or not 0 < scale < math.inf:
         raise TypeError(
-            f"{who}: the encoder's metres_per_pixel must be a positive number [m], got {scale!r}."
+            f"the encoder's metres_per_pixel must be a positive number [m], got {scale!r}."
         )
     return int(sizes[0]), int(sizes[1]), float(scale)  # type: ignore[arg-type]
 
@@ -81,15 +80,12 @@ def as_floats(window: Tensor) -> Tensor:
     return window.float() / 255 if stored else window
 
 
-def check_window(
-    window: Tensor, size: int, who: str, values: bool = True, batched: bool = False
-) -> None:
+def check_window(window: Tensor, size: int, values: bool = True, batched: bool = False) -> None:
     """Raise unless a tensor is a batch of windows.
 
     Args:
         window: `[..., 1, size, size]` float32.
         size: Expected side [px].
-        who: Name of the caller, for error messages.
         values: Also check every value, against NaN and other units (millimetres, 0 to 255).
         batched: Expect exactly one batch dimension, `[B, 1, size, size]`.
 
@@ -97,17 +93,15 @@ def check_window(
         TypeError: If it is not a float32 tensor.
         ValueError: For another shape, NaN, or values outside [0, 1].
     """
-    check_dtype(who, "window", window, torch.float32)
+    check_dtype("window", window, torch.float32)
     if window.shape[-3:] != (1, size, size) or (batched and window.ndim != 4):
         lead = "B" if batched else "..."
-        raise ValueError(
-            f"{who}: window must be [{lead}, 1, {size}, {size}], got {list(window.shape)}."
-        )
+        raise ValueError(f"window must be [{lead}, 1, {size}, {size}], got {list(window.shape)}.")
     if not values or window.numel() == 0 or torch.compiler.is_compiling():
         return
     least, most = (float(value) for value in window.detach().aminmax())
     if not (least >= 0.0 and most <= 1.0):  # a NaN comes out as NaN, and fails both
         raise ValueError(
-            f"{who}: window must be finite and in [0, 1] (height over the table / 0.08 m), "
+            f"window must be finite and in [0, 1] (height over the table / 0.08 m), "
             f"got values from {least:g} to {most:g}."
         )

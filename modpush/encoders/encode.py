@@ -49,7 +49,7 @@ class Encode(StatelessTransform):
         *,
         mirrored_key: NestedKey | None = None,
     ) -> None:
-        self.latent_dim, self.window_size, _ = encoder_sizes("Encode", encoder)
+        self.latent_dim, self.window_size, _ = encoder_sizes(encoder)
         out_keys = [latent_key] if mirrored_key is None else [latent_key, mirrored_key]
         super().__init__(in_keys=[window_key], out_keys=out_keys)
         self.encoder, self.mirrored_key = encoder, mirrored_key
@@ -62,8 +62,8 @@ class Encode(StatelessTransform):
         return {"encoder": {"class": name, "weights": weights_hash(self.encoder)}}
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        window = as_floats(read_key("Encode", next_tensordict, self.window_key))
-        check_window(window, self.window_size, "Encode")
+        window = as_floats(read_key(next_tensordict, self.window_key))
+        check_window(window, self.window_size)
         batch = window.reshape(-1, *window.shape[-3:])
         if self.mirrored_key is not None:
             batch = torch.cat([batch, batch.flip(-1)])  # its columns run along the frame's y
@@ -90,7 +90,7 @@ class Encode(StatelessTransform):
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Add the latents."""
-        check_spec_has("Encode", observation_spec, self.in_keys)
+        check_spec_has(observation_spec, self.in_keys)
         for key in self.out_keys:
             add_unbounded(observation_spec, key, self.latent_dim)
         return observation_spec

@@ -29,11 +29,10 @@ def names_a_file(encoder: str | Path) -> bool:
     return text.endswith(".safetensors") or "/" in text or Path(text).is_file()
 
 
-def make_encoder(who: str, encoder: Any) -> nn.Module | None:
+def make_encoder(encoder: Any) -> nn.Module | None:
     """Make an encoder from its name, file or `"module:name"`, or check an encoder object.
 
     Args:
-        who: Name of the caller, for error messages.
         encoder: A name in `ENCODERS`; the path of a trained `DepthVAE`; `"module:name"` of an
             encoder, or of a class or function that returns one without arguments; or such an object
             itself. An encoder is a module with the attribute `latent_dim`, see `Encoder`.
@@ -50,15 +49,15 @@ def make_encoder(who: str, encoder: Any) -> nn.Module | None:
     if isinstance(encoder, str | Path) and encoder not in ENCODERS and names_a_file(encoder):
         if not Path(encoder).is_file():
             raise ValueError(
-                f"{who}: encoder must be an existing file, one of {sorted(ENCODERS)} or "
+                f"encoder must be an existing file, one of {sorted(ENCODERS)} or "
                 f"'module:name', got {str(encoder)!r}, which is not in {Path.cwd()}. An agent's "
                 "environment can be given the encoder as a part, parts={'encoder': ...}."
             )
         return DepthVAE.from_pretrained(encoder)
     text = str(encoder) if isinstance(encoder, Path) else encoder
-    found = find_part(f"{who}: encoder", text, ENCODERS)
+    found = find_part("encoder", text, ENCODERS)
     if isinstance(found, type) or (callable(found) and not isinstance(found, nn.Module)):
         found = found()
     if found is not None:
-        encoder_sizes(who, found)
+        encoder_sizes(found)
     return found

@@ -14,7 +14,6 @@ from torch import Tensor
 from modpush._arguments import checked_arguments
 from modpush._batching import run_batch
 from modpush._checks import (
-    check_callable,
     check_depth_unit,
     check_dtype,
     check_instance,
@@ -94,8 +93,8 @@ def egocentric_window(
     Source: Sec. IV-A of the paper.
     """
     camera = _check(depth, segmentation, pose, upright, camera)
-    check_options("egocentric_window", size, max_height, outside, camera.z, metres_per_pixel)
-    check_depth_unit("egocentric_window", depth, camera.z)
+    check_options(size, max_height, outside, camera.z, metres_per_pixel)
+    check_depth_unit(depth, camera.z)
     image = depth.detach().cpu().contiguous()
     if segmentation is None:
         labels = np.full(image.shape, Label.TABLE, dtype=np.uint8)
@@ -143,7 +142,7 @@ def window_pixels(
     Raises:
         ValueError: If the pose is not `[..., 3]`, or a number is out of range.
     """
-    check_real("window_pixels", "pose", pose, 3)
+    check_real("pose", pose, 3)
     camera = camera or Camera()
     if not -math.inf < height < camera.z:
         raise ValueError(f"window_pixels: height must be below the camera's, got {height}.")
@@ -184,10 +183,9 @@ def cast_window(
     Returns:
         `[1, size, size]` float32, the values that `egocentric_window` reads from the full image.
     """
-    check_callable("cast_window", "cast", cast)
-    check_real("cast_window", "pose", pose, 3)
+    check_real("pose", pose, 3)
     camera = camera or Camera()
-    check_options("cast_window", size, max_height, outside, camera.z, metres_per_pixel)
+    check_options(size, max_height, outside, camera.z, metres_per_pixel)
     depth = np.full((1, camera.height, camera.width), camera.z, dtype=np.float32)
     labels = np.zeros(depth.shape, dtype=np.uint8)
     heights = (0.0, max_height) if upright else (0.0,)
@@ -226,22 +224,20 @@ def _pinhole(camera: Camera) -> Pinhole:
 
 
 def check_options(
-    who: str, size: int, max_height: float, outside: str, camera_z: float, metres_per_pixel: float
+    size: int, max_height: float, outside: str, camera_z: float, metres_per_pixel: float
 ) -> None:
-    """Raise for invalid options of a window; errors name `who`."""
+    """Raise for invalid options of a window."""
     if not isinstance(size, int | np.integer) or isinstance(size, bool) or size < 1:
-        raise ValueError(f"{who}: size must be >= 1 px, got {size!r}.")
+        raise ValueError(f"size must be >= 1 px, got {size!r}.")
     if not isinstance(max_height, Real) or not 0 < max_height < camera_z:
         raise ValueError(
-            f"{who}: max_height must lie between 0 and the camera's height {camera_z} m, "
+            f"max_height must lie between 0 and the camera's height {camera_z} m, "
             f"got {max_height!r}."
         )
     if outside not in get_args(Outside):
-        raise ValueError(f"{who}: outside must be one of {get_args(Outside)}, got {outside!r}.")
+        raise ValueError(f"outside must be one of {get_args(Outside)}, got {outside!r}.")
     if not isinstance(metres_per_pixel, Real) or not 0 < metres_per_pixel < math.inf:
-        raise ValueError(
-            f"{who}: metres_per_pixel must be positive and finite, got {metres_per_pixel!r}."
-        )
+        raise ValueError(f"metres_per_pixel must be positive and finite, got {metres_per_pixel!r}.")
 
 
 def _check(
@@ -251,27 +247,26 @@ def _check(
     upright: bool,
     camera: Camera | None,
 ) -> Camera:
-    who = "egocentric_window"
-    check_dtype(who, "depth", depth, torch.float32)
+    check_dtype("depth", depth, torch.float32)
     if depth.ndim != 3:
-        raise ValueError(f"{who}: depth must be [B, H, W], got {list(depth.shape)}.")
-    check_instance(who, "upright", upright, bool)
+        raise ValueError(f"depth must be [B, H, W], got {list(depth.shape)}.")
+    check_instance("upright", upright, bool)
     if camera is not None:
-        check_instance(who, "camera", camera, Camera)
+        check_instance("camera", camera, Camera)
     camera = camera or _camera_of(depth.shape[1], depth.shape[2])
     if depth.shape[1:] != (camera.height, camera.width):
         raise ValueError(
-            f"{who}: depth must be [B, {camera.height}, {camera.width}] for this camera, "
+            f"depth must be [B, {camera.height}, {camera.width}] for this camera, "
             f"got {list(depth.shape)}."
         )
     if segmentation is not None:
-        check_dtype(who, "segmentation", segmentation, torch.uint8)
+        check_dtype("segmentation", segmentation, torch.uint8)
         if segmentation.shape != depth.shape:
             raise ValueError(
-                f"{who}: segmentation must be shaped like depth {list(depth.shape)}, "
+                f"segmentation must be shaped like depth {list(depth.shape)}, "
                 f"got {list(segmentation.shape)}."
             )
-    check_real(who, "pose", pose)
+    check_real("pose", pose)
     if pose.shape != (len(depth), 3):
-        raise ValueError(f"{who}: pose must be [{len(depth)}, 3], got {list(pose.shape)}.")
+        raise ValueError(f"pose must be [{len(depth)}, 3], got {list(pose.shape)}.")
     return camera

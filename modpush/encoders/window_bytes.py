@@ -35,10 +35,10 @@ class WindowBytes(StatelessTransform):
         return {"window_bytes": True}
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        window = read_key("WindowBytes", next_tensordict, self.window_key)
+        window = read_key(next_tensordict, self.window_key)
         if window.dtype == torch.uint8:  # stored data, quantised already
             return next_tensordict
-        check_real("WindowBytes", repr(self.window_key), window)
+        check_real(repr(self.window_key), window)
         if window.numel() and window.device.type == "cpu":  # on a GPU the check would synchronise
             least, most = (float(value) for value in window.detach().aminmax())
             if not 0.0 <= least <= most <= 1.0:  # beyond, bytes would overflow
@@ -50,7 +50,7 @@ class WindowBytes(StatelessTransform):
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Replace the window's spec by one of bytes."""
-        check_spec_has("WindowBytes", observation_spec, [self.window_key])
+        check_spec_has(observation_spec, [self.window_key])
         observation_spec[self.window_key] = Bounded(
             low=0,
             high=255,

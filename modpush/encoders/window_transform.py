@@ -73,7 +73,7 @@ class EgocentricWindow(StatelessTransform):
     ) -> None:
         self.camera = camera or Camera()
         z = self.camera.z
-        check_options("EgocentricWindow", size, max_height, outside, z, metres_per_pixel)
+        check_options(size, max_height, outside, z, metres_per_pixel)
         self.metres_per_pixel = metres_per_pixel
         self.frame, self.size, self.outside = frame, size, outside
         self.max_height, self.upright = max_height, upright
@@ -94,14 +94,14 @@ class EgocentricWindow(StatelessTransform):
 
     def _pose(self, tensordict: TensorDictBase) -> Tensor:
         """`[B, 3]` of the window's frame."""
-        pose = read_key("EgocentricWindow", tensordict, self.object_pose_key, 3).reshape(-1, 3)
+        pose = read_key(tensordict, self.object_pose_key, 3).reshape(-1, 3)
         subgoal = None
         if self.frame == "path":
-            subgoal = read_key("EgocentricWindow", tensordict, self.subgoal_key, 2).reshape(-1, 2)
+            subgoal = read_key(tensordict, self.subgoal_key, 2).reshape(-1, 2)
         return torch.cat([pose[:, :2], frame_yaw(self.frame, pose, subgoal)], -1)
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        depth = read_key("EgocentricWindow", next_tensordict, self.depth_key)
+        depth = read_key(next_tensordict, self.depth_key)
         expected = (1, self.camera.height, self.camera.width)
         if depth.shape[-3:] != expected:
             raise ValueError(
@@ -110,7 +110,7 @@ class EgocentricWindow(StatelessTransform):
             )
         labels = None
         if self.segmentation_key is not None:
-            labels = read_key("EgocentricWindow", next_tensordict, self.segmentation_key, *expected)
+            labels = read_key(next_tensordict, self.segmentation_key, *expected)
             labels = labels.reshape(-1, *expected[1:])
         pose = self._pose(next_tensordict)
         try:
@@ -126,14 +126,14 @@ class EgocentricWindow(StatelessTransform):
                 metres_per_pixel=self.metres_per_pixel,
             )
         except ValueError:  # the function checks the pose without knowing its key
-            check_finite("EgocentricWindow", f"{self.object_pose_key!r} or sub-goal", pose)
+            check_finite(f"{self.object_pose_key!r} or sub-goal", pose)
             raise
         next_tensordict.set(self.window_key, window.reshape(*depth.shape[:-3], *window.shape[1:]))
         return next_tensordict
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Add the window."""
-        check_spec_has("EgocentricWindow", observation_spec, self.in_keys)
+        check_spec_has(observation_spec, self.in_keys)
         observation_spec[self.window_key] = Bounded(
             low=0.0,
             high=1.0,

@@ -104,7 +104,7 @@ def scenes_to_reset(tensordict: TensorDictBase | None, num_envs: int) -> list[in
     """
     if tensordict is None or "_reset" not in tensordict.keys():
         return list(range(num_envs))
-    check_dtype("PushEnv.reset", "_reset", tensordict["_reset"], torch.bool)
+    check_dtype("_reset", tensordict["_reset"], torch.bool)
     mask = tensordict["_reset"].reshape(num_envs, -1).any(-1)
     return torch.nonzero(mask).flatten().tolist()
 
@@ -130,31 +130,29 @@ def check_scenarios(
             refuses an episode that has ended before its first step. Also if the arm is in an obstacle.
         TypeError: If something else is among them.
     """
-    who = "PushEnv.reset"
     if not isinstance(scenarios, Sequence) or len(scenarios) != count:
         got = len(scenarios) if isinstance(scenarios, Sequence) else type(scenarios).__name__
         raise ValueError(
-            f"{who}: scenarios must have one entry for each of the {count} scenes being reset, "
-            f"got {got}."
+            f"scenarios must have one entry for each of the {count} scenes being reset, got {got}."
         )
     for index, scenario in enumerate(scenarios):
         if not isinstance(scenario, Scenario):
-            raise TypeError(f"{who}: scenarios[{index}] must be a Scenario, got {scenario!r}.")
+            raise TypeError(f"scenarios[{index}] must be a Scenario, got {scenario!r}.")
         distance = math.dist(scenario.object_pose[:2], scenario.goal_position)
         if distance <= GOAL_THRESHOLD:
             raise ValueError(
-                f"{who}: scenarios[{index}] must start more than {GOAL_THRESHOLD} m from its goal, "
+                f"scenarios[{index}] must start more than {GOAL_THRESHOLD} m from its goal, "
                 f"got {distance:.3g} m: it would have ended before its first step."
             )
         position = np.array([scenario.object_pose[:2]])
         if is_out_of_bounds(position, bounds)[0]:
             raise ValueError(
-                f"{who}: scenarios[{index}] must start within {bounds}, got {position[0].tolist()}: it "
+                f"scenarios[{index}] must start within {bounds}, got {position[0].tolist()}: it "
                 "would have ended before its first step."
             )
         if scenario.pushed_object in objects:
             tip_height = objects[scenario.pushed_object].tool_height
-            check_arm_is_free(f"{who}: scenarios[{index}]", scenario, tip_height, tool)
+            check_arm_is_free(f"scenarios[{index}]", scenario, tip_height, tool)
 
 
 def check_alone(**others: Any) -> None:
@@ -167,39 +165,37 @@ def check_alone(**others: Any) -> None:
         raise ValueError(f"PushEnv.reset: with state, {' and '.join(given)} must be None.")
 
 
-def chosen_scenes(who: str, indices: Sequence[int] | None, num_envs: int) -> list[int]:
+def chosen_scenes(indices: Sequence[int] | None, num_envs: int) -> list[int]:
     """Indices of scenes that a user names, or of all if they are None.
 
     Raises:
         ValueError: If one is out of range or given twice.
     """
-    chosen = list(range(num_envs)) if indices is None else [*_whole(who, indices)]
+    chosen = list(range(num_envs)) if indices is None else [*_whole(indices)]
     if len(set(chosen)) < len(chosen) or not all(0 <= i < num_envs for i in chosen):
-        raise ValueError(
-            f"{who}: indices must be different and in [0, {num_envs - 1}], got {chosen}."
-        )
+        raise ValueError(f"indices must be different and in [0, {num_envs - 1}], got {chosen}.")
     return chosen
 
 
-def _whole(who: str, indices: Sequence[int], name: str = "indices") -> Sequence[int]:
+def _whole(indices: Sequence[int], name: str = "indices") -> Sequence[int]:
     whole = isinstance(indices, Sequence | np.ndarray) and all(
         isinstance(i, int | np.integer) and not isinstance(i, bool) for i in indices
     )
     if not whole:
-        raise TypeError(f"{who}: {name} must be whole numbers, got {indices!r}.")
+        raise TypeError(f"{name} must be whole numbers, got {indices!r}.")
     return [int(i) for i in indices]
 
 
-def check_scene(who: str, index: int, num_envs: int) -> None:
+def check_scene(index: int, num_envs: int) -> None:
     """Check the index of one scene.
 
     Raises:
         TypeError: If it is not a whole number.
         ValueError: If there is no such scene.
     """
-    _whole(who, [index], "index")
+    _whole([index], "index")
     if not 0 <= index < num_envs:
-        raise ValueError(f"{who}: index must be in [0, {num_envs - 1}], got {index}.")
+        raise ValueError(f"index must be in [0, {num_envs - 1}], got {index}.")
 
 
 def check_action(action: Tensor, num_envs: int) -> None:

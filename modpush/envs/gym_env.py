@@ -82,13 +82,12 @@ class SingleSceneEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], AB
         Raises:
             ValueError: For unknown options.
         """
-        who = f"{type(self).__name__}.reset"
-        check_value(who, "seed", seed, Seed | None)
-        check_value(who, "options", options, dict[str, Any] | None)
+        check_value("seed", seed, Seed | None)
+        check_value("options", options, dict[str, Any] | None)
         super().reset(seed=None if seed is None else int(seed))
         options = options or {}
         if unknown := sorted(set(options) - {"scenario"}):
-            raise ValueError(f"{who}: unknown options {unknown}, expected ['scenario'] or none.")
+            raise ValueError(f"unknown options {unknown}, expected ['scenario'] or none.")
         scenario = options.get("scenario")
         state = self.env.reset(seed=seed, scenarios=None if scenario is None else [scenario])
         self._state = state
@@ -99,12 +98,11 @@ class SingleSceneEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], AB
         self, action: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Take one control step, as `gymnasium.Env.step` does."""
-        who = type(self).__name__
         row = torch.as_tensor(np.asarray(action, dtype=np.float32))
         if row.shape != (ACTION_SIZE,):
-            raise ValueError(f"{who}.step: action must be [{ACTION_SIZE}], got {tuple(row.shape)}.")
+            raise ValueError(f"action must be [{ACTION_SIZE}], got {tuple(row.shape)}.")
         if self._state is None:
-            raise RuntimeError(f"{who}.step: call reset first.")
+            raise RuntimeError("call reset first.")
         stepped = self.env.step(self._state.set("action", row[None]))
         after = stepped["next"]
         self._state = step_mdp(stepped)
@@ -127,19 +125,17 @@ class SingleSceneEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]], AB
         self.env.close(raise_if_closed=False)
 
 
-def check_arguments(
-    who: str, env_id: str, render_mode: str | None, options: dict[str, Any]
-) -> None:
+def check_arguments(env_id: str, render_mode: str | None, options: dict[str, Any]) -> None:
     """Refuse a render mode that is not there, and a batch of scenes.
 
     Raises:
         ValueError: With what to do instead.
     """
     if render_mode not in (None, "rgb_array"):
-        raise ValueError(f"{who}: render_mode must be None or 'rgb_array', got {render_mode!r}.")
+        raise ValueError(f"render_mode must be None or 'rgb_array', got {render_mode!r}.")
     if "num_envs" in options:
         raise ValueError(
-            f"{who}: it has one scene, got num_envs={options['num_envs']}; for several use "
+            f"it has one scene, got num_envs={options['num_envs']}; for several use "
             f"gymnasium.make_vec({env_id!r}, num_envs=...) or modpush.envs.PushEnv."
         )
 
@@ -167,7 +163,7 @@ class PushGymEnv(SingleSceneEnv):
     """
 
     def __init__(self, render_mode: str | None = None, **kwargs: Any) -> None:
-        check_arguments("PushGymEnv", "ClutterPushState-v1", render_mode, kwargs)
+        check_arguments("ClutterPushState-v1", render_mode, kwargs)
         yaw, joint = math.pi + 1e-6, 2 * math.pi + 0.1
         high = np.array([2, 2, yaw, 2, 2, 2, 2, yaw, *[joint] * 6, 1, 1, 1], dtype=np.float32)
         low = -high

@@ -296,19 +296,19 @@ class PushEnv(EnvBase):
     def cast(self, index: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Depth [m] and label at pixels `[..., 2]` (u, v) of one scene's image, without drawing it."""
         self._check_open("cast", started=True)
-        check_scene("PushEnv.cast", index, self.batch_size[0])
+        check_scene(index, self.batch_size[0])
         return self._batch.cast(index, pixels)
 
     def render(self, index: int = 0) -> np.ndarray:
         """A picture of a scene, `[H, W, 3]` uint8: drawn from above, or rendered with `pictures`."""
         self._check_open("render", started=True)
-        check_scene("PushEnv.render", index, self.batch_size[0])
+        check_scene(index, self.batch_size[0])
         return self._batch.render(index)
 
     def get_state(self, indices: Sequence[int] | None = None) -> PushState:
         """A copy of the state of some scenes (default: all), for `set_state` and `reset`."""
         self._check_open("get_state", started=True)
-        chosen = chosen_scenes("PushEnv.get_state", indices, self.batch_size[0])
+        chosen = chosen_scenes(indices, self.batch_size[0])
         return PushState(
             scenes=tuple(self._batch.get_state(i) for i in chosen),
             step_count=tuple(self._step_count[chosen].tolist()),
@@ -328,7 +328,7 @@ class PushEnv(EnvBase):
             ValueError: If it is damaged or of another environment; then nothing has changed.
         """
         self._check_open("set_state")
-        chosen = chosen_scenes("PushEnv.set_state", indices, self.batch_size[0])
+        chosen = chosen_scenes(indices, self.batch_size[0])
         if not self._started and len(chosen) != self.batch_size[0]:
             raise RuntimeError("PushEnv.set_state: reset or set all scenes first.")
         check_state(state, len(chosen), self._state_config, self._digests)

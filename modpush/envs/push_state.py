@@ -50,7 +50,7 @@ class PushState:
         Raises:
             ValueError: If a field is missing, unknown or malformed.
         """
-        check_keys("PushState", data, [field.name for field in fields(cls)])
+        check_keys(data, [field.name for field in fields(cls)])
         kinds = {"scenes": list, "step_count": list, "rngs": list, "config": dict, "objects": dict}
         for name, kind in kinds.items():
             if not isinstance(data[name], kind):
@@ -86,11 +86,10 @@ def check_state(
         TypeError: If it is not a `PushState`.
         ValueError: If it is of another environment or number of scenes, or damaged.
     """
-    who = "PushEnv.set_state"
     if not isinstance(state, PushState):
-        raise TypeError(f"{who}: state must be a PushState, got {type(state).__name__}.")
+        raise TypeError(f"state must be a PushState, got {type(state).__name__}.")
     if len(state.scenes) != count:
-        raise ValueError(f"{who}: the state holds {len(state.scenes)} scenes, expected {count}.")
+        raise ValueError(f"the state holds {len(state.scenes)} scenes, expected {count}.")
     if dict(state.config) != dict(config):
         names = sorted(set(state.config) | set(config))
         differences = [
@@ -98,33 +97,33 @@ def check_state(
             for name in names
             if state.config.get(name) != config.get(name)
         ]
-        raise ValueError(f"{who}: the state is of an environment with {', '.join(differences)}.")
+        raise ValueError(f"the state is of an environment with {', '.join(differences)}.")
     for scene in state.scenes:
         name = scene.scenario.pushed_object
         if name not in objects:
             raise ValueError(
-                f"{who}: the state's object {name!r} is not in this environment, which has "
+                f"the state's object {name!r} is not in this environment, which has "
                 f"{sorted(objects)}."
             )
         if state.objects.get(name) != objects[name]:
             raise ValueError(
-                f"{who}: the state's object {name!r} must be this environment's of that name, got "
+                f"the state's object {name!r} must be this environment's of that name, got "
                 f"{state.objects.get(name)!r} for {objects[name]!r}."
             )
-    _check_counts_and_rngs(who, state.step_count, state.rngs, count)
+    _check_counts_and_rngs(state.step_count, state.rngs, count)
 
 
 def _check_counts_and_rngs(
-    who: str, steps: Sequence[Any], rngs: Sequence[Mapping[str, Any]], count: int
+    steps: Sequence[Any], rngs: Sequence[Mapping[str, Any]], count: int
 ) -> None:
     if len(steps) != count or not all(type(n) is int and n >= 0 for n in steps):
-        raise ValueError(f"{who}: step_count must be {count} integers >= 0, got {steps!r}.")
+        raise ValueError(f"step_count must be {count} integers >= 0, got {steps!r}.")
     if len(rngs) != count:
-        raise ValueError(f"{who}: the state holds {len(rngs)} random states, expected {count}.")
+        raise ValueError(f"the state holds {len(rngs)} random states, expected {count}.")
     for rng in rngs:
         try:
             np.random.default_rng(0).bit_generator.state = rng
         except (TypeError, ValueError, KeyError, OverflowError) as error:
             raise ValueError(
-                f"{who}: the state of a random number generator is damaged ({error})."
+                f"the state of a random number generator is damaged ({error})."
             ) from error

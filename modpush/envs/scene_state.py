@@ -62,7 +62,7 @@ class SceneState:
         Raises:
             ValueError: If a field is missing, unknown or malformed.
         """
-        check_keys("SceneState", data, [field.name for field in fields(cls)])
+        check_keys(data, [field.name for field in fields(cls)])
         try:
             return cls(
                 scenario=Scenario.from_dict(data["scenario"]),

@@ -25,9 +25,7 @@ def make_generators(seed: int | Sequence[int] | None, count: int) -> list[np.ran
         return [np.random.default_rng(s) for s in np.random.SeedSequence().spawn(count)]
     seeds = [seed] if isinstance(seed, int | np.integer) else list(seed)
     for one in seeds:
-        check_value(
-            "PushEnv.set_seed", "seed", one.item() if isinstance(one, np.generic) else one, Seed
-        )
+        check_value("seed", one.item() if isinstance(one, np.generic) else one, Seed)
     if len(seeds) == 1:
         seeds = [seeds[0] + i for i in range(count)]
     if len(seeds) != count:
@@ -45,6 +43,6 @@ def restart_generators(
     Raises:
         ValueError: If the seed is not a whole number >= 0.
     """
-    if check_value("PushEnv.reset", "seed", seed, Seed | None) is not None:
+    if check_value("seed", seed, Seed | None) is not None:
         for i in indices:
             generators[i] = np.random.default_rng(int(seed) + i)  # type: ignore[arg-type]  # checked

@@ -55,7 +55,7 @@ class Trajectory:
 
     def save(self, path: Path) -> None:
         """Write as a compressed `.npz`, atomically."""
-        write_arrays(path, vars(self), "modpush.Trajectory", 1)
+        write_arrays(path, vars(self))
 
     @classmethod
     def load(cls, path: Path) -> "Trajectory":
@@ -65,7 +65,7 @@ class Trajectory:
             FileNotFoundError: If there is no such file.
             ValueError: If it is damaged, or no trajectory.
         """
-        arrays = read_arrays(path, "modpush.Trajectory", 1)
+        arrays = read_arrays(path, "modpush.Trajectory")
         if (names := set(cls.__dataclass_fields__)) != set(arrays):
             raise ValueError(
                 f"modpush.Trajectory: {path} must hold {sorted(names)}, got {sorted(arrays)}."

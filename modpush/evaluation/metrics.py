@@ -238,14 +238,14 @@ def episode_metrics(
 
 def _check_array(name: str, value: Any, kind: str, shape: Sequence[int]) -> None:
     """Raise unless a value is an array of a kind, `"f"` or `"b"`, and shape, and finite."""
-    who, words = "episode_metrics", {"f": "floats", "b": "bool"}
+    words = {"f": "floats", "b": "bool"}
     if not isinstance(value, np.ndarray) or value.dtype.kind != kind:
         got = getattr(value, "dtype", type(value).__name__)
-        raise TypeError(f"{who}: {name} must be an array of {words[kind]}, got {got}.")
+        raise TypeError(f"{name} must be an array of {words[kind]}, got {got}.")
     if value.shape != tuple(shape):
         raise ValueError(
-            f"{who}: {name} must be {list(shape)}, by the length of object_position [T + 1, 2], got "
+            f"{name} must be {list(shape)}, by the length of object_position [T + 1, 2], got "
             f"{list(value.shape)}."
         )
     if not np.isfinite(value).all():
-        raise ValueError(f"{who}: {name} must be finite, got {value}.")
+        raise ValueError(f"{name} must be finite, got {value}.")

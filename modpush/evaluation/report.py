@@ -44,7 +44,7 @@ def write_tables(rows: pd.DataFrame, folder: Path | str) -> str:
     Returns:
         The table in Markdown.
     """
-    check_rows("write_tables", {"all": rows})
+    check_rows({"all": rows})
     folder = make_folder(folder)
     by_scene = {str(scene): frame for scene, frame in rows.groupby("scene", sort=False)}
     table = pd.concat(
@@ -80,7 +80,7 @@ def draw_results(
         videos: Whether to write the videos.
         objects: Your own objects by name, as in `PushEnv.pushed_objects`.
     """
-    check_rows("draw_results", {"all": rows})
+    check_rows({"all": rows})
     folder = Path(folder)
     look: Any = {"objects": objects, "conditions": episodes.conditions}
     load = functools.partial(load_trajectory, folder)

@@ -14,7 +14,7 @@ from modpush._atomic import make_folder
 from modpush._hash import data_hash, weights_hash
 from modpush.evaluation.episodes import Episode, Trajectory
 from modpush.evaluation.metrics import EpisodeMetrics
-from modpush.evaluation.sealed_rows import append_row, begin_rows, read_rows
+from modpush.evaluation.rows import append_row, begin_rows, read_rows
 from modpush.evaluation.sets import EvaluationSet
 from modpush.files import read_json, write_json
 
@@ -40,8 +40,7 @@ COLUMNS = (
     "policy",
     *(field.name for field in fields(EpisodeMetrics)),
 )
-"""Columns of `episodes.csv`, which has a checksum of each row besides. `policy` is `policy_hash` of
-what acted."""
+"""Columns of `episodes.csv`. `policy` is the `policy_hash` of the policy."""
 _TEXTS = ("scene", "pushed_object", "policy")
 
 
@@ -60,7 +59,7 @@ class ResultStore:
 
     Raises:
         ValueError: If the folder holds results of another set, version or policy, its CSV has
-            other columns, or a file is damaged.
+            other columns.
     """
 
     @checked_arguments

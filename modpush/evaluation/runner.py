@@ -18,8 +18,6 @@ from torchrl.envs.utils import ExplorationType
 from tqdm import tqdm
 
 from modpush._arguments import checked_arguments
-from modpush._atomic import clean_leftovers
-from modpush._checks import check_callable
 from modpush._end_with_parent import begin_worker_process
 from modpush._folder_lock import FolderLock
 from modpush._ray import RESTARTS, ray_session
@@ -124,15 +122,14 @@ def evaluate(
     if not isinstance(evaluation_set, EvaluationSet):
         evaluation_set = load_set(evaluation_set)
     acting, make_env, config = _with_environment(policy, make_env, config)
-    check_callable("evaluate", "policy", acting)
+    if not callable(acting):
+        raise TypeError(f"evaluate: policy must be a function, got {acting!r}.")
     about = describe_policy(acting, label)
     if not config.deterministic:  # such actions differ from the greedy ones, and between seeds
         about = {**about, "deterministic": False, "seed": config.seed}
     if resume and (finished := _finished(Path(folder), evaluation_set, about)) is not None:
         return finished
     with FolderLock(folder), torch_threads(config.threads):
-        clean_leftovers(folder)
-        clean_leftovers(Path(folder) / "trajectories")
         store = ResultStore(folder, evaluation_set, about, resume=resume)
         if evaluation_set.name not in SET_NAMES:
             evaluation_set.save(Path(folder) / SET_FILE)  # nothing else says later what was run

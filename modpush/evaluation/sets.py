@@ -127,7 +127,7 @@ class EvaluationSet:
         }
         if self.digest != data_hash(content["episodes"]):  # the first part of a larger set
             content["digest"] = self.digest
-        write_packed_json(path, content, _KIND, self.version)
+        write_packed_json(path, content)
 
 
 @checked_arguments
@@ -151,7 +151,7 @@ def load_set(name: str | Path, *, allow: Collection[str] = ()) -> EvaluationSet:
             f"load_set: no set {str(name)!r}, expected one of {list(SET_NAMES)} or a file's path."
         )
     with reading(source, _KIND):
-        content = read_packed_json(source, _KIND, SET_VERSION)
+        content = read_packed_json(source, _KIND)
         if not isinstance(content, dict) or not {"name", "conditions", "episodes"} <= set(content):
             raise ValueError(f"load_set: {source} must hold a name, conditions and episodes.")
         check_allowed(f"load_set: {source}", content["episodes"], allow)

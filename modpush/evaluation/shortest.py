@@ -75,7 +75,7 @@ def shortest_path(
         the grid, the straight line, as in `PlannerSubgoals` at a reset.
     """
     camera = camera or Camera()
-    planner = make_planner(LazyThetaStar() if planner is None else planner, "shortest_path")
+    planner = make_planner(LazyThetaStar() if planner is None else planner)
     ends = torch.tensor([scenario.object_pose[:2], scenario.goal_position], dtype=torch.float64)
     straight = ends.numpy()
     pixels = camera.project(ends).float()

@@ -35,7 +35,7 @@ def bootstrap_interval(
     """
     if not 0 < confidence < 1:
         raise ValueError(f"bootstrap_interval: confidence must be in (0, 1), got {confidence}.")
-    sample = _checked_sample("bootstrap_interval", values)
+    sample = _checked_sample(values)
     if len(sample) == 0:
         return math.nan, math.nan
     if np.ptp(sample) == 0:  # scipy gives NaN
@@ -87,7 +87,7 @@ def paired_t_test(first: ArrayLike, second: ArrayLike) -> PairedTest:
     Raises:
         ValueError: If the shapes differ, or the values are not `[N]` and finite.
     """
-    a, b = (_checked_sample("paired_t_test", values) for values in (first, second))
+    a, b = (_checked_sample(values) for values in (first, second))
     if a.shape != b.shape:
         raise ValueError(
             f"paired_t_test: first and second must be of one shape [N], got {a.shape} and {b.shape}."
@@ -105,8 +105,8 @@ def paired_t_test(first: ArrayLike, second: ArrayLike) -> PairedTest:
     return PairedTest(count=n, difference=mean, t=t, p=p, effect_size=mean / deviation)
 
 
-def _checked_sample(who: str, values: ArrayLike) -> NDArray[np.float64]:
+def _checked_sample(values: ArrayLike) -> NDArray[np.float64]:
     sample = np.asarray(values, dtype=np.float64)
     if sample.ndim != 1 or not np.isfinite(sample).all():
-        raise ValueError(f"{who}: values must be finite numbers [N], got {values!r}.")
+        raise ValueError(f"values must be finite numbers [N], got {values!r}.")
     return sample

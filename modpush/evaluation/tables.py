@@ -52,7 +52,7 @@ def summarize(rows: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     Raises:
         ValueError: If the methods ran different episodes.
     """
-    check_rows("summarize", rows)
+    check_rows(rows)
     solved = _solved_by_all(rows)
     lines = []
     for method, frame in rows.items():
@@ -88,7 +88,7 @@ def compare(first: pd.DataFrame, second: pd.DataFrame, level: Fraction = 0.05) -
         ValueError: If the methods ran different episodes, or the level is not in [0, 1].
     """
     rows = {"first": first, "second": second}
-    check_rows("compare", rows)
+    check_rows(rows)
     solved = _solved_by_all(rows)
     lines = []
     for name in METRICS:
@@ -115,33 +115,30 @@ def _solved_by_all(rows: Mapping[str, pd.DataFrame]) -> np.ndarray:
     return np.logical_and.reduce([frame["success"].to_numpy(bool) for frame in rows.values()])
 
 
-def check_rows(who: str, rows: Mapping[str, pd.DataFrame]) -> None:
+def check_rows(rows: Mapping[str, pd.DataFrame]) -> None:
     """Check rows of episodes, by method.
 
     Args:
-        who: What asks, for the error message.
         rows: What `evaluate` returned, by method.
 
     Raises:
         ValueError: If there are none, a column is missing, or the methods ran different episodes.
     """
     if not rows:
-        raise ValueError(f"{who}: rows must be of at least one method, got none.")
+        raise ValueError("rows must be of at least one method, got none.")
     (first, reference), *others = rows.items()
     for method, frame in rows.items():
         if missing := sorted({*_OVER_ALL, *_OVER_SOLVED} - set(frame.columns)):
-            raise ValueError(
-                f"{who}: rows of {method!r} must have the columns {missing}, got none."
-            )
+            raise ValueError(f"rows of {method!r} must have the columns {missing}, got none.")
         if not len(frame):
-            raise ValueError(f"{who}: rows of {method!r} must be of one episode or more, got none.")
+            raise ValueError(f"rows of {method!r} must be of one episode or more, got none.")
     for method, frame in others:
         same = len(frame) == len(reference) and all(
             np.array_equal(frame[key], reference[key]) for key in _IDENTITY if key in reference
         )
         if not same:
             raise ValueError(
-                f"{who}: rows must be of methods that ran the same episodes in the same order, "
+                f"rows must be of methods that ran the same episodes in the same order, "
                 f"{first!r} has {len(reference)} and {method!r} {len(frame)}."
             )
 

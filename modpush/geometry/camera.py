@@ -9,7 +9,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush._checks import check_real
 from modpush._types import Coordinate, HalfTurn, Length, PixelCount
 from modpush._validation import checked
 
@@ -78,9 +77,12 @@ class Camera:
             `[..., 2]` (u, v) [px], a tensor or an array as `position` is.
 
         Raises:
-            ValueError: If the shapes do not match, or a point is not below the camera.
+            ValueError: If the last dimension is not 2, or a point is not below the camera.
         """
-        _check_points("Camera.project", "position", position, z)
+        if position.shape[-1:] != (2,):
+            raise ValueError(
+                f"Camera.project: position must be [..., 2], got {list(position.shape)}."
+            )
         below = z < self.z
         if not (below if isinstance(below, bool) else below.all()):
             raise ValueError(f"Camera.project: z must be below the camera, at {self.z} m, got {z}.")
@@ -100,7 +102,8 @@ class Camera:
         Returns:
             `[..., 2]` (x, y) [m], robot's base frame, a tensor or an array as `pixel` is.
         """
-        _check_points("Camera.unproject", "pixel", pixel, z)
+        if pixel.shape[-1:] != (2,):
+            raise ValueError(f"Camera.unproject: pixel must be [..., 2], got {list(pixel.shape)}.")
         u0, v0 = self.principal_point
         scale = (self.z - z) / self.focal_length
         x = self.x - (pixel[..., 1] - v0) * scale
@@ -112,27 +115,6 @@ def cell_centers(camera: Camera) -> NDArray[np.float64]:
     """Centres of the cells of a camera's grid, `[H, W, 2]` (x, y) [m]."""
     v, u = np.indices((camera.height, camera.width), dtype=np.float64)
     return camera.unproject(np.stack([u, v], -1))
-
-
-def _check_points(who: str, name: str, points: Points, z: float | Points) -> None:
-    """Raise unless points are `[..., 2]` and z is a number or broadcasts to `[...]`."""
-    if isinstance(points, np.ndarray) and points.dtype.kind in "iuf":
-        if points.shape[-1:] != (2,):
-            raise ValueError(f"{who}: {name} must be [..., 2], got {list(points.shape)}.")
-    else:
-        check_real(who, name, points, 2)
-    if isinstance(z, float | int | np.number) and math.isfinite(z):
-        return
-    if not isinstance(z, type(points)):
-        kind = type(points).__name__
-        raise TypeError(f"{who}: z must be a finite number or of type {kind}, got {z!r}.")
-    try:
-        np.broadcast_shapes(z.shape, points.shape[:-1])
-    except ValueError:
-        raise ValueError(
-            f"{who}: z must be one number or {list(points.shape[:-1])} for {name} "
-            f"{list(points.shape)}, got {list(z.shape)}."
-        ) from None
 
 
 def _stack(first: Points, second: Points) -> Points:

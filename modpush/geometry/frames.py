@@ -5,8 +5,6 @@ from typing import Literal, get_args
 import torch
 from torch import Tensor
 
-from modpush._checks import check_real
-
 __all__ = ["Frame", "check_frame", "frame_yaw"]
 
 Frame = Literal["base", "object", "path"]
@@ -26,28 +24,27 @@ def frame_yaw(frame: Frame, object_pose: Tensor, subgoal: Tensor | None = None) 
         `[..., 1]` [rad]; 0 for `"path"` with a sub-goal at the object itself.
 
     Raises:
-        TypeError: If a pose or a sub-goal is not a tensor.
-        ValueError: If the frame is unknown or `"path"` without a sub-goal, or a last dimension differs
-            from the expected one.
+        ValueError: If the frame is unknown or `"path"` without a sub-goal, or the last dimension of the
+            pose is another one.
     """
-    check_frame("frame_yaw", frame)
-    check_real("frame_yaw", "object_pose", object_pose, 3)
+    if object_pose.shape[-1:] != (3,):
+        raise ValueError(f"frame_yaw: object_pose must be [..., 3], got {list(object_pose.shape)}.")
     if frame == "base":
         return torch.zeros_like(object_pose[..., :1])
     if frame == "object":
         return object_pose[..., 2:]
+    check_frame(frame)
     if subgoal is None:
         raise ValueError("frame_yaw: frame 'path' needs a sub-goal, got subgoal=None.")
-    check_real("frame_yaw", "subgoal", subgoal, 2)
     ahead = subgoal - object_pose[..., :2]
     return torch.atan2(ahead[..., 1:], ahead[..., :1])
 
 
-def check_frame(who: str, frame: str) -> None:
+def check_frame(frame: str) -> None:
     """Check the name of a frame.
 
     Raises:
         ValueError: If the frame is unknown; the message lists the known ones.
     """
     if frame not in get_args(Frame):
-        raise ValueError(f"{who}: frame must be one of {get_args(Frame)}, got {frame!r}.")
+        raise ValueError(f"frame must be one of {get_args(Frame)}, got {frame!r}.")

@@ -1,11 +1,12 @@
 """The workspace on the table."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush._types import Coordinate, Point
+from modpush._types import Point
 from modpush._validation import check_value
 
 __all__ = ["BOUNDS_MARGIN", "WORKSPACE", "Rectangle"]
@@ -33,8 +34,7 @@ class Rectangle(_Corners):
     __slots__ = ()
 
     def __new__(cls, low: tuple[float, float], high: tuple[float, float]) -> "Rectangle":
-        low = check_value("Rectangle", "low", low, Point)
-        high = check_value("Rectangle", "high", high, Point)
+        low, high = check_value("low", low, Point), check_value("high", high, Point)
         if not (low[0] < high[0] and low[1] < high[1]):
             raise ValueError(f"Rectangle: low must be < high, got {low} and {high}.")
         return super().__new__(cls, low, high)
@@ -45,9 +45,10 @@ class Rectangle(_Corners):
         With the default margin, an episode ends when the object's centre is outside it.
         """
         (x0, y0), (x1, y1) = self
-        margin = check_value("Rectangle.bounds", "margin", margin, Coordinate)
-        if min(x1 - x0, y1 - y0) <= -2 * margin:
-            raise ValueError(f"Rectangle.bounds: margin must leave an area, got {margin}.")
+        if not -min(x1 - x0, y1 - y0) < 2 * margin < math.inf:
+            raise ValueError(
+                f"Rectangle.bounds: margin must be finite and leave an area, got {margin}."
+            )
         return Rectangle((x0 - margin, y0 - margin), (x1 + margin, y1 + margin))
 
     def corners(self) -> NDArray[np.float64]:

@@ -59,10 +59,10 @@ class ActionFrame(DescribedTransform):
         return {"action_frame": self.frame}
 
     def _yaw(self, tensordict: TensorDictBase) -> Tensor:
-        pose = read_key("ActionFrame", tensordict, self.object_pose_key, 3)
+        pose = read_key(tensordict, self.object_pose_key, 3)
         subgoal = None
         if self.frame == "path":
-            subgoal = read_key("ActionFrame", tensordict, self.subgoal_key, 2)
+            subgoal = read_key(tensordict, self.subgoal_key, 2)
         return frame_yaw(self.frame, pose, subgoal)
 
     def to_agent(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -74,7 +74,7 @@ class ActionFrame(DescribedTransform):
         Raises:
             KeyError: If a key is missing.
         """
-        action = read_key("ActionFrame", tensordict, self.action_key, 3)
+        action = read_key(tensordict, self.action_key, 3)
         planar = rotate(action[..., :2], -self._yaw(tensordict))
         turned = torch.cat([planar, action[..., 2:]], -1).clamp(-1.0, 1.0)
         return tensordict.set(self.action_key, turned)
@@ -83,7 +83,7 @@ class ActionFrame(DescribedTransform):
         self._check_place()
         if self.frame == "base":
             return tensordict
-        action = read_key("ActionFrame", tensordict, self.action_key, 3)
+        action = read_key(tensordict, self.action_key, 3)
         turned = turn_action(action, self._yaw(tensordict))
         tensordict.set(_AGENT_ACTION, action)
         return tensordict.set(self.action_key, turned)

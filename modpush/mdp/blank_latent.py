@@ -5,19 +5,19 @@ from dataclasses import replace
 import torch
 from torch import Tensor, nn
 
-from modpush._checks import check_instance
+from modpush._arguments import checked_arguments
 from modpush.mdp.observation_entries import ENTRIES, Entry
 
 __all__ = ["BlankLatent", "latent_entry"]
 
 
+@checked_arguments
 def latent_entry(encoder: nn.Module) -> Entry:
     """The latent minus the encoder's latent of an empty window, so that free space gives zeros.
 
     Args:
         encoder: Module `[B, 1, S, S] -> [B, d]`; its `window_size` S is 64 unless it defines another.
     """
-    check_instance("latent_entry", "encoder", encoder, nn.Module)
     latent = ENTRIES["latent"]
     return replace(latent, shift=BlankLatent(encoder))
 

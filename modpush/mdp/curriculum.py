@@ -167,7 +167,7 @@ class Curriculum:
         distance = (distances[max(stage - 2, 0)], distances[stage])
         if stage == len(distances) - 1:
             distance = self.config.final_distance
-        check_instance("Curriculum.scenario", "base", base, ScenarioConfig)
+        check_instance("base", base, ScenarioConfig)
         easiest, hardest = base.difficulty
         return replace(
             base,
@@ -201,7 +201,7 @@ class Curriculum:
 
     def count_steps(self, steps: int) -> None:
         """Take note of environment steps; begins the next stage where the config says so."""
-        check_value("Curriculum.count_steps", "steps", steps, NonNegativeInteger)
+        check_value("steps", steps, NonNegativeInteger)
         self.steps += steps
         if self.config.promotion == "steps":
             while self.level < sum(self.steps >= s for s in self.config.step_thresholds):
@@ -246,21 +246,20 @@ class Curriculum:
             ValueError: If a field is missing or malformed, or the state is of a curriculum with other
                 phases or stages.
         """
-        who = "Curriculum.load_state_dict"
-        check_keys(who, state, self.state_dict())
+        check_keys(state, self.state_dict())
         for name in ("phase", "stage", "steps"):
-            check_value(who, name, state.get(name), NonNegativeInteger)
-        check_value(who, "successes", state.get("successes"), list[bool])
-        check_value(who, "scene_successes", state.get("scene_successes"), dict[str, list[bool]])
+            check_value(name, state.get(name), NonNegativeInteger)
+        check_value("successes", state.get("successes"), list[bool])
+        check_value("scene_successes", state.get("scene_successes"), dict[str, list[bool]])
         phases, stages = len(self.config.phases), len(self.config.distances)
         if state["phase"] >= phases or state["stage"] >= stages:
             raise ValueError(
-                f"{who}: phase and stage must be below the {phases} phases and {stages} stages of "
+                f"phase and stage must be below the {phases} phases and {stages} stages of "
                 f"this curriculum, got {state['phase']} and {state['stage']}."
             )
         if state["stage"] < (first := self.config.phases[state["phase"]].first_stage):
             raise ValueError(
-                f"{who}: stage must be at least {first}, the first one of phase {state['phase']}, got "
+                f"stage must be at least {first}, the first one of phase {state['phase']}, got "
                 f"{state['stage']}."
             )
         self.phase, self.stage, self.steps = state["phase"], state["stage"], state["steps"]

@@ -9,7 +9,6 @@ from tensordict import NestedKey, TensorDictBase
 from torchrl.data import TensorSpec
 
 from modpush._arguments import checked_arguments
-from modpush._checks import check_instance
 from modpush._keys import read_key
 from modpush._transforms import DescribedTransform, add_unbounded
 from modpush._types import NonNegativeInteger
@@ -51,7 +50,6 @@ class CurriculumScenes(DescribedTransform):
         done_key: NestedKey = "done",
         level_key: NestedKey = "curriculum_level",
     ) -> None:
-        check_instance("CurriculumScenes", "curriculum", curriculum, Curriculum)
         super().__init__(in_keys=[success_key, done_key], out_keys=[level_key])
         self.curriculum = curriculum
         self.evaluated_envs = None if evaluated_envs is None else frozenset(evaluated_envs)
@@ -101,10 +99,10 @@ class CurriculumScenes(DescribedTransform):
         stepped = tensordict.get("_step", None)  # TorchRL's mask of the scenes that still run
         count = next_tensordict.batch_size.numel() if stepped is None else int(stepped.sum())
         self.curriculum.count_steps(count)
-        done = read_key("CurriculumScenes", next_tensordict, self.done_key)
+        done = read_key(next_tensordict, self.done_key)
         ended = done.flatten().nonzero().flatten().tolist()
         if ended:
-            success = read_key("CurriculumScenes", next_tensordict, self.success_key)
+            success = read_key(next_tensordict, self.success_key)
             successes = success.flatten().tolist()
         for i in ended:
             if self._began_at.pop(i, None) == self.curriculum.level:

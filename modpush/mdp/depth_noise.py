@@ -44,8 +44,8 @@ class DepthNoise(StatelessTransform):
         self.depth_key = depth_key
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        depth = read_key("DepthNoise", next_tensordict, self.depth_key)
-        check_dtype("DepthNoise", repr(self.depth_key), depth, torch.float32)
+        depth = read_key(next_tensordict, self.depth_key)
+        check_dtype(repr(self.depth_key), depth, torch.float32)
         if self.sigma > 0:
             noisy = (depth + self.sigma * torch.randn_like(depth)).clamp_min(0.0)
             depth = torch.where(depth > 0, noisy, depth)  # 0 stays: nothing is seen there
@@ -55,7 +55,7 @@ class DepthNoise(StatelessTransform):
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """With noise the table may seem to be farther away than it is."""
-        check_spec_has("DepthNoise", observation_spec, [self.depth_key])
+        check_spec_has(observation_spec, [self.depth_key])
         if self.sigma > 0:
             spec = observation_spec[self.depth_key]
             observation_spec[self.depth_key] = Unbounded(

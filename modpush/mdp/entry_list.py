@@ -39,7 +39,7 @@ def resolve_entries(
             the entries, or two entries have one name.
         TypeError: If something is neither text, an `Entry` nor a function.
     """
-    check_frame("PushObservation", frame)
+    check_frame(frame)
     if entries is None:
         entries = PATH_ENTRIES if frame == "path" else PAPER_ENTRIES
     for name, value in (("entries", entries), ("leave_out", leave_out), ("add", add)):
@@ -70,7 +70,7 @@ def resolve_entries(
 
 def _find_entry(item: EntryLike | tuple[str, EntryLike]) -> tuple[str, Entry]:
     name, part = item if isinstance(item, tuple) else (None, item)
-    found = find_part("PushObservation: entries", part, ENTRIES)
+    found = find_part("entries", part, ENTRIES)
     if not isinstance(found, Entry) and not callable(found):
         raise TypeError(
             "PushObservation: an entry must be a name, 'module:name', an Entry or a function, got "

@@ -48,9 +48,9 @@ class Entry:
             raise TypeError(f"Entry: read must be a function, got {self.read!r}.")
         if self.mirrored is not None and not callable(self.mirrored):
             raise TypeError(f"Entry: mirrored must be a function or None, got {self.mirrored!r}.")
-        check_value("Entry", "scale", self.scale, _Components)
+        check_value("scale", self.scale, _Components)
         if not callable(self.shift):
-            check_value("Entry", "shift", self.shift, _Components)
+            check_value("shift", self.shift, _Components)
 
 
 EntryLike = str | Entry | Callable[[ObservationInputs], Tensor]

@@ -100,10 +100,10 @@ class ObservationInputs:
         Raises:
             KeyError: If there is none; the message lists the keys.
         """
-        return read_key("PushObservation", self._tensordict, key)
+        return read_key(self._tensordict, key)
 
     def _read(self, name: str) -> Tensor:
-        return read_key("PushObservation", self._tensordict, self._keys[name], *_LAST.get(name, ()))
+        return read_key(self._tensordict, self._keys[name], *_LAST.get(name, ()))
 
     @cached_property
     def object_pose(self) -> Tensor:

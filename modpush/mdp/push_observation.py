@@ -133,7 +133,7 @@ class PushObservation(DescribedTransform):
         for key in self.in_keys:
             value = tensordict.get(key, None)
             if value is not None and value.is_floating_point():
-                check_finite("PushObservation", repr(key), value)
+                check_finite(repr(key), value)
 
     def read(self, source: Any) -> Tensor:
         """The entries before shift and scale, `[..., n]` float32, in SI units.
@@ -177,7 +177,7 @@ class PushObservation(DescribedTransform):
         if self._layout is None:
             self._lay_out(next_tensordict)
         if self._writes_last_action:
-            action = read_key("PushObservation", tensordict, self.action_key)
+            action = read_key(tensordict, self.action_key)
             next_tensordict.set(self.last_action_key, action)
         return self._call(next_tensordict)
 

@@ -121,7 +121,7 @@ class PushReward(DescribedTransform):
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         config = self.config
-        start = unit = read_key("PushReward", tensordict, self.start_key, 2)
+        start = unit = read_key(tensordict, self.start_key, 2)
         if config.normalisation == "constant":
             unit = start.new_tensor([config.path_length, config.approach_distance])
         outcome = StepOutcome(
@@ -145,7 +145,7 @@ class PushReward(DescribedTransform):
         Raises:
             KeyError: If `"next"` or the lengths at reset are not stored with the transitions.
         """
-        self._step(tensordict, read_key("PushReward", tensordict, "next"))
+        self._step(tensordict, read_key(tensordict, "next"))
         return tensordict
 
     def transform_reward_spec(self, reward_spec: TensorSpec) -> TensorSpec:
@@ -155,7 +155,7 @@ class PushReward(DescribedTransform):
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Add the terms and the lengths at reset."""
-        check_spec_has("PushReward", observation_spec, self.in_keys)
+        check_spec_has(observation_spec, self.in_keys)
         for key in self._term_keys.values():
             add_unbounded(observation_spec, key, 1)
         add_unbounded(observation_spec, self.start_key, 2)
@@ -177,9 +177,9 @@ def _find_terms(
     terms: dict[str, RewardTerm] = {}
     weights: dict[str, float] = {}
     for text, weight in config.weights.items():
-        term = known[text] if text in known else find_part("PushReward: weights", text, known)
+        term = known[text] if text in known else find_part("weights", text, known)
         if isinstance(term, str):
-            term = find_part("PushReward: terms", term, REWARD_TERMS)
+            term = find_part("terms", term, REWARD_TERMS)
         if not callable(term):
             raise TypeError(f"PushReward: term {text!r} must be a function, got {term!r}.")
         name = text.rpartition(":")[2].rpartition(".")[2]

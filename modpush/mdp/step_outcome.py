@@ -7,7 +7,6 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
-from modpush._checks import check_dtype
 from modpush._keys import read_key
 from modpush._types import Key
 from modpush._validation import checked
@@ -55,7 +54,7 @@ class StateBefore:
         Raises:
             KeyError: If there is none; the message lists the keys.
         """
-        return read_key("PushReward, before the step", self._tensordict, key)
+        return read_key(self._tensordict, key)
 
 
 class StepOutcome:
@@ -97,17 +96,10 @@ class StepOutcome:
         """
         if key == self._keys["action"]:
             return self.before[key]
-        return read_key("PushReward", self._after, key)
+        return read_key(self._after, key)
 
     def _read(self, name: str) -> Tensor:
-        return read_key("PushReward", self._after, self._keys[name])
-
-    def _read_flag(self, name: str) -> Tensor:
-        key = self._keys[name]
-        flag = read_key("PushReward", self._after, key)
-        if flag.dtype != torch.bool:
-            check_dtype("PushReward", repr(key), flag, torch.bool)  # raises
-        return flag
+        return read_key(self._after, self._keys[name])
 
     @property
     def action(self) -> Tensor:
@@ -161,27 +153,27 @@ class StepOutcome:
     @cached_property
     def success(self) -> Tensor:
         """True where the object is at the goal, `[..., 1]` bool."""
-        return self._read_flag("success")
+        return self._read("success")
 
     @cached_property
     def object_contact(self) -> Tensor:
         """True where the tool touches the object, `[..., 1]` bool."""
-        return self._read_flag("object_contact")
+        return self._read("object_contact")
 
     @property
     def obstacle_contact(self) -> Tensor:
         """True where the object touches an obstacle, `[..., 1]` bool."""
-        return self._read_flag("obstacle_contact")
+        return self._read("obstacle_contact")
 
     @property
     def tool_obstacle_contact(self) -> Tensor:
         """True where the tool or the arm touches an obstacle, `[..., 1]` bool."""
-        return self._read_flag("tool_obstacle_contact")
+        return self._read("tool_obstacle_contact")
 
     @property
     def out_of_bounds(self) -> Tensor:
         """True where the object left the workspace, `[..., 1]` bool."""
-        return self._read_flag("out_of_bounds")
+        return self._read("out_of_bounds")
 
     @property
     def outside_window(self) -> Tensor:
@@ -199,9 +191,7 @@ def measure_lengths(tensordict: TensorDictBase, keys: Mapping[str, NestedKey]) -
     Raises:
         KeyError: If one of them is missing.
     """
-    tip = read_key("PushReward", tensordict, keys["ee_pose"], 3)
-    centre = read_key("PushReward", tensordict, keys["object_pose"], 3)
+    tip = read_key(tensordict, keys["ee_pose"], 3)
+    centre = read_key(tensordict, keys["object_pose"], 3)
     distance = (tip[..., :2] - centre[..., :2]).norm(dim=-1, keepdim=True)
-    return torch.cat(
-        [read_key("PushReward", tensordict, keys["path_length"], 1), distance], -1
-    ).float()
+    return torch.cat([read_key(tensordict, keys["path_length"], 1), distance], -1).float()

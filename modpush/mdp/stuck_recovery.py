@@ -86,7 +86,7 @@ class StuckRecovery(DescribedTransform):
         return self._write(tensordict_reset, torch.cat([where, rest], -1))
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        state = read_key("StuckRecovery", tensordict, self.state_key, _STATE)
+        state = read_key(tensordict, self.state_key, _STATE)
         anchor, (still, left, times) = state[..., :4], state[..., 4:].unbind(-1)
         where = self._where(next_tensordict)
         at_rest = ((where - anchor).abs() <= self.tolerance).all(-1)
@@ -104,11 +104,11 @@ class StuckRecovery(DescribedTransform):
         Raises:
             KeyError: If `"next"` or the state is not stored with the transitions.
         """
-        self._step(tensordict, read_key("StuckRecovery", tensordict, "next"))
+        self._step(tensordict, read_key(tensordict, "next"))
         return tensordict
 
     def _where(self, tensordict: TensorDictBase) -> Tensor:
-        poses = [read_key("StuckRecovery", tensordict, key, 3) for key in self.in_keys]
+        poses = [read_key(tensordict, key, 3) for key in self.in_keys]
         return torch.cat([pose[..., :2].float() for pose in poses], -1)
 
     def _write(self, tensordict: TensorDictBase, state: Tensor) -> TensorDictBase:
@@ -123,7 +123,7 @@ class StuckRecovery(DescribedTransform):
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Add what is written."""
-        check_spec_has("StuckRecovery", observation_spec, self.in_keys)
+        check_spec_has(observation_spec, self.in_keys)
         shape, device = observation_spec.shape, observation_spec.device
         observation_spec[self.action_key] = Bounded(
             -1, 1, (*shape, 3), device=device, dtype=torch.float32

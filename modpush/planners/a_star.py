@@ -69,7 +69,7 @@ class AStar(GridPlanner):
                 f"AStar: weight must have the occupancy's shape {list(occupancy.shape)}, got "
                 f"{list(weight.shape)}."
             )
-        check_real("AStar", "weight", weight)
+        check_real("weight", weight)
         if weight.numel():
             least, most = (float(value) for value in weight.detach().aminmax())  # NaN if one is
             if not 0 < least <= most < math.inf:

@@ -28,12 +28,12 @@ def are_connected(blocked: Tensor, start: Tensor, end: Tensor) -> Tensor:
         TypeError: If `blocked` is not a bool tensor, or a point is not a tensor of real numbers.
         ValueError: If a shape differs from the expected one.
     """
-    check_dtype("are_connected", "blocked", blocked, torch.bool)
+    check_dtype("blocked", blocked, torch.bool)
     batch = len(blocked) if blocked.ndim else 1
-    check_shape("are_connected", "blocked", blocked, "B, H, W", (batch, *blocked.shape[-2:]))
+    check_shape("blocked", blocked, "B, H, W", (batch, *blocked.shape[-2:]))
     for name, point in (("start", start), ("end", end)):
-        check_real("are_connected", name, point, 2)
-        check_shape("are_connected", name, point, "B, 2", (batch, 2))
+        check_real(name, point, 2)
+        check_shape(name, point, "B, 2", (batch, 2))
     rows = zip(
         (~blocked).cpu().numpy().astype(np.uint8),
         start.detach().cpu().numpy(),

@@ -56,14 +56,14 @@ class GridPlanner(Planner):
     def _plan(self, occupancy: Tensor, start: Tensor, goal: Tensor, *options: Any) -> Paths:
         """`plan`, with further arguments for `_run`."""
         name = type(self).__name__
-        check_dtype(name, "occupancy", occupancy, torch.bool)
+        check_dtype("occupancy", occupancy, torch.bool)
         if occupancy.ndim != 3 or not all(1 <= side <= MAX_SIDE for side in occupancy.shape[1:]):
             raise ValueError(
                 f"{name}: occupancy must be [B, H, W] with H and W from 1 to {MAX_SIDE}, got "
                 f"{list(occupancy.shape)}."
             )
-        ends = [_checked_end(name, "start", start, len(occupancy))]
-        ends.append(_checked_end(name, "goal", goal, len(occupancy)))
+        ends = [_checked_end("start", start, len(occupancy))]
+        ends.append(_checked_end("goal", goal, len(occupancy)))
         if occupancy.device.type == "cpu":
             return self._search(occupancy.contiguous(), *ends, *options)
         return self._search(occupancy.cpu().contiguous(), *ends, *options).to(occupancy.device)
@@ -115,17 +115,17 @@ class GridPlanner(Planner):
         """
 
 
-def _checked_end(who: str, name: str, point: Tensor, batch: int) -> NDArray[np.float32]:
+def _checked_end(name: str, point: Tensor, batch: int) -> NDArray[np.float32]:
     """Starts or goals as `[B, 2]` float32, all finite."""
     if not (isinstance(point, Tensor) and point.is_floating_point()):
         got = point.dtype if isinstance(point, Tensor) else type(point).__name__
-        raise TypeError(f"{who}: {name} must be a floating point tensor, got {got}.")
-    check_shape(who, name, point, "B, 2", (batch, 2))
+        raise TypeError(f"{name} must be a floating point tensor, got {got}.")
+    check_shape(name, point, "B, 2", (batch, 2))
     values = point.detach().to("cpu", torch.float32).contiguous().numpy()
     finite = np.isfinite(values)  # several times faster than torch on so few numbers
     if not finite.all():
         scenes = (~finite).any(-1).nonzero()[0].tolist()
-        raise ValueError(f"{who}: {name} is not finite in scene(s) {scenes}.")
+        raise ValueError(f"{name} is not finite in scene(s) {scenes}.")
     return values
 
 

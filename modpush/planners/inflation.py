@@ -29,14 +29,14 @@ def inflate(blocked: Tensor, radius: float | Tensor) -> Tensor:
         TypeError: If `blocked` is not a bool tensor.
         ValueError: If it is not `[B, H, W]`, or a radius is negative or not finite.
     """
-    check_dtype("inflate", "blocked", blocked, torch.bool)
+    check_dtype("blocked", blocked, torch.bool)
     if blocked.ndim != 3 or not all(side <= MAX_SIDE for side in blocked.shape[1:]):
         raise ValueError(
             f"inflate: blocked must be [B, H, W] with H and W up to {MAX_SIDE}, got "
             f"{list(blocked.shape)}."
         )
     height, width = blocked.shape[1:]
-    radii = clamp_radius(radius_per_scene(radius, len(blocked), "inflate"), height, width)
+    radii = clamp_radius(radius_per_scene(radius, len(blocked)), height, width)
     cells = blocked.detach().cpu().contiguous().view(torch.uint8)
     out = torch.empty_like(cells)
     run_batch(inflate_few, inflate_many, len(cells), cells.numpy(), radii, out.numpy())
@@ -44,9 +44,9 @@ def inflate(blocked: Tensor, radius: float | Tensor) -> Tensor:
 
 
 def radius_per_scene(
-    radius: float | Tensor, batch: int, who: str, name: str = "radius"
+    radius: float | Tensor, batch: int, name: str = "radius"
 ) -> NDArray[np.float64]:
-    """One radius, or one for each scene, as `[B]` float64; errors name `who` and `name`.
+    """One radius, or one for each scene, as `[B]` float64; errors name `name`.
 
     Raises:
         TypeError: If it is neither a number nor a tensor of real numbers.
@@ -54,18 +54,18 @@ def radius_per_scene(
     """
     if isinstance(radius, Tensor):
         if radius.is_complex():
-            raise TypeError(f"{who}: {name} must be real, got {radius.dtype}.")
+            raise TypeError(f"{name} must be real, got {radius.dtype}.")
         if radius.numel() not in (1, batch):
             raise ValueError(
-                f"{who}: {name} must be one number or [B] = [{batch}], got {list(radius.shape)}."
+                f"{name} must be one number or [B] = [{batch}], got {list(radius.shape)}."
             )
         values = radius.detach().double().cpu().reshape(-1).expand(batch).numpy().copy()
     elif isinstance(radius, Real) and not isinstance(radius, bool):
         values = np.full(batch, radius, dtype=np.float64)
     else:
-        raise TypeError(f"{who}: {name} must be a number or a tensor, got {radius!r}.")
+        raise TypeError(f"{name} must be a number or a tensor, got {radius!r}.")
     if not (np.isfinite(values).all() and (values >= 0).all()):
-        raise ValueError(f"{who}: {name} must be finite and >= 0, got {values.tolist()}.")
+        raise ValueError(f"{name} must be finite and >= 0, got {values.tolist()}.")
     return values
 
 

@@ -23,25 +23,23 @@ PLANNERS: dict[str, Callable[[], Planner]] = {
 """Factory of each planner, by name."""
 
 
-def make_planner(planner: Any, who: str = "make_planner") -> Planner:
+def make_planner(planner: Any) -> Planner:
     """Make a planner from its name or `"module:name"`, or check a planner object.
 
     Args:
         planner: A name in `PLANNERS`; `"module:name"` of a planner, or of a class or function that
             returns one without arguments; or such an object itself. A planner is any object with a
             method `plan(occupancy, start, goal) -> Paths`, see `Planner`.
-        who: Name of the caller, for error messages.
 
     Raises:
         ValueError: If there is no such planner.
         TypeError: If the object has no method `plan`.
     """
-    found = find_part(f"{who}: planner", planner, PLANNERS)
+    found = find_part("planner", planner, PLANNERS)
     if isinstance(found, type) or (callable(found) and not hasattr(found, "plan")):
         found = found()
     if not callable(getattr(found, "plan", None)):
         raise TypeError(
-            f"{who}: planner must have a method plan(occupancy, start, goal) -> Paths, got "
-            f"{found!r}."
+            f"planner must have a method plan(occupancy, start, goal) -> Paths, got {found!r}."
         )
     return found

@@ -158,7 +158,7 @@ class OccupancyGrid(DescribedTransform):
         key = getattr(self, f"{name}_key")
         if key is None:
             return getattr(self, name)
-        return read_key("OccupancyGrid", tensordict, key).reshape(-1)
+        return read_key(tensordict, key).reshape(-1)
 
     def _write(
         self,
@@ -176,14 +176,14 @@ class OccupancyGrid(DescribedTransform):
         """
         previous = None if before is None else before.get(self.blocked_key, None)
         image = (self.camera.height, self.camera.width)
-        depth = read_key("OccupancyGrid", tensordict, self.depth_key, 1, *image)
+        depth = read_key(tensordict, self.depth_key, 1, *image)
         lead = depth.shape[:-3]
         segmentation = position = own = None
         if self.segmentation_key is not None:
-            labels = read_key("OccupancyGrid", tensordict, self.segmentation_key, 1, *image)
+            labels = read_key(tensordict, self.segmentation_key, 1, *image)
             segmentation = labels.reshape(-1, *image)
         else:
-            pose = read_key("OccupancyGrid", tensordict, self.object_pose_key, 3)
+            pose = read_key(tensordict, self.object_pose_key, 3)
             position = pose[..., :2].reshape(-1, 2)
             own = self._radius(tensordict, "object_radius")
         if previous is not None:
@@ -230,8 +230,8 @@ class OccupancyGrid(DescribedTransform):
 
         Their index is written. The path is checked at a reset and when the cells have changed.
         """
-        pose = read_key("OccupancyGrid", tensordict, self.object_pose_key, 3)
-        goal = read_key("OccupancyGrid", tensordict, self.goal_position_key, 2)
+        pose = read_key(tensordict, self.object_pose_key, 3)
+        goal = read_key(tensordict, self.goal_position_key, 2)
         lead, batch = pose.shape[:-1], pose.shape[:-1].numel()
         start, end = (self.camera.project(p.reshape(-1, p.shape[-1])[:, :2]) for p in (pose, goal))
         stored = None if before is None else before.get(self.choice_key, None)
@@ -247,8 +247,8 @@ class OccupancyGrid(DescribedTransform):
         if previous is not None and stored is not None:
             doubtful &= (blocked != previous).flatten(1).any(-1)
         if doubtful.any():
-            check_finite("OccupancyGrid", repr(self.object_pose_key), pose)
-            check_finite("OccupancyGrid", repr(self.goal_position_key), goal)
+            check_finite(repr(self.object_pose_key), pose)
+            check_finite(repr(self.goal_position_key), goal)
         while doubtful.any():
             joined = are_connected(occupancy[doubtful], start[doubtful], end[doubtful])
             if joined.all():
@@ -277,14 +277,14 @@ class OccupancyGrid(DescribedTransform):
         Occluded cells keep their stored state.
         """
         self._write(tensordict, tensordict)
-        after = stored_next("OccupancyGrid", tensordict, self.in_keys, self.out_keys)
+        after = stored_next(tensordict, self.in_keys, self.out_keys)
         if after is not None:
             self._step(tensordict, after)
         return tensordict
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Add the two written keys."""
-        check_spec_has("OccupancyGrid", observation_spec, self.in_keys)
+        check_spec_has(observation_spec, self.in_keys)
         height, width = self.camera.height, self.camera.width
         lead, device = observation_spec.shape, observation_spec.device
         observation_spec[self.occupancy_key] = Binary(

@@ -132,10 +132,10 @@ class OccupancyMap:
     ) -> Views:
         """The arguments of the kernels, from checked ones."""
         batch, height, width = depth.shape
-        radii = radius_per_scene(radius, batch, "OccupancyMap") / self.camera.cell_size
+        radii = radius_per_scene(radius, batch) / self.camera.cell_size
         own = radii
         if object_radius is not None:
-            own = radius_per_scene(object_radius, batch, "OccupancyMap", "object_radius")
+            own = radius_per_scene(object_radius, batch, "object_radius")
             own = own / self.camera.cell_size
         segments = np.zeros((batch, 0, 0), dtype=np.uint8)
         if segmentation is not None:
@@ -178,27 +178,23 @@ class OccupancyMap:
         object_position: Tensor | None,
         previous: Tensor | None,
     ) -> None:
-        who = "OccupancyMap"
-        check_dtype(who, "depth", depth, torch.float32)
+        check_dtype("depth", depth, torch.float32)
         batch = len(depth) if depth.ndim else 1
         height, width = self.camera.height, self.camera.width
         if depth.ndim != 3 or depth.shape[1:] != (height, width):
             raise ValueError(
-                f"{who}: depth must be [B, {height}, {width}], the camera's size, got "
-                f"{list(depth.shape)}."
+                f"depth must be [B, {height}, {width}], the camera's size, got {list(depth.shape)}."
             )
-        check_depth_unit(who, depth, self.camera.z)
+        check_depth_unit(depth, self.camera.z)
         if segmentation is not None:
-            check_dtype(who, "segmentation", segmentation, torch.uint8)
-            check_shape(who, "segmentation", segmentation, "B, H, W", (batch, height, width))
+            check_dtype("segmentation", segmentation, torch.uint8)
+            check_shape("segmentation", segmentation, "B, H, W", (batch, height, width))
         if object_position is not None:
-            check_real(who, "object_position", object_position, 2)
-            check_shape(who, "object_position", object_position, "B, 2", (batch, 2))
+            check_real("object_position", object_position, 2)
+            check_shape("object_position", object_position, "B, 2", (batch, 2))
             if not object_position.isfinite().all():
-                raise ValueError(
-                    f"{who}: object_position must be finite, got {object_position.tolist()}."
-                )
+                raise ValueError(f"object_position must be finite, got {object_position.tolist()}.")
         if previous is not None:
-            check_dtype(who, "previous", previous, torch.uint8)
+            check_dtype("previous", previous, torch.uint8)
             bits = (batch, height, 8 * words_per_row(width))
-            check_shape(who, "previous", previous, "B, H, 8 * ceil(W / 64)", bits)
+            check_shape("previous", previous, "B, H, 8 * ceil(W / 64)", bits)

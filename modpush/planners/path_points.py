@@ -2,14 +2,12 @@
 
 import math
 from collections.abc import Sequence
-from numbers import Real
-from typing import Any
 
 import torch
 from torch import Tensor
 
 from modpush._batching import sum_in_order
-from modpush._checks import check_finite, check_instance, check_real
+from modpush._checks import check_finite, check_real
 from modpush.planners.paths import Paths
 
 __all__ = ["fraction_subgoal", "lookahead_subgoal", "point_along", "points_ahead"]
@@ -31,14 +29,14 @@ def point_along(waypoints: Tensor, distance: Tensor) -> Tensor:
         ValueError: If a shape differs from the expected one, a waypoint is not finite, or a distance is
             NaN.
     """
-    check_real("point_along", "waypoints", waypoints, 2)
-    check_real("point_along", "distance", distance)
+    check_real("waypoints", waypoints, 2)
+    check_real("distance", distance)
     if waypoints.ndim != 3 or waypoints.shape[1] < 2 or distance.shape != waypoints.shape[:1]:
         raise ValueError(
             f"point_along: waypoints must be [B, P >= 2, 2] and distance [B], got "
             f"{list(waypoints.shape)} and {list(distance.shape)}."
         )
-    check_finite("point_along", "waypoints", waypoints)
+    check_finite("waypoints", waypoints)
     if distance.isnan().any():
         raise ValueError(f"point_along: distance must be a number, got {distance.tolist()}.")
     return _point_along(waypoints, distance)
@@ -72,12 +70,11 @@ def fraction_subgoal(paths: Paths, fraction: float) -> Tensor:
         `[B, 2]` [px].
 
     Raises:
-        TypeError: If `paths` is not `Paths`.
         ValueError: If the fraction is not in [0, 1].
     Source: Sec. IV-B of the paper, 20 % of the global path.
     """
-    check_instance("fraction_subgoal", "paths", paths, Paths)
-    _check_number("fraction_subgoal", "fraction", fraction, 1.0)
+    if not 0 <= fraction <= 1:
+        raise ValueError(f"fraction_subgoal: fraction must be in [0, 1], got {fraction}.")
     legs = (paths.waypoints[:, 1:] - paths.waypoints[:, :-1]).norm(dim=-1)
     return _point_along(paths.waypoints, fraction * sum_in_order(legs))
 
@@ -93,12 +90,11 @@ def lookahead_subgoal(paths: Paths, distance: float) -> Tensor:
         `[B, 2]` [px].
 
     Raises:
-        TypeError: If `paths` is not `Paths`.
         ValueError: If the distance is negative or not finite.
     Source: The authors' code, in place of the fraction.
     """
-    check_instance("lookahead_subgoal", "paths", paths, Paths)
-    _check_number("lookahead_subgoal", "distance", distance, math.inf)
+    if not 0 <= distance < math.inf:
+        raise ValueError(f"lookahead_subgoal: distance must be finite and >= 0, got {distance}.")
     legs = (paths.waypoints[:, 1:] - paths.waypoints[:, :-1]).norm(dim=-1)  # [B, P-1]
     first = legs[:, 0]
     if legs.shape[1] > 1:
@@ -119,21 +115,11 @@ def points_ahead(paths: Paths, distances: Sequence[float]) -> Tensor:
         `[B, n, 2]` [px].
 
     Raises:
-        TypeError: If `paths` is not `Paths`.
         ValueError: If a distance is negative or not finite.
     """
-    check_instance("points_ahead", "paths", paths, Paths)
-    for distance in distances:
-        _check_number("points_ahead", "distances", distance, math.inf)
+    if not all(0 <= distance < math.inf for distance in distances):
+        raise ValueError(f"points_ahead: distances must be finite and >= 0, got {distances}.")
     count = len(distances)
     waypoints = paths.waypoints.repeat_interleave(count, 0)  # [B * n, P, 2]
     along = waypoints.new_tensor(distances).repeat(len(paths.waypoints))
     return _point_along(waypoints, along).reshape(len(paths.waypoints), count, 2)
-
-
-def _check_number(who: str, name: str, value: Any, most: float) -> None:
-    """Raise unless a number is finite and in [0, most]; by hand, since it is called at every step."""
-    number = isinstance(value, Real) and not isinstance(value, bool)
-    if not (number and 0 <= value <= most and math.isfinite(value)):
-        limit = f"a number in [0, {most:g}]" if math.isfinite(most) else "a finite number >= 0"
-        raise ValueError(f"{who}: {name} must be {limit}, got {value!r}.")

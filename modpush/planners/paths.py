@@ -65,22 +65,21 @@ class Paths:
             TypeError: If a path is not a tensor.
             ValueError: If a shape differs from the expected one, or `cell_size` is not positive.
         """
-        who = "Paths.from_waypoints"
-        check_value(who, "cell_size", cell_size, Positive)
-        check_real(who, "start", start, 2)
-        check_finite(who, "start", start)
+        check_value("cell_size", cell_size, Positive)
+        check_real("start", start, 2)
+        check_finite("start", start)
         if start.ndim != 2:
-            raise ValueError(f"{who}: start must be [B, 2], got {list(start.shape)}.")
+            raise ValueError(f"start must be [B, 2], got {list(start.shape)}.")
         if not isinstance(paths, Sequence) or len(paths) != len(start):
             raise ValueError(
-                f"{who}: paths must be a sequence of {len(start)}, one for each start, got {paths!r}."
+                f"paths must be a sequence of {len(start)}, one for each start, got {paths!r}."
             )
         for path in paths:
             if path is not None:
-                check_real(who, "paths", path, 2)
+                check_real("paths", path, 2)
                 if path.ndim != 2 or len(path) < 2:
                     raise ValueError(
-                        f"{who}: each of the paths must be [P >= 2, 2], got {list(path.shape)}."
+                        f"each of the paths must be [P >= 2, 2], got {list(path.shape)}."
                     )
         longest = max([2, *(len(path) for path in paths if path is not None)])
         waypoints = start[:, None].repeat(1, longest, 1).float()
@@ -108,7 +107,6 @@ class Paths:
 
 
 def check_paths(
-    who: str,
     paths: Any,
     batch: int,
     start: Tensor | None = None,
@@ -117,7 +115,6 @@ def check_paths(
     """Check the result of a planner.
 
     Args:
-        who: Name of the planner, for error messages.
         paths: The result.
         batch: Expected number of scenes.
         start: Requested starts, `[B, 2]` (u, v) [px]; None to leave them unchecked.
@@ -129,21 +126,19 @@ def check_paths(
             not finite, or such a path begins or ends elsewhere although its end is not marked as moved.
     """
     if not isinstance(paths, Paths):
-        raise TypeError(f"{who}: plan must return modpush.planners.Paths, got {type(paths)}.")
-    check_dtype(who, "waypoints", paths.waypoints, torch.float32)
+        raise TypeError(f"plan must return modpush.planners.Paths, got {type(paths)}.")
+    check_dtype("waypoints", paths.waypoints, torch.float32)
     shape = paths.waypoints.shape
     if len(shape) != 3 or shape[0] != batch or shape[1] < 2 or shape[2] != 2:
-        raise ValueError(
-            f"{who}: waypoints must be [B, P, 2] = [{batch}, P >= 2, 2], got {list(shape)}."
-        )
+        raise ValueError(f"waypoints must be [B, P, 2] = [{batch}, P >= 2, 2], got {list(shape)}.")
     for name, dtype in _DTYPES.items():
         value = getattr(paths, name)
-        check_dtype(who, name, value, dtype)
-        check_shape(who, name, value, "B", (batch,))
+        check_dtype(name, value, dtype)
+        check_shape(name, value, "B", (batch,))
     if not paths.waypoints.isfinite().all():
-        raise ValueError(f"{who}: a waypoint is not finite; fill up with the path's last point.")
+        raise ValueError("a waypoint is not finite; fill up with the path's last point.")
     if not paths.length[paths.found].isfinite().all():
-        raise ValueError(f"{who}: the length of a path that was found is not finite.")
+        raise ValueError("the length of a path that was found is not finite.")
     for name, end, asked, moved in (
         ("begin", 0, start, paths.start_moved),
         ("end", -1, goal, paths.goal_moved),
@@ -155,7 +150,7 @@ def check_paths(
         if wrong.any():
             b = int(wrong.nonzero()[0])
             raise ValueError(
-                f"{who}: the path of scene {b} must {name} at (u, v) = {asked[b].tolist()} px, got "
+                f"the path of scene {b} must {name} at (u, v) = {asked[b].tolist()} px, got "
                 f"{given[b].tolist()}; are u, along a row, and v exchanged, or is it reversed?"
             )
     return paths

@@ -102,7 +102,7 @@ class PlannerSubgoals(DescribedTransform):
         super().__init__(
             in_keys=[occupancy_key, object_pose_key, goal_position_key], out_keys=out_keys
         )
-        self.planner = make_planner(planner, "PlannerSubgoals")
+        self.planner = make_planner(planner)
         kind = type(self.planner)
         own_name = f"{kind.__module__}:{kind.__qualname__}"
         self._planner_name = planner if isinstance(planner, str) else own_name
@@ -142,25 +142,24 @@ class PlannerSubgoals(DescribedTransform):
 
     def _plan(self, tensordict: TensorDictBase) -> tuple[Paths, Tensor, Tensor]:
         """Paths of the flattened batch; object's and goal's positions `[..., 2]` [m]."""
-        who = "PlannerSubgoals"
-        occupancy = read_key(who, tensordict, self.occupancy_key)
+        occupancy = read_key(tensordict, self.occupancy_key)
         expected = (1, self.camera.height, self.camera.width)
         if occupancy.shape[-3:] != expected:
             raise ValueError(
-                f"{who}: {self.occupancy_key!r} must be [..., 1, H, W] = "
+                f"{self.occupancy_key!r} must be [..., 1, H, W] = "
                 f"[..., {', '.join(map(str, expected))}], got {list(occupancy.shape)}."
             )
-        position = read_key(who, tensordict, self.object_pose_key, 3)[..., :2]
-        goal = read_key(who, tensordict, self.goal_position_key, 2)
+        position = read_key(tensordict, self.object_pose_key, 3)[..., :2]
+        goal = read_key(tensordict, self.goal_position_key, 2)
         start, end = (self.camera.project(point).reshape(-1, 2) for point in (position, goal))
         try:
             paths = self.planner.plan(occupancy.reshape(-1, *expected[1:]), start, end)
         except ValueError:  # planners check their ends under other names
-            check_finite(who, repr(self.object_pose_key), position)
-            check_finite(who, repr(self.goal_position_key), goal)
+            check_finite(repr(self.object_pose_key), position)
+            check_finite(repr(self.goal_position_key), goal)
             raise
         if not isinstance(self.planner, GridPlanner):
-            check_paths(type(self.planner).__name__, paths, len(start), start, end)
+            check_paths(paths, len(start), start, end)
         return paths, position, goal
 
     def _subgoal(self, paths: Paths) -> Tensor:
@@ -193,7 +192,7 @@ class PlannerSubgoals(DescribedTransform):
             history = subgoal.unsqueeze(-2).repeat_interleave(max(self.lags) + 1, -2)
         else:
             history = self._history(before)
-            earlier_length = read_key("PlannerSubgoals", before, self.path_length_key)
+            earlier_length = read_key(before, self.path_length_key)
             length = torch.where(found, length, earlier_length)
             subgoal = torch.where(found, subgoal, history[..., 0, :])
             rest = history[..., :-1, :] if advance else history[..., 1:, :]
@@ -219,7 +218,7 @@ class PlannerSubgoals(DescribedTransform):
         if before is None:
             kept = goal.unsqueeze(-2).expand_as(points)
         else:
-            kept = read_key("PlannerSubgoals", before, self.path_ahead_key, *points.shape[-2:])
+            kept = read_key(before, self.path_ahead_key, *points.shape[-2:])
         return torch.where(found.unsqueeze(-1), points, kept)
 
     def _history(self, before: TensorDictBase) -> Tensor:
@@ -253,7 +252,7 @@ class PlannerSubgoals(DescribedTransform):
         The newest entry of a stored history is replaced. Observations without a history and without a
         `"next"` count as the first of an episode.
         """
-        after = stored_next("PlannerSubgoals", tensordict, self.in_keys, self.out_keys)
+        after = stored_next(tensordict, self.in_keys, self.out_keys)
         alone = after is None and tensordict.get(self.history_key, None) is None
         self._write(tensordict, None if alone else tensordict, advance=False)
         if after is not None:
@@ -262,7 +261,7 @@ class PlannerSubgoals(DescribedTransform):
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Add the written keys."""
-        check_spec_has("PlannerSubgoals", observation_spec, self.in_keys)
+        check_spec_has(observation_spec, self.in_keys)
         add_unbounded(observation_spec, self.path_length_key, 1)
         add_unbounded(observation_spec, self.subgoal_key, 2)
         add_unbounded(observation_spec, self.subgoal_past_key, len(self.lags), 2)

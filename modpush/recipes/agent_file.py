@@ -16,7 +16,6 @@ from torchrl.envs import EnvBase
 from torchrl.modules import ProbabilisticActor
 
 from modpush._arguments import checked_arguments
-from modpush._checks import check_instance
 from modpush._types import AtLeastOne, Count, Name
 from modpush._validation import checked, from_plain
 from modpush._weights import check_weights
@@ -193,9 +192,6 @@ def save_agent(
         TypeError: If the policy is not a TensorDict module, or fingerprint or metadata not a mapping.
         ValueError: If an argument is of another type or out of its range.
     """
-    check_instance("save_agent", "policy", policy, TensorDictModuleBase)
-    check_instance("save_agent", "fingerprint", fingerprint, Mapping)
-    check_instance("save_agent", "metadata", metadata or {}, Mapping)
     for name, data in (("fingerprint", fingerprint), ("metadata", metadata)):
         try:
             json.dumps(data)
@@ -352,15 +348,15 @@ def _actor(
         action=Bounded(-1.0, 1.0, (3,), dtype=torch.float32),
         encoder=None if encoder is None else make_trained_encoder(encoder),
     )
-    factory = find_part("load_agent: actor", parts.get("actor", network.actor), ACTORS)
-    who, learner = f"load_agent: {path}", TQCConfig(hidden_sizes=network.hidden_sizes)
+    factory = find_part("actor", parts.get("actor", network.actor), ACTORS)
+    learner = TQCConfig(hidden_sizes=network.hidden_sizes)
     with _default_dtype({tensor.dtype for tensor in tensors.values()}):
         if factory in ACTORS.values():  # without memory at first: a file may ask for any sizes
             with reading(path, _KIND):
                 planned = factory(replace(learner, device="meta"), specs)
-                check_weights(who, planned.state_dict(), tensors)
+                check_weights(path, planned.state_dict(), tensors)
         policy = factory(learner, specs)
-    check_weights(who, policy.state_dict(), tensors)
+    check_weights(path, policy.state_dict(), tensors)
     policy.load_state_dict(tensors)
     return policy.eval().requires_grad_(False)
 

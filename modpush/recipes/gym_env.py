@@ -48,7 +48,7 @@ class PaperGymEnv(SingleSceneEnv):
         config: PushEnvConfig | Mapping[str, Any] | None = None,
         **options: Any,
     ) -> None:
-        check_arguments("PaperGymEnv", "modpush/Push-v0", render_mode, options)
+        check_arguments("modpush/Push-v0", render_mode, options)
         if isinstance(config, Mapping):
             config = from_plain(PushEnvConfig, config)
         config = config or PushEnvConfig.preset(preset)

@@ -81,13 +81,14 @@ def push_to_hub(
         MissingExtraError: If huggingface_hub is not installed.
         OSError: If the Hub cannot be reached or refuses.
     """
-    _check_agent("push_to_hub", agent)
-    _check_texts("push_to_hub", repository=repository, licence=licence, message=message)
+    _check_agent(agent)
+    for name, text in (("repository", repository), ("licence", licence), ("message", message)):
+        check_value(name, text, Name)
     if _ADDRESS.fullmatch(f"{HUB_PREFIX}{repository}") is None or "@" in repository:
         raise ValueError(f"push_to_hub: repository must be 'owner/name', got {repository!r}.")
-    check_value("push_to_hub", "card", card, str | None)
-    check_value("push_to_hub", "private", private, bool)
-    check_value("push_to_hub", "token", token, str | None)
+    check_value("card", card, str | None)
+    check_value("private", private, bool)
+    check_value("token", token, str | None)
     if agent.source is None:
         raise ValueError(
             "push_to_hub: the agent was not read from a file; write it with save_agent and read it "
@@ -122,8 +123,9 @@ def model_card(agent: "Agent", repository: str, licence: str = "mit") -> str:
         repository: Its `"owner/name"`.
         licence: Licence of the weights.
     """
-    _check_agent("model_card", agent)
-    _check_texts("model_card", repository=repository, licence=licence)
+    _check_agent(agent)
+    check_value("repository", repository, Name)
+    check_value("licence", licence, Name)
     config = asdict(agent.config)
     entries = agent.fingerprint.get("observation", {}).get("entries", [])
     return "\n".join(
@@ -157,15 +159,10 @@ def model_card(agent: "Agent", repository: str, licence: str = "mit") -> str:
     )
 
 
-def _check_agent(who: str, agent: Any) -> None:
+def _check_agent(agent: Any) -> None:
     from modpush.recipes.agent_file import Agent  # which imports this module
 
-    check_instance(who, "agent", agent, Agent)
-
-
-def _check_texts(who: str, **texts: Any) -> None:
-    for name, text in texts.items():
-        check_value(who, name, text, Name)
+    check_instance("agent", agent, Agent)
 
 
 def _metadata_lines(metadata: Mapping[str, Any]) -> list[str]:

@@ -124,7 +124,7 @@ def make_push_env(
     if module is not None or config.encoder == END_TO_END:
         size, scale = config.window_size, METRES_PER_PIXEL
         if module is not None:
-            _, size, scale = encoder_sizes("make_push_env", module)
+            _, size, scale = encoder_sizes(module)
         transforms.append(
             EgocentricWindow(
                 config.frame, size=size, outside=config.window_outside, metres_per_pixel=scale
@@ -182,7 +182,7 @@ def _make_encoder(config: PushEnvConfig, given: Any) -> nn.Module | None:
         return None
     if given is None and config.encoder == "rays" and config.latent_dim is not None:
         return RayScan(num_rays=config.latent_dim)
-    encoder = make_encoder("make_push_env", config.encoder if given is None else given)
+    encoder = make_encoder(config.encoder if given is None else given)
     if isinstance(encoder, ConvEncoder) and any(p.requires_grad for p in encoder.parameters()):
         warnings.warn(
             "make_push_env: nothing trains the weights of this ConvEncoder. To train it with the "

@@ -1,4 +1,4 @@
-"""Replay: attentive sampling, compact storage, and buffers made from a config.
+"""Replay: attentive sampling, n-step returns, and buffers made from a config.
 
 Names are imported on first use; `__init__.pyi` lists them.
 """

@@ -1,6 +1,5 @@
 from .attentive import AttentiveSampler as AttentiveSampler
 from .buffer import make_replay_buffer as make_replay_buffer, update_priorities as update_priorities
-from .compact import CompactStorage as CompactStorage
 from .config import ReplayConfig as ReplayConfig
 from .mirror import MirrorTransitions as MirrorTransitions
 from .n_step import (

@@ -100,9 +100,7 @@ class AttentiveSampler(Sampler):
         self.k_end = _checked_k("k_end", k_end) if k_end is not None else None
         self.key = key
         self.query_key = key if query_key is None else query_key
-        self.similarity: Similarity = find_part(
-            "AttentiveSampler: similarity", similarity, SIMILARITIES
-        )
+        self.similarity: Similarity = find_part("similarity", similarity, SIMILARITIES)
         self.num_queries = num_queries
         self.candidate_replacement = candidate_replacement
         self.annealing_num_samples = annealing_num_samples
@@ -137,7 +135,7 @@ class AttentiveSampler(Sampler):
             ValueError: If the query is empty, of more dimensions, or holds NaN.
         """
         if query is not None:
-            check_instance("AttentiveSampler", "query", query, Tensor)
+            check_instance("query", query, Tensor)
             if query.ndim not in (1, 2) or not query.numel():
                 raise ValueError(
                     f"AttentiveSampler: query must be [Q, D] or [D], got {tuple(query.shape)}."
@@ -294,11 +292,10 @@ class AttentiveSampler(Sampler):
         Raises:
             ValueError: If the state is that of another kind of sampler, or a value is malformed.
         """
-        who = "AttentiveSampler.load_state_dict"
-        check_keys(who, state_dict, self.state_dict())
-        k = check_value(who, "k", state_dict["k"], Finite)
-        count = check_value(who, "num_samples", state_dict["num_samples"], NonNegativeInteger)
-        newest = check_value(who, "newest", state_dict["newest"], NonNegativeInteger | None)
+        check_keys(state_dict, self.state_dict())
+        k = check_value("k", state_dict["k"], Finite)
+        count = check_value("num_samples", state_dict["num_samples"], NonNegativeInteger)
+        newest = check_value("newest", state_dict["newest"], NonNegativeInteger | None)
         self.set_query(state_dict["query"])
         self.k, self._num_samples = k, count
         self._cursor.restore(newest)

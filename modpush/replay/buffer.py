@@ -1,7 +1,7 @@
 """A replay buffer in one call."""
 
 from collections.abc import Callable, Mapping
-from typing import Any, Self
+from typing import Any
 
 import torch
 from tensordict import TensorDictBase
@@ -10,7 +10,6 @@ from torchrl.data import (
     LazyMemmapStorage,
     LazyTensorStorage,
     RandomSampler,
-    RoundRobinWriter,
     TensorDictReplayBuffer,
 )
 from torchrl.data.replay_buffers.samplers import Sampler
@@ -20,7 +19,6 @@ from modpush._arguments import checked_arguments
 from modpush._keys import read_key
 from modpush.parts import find_part
 from modpush.replay.attentive import AttentiveSampler
-from modpush.replay.compact import CompactStorage
 from modpush.replay.config import ReplayConfig
 from modpush.replay.n_step import NStepTransform, forget_open_steps, n_step_transforms
 from modpush.replay.prioritized import PrioritizedSampler
@@ -35,8 +33,7 @@ SamplerFactory = Callable[[ReplayConfig], Sampler]
 class _ReplayBuffer(TensorDictReplayBuffer):
     """Its methods also reach what is kept beside the storage.
 
-    This is: transitions that wait for their n-step returns, batches prepared ahead, and the links
-    of a `CompactStorage`.
+    These are transitions that wait for their n-step returns, and batches prepared ahead.
     """
 
     def empty(self, empty_write_count: bool = True) -> None:
@@ -48,30 +45,8 @@ class _ReplayBuffer(TensorDictReplayBuffer):
 
     def __setitem__(self, index: Any, value: Any) -> None:
         if isinstance(value, TensorDictBase) and n_step_transforms(self):
-            read_key("ReplayBuffer[...] = value", value, "steps_to_next_obs")
+            read_key(value, "steps_to_next_obs")
         super().__setitem__(index, value)
-
-    def set_at_(self, key: NestedKey, value: Any, index: Any) -> Self:
-        if not isinstance(self.storage, CompactStorage):
-            return super().set_at_(key, value, index)
-        return self._rewrite(index, lambda rows: rows[key].copy_(torch.as_tensor(value)))
-
-    def set_(self, key: NestedKey, value: Any) -> Self:
-        return self.set_at_(key, value, slice(None))
-
-    def update_(self, input_dict_or_td: Any, clone: bool = False, **kwargs: Any) -> Self:
-        if not isinstance(self.storage, CompactStorage):
-            return super().update_(input_dict_or_td, clone, **kwargs)
-        return self._rewrite(slice(None), lambda rows: rows.update_(input_dict_or_td, **kwargs))
-
-    def _rewrite(self, index: Any, change: Callable[[TensorDictBase], Any]) -> Self:
-        """Change entries of a `CompactStorage`, which links them by their observations."""
-        with self._replay_lock:
-            slots = torch.arange(len(self.storage), device="cpu")[index].reshape(-1)
-            rows = self.storage[slots]
-            change(rows)
-            self.storage[slots] = rows
-        return self
 
 
 @checked_arguments
@@ -99,8 +74,6 @@ def make_replay_buffer(
             attentive one.
         TypeError: If the sampler's callable returns no sampler.
     """
-    if config.storage == "compact":
-        kwargs.setdefault("writer", RoundRobinWriter())  # TorchRL's default stores the index, too
     buffer = _ReplayBuffer(
         storage=_make_storage(config),
         sampler=_make_sampler(config, sampler, similarity),
@@ -134,17 +107,13 @@ def update_priorities(
     ignoring = (Sampler.update_priority, AttentiveSampler.update_priority)
     if type(buffer.sampler).update_priority in ignoring:
         return
-    priority = read_key("update_priorities", result, key)
-    buffer.update_priority(read_key("update_priorities", batch, "index"), priority)
+    priority = read_key(result, key)
+    buffer.update_priority(read_key(batch, "index"), priority)
 
 
 def _make_storage(config: ReplayConfig) -> Storage:
-    device = torch.device(config.device)
-    if config.storage == "compact":
-        keys = [config.observation_key, *config.extra_observation_keys]
-        return CompactStorage(config.capacity, keys=keys, device=device)
     storage = LazyTensorStorage if config.storage == "tensor" else LazyMemmapStorage
-    return storage(config.capacity, device=device)
+    return storage(config.capacity, device=torch.device(config.device))
 
 
 def _make_sampler(
@@ -153,7 +122,7 @@ def _make_sampler(
     similarity: str | Similarity | None,
 ) -> Sampler:
     given = config.sampler if sampler is None else sampler
-    made: Any = find_part("make_replay_buffer: sampler", given, SAMPLERS)
+    made: Any = find_part("sampler", given, SAMPLERS)
     if not isinstance(made, Sampler):
         try:
             made = made(config)
@@ -173,7 +142,7 @@ def _make_sampler(
                 "make_replay_buffer: similarity is for attentive samplers, got a "
                 f"{type(made).__name__}."
             )
-        made.similarity = find_part("make_replay_buffer: similarity", similarity, SIMILARITIES)
+        made.similarity = find_part("similarity", similarity, SIMILARITIES)
     return made
 
 

@@ -12,7 +12,6 @@ from modpush._types import (
     Name,
     NonNegative,
     NonNegativeInteger,
-    Several,
 )
 from modpush._validation import checked
 from modpush.parts import part_module
@@ -51,13 +50,10 @@ class ReplayConfig:
     """Prioritized sampling: exponent of the priorities."""
     priority_beta: NonNegative = 0.4
     """Prioritized sampling: exponent of the importance weights."""
-    storage: Literal["tensor", "memmap", "compact"] = "tensor"
-    """Where transitions are stored: in memory, on disk, or in memory with each observation only
-    once."""
+    storage: Literal["tensor", "memmap"] = "tensor"
+    """Where transitions are stored: in memory or on disk."""
     observation_key: Name = "observation"
-    """Key of the observation that samplers compare and that the compact storage holds only once."""
-    extra_observation_keys: Several[Name] = ()
-    """Further observation keys that the compact storage holds only once, such as "window"."""
+    """Key of the observation that samplers compare."""
     n_steps: Count = 1
     """Number of steps whose rewards are summed before the target bootstraps. Above 1, fill the
     buffer with `extend_rollout`."""

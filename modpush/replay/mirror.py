@@ -57,14 +57,14 @@ class MirrorTransitions(DescribedTransform):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Mirror transitions `[B]`; the tensordict itself stays as it is."""
         batch = tensordict.copy()
-        action = read_key("MirrorTransitions", batch, self.action_key)
+        action = read_key(batch, self.action_key)
         chosen = torch.rand(*batch.shape, 1, device="cpu") < self.fraction  # alike on all devices
         chosen = chosen.to(action.device)
         for place in ((), ("next",)):
             observation_key = unravel_key((*place, self.observation_key))
             mirrored_key = unravel_key((*place, self.mirrored_key))
-            observation = read_key("MirrorTransitions", batch, observation_key)
-            mirrored = read_key("MirrorTransitions", batch, mirrored_key)
+            observation = read_key(batch, observation_key)
+            mirrored = read_key(batch, mirrored_key)
             batch.set(observation_key, torch.where(chosen, mirrored, observation))
             batch = batch.exclude(mirrored_key)
         signs = self.signs.to(action)

@@ -9,9 +9,7 @@ from torchrl.data import TensorDictReplayBuffer
 from torchrl.envs.transforms import MultiStepTransform
 
 from modpush._arguments import checked_arguments
-from modpush._checks import check_instance
 from modpush._types import Count, Fraction
-from modpush._validation import check_value
 
 __all__ = ["NStepTransform", "extend_rollout", "forget_open_steps", "n_step_transforms"]
 
@@ -80,8 +78,9 @@ class NStepTransform(MultiStepTransform):
         self._buffer = waiting if state["waiting"] else None
 
 
+@checked_arguments
 def extend_rollout(
-    buffer: TensorDictReplayBuffer, transitions: TensorDictBase, num_envs: int
+    buffer: TensorDictReplayBuffer, transitions: TensorDictBase, num_envs: Count
 ) -> Tensor:
     """Store the transitions of several environments over some steps, whatever the buffer's `n_steps`.
 
@@ -96,9 +95,6 @@ def extend_rollout(
     Raises:
         ValueError: If the transitions are not as many for each environment.
     """
-    check_instance("extend_rollout", "buffer", buffer, TensorDictReplayBuffer)
-    check_instance("extend_rollout", "transitions", transitions, TensorDictBase)
-    check_value("extend_rollout", "num_envs", num_envs, Count)
     if transitions.ndim != 1 or len(transitions) % num_envs:
         raise ValueError(
             f"extend_rollout: transitions must be [T * num_envs] for {num_envs} environments, got "
@@ -110,6 +106,7 @@ def extend_rollout(
     return buffer.extend(transitions)
 
 
+@checked_arguments
 def forget_open_steps(buffer: TensorDictReplayBuffer) -> None:
     """Drop the transitions that wait for their n-step returns.
 
@@ -119,7 +116,6 @@ def forget_open_steps(buffer: TensorDictReplayBuffer) -> None:
     Args:
         buffer: From `make_replay_buffer`.
     """
-    check_instance("forget_open_steps", "buffer", buffer, TensorDictReplayBuffer)
     for transform in n_step_transforms(buffer):
         transform.forget()
 

@@ -118,17 +118,16 @@ class PrioritizedSampler(TorchRLPrioritizedSampler):
         Raises:
             ValueError: If the state is that of another kind of sampler, or of another capacity.
         """
-        who = "PrioritizedSampler.load_state_dict"
-        check_keys(who, state_dict, self.state_dict())
+        check_keys(state_dict, self.state_dict())
         weights = torch.as_tensor(state_dict["weights"], dtype=torch.float64)
         if weights.shape != (self._max_capacity,) or not (weights >= 0).all():
             raise ValueError(
-                f"{who}: weights must be {self._max_capacity} numbers >= 0, the capacity, got shape "
+                f"weights must be {self._max_capacity} numbers >= 0, the capacity, got shape "
                 f"{list(weights.shape)}."
             )
-        alpha, beta = (check_value(who, k, state_dict[k], NonNegative) for k in ("alpha", "beta"))
-        eps = check_value(who, "eps", state_dict["eps"], Positive)
-        largest = check_value(who, "max_priority", state_dict["max_priority"], _MaxPriority)
+        alpha, beta = (check_value(k, state_dict[k], NonNegative) for k in ("alpha", "beta"))
+        eps = check_value("eps", state_dict["eps"], Positive)
+        largest = check_value("max_priority", state_dict["max_priority"], _MaxPriority)
         self._alpha, self._beta, self._eps = alpha, beta, eps
         self._init()
         written = weights.nonzero().flatten()

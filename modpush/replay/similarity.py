@@ -5,6 +5,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
+from modpush._arguments import checked_arguments
 from modpush._checks import check_instance
 
 __all__ = ["SIMILARITIES", "LatentSimilarity", "Similarity", "cosine", "negative_l2"]
@@ -28,7 +29,7 @@ def cosine(candidates: Tensor, queries: Tensor) -> Tensor:
         ValueError: If the shapes do not belong together.
     Source: Sun et al. (2020), "Attentive Experience Replay".
     """
-    _check_pairs("cosine", candidates, queries)
+    _check_pairs(candidates, queries)
     dot = torch.matmul(candidates, queries.unsqueeze(-1)).squeeze(-1)
     # Row norms through einsum: a third of the time of `vector_norm` on a strided batch.
     norms = torch.linalg.vecdot(candidates, candidates).sqrt_()
@@ -50,18 +51,18 @@ def negative_l2(candidates: Tensor, queries: Tensor) -> Tensor:
         TypeError: If one of them is not a tensor.
         ValueError: If the shapes do not belong together.
     """
-    _check_pairs("negative_l2", candidates, queries)
+    _check_pairs(candidates, queries)
     return -torch.linalg.vector_norm(candidates - queries.unsqueeze(-2), dim=-1)
 
 
-def _check_pairs(who: str, candidates: Tensor, queries: Tensor) -> None:
-    check_instance(who, "candidates", candidates, Tensor)
-    check_instance(who, "queries", queries, Tensor)
+def _check_pairs(candidates: Tensor, queries: Tensor) -> None:
+    check_instance("candidates", candidates, Tensor)
+    check_instance("queries", queries, Tensor)
     if candidates.ndim != 3:
-        raise ValueError(f"{who}: candidates must be [Q, C, D], got {list(candidates.shape)}.")
+        raise ValueError(f"candidates must be [Q, C, D], got {list(candidates.shape)}.")
     if queries.shape != (candidates.shape[0], candidates.shape[2]):
         raise ValueError(
-            f"{who}: queries must be [Q, D] for candidates [Q, C, D] = {list(candidates.shape)}, got "
+            f"queries must be [Q, D] for candidates [Q, C, D] = {list(candidates.shape)}, got "
             f"{list(queries.shape)}."
         )
 
@@ -78,10 +79,8 @@ class LatentSimilarity:
         similarity: Compares the embeddings.
     """
 
+    @checked_arguments
     def __init__(self, encoder: nn.Module, similarity: Similarity = cosine) -> None:
-        check_instance("LatentSimilarity", "encoder", encoder, nn.Module)
-        if not callable(similarity):
-            raise TypeError(f"LatentSimilarity: similarity must be a function, got {similarity!r}.")
         self.encoder = encoder
         self.similarity = similarity
 

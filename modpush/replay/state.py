@@ -6,7 +6,6 @@ from tensordict import TensorDict, is_tensor_collection
 from torchrl.data import TensorDictReplayBuffer
 from torchrl.data.replay_buffers.storages import TensorStorage
 
-from modpush.replay.compact import CompactStorage
 from modpush.replay.n_step import n_step_transforms
 
 __all__ = ["buffer_state", "load_buffer_state"]
@@ -31,7 +30,6 @@ def buffer_state(buffer: TensorDictReplayBuffer) -> dict[str, Any]:
     return {
         "length": len(storage),
         "contents": contents,
-        "links": storage.links_state() if isinstance(storage, CompactStorage) else None,
         "sampler": dict(buffer.sampler.state_dict()),
         "writer": buffer.writer.state_dict(),
         "waiting": [transform.waiting for transform in n_step_transforms(buffer)],
@@ -44,11 +42,8 @@ def load_buffer_state(buffer: TensorDictReplayBuffer, state: dict[str, Any]) -> 
     if length:
         rows = state["contents"]
         data = TensorDict(rows, batch_size=[length]) if isinstance(rows, dict) else rows
-        if isinstance(storage, CompactStorage):
-            storage.load_contents(data, state["links"])
-        else:
-            storage.set(range(length), data, set_cursor=False)
-            storage._len = length  # without a cursor it is not counted
+        storage.set(range(length), data, set_cursor=False)
+        storage._len = length  # without a cursor it is not counted
     buffer.sampler.load_state_dict(state["sampler"])
     buffer.writer.load_state_dict(state["writer"])
     for transform, waiting in zip(n_step_transforms(buffer), state["waiting"], strict=True):

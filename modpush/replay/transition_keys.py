@@ -33,7 +33,7 @@ class KeepTransition:
 
     def __init__(self, *extra: NestedKey) -> None:
         for key in extra:
-            check_value("KeepTransition", "extra", key, Key)
+            check_value("extra", key, Key)
         self.keys = (*TRANSITION_KEYS, *extra)
 
     def __call__(self, data: TensorDictBase) -> TensorDictBase:
@@ -42,7 +42,7 @@ class KeepTransition:
         Raises:
             KeyError: If one is missing; the message lists the keys.
         """
-        check_instance("KeepTransition", "data", data, TensorDictBase)
+        check_instance("data", data, TensorDictBase)
         for key in self.keys:
-            read_key("KeepTransition", data, key)
+            read_key(data, key)
         return data.select(*self.keys)

@@ -1,7 +1,6 @@
-"""Checkpoints of a training run: one sealed file each."""
+"""Checkpoints of a training run: one file each, with a checksum."""
 
 import re
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -27,24 +26,21 @@ class Checkpoints:
     def paths(self) -> list[Path]:
         """All checkpoints, the newest last."""
         files = self.folder.iterdir() if self.folder.is_dir() else ()
-        return sorted((path for path in files if _NAME.fullmatch(path.name)), key=self.step)
+        return sorted(filter(self.is_checkpoint, files), key=self.step)
 
     def latest(self) -> Path | None:
         """The newest checkpoint, if there is one."""
-        paths = self.paths()
-        return paths[-1] if paths else None
+        return max(self.paths(), key=self.step, default=None)
 
     @staticmethod
     def is_checkpoint(path: Path) -> bool:
-        """Whether a path has a checkpoint's name."""
+        """True if a path has a checkpoint's name."""
         return _NAME.fullmatch(path.name) is not None
 
     @staticmethod
     def step(path: Path) -> int:
         """Environment steps after which a checkpoint was written."""
-        found = _NAME.fullmatch(path.name)
-        assert found is not None
-        return int(found[1])
+        return int(path.stem.removeprefix("step-"))
 
     def save(self, step: int, state: dict[str, Any]) -> None:
         """Write a checkpoint, then remove those that are too old.
@@ -52,36 +48,23 @@ class Checkpoints:
         Raises:
             OSError: If it cannot be written; those before stay.
         """
-        write_state(
-            self.folder / f"step-{step:09d}.safetensors", state, CHECKPOINT_KIND, CHECKPOINT_VERSION
-        )
-        for path in self.paths()[: -self.keep]:
-            path.unlink()
+        path = self.folder / f"step-{step:09d}.safetensors"
+        write_state(path, state, CHECKPOINT_KIND, CHECKPOINT_VERSION)
+        for old in self.paths()[: -self.keep]:
+            old.unlink()
 
     def load(self) -> dict[str, Any]:
-        """The state in the newest intact checkpoint; damaged ones are renamed, with a warning.
+        """The state in the newest checkpoint.
 
         Raises:
             FileNotFoundError: If there is none.
-            ValueError: If all are damaged.
+            ValueError: If it is damaged; without its file a run resumes from the checkpoint before.
         """
-        if not self.paths():
+        newest = self.latest()
+        if newest is None:
             raise FileNotFoundError(f"Checkpoints: {self.folder} holds no checkpoint.")
-        errors = []
-        for path in reversed(self.paths()):
-            try:
-                state: dict[str, Any] = read_state(path, CHECKPOINT_KIND, CHECKPOINT_VERSION)
-                break
-            except ValueError as error:
-                errors.append((path, error))
-        else:
-            reasons = "; ".join(str(error) for _, error in errors)
-            raise ValueError(f"Checkpoints: no checkpoint in {self.folder} is intact: {reasons}")
-        for damaged, reason in errors:
-            damaged.rename(damaged.with_name(f"{damaged.name}.damaged"))
-            warnings.warn(
-                f"Checkpoints: {reason} It was renamed to {damaged.name}.damaged; the run continues "
-                f"from the one before, {path.name}.",
-                stacklevel=2,
-            )
+        try:
+            state: dict[str, Any] = read_state(newest, CHECKPOINT_KIND, CHECKPOINT_VERSION)
+        except ValueError as error:
+            raise ValueError(f"{error} Delete the file to resume from the one before.") from error
         return state

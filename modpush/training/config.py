@@ -155,22 +155,13 @@ class TrainConfig:
         return self.tqc.learning_starts if scripted else 0
 
     def filled_replay(self) -> ReplayConfig:
-        """The replay buffer's config with what follows from the rest of the run.
+        """The replay buffer's config with the values that follow from the rest of the run.
 
-        One query for each scene, unless their number is given; the learner's discount for n-step
-        returns; and images that the learner encodes and mirrored observations are stored once, like
-        the observation.
+        One query for each scene, unless their number is given, and the learner's discount for n-step
+        returns.
         """
-        replay = self.replay
-        queries = self.env.num_envs if replay.num_queries is None else replay.num_queries
-        images = (self.tqc.image_key,) if self.env.encoder == END_TO_END else ()
-        mirrored = ("mirrored_observation",) if self.mirror else ()
-        return replace(
-            replay,
-            num_queries=queries,
-            gamma=self.tqc.gamma,
-            extra_observation_keys=(*replay.extra_observation_keys, *images, *mirrored),
-        )
+        queries = self.replay.num_queries or self.env.num_envs
+        return replace(self.replay, num_queries=queries, gamma=self.tqc.gamma)
 
     def differences(self, stored: "TrainConfig") -> list[str]:
         """Fields that differ from a stored run's and may not, as `"name: stored -> now"`."""

@@ -9,7 +9,6 @@ from torchrl.record.loggers import get_logger
 from modpush._extras import require_extra
 from modpush.files import write_text
 from modpush.training.config import TrainConfig
-from modpush.training.disk import DiskGuard
 from modpush.training.run_folder import RunFolder
 
 __all__ = ["RunLog"]
@@ -28,23 +27,21 @@ _METRICS = (
 class RunLog:
     """Writes the log's tables, and sends the same numbers to TorchRL's loggers.
 
-    The rows are kept in memory and in the checkpoints; the tables are written anew with every row, so
-    that nothing is missing once a full disk has space again. TorchRL's loggers begin anew with
-    `begin`, so that they hold the same rows.
+    The rows are kept in memory and in the checkpoints; the tables are written again with every row.
+    TorchRL's loggers start again with `begin`, so that they hold the same rows.
 
     Args:
         config: The run's configuration, which names TorchRL's loggers.
         folder: The run's folder.
-        guard: What lets the run go on where a table cannot be written.
 
     Raises:
         MissingExtraError: If TensorBoard is asked for and not installed.
     """
 
-    def __init__(self, config: TrainConfig, folder: RunFolder, guard: DiskGuard) -> None:
+    def __init__(self, config: TrainConfig, folder: RunFolder) -> None:
         if "tensorboard" in config.loggers:
             require_extra("RunLog: the logger 'tensorboard'", "tensorboard")
-        self.folder, self._guard = folder, guard
+        self.folder = folder
         self.rows: list[dict[str, float]] = []
         """Rows of the training log."""
         self.evaluations: list[dict[str, float]] = []
@@ -55,12 +52,11 @@ class RunLog:
     def begin(self) -> None:
         """Write a checkpoint's rows, or none; what the folder holds beyond them is dropped."""
         self.write_tables()
-        with self._guard("the log of TorchRL's loggers"):
-            for name in self._names:
-                path = self.folder.path / "logs" / name
-                shutil.rmtree(path, ignore_errors=True)
-                logger = get_logger(name, logger_name=str(path), experiment_name="train")
-                self._loggers.append(logger)
+        for name in self._names:
+            path = self.folder.path / "logs" / name
+            shutil.rmtree(path, ignore_errors=True)
+            logger = get_logger(name, logger_name=str(path), experiment_name="train")
+            self._loggers.append(logger)
         for row in self.rows:
             self._send(int(row["step"]), {name: row[name] for name in row if name != "step"})
         for row in self.evaluations:
@@ -95,25 +91,22 @@ class RunLog:
             (self.folder.log, self.rows),
             (self.folder.evaluations, self.evaluations),
         ):
-            with self._guard(path.name):
-                if rows:
-                    write_text(path, pd.DataFrame(rows).to_csv(index=False))
-                else:
-                    path.unlink(missing_ok=True)
+            if rows:
+                write_text(path, pd.DataFrame(rows).to_csv(index=False))
+            else:
+                path.unlink(missing_ok=True)
 
     def _send(self, step: int, row: dict[str, float]) -> None:
-        with self._guard("the log of TorchRL's loggers"):
-            for logger in self._loggers:
-                for name, value in row.items():
-                    logger.log_scalar(name, value, step=step)
+        for logger in self._loggers:
+            for name, value in row.items():
+                logger.log_scalar(name, value, step=step)
 
     def close(self) -> None:
         """Flush what is buffered."""
-        with self._guard("the log of TorchRL's loggers"):
-            for logger in self._loggers:
-                writer = getattr(logger.experiment, "close", None)
-                if writer is not None:
-                    writer()
+        for logger in self._loggers:
+            writer = getattr(logger.experiment, "close", None)
+            if writer is not None:
+                writer()
 
 
 def _as_sent(evaluation: dict[str, float]) -> dict[str, float]:

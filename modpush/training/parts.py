@@ -25,12 +25,11 @@ REPLAY_PARTS = ("sampler", "similarity")
 
 
 def check_parts(
-    who: str, config: TrainConfig, parts: Mapping[str, Any] | None, *, pickled: bool = False
+    config: TrainConfig, parts: Mapping[str, Any] | None, *, pickled: bool = False
 ) -> None:
     """Refuse parts of an unknown kind, and those that another process could not be given.
 
     Args:
-        who: What was given the parts, for error messages.
         config: The run's configuration.
         parts: Parts by kind.
         pickled: Whether they go to a spawned process.
@@ -40,26 +39,25 @@ def check_parts(
     """
     known = (*ENV_PARTS, *LEARNER_PARTS, *REPLAY_PARTS)
     if unknown := sorted(set(parts or {}) - set(known)):
-        raise ValueError(f"{who}: parts has no {unknown}, expected some of {sorted(known)}.")
+        raise ValueError(f"parts has no {unknown}, expected some of {sorted(known)}.")
     if config.env.encoder == END_TO_END and not (config.tqc.encoder or "encoder" in (parts or {})):
         raise ValueError(
-            f"{who}: env.encoder={END_TO_END!r} needs an encoder for the learner to train: "
+            f"env.encoder={END_TO_END!r} needs an encoder for the learner to train: "
             "tqc.encoder='modpush.encoders:ConvEncoder', 'module:name', or parts={'encoder': ...}."
         )
     if config.tqc.encoder and config.env.encoder != END_TO_END:
         raise ValueError(
-            f"{who}: tqc.encoder={config.tqc.encoder!r} needs env.encoder={END_TO_END!r}, which "
+            f"tqc.encoder={config.tqc.encoder!r} needs env.encoder={END_TO_END!r}, which "
             f"gives it images to encode, got {config.env.encoder!r}."
         )
     for kind, part in (parts or {}).items() if pickled else ():
-        check_picklable(who, f"parts[{kind!r}]", part)
+        check_picklable(f"parts[{kind!r}]", part)
 
 
-def check_picklable(who: str, name: str, part: Any) -> None:
+def check_picklable(name: str, part: Any) -> None:
     """Refuse what a spawned process could not be given.
 
     Args:
-        who: What was given it, for the error message.
         name: Its name there.
         part: What is to be pickled.
 
@@ -70,7 +68,7 @@ def check_picklable(who: str, name: str, part: Any) -> None:
         pickle.dumps(part)
     except Exception as error:
         raise ValueError(
-            f"{who}: {name} must be picklable, since the environment runs in a process "
+            f"{name} must be picklable, since the environment runs in a process "
             f"of its own ({error}). Define it at the top level of a module, or use "
             "async_collection=False."
         ) from error

@@ -32,7 +32,7 @@ def _cpu() -> TrainConfig:
     return TrainConfig(
         env=PushEnvConfig.preset("cpu"),
         tqc=TQCConfig.preset("cpu", updates_per_step=1 / 12, learning_starts=10_000),
-        replay=ReplayConfig(batch_size=256, storage="compact", n_steps=3),
+        replay=ReplayConfig(batch_size=256, n_steps=3),
         # The scripted pusher's transitions show what reaching the goal is worth, so that no easy episodes
         # are needed; and a policy that has only pushed in free space learns anew among obstacles.
         curriculum=_NO_CURRICULUM,
@@ -86,7 +86,7 @@ def _smoke() -> TrainConfig:
             num_envs=2, max_episode_steps=20, encoder="rays", scene=("free", "posts")
         ),
         tqc=replace(cpu.tqc, hidden_sizes=(16,), batch_size=16, learning_starts=64),
-        replay=ReplayConfig(batch_size=16, capacity=10_000, storage="compact"),
+        replay=ReplayConfig(batch_size=16, capacity=10_000),
         curriculum=CurriculumConfig(
             phases=(Phase(scenes=("free",)), Phase(first_stage=10)),
             window=4,

@@ -81,7 +81,6 @@ class SceneCollector(BaseCollector):
         curriculum: Any = self.worker.curriculum
         curriculum.outcomes = ()
         rollout = self.worker.collect(self._length, self._weights)
-        self.worker.forget_history()  # it is never asked for here, and would grow to the run's end
         begins, self._begins = self._begins, False
         about = {"source": self._index, "begins": begins, "version": self._version}
         return replace(rollout, **about, outcomes=list(curriculum.outcomes))
@@ -201,9 +200,6 @@ class RayWorker(Worker):
             success_by_family=self._curriculum.scene_success_rates,
             behind=self._version - rollout.version,
         )
-
-    def _history(self) -> None:
-        return None
 
     def _get_state(self) -> dict[str, Any]:
         return self._curriculum.state_dict()

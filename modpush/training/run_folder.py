@@ -66,7 +66,7 @@ class RunFolder:
     def stored_config(self) -> TrainConfig:
         """The same, to compare it with another: its parts may be in any modules, so do not make them."""
         with reading(self.config, _KIND):
-            data = read_yaml(self.config, _KIND, _VERSION)
+            data = read_yaml(self.config, _KIND)
             try:
                 return from_plain(TrainConfig, data)
             except ValueError as error:

@@ -1,6 +1,5 @@
 """The side of training that acts: scenes, exploration, curriculum and evaluation."""
 
-import copy
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -9,7 +8,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from tensordict import NestedKey, TensorDict, TensorDictBase
-from torch import Tensor
 from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
 
 from modpush.agents.tqc.build import make_tqc
@@ -86,8 +84,6 @@ class SceneWorker:
             *(("next", key) for key in (*observed, *_FLAGS)),
         ]
         self._td: TensorDictBase | None = None
-        self._restarted: dict[str, Any] = {}
-        self._actions: list[Tensor] = []
         self._sums = torch.zeros(num_envs, 4)  # steps, return, contact, collision of the episode
 
     def specs(self) -> WorkerSpecs:
@@ -102,8 +98,6 @@ class SceneWorker:
 
     def restart(self, seed: int) -> None:
         """Begin new episodes in all scenes, drawn from a seed."""
-        self._restarted = {"seed": seed, "curriculum": copy.deepcopy(self.get_state())}
-        self._actions.clear()
         self.env.set_seed(seed)
         torch.manual_seed(seed)
         self._td = self.env.reset()
@@ -133,7 +127,6 @@ class SceneWorker:
         td, rows, episodes = self._td, [], []
         for _ in range(steps):
             td = self._first_action(td) if random else self._act(td)
-            self._actions.append(td["action"].clone())
             td, following = self.env.step_and_maybe_reset(td)
             rows.append(td.select(*self._stored))
             episodes += self._ended_episodes(td["next"], random)
@@ -147,36 +140,6 @@ class SceneWorker:
             level=self.curriculum.level,
             success_by_family=self.curriculum.scene_success_rates,
         )
-
-    def history(self) -> dict[str, Any]:
-        """What brought the scenes to where they are since they began anew, for `replay`."""
-        return {
-            **self._restarted,
-            "actions": torch.stack(self._actions) if self._actions else torch.zeros(0),
-            "random_state": torch.get_rng_state(),
-        }
-
-    def forget_history(self) -> None:
-        """Drop what `history` would tell, where nobody will ask for it."""
-        self._actions.clear()
-
-    @torch.no_grad()
-    def replay(self, history: dict[str, Any]) -> None:
-        """Bring the scenes to where those were that a `history` is of, by acting as they did.
-
-        What the environment itself draws from torch's generator, such as `DepthNoise`, is drawn anew.
-        """
-        self.set_state(history["curriculum"])
-        self.restart(history["seed"])
-        td = self._td
-        assert td is not None
-        for action in history["actions"]:
-            self._actions.append(action.clone())
-            td, following = self.env.step_and_maybe_reset(td.set("action", action.clone()))
-            self._ended_episodes(td["next"], random=True)
-            td = following
-        self._td = td
-        torch.set_rng_state(history["random_state"].clone())
 
     def _first_action(self, td: TensorDictBase) -> TensorDictBase:
         return self.env.rand_action(td) if self._first_policy is None else self._first_policy(td)

@@ -13,7 +13,6 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from modpush._arguments import checked_arguments
-from modpush._atomic import clean_leftovers
 from modpush._folder_lock import FolderLock
 from modpush._threads import torch_threads
 from modpush._types import Count
@@ -21,7 +20,6 @@ from modpush.recipes.make_env import make_push_env
 from modpush.replay.buffer import make_replay_buffer
 from modpush.training.bar import TrainingBar, quiet_torchrl
 from modpush.training.config import TrainConfig
-from modpush.training.disk import DiskGuard
 from modpush.training.held_out import EvaluationProgress, HeldOutEpisodes, held_out_score
 from modpush.training.learner import Learner, weights_of
 from modpush.training.log import RunLog
@@ -34,7 +32,6 @@ from modpush.training.trainer_state import load_trainer_state, save_trained_agen
 from modpush.training.warm_start import load_initial_weights
 from modpush.training.worker import (
     CollectionEndedError,
-    Done,
     InlineWorker,
     Pending,
     ProcessWorker,
@@ -93,9 +90,9 @@ class Trainer:
             )
         own_process = config.async_collection and start_method == "spawn"
         spawned = own_process or config.collector == "ray"
-        check_parts("Trainer", config, parts, pickled=spawned)
+        check_parts(config, parts, pickled=spawned)
         if spawned:
-            check_picklable("Trainer", "make_env", make_env)
+            check_picklable("make_env", make_env)
         make_replay_buffer(config.filled_replay(), **replay_parts(parts))  # refused before all else
         self.config, self.parts, self.make_env = config, dict(parts or {}), make_env
         self.threads = threads
@@ -110,11 +107,8 @@ class Trainer:
             raise
 
     def _begin(self, resume: bool, start_method: StartMethod) -> None:
-        self.guard = DiskGuard()
         self._progress = EvaluationProgress()
         self._workers_progress = EvaluationProgress(self._progress)
-        clean_leftovers(self.folder.path)
-        clean_leftovers(self.folder.checkpoints.folder)
         self.worker = self._make_worker(start_method)
         self.held_out: HeldOutEpisodes | None = None
         """Runs this process's share of the held-out episodes, where it has one."""
@@ -154,10 +148,6 @@ class Trainer:
         self.seconds_waited = 0.0
         """Time that the learner waited for rollouts since the log was last written [s]."""
         self.curriculum_state: dict[str, Any] = {}
-        self.ahead: Rollout | None = None
-        """The rollout after the one that was learned from last, of an interrupted run."""
-        self.history: dict[str, Any] | None = None
-        """What brought the scenes to where they are after `ahead`."""
         self.evaluation_due = False
         """Whether the evaluation after the last rollout was interrupted."""
         self.finished = False
@@ -166,7 +156,7 @@ class Trainer:
         self.bar = TrainingBar(replace(config, progress=False))
         self.episodes: dict[str, list[float]] = defaultdict(list)
         """What the episodes reported since the log was last written, by name."""
-        self.log = RunLog(config, self.folder, self.guard)
+        self.log = RunLog(config, self.folder)
         if resume and self.folder.checkpoints.latest() is None:
             warnings.warn(
                 f"Trainer: the run in {self.folder.path} ended before its first checkpoint; it begins "
@@ -178,8 +168,7 @@ class Trainer:
         if config.init_from and not self.steps:
             load_initial_weights(self.learner, config, self.specs, self.parts)
         self.log.begin()
-        with self.guard(self.folder.config.name):
-            self.folder.write_config(config)
+        self.folder.write_config(config)
         self._began = time.perf_counter() - self.seconds
         self._mark = (self._began + self.seconds, self.steps, self.learner.updates)
 
@@ -203,8 +192,8 @@ class Trainer:
         """Train until `total_steps` or `max_minutes`, or until SIGINT (Ctrl-C), SIGTERM or SIGHUP.
 
         A signal ends the run after the present rollout, or at once within an evaluation, with a
-        checkpoint from which it continues as if it had not been interrupted. A second signal ends it at
-        once; it then continues from the previous checkpoint.
+        checkpoint from which it continues with new episodes. A second signal ends it at once; it then
+        continues from the previous checkpoint.
 
         Returns:
             The best evaluation (`held_out_score`), a row of `evaluations.csv`; empty before the first.
@@ -238,7 +227,8 @@ class Trainer:
         self.finished = self.steps >= self.config.total_steps or (self.ended and evaluated)
         while not self.finished:
             if self.interrupted and self.steps != self._saved_at:
-                self._save_as_it_is(pending)
+                self.worker.discard()
+                self.save()
             self._check_interrupt()
             pending = self._iterate(pending)
         if self.evaluation_due:
@@ -254,37 +244,14 @@ class Trainer:
                 else f"Stopped; a checkpoint is in {self.folder.path}. Continue with resume=True."
             )
 
-    def _first_rollout(self) -> Pending[Rollout] | Done[Rollout]:
-        if self.ahead is not None and self.config.collector == "ray":
-            self._take(self.ahead)  # of a run on one machine; the scenes cannot go on elsewhere
-        elif self.ahead is not None and self.history is not None:
-            self.worker.call(SceneWorker.replay, self.history)
-            return Done(self.ahead)
+    def _first_rollout(self) -> Pending[Rollout]:
         self.learner.forget_open_steps()
         if self.curriculum_state:
             self.worker.call(SceneWorker.set_state, self.curriculum_state)
         self.worker.call(SceneWorker.restart, self.worker_seed())
         return self.collect()
 
-    def _save_as_it_is(self, pending: Pending[Rollout] | Done[Rollout]) -> None:
-        """Write a checkpoint from which the run continues as if uninterrupted.
-
-        The scenes do not begin anew. A simulator's state cannot be written to the last bit, so the
-        actions since they last did are saved, and repeated when the run is resumed. Those on a Ray
-        cluster begin anew.
-        """
-        ahead = pending.result()
-        if self.config.collector == "ray":
-            self._take(ahead)
-            self.save()
-            return
-        history = self.worker.call(SceneWorker.history)
-        self.seconds = time.perf_counter() - self._began
-        self._write_checkpoint(trainer_state(self, ahead, history))
-
-    def _iterate(
-        self, pending: Pending[Rollout] | Done[Rollout]
-    ) -> Pending[Rollout] | Done[Rollout]:
+    def _iterate(self, pending: Pending[Rollout]) -> Pending[Rollout]:
         """Take one rollout, have the next one collected, and learn meanwhile."""
         config = self.config
         asked = time.perf_counter()
@@ -318,12 +285,6 @@ class Trainer:
             pending = self.collect()
         return pending
 
-    def _take(self, rollout: Rollout) -> None:
-        """Store a rollout and learn from it."""
-        before = self.steps
-        self.store(rollout)
-        self.learner.learn(before, self.steps)
-
     def close(self) -> None:
         """End the worker and the logs, and let others write to the folder."""
         self.worker.close()
@@ -342,13 +303,7 @@ class Trainer:
         self.worker.call(SceneWorker.restart, self.worker_seed())
         if self.config.collector == "local":  # on a cluster the scenes are not restarted
             self.learner.forget_open_steps()
-        self._write_checkpoint(trainer_state(self))
-
-    def _write_checkpoint(self, state: dict[str, Any]) -> None:
-        with self.guard("the checkpoint"):
-            if not self.folder.config.exists():  # the disk was full at the beginning
-                self.folder.write_config(self.config)
-            self.folder.checkpoints.save(self.steps, state)
+        self.folder.checkpoints.save(self.steps, trainer_state(self))
 
     def worker_seed(self) -> int:
         """Seed of the scenes after the newest checkpoint.
@@ -420,11 +375,9 @@ class Trainer:
             return
         rows = pd.DataFrame(found)
         summary = self.log.write_evaluation(self.steps, self.learner.updates, self.minutes(), rows)
-        with self.guard(self.folder.last_agent.name):
-            save_trained_agent(self, self.folder.last_agent, summary)
+        save_trained_agent(self, self.folder.last_agent, summary)
         if self.best_evaluation() is self.log.evaluations[-1]:
-            with self.guard(self.folder.best_agent.name):
-                save_trained_agent(self, self.folder.best_agent, summary)
+            save_trained_agent(self, self.folder.best_agent, summary)
 
     def held_out_rows(self, weights: dict[str, NDArray]) -> list[dict[str, Any]]:
         """Run the held-out episodes: half of them here, if this process would only wait for them."""

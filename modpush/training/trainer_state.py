@@ -13,7 +13,6 @@ from modpush.replay.attentive import AttentiveSampler
 from modpush.replay.state import buffer_state, load_buffer_state
 from modpush.training.checkpoints import CHECKPOINT_KIND
 from modpush.training.config import field_differences
-from modpush.training.rollout import Rollout
 
 if TYPE_CHECKING:
     from modpush.training.trainer import Trainer
@@ -21,16 +20,11 @@ if TYPE_CHECKING:
 __all__ = ["load_trainer_state", "save_trained_agent", "trainer_state"]
 
 
-def trainer_state(
-    trainer: "Trainer", ahead: Rollout | None = None, history: dict[str, Any] | None = None
-) -> dict[str, Any]:
+def trainer_state(trainer: "Trainer") -> dict[str, Any]:
     """All that the rest of a run depends on, as tensors and plain data.
 
     Args:
-        trainer: The trainer, between two rollouts.
-        ahead: The rollout that the learner has not seen yet, where the scenes go on.
-        history: `SceneWorker.history` after that rollout, where the scenes go on; None where they
-            begin anew.
+        trainer: The trainer, between two rollouts. A run that continues begins new episodes.
     """
     learner = trainer.learner
     sampler = learner.buffer.sampler
@@ -55,8 +49,6 @@ def trainer_state(
         "metrics": dict(learner.metrics),
         "log": trainer.log.rows,
         "evaluations": trainer.log.evaluations,
-        "ahead": None if ahead is None else vars(ahead),
-        "history": history,
     }
 
 
@@ -101,8 +93,6 @@ def _restore(trainer: "Trainer", state: dict[str, Any]) -> None:
     trainer.episodes.update(state["episodes"])
     learner.metrics.update(state["metrics"])
     trainer.log.rows, trainer.log.evaluations = state["log"], state["evaluations"]
-    trainer.ahead = None if state["ahead"] is None else Rollout(**state["ahead"])
-    trainer.history = state["history"]
     GlobalRNGState().load_state_dict(state["rng"])
 
 

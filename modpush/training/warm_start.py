@@ -52,7 +52,7 @@ def load_initial_weights(
         agent, symmetry = _load_agent(who, source, config, parts)
         _check_environment(who, agent.fingerprint, symmetry, config, specs, parts)
         actor = learner.agent.actor
-        check_weights(who, actor.state_dict(), agent.actor.state_dict())
+        check_weights(source, actor.state_dict(), agent.actor.state_dict())
         actor.load_state_dict(agent.actor.state_dict())
         _copy_to_targets(learner.agent.loss)
         return
@@ -63,7 +63,7 @@ def load_initial_weights(
     _check_environment(who, fingerprint, symmetry, config, specs, parts)
     loss = learner.agent.loss
     own, given = loss.state_dict(), _weights_in(stored)
-    check_weights(who, _weights_in(own), given)
+    check_weights(source, _weights_in(own), given)
     loss.load_state_dict({**own, **given})
 
 

@@ -19,7 +19,6 @@ from modpush.training.scene_worker import SceneWorker
 
 __all__ = [
     "CollectionEndedError",
-    "Done",
     "InlineWorker",
     "Pending",
     "ProcessWorker",
@@ -106,17 +105,6 @@ class Pending(Generic[R]):
         result = self._worker._receive()
         self._worker._outstanding = False  # not before: an interrupt may come while it waits
         return result
-
-
-class Done(Generic[R]):
-    """A result that is there already."""
-
-    def __init__(self, result: R) -> None:
-        self._result = result
-
-    def result(self) -> R:
-        """The result."""
-        return self._result
 
 
 class InlineWorker(Worker):

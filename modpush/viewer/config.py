@@ -6,7 +6,7 @@ from typing import Annotated
 import tyro
 from pydantic import Field, Strict
 
-from modpush._types import ORDERED, Fraction, Name, NonNegativeInteger, Several
+from modpush._types import Fraction, Name, NonNegativeInteger, Several
 from modpush._validation import checked
 from modpush.envs.scenes.layouts import SCENES
 from modpush.envs.scenes.objects import OBJECTS
@@ -21,9 +21,9 @@ CONTROL_FREQ = 15
 class PlayConfig:
     """Initial settings of the page; all but the address and the folders can be changed on it."""
 
-    policy: Annotated[
-        tuple[Name, ...], Strict(False), Field(min_length=1, max_length=2), ORDERED
-    ] = ("agent",)
+    policy: Annotated[tuple[Name, ...], Strict(False), Field(min_length=1, max_length=2)] = (
+        "agent",
+    )
     """One policy, or two that are shown side by side on the same scene: agent (the shipped one),
     corridor, corridor_faithful, scripted, hand, a shipped agent's name, an agent's file, a training
     run's folder, or hf://owner/name."""
@@ -36,7 +36,7 @@ class PlayConfig:
     seed: NonNegativeInteger = 0
     """Seed of the first episode; in a replay, the number of the episode."""
     replay: Annotated[
-        tyro.conf.Positional[tuple[Path, ...]], Strict(False), Field(max_length=2), ORDERED
+        tyro.conf.Positional[tuple[Path, ...]], Strict(False), Field(max_length=2)
     ] = ()
     """One or two folders that an evaluation wrote for a policy, whose episodes are shown instead of
     running policies. If the evaluation ran several sets, give the folder of one of them."""

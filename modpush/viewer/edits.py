@@ -113,7 +113,7 @@ def add_obstacle(
     Raises:
         ValueError: If there is no such kind, or the scene is full.
     """
-    check_value("add_obstacle", "kind", kind, ObstacleKind)
+    check_value("kind", kind, ObstacleKind)
     if len(scenario.obstacles) >= MAX_OBSTACLES:
         raise ValueError(f"A scene holds at most {MAX_OBSTACLES} obstacles.")
     size = OBSTACLE_SIZES[kind]

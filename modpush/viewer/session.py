@@ -224,7 +224,7 @@ class Session:
         """
         if not 1 <= len(policies) <= 2:
             raise ValueError(f"Session: policies must be one or two, got {len(policies)}.")
-        check_value("Session.choose_policies", "policies", policies, tuple[str, ...])
+        check_value("policies", policies, tuple[str, ...])
         scenario = self.snapshots[0].scenario
         before = self.lanes, self.policies
         made = self._make_lanes(policies)

@@ -66,9 +66,7 @@ def test_keys_can_be_renamed_and_nested() -> None:
         [4],
     )
     assert policy(td)["out", "a"].shape == (4, 3)
-    with pytest.raises(
-        KeyError, match=r"ScriptedPusher: key .*goal_position.* is missing; there are"
-    ):
+    with pytest.raises(KeyError, match=r"key .*goal_position.* is missing; there are"):
         ScriptedPusher(object_pose_key=("state", "object"))(td)
 
 

@@ -33,10 +33,9 @@ def test_transitions_are_those_that_training_stores(collected) -> None:
     assert data["episode"][ends].tolist() == [0, 1, 2, 3, 4, 5]
 
 
-@pytest.mark.parametrize("storage", ["tensor", "compact"])
-def test_a_replay_buffer_takes_them(collected, storage) -> None:
+def test_a_replay_buffer_takes_them(collected) -> None:
     data = KeepTransition()(load_demonstrations(collected).transitions)
-    config = ReplayConfig(capacity=2000, batch_size=16, sampler="uniform", storage=storage)
+    config = ReplayConfig(capacity=2000, batch_size=16, sampler="uniform")
     buffer = make_replay_buffer(config)
     buffer.extend(data)
     assert len(buffer) == len(data)

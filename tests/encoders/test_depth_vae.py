@@ -110,10 +110,12 @@ def test_damaged_and_foreign_files_are_refused(tmp_path):
     DepthVAE(**TINY).save(path)
     whole = path.read_bytes()
     path.write_bytes(whole[:-100])
-    with pytest.raises(ValueError, match="is cut short or damaged"):
+    with pytest.raises(ValueError, match="checksum"):
         DepthVAE.from_pretrained(path)
     path.write_bytes(whole.replace(b"modpush.DepthVAE", b"modpush.OtherVAE"))
-    with pytest.raises(ValueError, match=r"holds 'modpush.OtherVAE', expected 'modpush.DepthVAE'"):
+    with pytest.raises(
+        ValueError, match=r"format 'modpush.DepthVAE v2', got 'modpush.OtherVAE v2'"
+    ):
         DepthVAE.from_pretrained(path)
     path.write_bytes(whole.replace(b"modpush.DepthVAE v2", b"modpush.DepthVAE v9"))
     with pytest.raises(ValueError, match="is of version 9, expected 2"):
@@ -149,12 +151,15 @@ def test_weights_are_taken_over_whole_or_not_at_all():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"latent_dim": 0}, "latent_dim must be >= 1, got 0"),
+        ({"latent_dim": 0}, "latent_dim: .*greater than or equal to 1, got 0"),
         (
             {"encoder_widths": (1, 2, 3)},
             r"encoder_widths must be four numbers, got \(1, 2, 3\)",
         ),
-        ({"decoder_widths": (1, 2, 3, 0)}, r"decoder_widths\[3\] must be >= 1, got 0"),
+        (
+            {"decoder_widths": (1, 2, 3, 0)},
+            r"decoder_widths\[3\]: .*greater than or equal to 1, got 0",
+        ),
     ],
 )
 def test_bad_options_are_refused(options, message):
@@ -163,7 +168,7 @@ def test_bad_options_are_refused(options, message):
 
 
 def test_windows_of_another_size_are_refused():
-    with pytest.raises(ValueError, match=r"DepthVAE: window must be \[B, 1, 64, 64\]"):
+    with pytest.raises(ValueError, match=r"window must be \[B, 1, 64, 64\]"):
         DepthVAE(**TINY)(torch.zeros(1, 1, 32, 32))
     with pytest.raises(ValueError, match="kl_weight must be >= 0, got -1"):
         VAELoss(DepthVAE(**TINY), kl_weight=-1)

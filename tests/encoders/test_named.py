@@ -29,14 +29,14 @@ def make_mean():
     ("name", "kind"), [("vae", DepthVAE), ("rays", RayScan), ("conv", ConvEncoder)]
 )
 def test_encoders_have_names(name, kind):
-    encoder = make_encoder("test", name)
+    encoder = make_encoder(name)
     assert isinstance(encoder, kind)
     assert encoder(torch.zeros(2, 1, 64, 64)).shape == (2, encoder.latent_dim)
 
 
 def test_there_may_be_none():
-    assert make_encoder("test", "none") is None
-    assert make_encoder("test", None) is None
+    assert make_encoder("none") is None
+    assert make_encoder(None) is None
     assert set(ENCODERS) == {"vae", "rays", "conv", "none"}
 
 
@@ -44,7 +44,7 @@ def test_there_may_be_none():
     "encoder", [mean, Mean, make_mean, f"{HERE}:mean", f"{HERE}:Mean", f"{HERE}:make_mean"]
 )
 def test_an_encoder_of_ones_own_is_found_in_every_form(encoder):
-    assert type(make_encoder("test", encoder)).__name__ == "Mean"
+    assert type(make_encoder(encoder)).__name__ == "Mean"
 
 
 @pytest.mark.parametrize("form", [str, lambda path: path])
@@ -52,23 +52,23 @@ def test_a_file_of_an_autoencoder_is_read(tmp_path, form):
     vae = DepthVAE(5, (2, 2, 2, 2), (2, 2, 2, 2)).eval()
     vae.save(tmp_path / "mine.safetensors")
     window = torch.rand(2, 1, 64, 64)
-    encoder = make_encoder("test", form(tmp_path / "mine.safetensors"))
+    encoder = make_encoder(form(tmp_path / "mine.safetensors"))
     assert torch.equal(encoder(window), vae(window))
 
 
 @pytest.mark.parametrize(
     ("encoder", "error", "message"),
     [
-        ("vaes", ValueError, "test: encoder: there is no 'vaes', expected one of"),
+        ("vaes", ValueError, "encoder: there is no 'vaes', expected one of"),
         (
             "nowhere.safetensors",
             ValueError,
             "must be an existing file, .*'nowhere.safetensors'",
         ),
-        (nn.Linear(2, 2), TypeError, "test: encoder must be a module with an int `latent_dim`"),
+        (nn.Linear(2, 2), TypeError, "encoder must be a module with an int `latent_dim`"),
         (lambda: 3, TypeError, "got int with latent_dim=None and window_size=64"),
     ],
 )
 def test_what_is_no_encoder_is_refused(encoder, error, message):
     with pytest.raises(error, match=message):
-        make_encoder("test", encoder)
+        make_encoder(encoder)

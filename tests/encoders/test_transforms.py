@@ -251,7 +251,7 @@ def test_what_is_no_window_is_refused(window, error, message):
 
 def test_wrong_options_and_missing_keys_are_named():
     with pytest.raises(
-        ValueError, match="EgocentricWindow: frame must be 'base', 'object' or 'path'"
+        ValueError, match=r"EgocentricWindow: frame: .*Input should be 'base', 'object' or 'path'"
     ):
         EgocentricWindow("tool")
     with pytest.raises(ValueError, match="EgocentricWindow: max_height must lie between"):
@@ -260,7 +260,7 @@ def test_wrong_options_and_missing_keys_are_named():
         TypeError, match="Encode: encoder must be a module with an int `latent_dim`"
     ):
         Encode(torch.nn.Linear(3, 3))
-    with pytest.raises(ValueError, match="encoder must be of type Module, got <function"):
+    with pytest.raises(ValueError, match=r"encoder: .*instance of Module, got <function"):
         Encode(small_transform)
     with pytest.raises(KeyError, match="'window' is missing; there are \\['x'\\]"):
         Encode(RayScan())(TensorDict(x=torch.zeros(1), batch_size=[1]))
@@ -321,9 +321,9 @@ def test_stored_transitions_are_rewritten_in_root_and_next():
     for key in ("window", "latent"):
         assert torch.equal(sample[key], stored[key][sample["row"]])
         assert torch.equal(sample["next", key], stored["next", key][sample["row"]])
-    with pytest.raises(KeyError, match=r"EgocentricWindow: \['depth'\] are missing in 'next'"):
+    with pytest.raises(KeyError, match=r"\['depth'\] are missing in 'next'"):
         small_transform()(stored.clone().exclude(("next", "depth")))
-    with pytest.raises(KeyError, match=r"Encode: \['window'\] are missing in 'next'"):
+    with pytest.raises(KeyError, match=r"\['window'\] are missing in 'next'"):
         Encode(SmallScan())(stored.exclude(("next", "window")))
 
 

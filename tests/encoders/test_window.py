@@ -258,7 +258,7 @@ def test_other_sizes_and_cameras():
         (
             {"depth": torch.full((1, 9, 9), 1100.0)},
             ValueError,
-            "egocentric_window: depth must be in metres .* got 1100 to 1100 in scene 0",
+            "depth must be in metres .* got 1100 to 1100 in scene 0",
         ),
         ({"size": 0}, ValueError, "size must be >= 1 px, got 0"),
         ({"max_height": 2.0}, ValueError, "between 0 and the camera's height 1.1 m, got 2.0"),

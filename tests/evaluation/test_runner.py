@@ -1,5 +1,4 @@
 import os
-import resource
 import shutil
 import signal
 import subprocess
@@ -32,8 +31,8 @@ from modpush.evaluation.results import (
     load_trajectory,
     policy_hash,
 )
+from modpush.evaluation.rows import append_row
 from modpush.evaluation.runner import EvaluationConfig, evaluate
-from modpush.evaluation.sealed_rows import append_row
 from modpush.evaluation.sets import EvaluationSet, load_set
 from modpush.evaluation.tables import compare
 from modpush.recipes import get_method
@@ -190,26 +189,6 @@ def test_another_csv_is_refused(tmp_path: Path, free: EvaluationSet) -> None:
         ResultStore(tmp_path, free, MADE)
 
 
-def test_damaged_rows_are_named(tmp_path: Path, free: EvaluationSet) -> None:
-    store = ResultStore(tmp_path, free, MADE)
-    for number in range(3):
-        store.write(make_episode(number, free.scenarios[number]))
-    whole = store.csv.read_text()
-    header, first, *rest = whole.split("\n")
-    for other in (
-        first.replace("free", "tree"),
-        first.replace("0,free", "0.5,free", 1),
-        first.replace("0,free", "-1,free", 1),
-        "text",
-        "",
-    ):
-        store.csv.write_text("\n".join([header, other, *rest]))
-        with pytest.raises(ValueError, match=r"episodes.csv: line 2 is damaged.*Delete the line"):
-            ResultStore(tmp_path, free, MADE).rows()
-    store.csv.write_text("\n".join([header, *rest]))
-    assert ResultStore(tmp_path, free.first(3), MADE).missing() == [0]
-
-
 @pytest.mark.parametrize("episode", [0.5, -1, "x"])
 def test_rows_without_an_episode_are_refused(
     tmp_path: Path, free: EvaluationSet, episode: object
@@ -218,20 +197,6 @@ def test_rows_without_an_episode_are_refused(
     append_row(store.csv, COLUMNS, dict.fromkeys(COLUMNS, episode))
     with pytest.raises(ValueError, match=r"episodes.csv: episode must be whole numbers >= 0"):
         store.rows()
-
-
-def test_a_full_disk_leaves_the_rows_as_they_were(tmp_path: Path, free: EvaluationSet) -> None:
-    store = ResultStore(tmp_path, free, MADE)
-    store.write(make_episode(0, free.scenarios[0]))
-    before = store.csv.read_bytes()
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) + 10, limits[1]))
-    try:
-        with pytest.raises(OSError, match=r"disk is full|File too large"):
-            append_row(store.csv, COLUMNS, dict.fromkeys(COLUMNS, 1))
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert store.csv.read_bytes() == before
 
 
 @pytest.mark.slow  # the first rows of the killed run are its workers'

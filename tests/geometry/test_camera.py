@@ -70,20 +70,20 @@ def test_precision_is_kept():
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"height": 0}, "height must be >= 1, got 0"),
-        ({"width": -3}, "width must be >= 1, got -3"),
-        ({"height": 256.0}, "height must be a whole number, got 256.0"),
-        ({"width": True}, "width must be a whole number, got True"),
-        ({"x": math.nan}, "x must be finite, got nan"),
-        ({"y": -math.inf}, "y must be finite, got -inf"),
-        ({"z": math.inf}, "z must be finite, got inf"),
-        ({"z": 0.0}, "z must be > 0, got 0.0"),
-        ({"field_of_view": math.nan}, "field_of_view must be finite, got nan"),
-        ({"field_of_view": 3.5}, "field_of_view must be < 3.14159, got 3.5"),
+        ({"height": 0}, "height: .*greater than or equal to 1, got 0"),
+        ({"width": -3}, "width: .*greater than or equal to 1, got -3"),
+        ({"height": 256.0}, "height: .*valid integer, got 256.0"),
+        ({"width": True}, "width: .*valid integer, got True"),
+        ({"x": math.nan}, "x: .*finite number, got nan"),
+        ({"y": -math.inf}, "y: .*finite number, got -inf"),
+        ({"z": math.inf}, "z: .*finite number, got inf"),
+        ({"z": 0.0}, "z: .*greater than 0, got 0.0"),
+        ({"field_of_view": math.nan}, "field_of_view: .*finite number, got nan"),
+        ({"field_of_view": 3.5}, "field_of_view: .*less than 3.14159.*, got 3.5"),
     ],
 )
 def test_impossible_cameras_are_refused(fields, message):
-    with pytest.raises(ValueError, match=f"Camera: {message}"):
+    with pytest.raises(ValueError, match=f"{message}"):
         Camera(**fields)
 
 

@@ -19,7 +19,7 @@ def test_the_path_at_its_end_has_the_base_s_axes():
 
 
 def test_unknown_frames_are_refused():
-    with pytest.raises(ValueError, match=r"frame_yaw: frame must be one of .* got 'world'"):
+    with pytest.raises(ValueError, match=r"frame must be one of .* got 'world'"):
         frame_yaw("world", torch.zeros(1, 3))
 
 

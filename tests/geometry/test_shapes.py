@@ -43,12 +43,12 @@ def test_roll_comes_first_then_pitch_and_yaw_last():
     [
         (
             lambda: Primitive(kind="cone", size=(1, 1, 1)),
-            "kind must be 'box', .* or 'prism', got 'cone'",
+            "kind: Input should be 'box', .* or 'prism', got 'cone'",
         ),
-        (lambda: box(0.1, 0.0, 0.1), "width must be > 0"),
-        (lambda: cylinder(-0.1, 0.1), "radius must be > 0, got -0.1"),
-        (lambda: box(0.1, math.nan, 0.1), "width must be finite, got nan"),
-        (lambda: box(0.1, 0.1, 0.1, (0.0, math.inf, 0.0)), r"position\[1\] must be finite"),
+        (lambda: box(0.1, 0.0, 0.1), "width: .*greater than 0"),
+        (lambda: cylinder(-0.1, 0.1), "radius: .*greater than 0, got -0.1"),
+        (lambda: box(0.1, math.nan, 0.1), "width: .*finite number, got nan"),
+        (lambda: box(0.1, 0.1, 0.1, (0.0, math.inf, 0.0)), r"position\[1\]: .*finite number"),
         (lambda: prism((), 0.1), "needs 3 corners"),
         (lambda: prism(SQUARE[:2], 0.1), "needs 3 corners"),
         (

@@ -143,7 +143,7 @@ def test_nested_keys():
     after = transform._step(td, TensorDict({"task": flags}, [2]))
     assert curriculum.state_dict()["successes"] == [True]
     assert after["task", "level"].tolist() == [[0.0], [0.0]]
-    with pytest.raises(KeyError, match=r"CurriculumScenes: key .*task.*done.* is missing"):
+    with pytest.raises(KeyError, match=r"key .*task.*done.* is missing"):
         transform._step(td, TensorDict({}, [2]))
     env.close()
 

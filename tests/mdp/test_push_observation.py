@@ -220,7 +220,7 @@ def test_edges_are_the_environments_and_any_batch_will_do():
 
 
 def test_bounds_that_are_none_are_refused():
-    with pytest.raises(ValueError, match="bounds must be a lower and an upper corner"):
+    with pytest.raises(ValueError, match=r"bounds: .*instance of Rectangle"):
         PushObservation("path", bounds=((0.8, 0.4), (0.2, -0.4)))
 
 
@@ -234,7 +234,7 @@ def test_a_given_symmetry_counts_for_every_object():
     cube = state.clone().set("object_symmetry", torch.full((2, 1), 4.0))
     assert torch.equal(given(state.clone())["observation"], own(cube)["observation"])
     assert own(state)["observation"][:, 2].tolist() == [1.0, 0.0]
-    with pytest.raises(ValueError, match="symmetry must be >= 0, got -1"):
+    with pytest.raises(ValueError, match=r"symmetry: .*greater than or equal to 0, got -1"):
         PushObservation(symmetry=-1)
 
 
@@ -291,15 +291,15 @@ def test_unknown_names_are_answered_with_what_there_is():
         PushObservation(entries=["smell"])
     with pytest.raises(ValueError, match="entries is empty"):
         PushObservation(entries=[])
-    with pytest.raises(ValueError, match="frame must be 'base', 'object' or 'path'"):
+    with pytest.raises(ValueError, match=r"frame: .*Input should be 'base', 'object' or 'path'"):
         PushObservation("goal")
 
 
 def test_a_missing_key_is_named():
-    with pytest.raises(KeyError, match="PushObservation: key 'subgoal_past' is missing"):
+    with pytest.raises(KeyError, match="key 'subgoal_past' is missing"):
         PushObservation()(make_state().exclude("subgoal_past"))
     env = TransformedEnv(PushEnv(1, depth=None), PushObservation(entries=["path_length"]))
-    with pytest.raises(KeyError, match="PushObservation: key 'path_length' is missing"):
+    with pytest.raises(KeyError, match="key 'path_length' is missing"):
         _ = env.observation_spec
     env.close()
 

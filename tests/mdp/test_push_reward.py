@@ -128,10 +128,10 @@ def test_a_term_that_reads_keys_of_ones_own_before_and_after():
     config = RewardConfig(scale=1.0, weights={"cooling": 1.0})
     reward = PushReward(config, terms={"cooling": cooling})
     assert reward(stored)["next", "reward"].item() == 2.0
-    with pytest.raises(KeyError, match=r"before the step: key .*arm.*heat.* is missing"):
+    with pytest.raises(KeyError, match=r"key .*arm.*heat.* is missing"):
         reward(stored.exclude(("arm", "heat")))
     del stored["next", "arm", "heat"]
-    with pytest.raises(KeyError, match=r"PushReward: key .*arm.*heat.* is missing"):
+    with pytest.raises(KeyError, match=r"key .*arm.*heat.* is missing"):
         reward(stored)
 
 
@@ -199,7 +199,7 @@ def test_bad_configs_are_refused():
             RewardConfig(weights={"effort": 1.0, "tests.mdp.own_parts:effort": 1.0}),
             terms={"effort": effort},
         )
-    with pytest.raises(ValueError, match=r"terms\.effort must be a function or text, got 3"):
+    with pytest.raises(ValueError, match=r"terms\.effort: Input should be callable .*got 3"):
         PushReward(RewardConfig(weights={"effort": 1.0}), terms={"effort": 3})
     with pytest.raises(ValueError, match="scale must be > 0, got 0"):
         RewardConfig(scale=0.0)
@@ -215,27 +215,25 @@ def test_a_term_of_a_wrong_shape_is_named():
 
 @pytest.mark.parametrize("key", ["reward_start", "next"])
 def test_a_missing_key_is_named(key):
-    with pytest.raises(KeyError, match=f"PushReward: key .*{key}.* is missing"):
+    with pytest.raises(KeyError, match=f"key .*{key}.* is missing"):
         PushReward()(transition().exclude(key))
     stored = transition()
     del stored["next", "path_length"]
-    with pytest.raises(KeyError, match=r"PushReward: key .*path_length.* is missing"):
+    with pytest.raises(KeyError, match=r"key .*path_length.* is missing"):
         PushReward()(stored)
 
 
 def test_a_step_without_the_lengths_at_reset_is_refused_by_name():
     env = TransformedEnv(PushEnv(1, depth=None, seed=0), Compose(StraightPath(), PushReward()))
     td = env.rand_action(env.reset()).exclude("reward_start")
-    with pytest.raises(KeyError, match=r"PushReward: key .*reward_start.* is missing"):
+    with pytest.raises(KeyError, match=r"key .*reward_start.* is missing"):
         env.step(td)
     env.close()
 
 
 def test_an_environment_without_a_planner_is_refused():
     env = TransformedEnv(PushEnv(1, depth=None), PushReward())
-    with pytest.raises(
-        KeyError, match=r"PushReward: the environment does not emit \['path_length'\]"
-    ):
+    with pytest.raises(KeyError, match=r"the environment does not emit \['path_length'\]"):
         _ = env.observation_spec
     env.close()
 
@@ -315,14 +313,6 @@ def test_a_partial_reset_begins_anew_in_that_scene_only():
     apart = (td["ee_pose"][:, :2] - td["object_pose"][:, :2]).norm(dim=-1)
     torch.testing.assert_close(td["reward_start"][1, 1], apart[1])
     env.close()
-
-
-@pytest.mark.parametrize("name", ["success", "object_contact", "out_of_bounds"])
-def test_flags_that_are_no_bools_are_refused(name):
-    stored = transition()
-    stored["next", name] = stored["next", name].to(torch.uint8)
-    with pytest.raises(TypeError, match=f"PushReward: '{name}' must be a torch.bool tensor"):
-        PushReward(RewardConfig())(stored)
 
 
 def test_poses_in_double_precision_give_the_same_reward():

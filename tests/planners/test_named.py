@@ -72,9 +72,9 @@ def test_a_planner_of_ones_own_is_found_in_every_form(planner):
 @pytest.mark.parametrize(
     ("planner", "error", "message"),
     [
-        ("a-star", ValueError, r"PlannerSubgoals: planner: there is no 'a-star', expected one of"),
-        ("math:nothing", ValueError, "'math:nothing' names nothing"),
-        (3, TypeError, "PlannerSubgoals: planner must have a method plan.*got 3"),
+        ("a-star", ValueError, r"planner: there is no 'a-star', expected one of"),
+        ("math:nothing", ValueError, "'math:nothing' not found"),
+        (3, TypeError, "planner must have a method plan.*got 3"),
         ("math:pi", TypeError, "must have a method plan.*got 3.14"),
     ],
 )
@@ -89,9 +89,9 @@ def two_paths():
 
 
 def test_what_planners_return_passes():
-    assert check_paths("Mine", two_paths(), 2).found.all()
+    assert check_paths(two_paths(), 2).found.all()
     none = Paths.from_waypoints([None, None], torch.zeros(2, 2))
-    assert not check_paths("Mine", none, 2).found.any()
+    assert not check_paths(none, 2).found.any()
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,7 @@ def test_what_planners_return_passes():
         (
             {"waypoints": torch.zeros(2, 2, 2).double()},
             TypeError,
-            "Mine: waypoints must be a torch.float32 tensor, got torch.float64",
+            "waypoints must be a torch.float32 tensor, got torch.float64",
         ),
         (
             {"waypoints": torch.zeros(2, 1, 2)},
@@ -124,7 +124,7 @@ def test_what_planners_return_passes():
 )
 def test_what_does_not_fit_is_refused(change, error, message):
     with pytest.raises(error, match=message):
-        check_paths("Mine", replace(two_paths(), **change), 2)
+        check_paths(replace(two_paths(), **change), 2)
 
 
 def test_a_planner_that_returns_something_else_is_named():
@@ -132,5 +132,5 @@ def test_a_planner_that_returns_something_else_is_named():
         def plan(self, occupancy, start, goal):
             return start, goal
 
-    with pytest.raises(TypeError, match=r"Wrong: plan must return modpush.planners.Paths, got"):
+    with pytest.raises(TypeError, match=r"plan must return modpush.planners.Paths, got"):
         make_env(1, planner=Wrong()).reset()

@@ -274,7 +274,7 @@ def test_copies_and_pickles_see_alike():
         (
             (torch.full((1, 256, 256), 1100.0), 0.03),
             ValueError,
-            "OccupancyMap: depth must be in metres .* got 1100 to 1100 in scene 0",
+            "depth must be in metres .* got 1100 to 1100 in scene 0",
         ),
         (
             (torch.full((1, 256, 256), torch.inf), 0.03),

@@ -341,7 +341,7 @@ def test_points_ahead_are_written_and_kept_where_there_is_no_path():
 
 @pytest.mark.parametrize("ahead", [(0.0,), (0.1, float("inf")), (-0.1,)])
 def test_points_behind_or_nowhere_are_refused(ahead):
-    with pytest.raises(ValueError, match=r"ahead\[\d\] must be (> 0|finite), got"):
+    with pytest.raises(ValueError, match=r"ahead\[\d\]: .*(greater than 0|finite number), got"):
         PlannerSubgoals(DistanceField(), ahead=ahead)
 
 
@@ -421,11 +421,11 @@ def test_occupancy_without_a_segmentation_key():
 @pytest.mark.parametrize(
     ("kwargs", "message"),
     [
-        ({"mode": "half"}, "mode must be 'fraction' or 'lookahead', got 'half'"),
-        ({"fraction": 0.0}, "fraction must be > 0, got 0.0"),
-        ({"lookahead": 0.0}, "lookahead must be > 0, got 0.0"),
-        ({"lags": ()}, r"lags must be of length >= 1, got \(\)"),
-        ({"lags": (-1,)}, r"lags\[0\] must be >= 0, got -1"),
+        ({"mode": "half"}, "mode: .*Input should be 'fraction' or 'lookahead', got 'half'"),
+        ({"fraction": 0.0}, "fraction: .*greater than 0, got 0.0"),
+        ({"lookahead": 0.0}, "lookahead: .*greater than 0, got 0.0"),
+        ({"lags": ()}, r"lags: .*at least 1 item.*got \(\)"),
+        ({"lags": (-1,)}, r"lags\[0\]: .*greater than or equal to 0, got -1"),
         ({"max_waypoints": 1}, "max_waypoints must be 0 or >= 2, got 1"),
     ],
 )
@@ -445,7 +445,7 @@ def test_missing_keys_and_wrong_sizes_are_named():
     OccupancyGrid(camera=SMALL)(data)
     with pytest.raises(ValueError, match=r"= \[..., 1, 256, 256\], got \[1, 1, 64, 64\]"):
         PlannerSubgoals(LazyThetaStar())(data)
-    with pytest.raises(ValueError, match="OccupancyGrid: object_radius must be finite, got nan"):
+    with pytest.raises(ValueError, match=r"OccupancyGrid: object_radius: .*finite number, got nan"):
         OccupancyGrid(math.nan)
 
 
@@ -475,7 +475,7 @@ def test_stored_transitions_are_rewritten_in_root_and_next():
 
 def test_a_next_that_cannot_be_rewritten_is_refused():
     stored = make_env(2).rollout(3, break_when_any_done=False).reshape(-1)
-    with pytest.raises(KeyError, match=r"OccupancyGrid: \['depth'\] are missing in 'next', so"):
+    with pytest.raises(KeyError, match=r"\['depth'\] are missing in 'next', so"):
         OccupancyGrid(camera=SMALL)(stored.clone().exclude(("next", "depth")))
     with pytest.raises(KeyError, match=r"\['occupancy'\] are missing in 'next'"):
         PlannerSubgoals(LazyThetaStar(), camera=SMALL)(stored.exclude(("next", "occupancy")))
@@ -506,9 +506,9 @@ def test_a_history_of_other_lags_is_refused():
 
 def test_an_environment_that_lacks_a_key_is_refused_at_once():
     grid = OccupancyGrid(camera=SMALL, depth_key="range")
-    with pytest.raises(KeyError, match=r"OccupancyGrid: the environment does not emit \['range'\]"):
+    with pytest.raises(KeyError, match=r"the environment does not emit \['range'\]"):
         check_env_specs(TransformedEnv(TableEnv(2), grid))
-    with pytest.raises(KeyError, match=r"PlannerSubgoals: the environment does not emit"):
+    with pytest.raises(KeyError, match=r"the environment does not emit"):
         check_env_specs(TransformedEnv(TableEnv(2), PlannerSubgoals("a_star", camera=SMALL)))
 
 
@@ -526,7 +526,7 @@ def test_inflation_by_name_or_by_metres():
     )
     assert cells(inflation="inscribed").sum() < cells().sum()
     for wrong in ("half", -0.1, math.nan):
-        with pytest.raises(ValueError, match="inflation must be 'circumscribed', 'inscribed' or"):
+        with pytest.raises(ValueError, match=r"inflation: .*'circumscribed', 'inscribed' or"):
             OccupancyGrid(inflation=wrong)
 
 
@@ -755,7 +755,7 @@ def test_a_pose_that_is_not_finite_is_named_where_a_way_is_looked_for(margins_en
     td = margins_env.reset()
     td["object_pose"][0, 0] = math.nan
     grid = OccupancyGrid(bounds=((0.3, -0.4), (0.9, 0.4)), margin=(0.0, -0.04))
-    with pytest.raises(ValueError, match="OccupancyGrid: 'object_pose' must be finite"):
+    with pytest.raises(ValueError, match="'object_pose' must be finite"):
         grid(td.select(*grid.in_keys))
 
 
@@ -799,7 +799,5 @@ def test_a_path_that_begins_elsewhere_is_refused(mistake):
     env = make_env(2, planner=Straight())
     assert env.reset()["path_found"].all()
     env = make_env(2, planner=Straight(mistake))
-    with pytest.raises(
-        ValueError, match=r"Straight: the path of scene 0 must begin at \(u, v\) = "
-    ):
+    with pytest.raises(ValueError, match=r"the path of scene 0 must begin at \(u, v\) = "):
         env.reset()

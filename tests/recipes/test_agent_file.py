@@ -184,9 +184,9 @@ def test_parts_given_as_objects_are_remembered_as_far_as_they_can_be(tmp_path):
 
 def test_weights_of_another_network_are_refused(saved):
     path, _ = saved
-    tensors, about = read_tensors(path, "modpush.Agent", 4)
+    tensors, about = read_tensors(path, "modpush.Agent", 5)
     about["network"]["hidden_sizes"] = [32, 8]
-    write_tensors(path, tensors, "modpush.Agent", 4, about)
+    write_tensors(path, tensors, "modpush.Agent", 5, about)
     with pytest.raises(ValueError, match="weights of another architecture"):
         load_agent(path)
 

@@ -167,7 +167,6 @@ def test_all_in_which_the_cpu_preset_departs_from_the_paper():
         "tqc.batch_size": 256,
         "tqc.updates_per_step": 1 / 12,
         "replay.batch_size": 256,
-        "replay.storage": "compact",
         "replay.n_steps": 3,
         "curriculum.promotion": "off",
         "curriculum.window": 12,

@@ -45,7 +45,7 @@ def make_buffer(storage="tensor", n_steps=3, **kwargs):
     )
 
 
-@pytest.mark.parametrize("storage", ["tensor", "compact", "memmap"])
+@pytest.mark.parametrize("storage", ["tensor", "memmap"])
 @pytest.mark.parametrize("rollout_length", [1, 2, 5, 10])
 def test_sums_and_next_observations(storage, rollout_length):
     buffer = make_buffer(storage)
@@ -84,14 +84,6 @@ def test_a_sum_ends_with_the_episode_and_takes_its_flags(ending):
     assert rewards[3:6].tolist() == [6.5, 5.0, 11.5]
 
 
-def test_one_step_is_stored_as_it_is():
-    buffer, data = make_buffer(n_steps=1), stretch(2, 5)
-    extend_rollout(buffer, data.clone(), num_envs=2)
-    assert (buffer[:].select(*data.keys(True, True)) == data).all()
-    assert "steps_to_next_obs" not in buffer[:]
-    forget_open_steps(buffer)
-
-
 def test_no_sum_spans_a_reset_that_the_data_do_not_show():
     buffer = make_buffer()
     extend_rollout(buffer, stretch(1, 5), num_envs=1)
@@ -100,14 +92,6 @@ def test_no_sum_spans_a_reset_that_the_data_do_not_show():
     stored = buffer[:]
     assert stored["observation"].flatten().tolist() == [0, 1, 50, 51]
     assert (stored["next", "observation"] - stored["observation"] == 3).all()
-
-
-def test_what_waits_is_a_copy():
-    buffer, data = make_buffer(), stretch(1, 1)
-    extend_rollout(buffer, data, num_envs=1)
-    data["observation"].fill_(-1.0)
-    extend_rollout(buffer, stretch(1, 3, start=1), num_envs=1)
-    assert buffer[:]["observation"].tolist() == [[0.0]]
 
 
 def test_stored_entries_are_those_that_a_loss_reads():

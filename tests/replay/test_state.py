@@ -1,8 +1,5 @@
 """A buffer's state as data: what was in it, what is drawn from it, and nothing that runs code."""
 
-import pickle
-import shutil
-
 import pytest
 import torch
 from tensordict import TensorDict
@@ -11,7 +8,6 @@ from modpush._state import read_state, write_state
 from modpush.replay import ReplayConfig, make_replay_buffer
 from modpush.replay.n_step import extend_rollout
 from modpush.replay.state import buffer_state, load_buffer_state
-from tests.test_files import Poison
 
 
 def transitions(start, count, envs=2):
@@ -29,7 +25,7 @@ def transitions(start, count, envs=2):
     return TensorDict({**now, "next": following}, [count * envs])
 
 
-@pytest.mark.parametrize("storage", ["tensor", "memmap", "compact"])
+@pytest.mark.parametrize("storage", ["tensor", "memmap"])
 @pytest.mark.parametrize("sampler", ["attentive", "uniform"])
 @pytest.mark.parametrize("n_steps", [1, 3])
 @pytest.mark.parametrize("steps", [10, 90])  # 90 of two environments go around
@@ -55,23 +51,3 @@ def test_a_restored_buffer_goes_on_alike(tmp_path, storage, sampler, n_steps, st
 def test_what_no_file_can_hold_is_named(tmp_path):
     with pytest.raises(TypeError, match=r"state\['a'\]\[1\] is a set, which no file can hold"):
         write_state(tmp_path / "x", {"a": [1, {2}]}, "modpush.Test", 1)
-
-
-def test_poison_beside_a_compact_storage_is_not_executed(tmp_path):
-    """TorchRL's own loader of storages executes `other.pickle`."""
-    config = ReplayConfig(capacity=32, batch_size=4, k=2, storage="compact")
-    buffer = make_replay_buffer(config)
-    buffer.extend(transitions(0, 8))
-    buffer.storage.dumps(tmp_path / "storage")
-    buffer.sampler.dumps(tmp_path / "storage")
-    mark = tmp_path / "executed"
-    for name in ("other.pickle", "prefetch.pkl", "links.pt", "meta.json"):
-        (tmp_path / "storage" / name).write_bytes(pickle.dumps(Poison(mark)))
-    again = make_replay_buffer(config)
-    again.storage.loads(tmp_path / "storage")
-    again.sampler.loads(tmp_path / "storage")
-    assert (again.storage[:] == buffer.storage[:]).all()
-    shutil.copy(tmp_path / "storage" / "links.pt", tmp_path / "storage" / "storage.safetensors")
-    with pytest.raises(ValueError, match="carries no checksum"):
-        again.storage.loads(tmp_path / "storage")
-    assert not mark.exists()

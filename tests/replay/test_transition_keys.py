@@ -34,5 +34,5 @@ def test_further_keys_are_kept_and_missing_ones_named() -> None:
     data = env.rollout(2)
     env.close()
     assert "subgoal" in KeepTransition("subgoal")(data).keys()
-    with pytest.raises(KeyError, match=r"KeepTransition: key .*window.* is missing; there are"):
+    with pytest.raises(KeyError, match=r"key .*window.* is missing; there are"):
         KeepTransition("window")(data)

@@ -29,7 +29,6 @@ from modpush.mdp import Curriculum, Phase
 from modpush.recipes.agent_file import load_agent
 from modpush.replay import cosine
 from modpush.training import (
-    TRAIN_PRESETS,
     NonFiniteLossError,
     Trainer,
     check_run_folder,
@@ -38,7 +37,7 @@ from modpush.training import (
 from modpush.training.bar import TrainingBar
 from modpush.training.run_folder import RunFolder
 from modpush.training.scene_worker import SceneWorker
-from modpush.training.worker import Done, InlineWorker, ProcessWorker
+from modpush.training.worker import InlineWorker, ProcessWorker
 from tests.full_disk import full_disk
 from tests.own_parts import (
     MeanHeight,
@@ -131,23 +130,6 @@ def test_a_run_killed_and_resumed_reaches_the_same_numbers(unbroken, tmp_path):
     process.stdout.close()
     train(folder, resume=True)
     assert_same(numbers(unbroken), numbers(folder))
-
-
-@pytest.mark.slow  # test_interrupts.py sends SIGINT to all processes of a run
-def test_ctrl_c_writes_a_checkpoint_that_can_be_resumed(tmp_path):
-    folder = tmp_path / "run"
-    process = start(folder, total_steps=100_000)
-    wait_for_checkpoint(folder, process)
-    while pd.read_csv(folder / "log.csv")["step"].iloc[-1] <= SMOKE.checkpoint_every:
-        assert process.poll() is None, process.stdout.read()
-        time.sleep(0.02)
-    process.send_signal(signal.SIGINT)
-    output, _ = process.communicate(timeout=120)
-    assert process.returncode == 130, output
-    assert "Continue with --resume" in output
-    steps = newest_step(folder)
-    assert steps > SMOKE.checkpoint_every  # written because of the interrupt
-    train(folder, replace(SMOKE, total_steps=steps + 32), resume=True)
 
 
 def test_async_collection_learns_the_same_as_taking_turns(unbroken, tmp_path):
@@ -254,12 +236,8 @@ def test_the_buffer_takes_from_the_rest_of_the_run_what_must_agree_with_it():
     filled = config.filled_replay()
     # The returns' discount is the loss's; there is a query for each scene.
     assert (filled.gamma, filled.num_queries) == (0.75, SMOKE.env.num_envs)
-    assert filled.extra_observation_keys == ("mirrored_observation",)
     given = replace(config, replay=replace(config.replay, num_queries=5), mirror=False)
     assert given.filled_replay().num_queries == 5
-    assert given.filled_replay().extra_observation_keys == ()
-    images = replace(given, env=replace(SMOKE.env, encoder="end_to_end"))
-    assert images.filled_replay().extra_observation_keys == ("window",)
     # Of a batch of 16, five queries keep 4, 3, 3, 3 and 3, of 4 times as many each.
     assert given.sampled_from == 64
     odd = replace(given, replay=replace(given.replay, k=2.5))
@@ -272,7 +250,7 @@ class Scenes(SceneWorker):
 
     def __init__(self):
         self.curriculum, self.env = Curriculum(SMOKE.curriculum), self
-        self._actions, self._sums = [], torch.zeros(2, 4)
+        self._sums = torch.zeros(2, 4)
         self.began = []
 
     def set_seed(self, seed):
@@ -290,13 +268,12 @@ def fake_trainer(**attributes):
         "config": SMOKE,
         "learner": forgetful,
         "worker": InlineWorker(Scenes),
-        "ahead": None,
-        "history": None,
         "checkpoints_made": 0,
         "curriculum_state": {},
         "_began": 0.0,
         "collect": lambda: None,
-        "_write_checkpoint": lambda state: None,
+        "steps": 0,
+        "folder": SimpleNamespace(checkpoints=SimpleNamespace(save=lambda steps, state: None)),
     }
     vars(trainer).update({**defaults, **attributes})
     return trainer
@@ -327,7 +304,7 @@ def test_what_is_due_is_done_at_the_first_rollout_past_its_step():
         steps=0,
         seconds_waited=0.0,
         learner=SimpleNamespace(learn=lambda before, now: events.append("learn")),
-        collect=lambda: events.append("collect") or Done(None),
+        collect=lambda: events.append("collect") or SimpleNamespace(result=lambda: None),
         _write_log=lambda rollout: events.append("log") or {},
         _evaluate=lambda: events.append("evaluate"),
         save=lambda: events.append("save"),
@@ -339,7 +316,7 @@ def test_what_is_due_is_done_at_the_first_rollout_past_its_step():
 
     trainer.store = store
     trainer.bar = TrainingBar(SMOKE)
-    pending = Done(None)
+    pending = SimpleNamespace(result=lambda: None)
     while trainer.steps < 112:
         pending = trainer._iterate(pending)
     assert events == [
@@ -380,7 +357,7 @@ def test_no_two_runs_or_checkpoints_draw_the_same_episodes():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"total_steps": 0}, "total_steps must be >= 1, got 0"),
+        ({"total_steps": 0}, "total_steps: .*greater than or equal to 1, got 0"),
         ({"greedy_envs": 2}, r"greedy_envs must be in \[0, 1\] with 2 scenes"),
         ({"replay": replace(SMOKE.replay, batch_size=8)}, "batch_size must be tqc.batch_size"),
         ({"tqc": replace(SMOKE.tqc, learning_starts=63)}, "learning_starts must be >= 64"),
@@ -462,7 +439,7 @@ def test_a_checkpoint_that_cannot_be_written_leaves_the_one_before(tmp_path):
     trainer.save()
     first = trainer.folder.checkpoints.latest()
     trainer.steps += 1
-    with full_disk(2_000), pytest.warns(UserWarning, match="the checkpoint could not be written"):
+    with full_disk(2_000), pytest.raises(OSError, match=r"step-000000009.safetensors"):
         trainer.save()
     assert trainer.folder.checkpoints.paths() == [first]
     assert [path.name for path in first.parent.iterdir()] == [first.name]
@@ -626,18 +603,6 @@ def test_a_run_learns_from_mirror_images(tmp_path, n_steps):
     env.close()
 
 
-def test_a_run_with_mirror_images_is_resumed(tmp_path):
-    train(tmp_path / "whole", mirrored())
-    folder = tmp_path / "killed"
-    process = start(folder, "--train.mirror")
-    wait_for_checkpoint(folder, process)
-    process.send_signal(signal.SIGKILL)
-    process.wait(30)
-    process.stdout.close()
-    train(folder, mirrored(), resume=True)
-    assert_same(numbers(tmp_path / "whole"), numbers(folder))
-
-
 def test_a_loss_of_ones_own_is_trained(tmp_path):
     config = replace(
         SMOKE,
@@ -675,23 +640,9 @@ def test_a_part_that_cannot_be_pickled_is_refused_before_any_work(tmp_path):
     assert not (tmp_path / "run").exists()
 
 
-def test_the_scene_of_the_environment_is_obeyed(tmp_path):
-    config = replace(TRAIN_PRESETS["cpu"][1], evaluation_episodes=3)
-    slots = replace(config, env=config.env.with_fields(scene="slot"))
-    assert {start.scene for start in held_out_scenarios(slots)} == {"slot"}
-    assert Curriculum(slots.curriculum).config.phases[-1].scenes == ()
-
-
 def test_an_environment_that_cannot_be_sent_to_the_worker_is_refused(tmp_path):
     with pytest.raises(ValueError, match="Trainer: make_env must be picklable"):
         Trainer(replace(SMOKE, async_collection=True), tmp_path, make_env=lambda *a, **k: None)
-
-
-def test_seeds_may_be_as_great_as_their_field_allows(tmp_path):
-    trainer = Trainer(SMOKE, tmp_path / "run")
-    trainer.close()
-    trainer.config = replace(SMOKE, seed=2**63 - 1)
-    torch.manual_seed(trainer.worker_seed())
 
 
 def test_zero_initial_weights_leave_a_trained_encoder_alone(tmp_path):

@@ -7,7 +7,6 @@ from annotated_types import Ge, Le
 from pydantic import Strict
 
 from modpush._types import (
-    ORDERED,
     Angle,
     Count,
     Finite,
@@ -15,7 +14,6 @@ from modpush._types import (
     NonNegativeInteger,
     Positive,
     PositiveFraction,
-    Real,
 )
 from modpush._validation import checked
 from modpush.geometry.workspace import WORKSPACE, Rectangle
@@ -52,7 +50,7 @@ class CorridorConfig:
     """Gain K_mu of the correction by the object's mean deviation."""
     last_gain: NonNegative = 0.1
     """Gain K_gamma of the correction by the object's last deviation."""
-    learnable_deviation: Annotated[Real, Ge(0)] = 0.15
+    learnable_deviation: Annotated[float, Ge(0)] = 0.15
     """Largest deviation of the object at which a push counts as successful [rad]."""
     moved_distance: NonNegative = 1e-4
     """Distance above which the object counts as moved in a step [m]."""
@@ -63,7 +61,7 @@ class CorridorConfig:
     touch_zone: NonNegative = 1.0
     """Distance from an obstacle at which the object touches it, in circumscribed radii of the
     object; the value of the controller's `touch_radius_key` is used where it is smaller."""
-    zone_costs: Annotated[tuple[Positive, Positive, Positive], Strict(False), ORDERED] = (
+    zone_costs: Annotated[tuple[Positive, Positive, Positive], Strict(False)] = (
         1.0,
         50.0,
         200.0,

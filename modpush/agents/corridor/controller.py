@@ -139,7 +139,7 @@ class PushingCorridorController(TensorDictModuleBase):
             TypeError: If one is not a tensor of real numbers.
             ValueError: If one has another shape, or a pose is not finite.
         """
-        pose = read_key(_WHO, tensordict, self.pose_keys[0], 3)
+        pose = read_key(tensordict, self.pose_keys[0], 3)
         lead, device = pose.shape[:-1], pose.device
         scene = self._observe(tensordict, math.prod(lead))
         state = self._state(tensordict, scene.goal)
@@ -163,14 +163,14 @@ class PushingCorridorController(TensorDictModuleBase):
         """The observed scenes, on the CPU and with one batch dimension."""
         size = (self.camera.height, self.camera.width)
         depth, segmentation = (
-            read_key(_WHO, tensordict, key, *size).reshape(scenes, *size) for key in self.image_keys
+            read_key(tensordict, key, *size).reshape(scenes, *size) for key in self.image_keys
         )
         poses = [
-            read_key(_WHO, tensordict, key, width).detach().cpu().reshape(scenes, width).float()
+            read_key(tensordict, key, width).detach().cpu().reshape(scenes, width).float()
             for key, width in zip(self.pose_keys, (3, 3, 2), strict=True)
         ]
         for key, value in zip(self.pose_keys, poses, strict=True):
-            check_finite(_WHO, repr(key), value)
+            check_finite(repr(key), value)
         object_pose, ee_pose, goal = poses
         radius, touch = (
             torch.full((scenes,), default, device="cpu")

@@ -149,9 +149,9 @@ def make_tqc_from_specs(
         warn_experimental("The learner")
     if isinstance(loss, str):
         config = replace(config, loss=loss)  # the networks' outputs depend on it
-    make_actor: ActorFactory = find_part("make_tqc: actor", actor or config.actor_network, ACTORS)
-    make_critic: CriticFactory = find_part("make_tqc: critic", critic or config.critic, CRITICS)
-    make_loss: LossFactory = find_part("make_tqc: loss", loss or config.loss, LOSSES)
+    make_actor: ActorFactory = find_part("actor", actor or config.actor_network, ACTORS)
+    make_critic: CriticFactory = find_part("critic", critic or config.critic, CRITICS)
+    make_loss: LossFactory = find_part("loss", loss or config.loss, LOSSES)
     encoder = config.encoder if encoder is None else encoder
     specs = LearnerSpecs(
         observation=observation_spec,

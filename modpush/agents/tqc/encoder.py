@@ -44,7 +44,7 @@ def encode_images(encoder: nn.Module, images: Tensor) -> Tensor:
         TypeError: If the images are not a tensor, or neither uint8 nor floating point.
         ValueError: If they have fewer than three dimensions.
     """
-    check_instance("encode_images", "images", images, Tensor)
+    check_instance("images", images, Tensor)
     if images.ndim < 3:
         raise ValueError(f"encode_images: images must be [*B, C, H, W], got {list(images.shape)}.")
     if images.dtype == torch.uint8:
@@ -64,7 +64,7 @@ def make_trained_encoder(encoder: str | nn.Module | Callable[[], nn.Module]) -> 
         ValueError: If the text names nothing that can be imported.
         TypeError: If the result is not a module with an int `latent_dim`.
     """
-    module = find_part("make_tqc: encoder", encoder, {})
+    module = find_part("encoder", encoder, {})
     if callable(module) and not isinstance(module, nn.Module):
         module = module()
     if not isinstance(module, nn.Module) or not isinstance(
@@ -158,6 +158,6 @@ class EncoderTQCLoss(TQCLoss):
         return super().actor_loss(detached)
 
     def _encode(self, params: TensorDictParams, batch: TensorDictBase, key: NestedKey) -> Tensor:
-        images = read_key("EncoderTQCLoss", batch, key)
+        images = read_key(batch, key)
         with params.to_module(self.encoder, preserve_module_state=False):
             return encode_images(self.encoder, images)

@@ -99,15 +99,13 @@ class TQCLoss(_TorchRLTQCLoss):
         gamma = hyperparams.get("gamma", 0.0)
         if isinstance(gamma, Tensor) and gamma.numel() == 1:
             gamma = gamma.item()
-        check_value("TQCLoss.make_value_estimator", "gamma", gamma, Fraction)
+        check_value("gamma", gamma, Fraction)
         return super().make_value_estimator(value_type, **hyperparams)
 
     @dispatch
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Losses of a batch `[*B]`; the priorities are written into it."""
-        widths = {
-            key: read_key("TQCLoss", tensordict, key).shape[-1] for key in self._required_keys()
-        }
+        widths = {key: read_key(tensordict, key).shape[-1] for key in self._required_keys()}
         self._check_widths(widths)
         return super().forward(tensordict)
 
@@ -196,7 +194,7 @@ class TQCLoss(_TorchRLTQCLoss):
         value = truncate_atoms(atoms, num_dropped) - self._alpha * log_prob.unsqueeze(-1)
         reward = _to_ndim(next_tensordict.get(self.tensor_keys.reward), value.ndim)
         terminated = _to_ndim(next_tensordict.get(self.tensor_keys.terminated), value.ndim)
-        check_dtype("TQCLoss", repr(self.tensor_keys.terminated), terminated, torch.bool)
+        check_dtype(repr(self.tensor_keys.terminated), terminated, torch.bool)
         gamma = estimator.gamma.to(reward.device)
         steps = tensordict.get(estimator.tensor_keys.steps_to_next_obs, None)
         if steps is not None:  # n-step returns, as `MultiStepTransform` writes them

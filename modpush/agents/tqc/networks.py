@@ -59,7 +59,7 @@ def make_actor(
     Raises:
         ValueError: If the action is not a vector of real numbers between finite limits.
     """
-    _check_action_spec("make_actor", action_spec)
+    _check_action_spec(action_spec)
     latent_dim = 0 if encoder is None else int(encoder.latent_dim)  # type: ignore[arg-type]
     in_features, out_features = observation_dim + latent_dim, 2 * action_spec.shape[-1]
     network: nn.Module = nn.Sequential(
@@ -106,7 +106,7 @@ def make_deterministic_actor(
     Raises:
         ValueError: If the action is not a vector of real numbers between finite limits.
     """
-    _check_action_spec("make_deterministic_actor", action_spec)
+    _check_action_spec(action_spec)
     network = _mlp(observation_dim, action_spec.shape[-1], hidden_sizes, device)
     return ProbabilisticActor(
         TensorDictModule(network, in_keys=[observation_key], out_keys=["param"]),
@@ -118,16 +118,14 @@ def make_deterministic_actor(
     )
 
 
-def _check_action_spec(who: str, action_spec: Bounded) -> None:
+def _check_action_spec(action_spec: Bounded) -> None:
     if not isinstance(action_spec, Bounded) or len(action_spec.shape) != 1:
-        raise ValueError(
-            f"{who}: action_spec must be a Bounded spec of shape [A], got {action_spec}."
-        )
+        raise ValueError(f"action_spec must be a Bounded spec of shape [A], got {action_spec}.")
     low, high = _limits(action_spec)
     right = action_spec.dtype.is_floating_point and bool((low < high).all())
     if not (right and low.isfinite().all() and high.isfinite().all()):
         raise ValueError(
-            f"{who}: action_spec must be of real numbers with finite limits, the lower ones below the "
+            f"action_spec must be of real numbers with finite limits, the lower ones below the "
             f"higher ones, got {action_spec.dtype} from {low.tolist()} to {high.tolist()}."
         )
 

@@ -34,8 +34,8 @@ def truncate_atoms(atoms: Tensor, num_dropped: int) -> Tensor:
 
     Source: Kuznetsov et al. (2020), eq. 9-10.
     """
-    check_instance("truncate_atoms", "atoms", atoms, Tensor)
-    check_instance("truncate_atoms", "num_dropped", num_dropped, int)
+    check_instance("atoms", atoms, Tensor)
+    check_instance("num_dropped", num_dropped, int)
     if atoms.ndim < 2 or num_dropped < 0:
         raise ValueError(
             "truncate_atoms: atoms must be [N, *B, n] and num_dropped >= 0, got "
@@ -73,8 +73,8 @@ def quantile_huber(quantiles: Tensor, targets: Tensor) -> tuple[Tensor, Tensor]:
 
     Source: Kuznetsov et al. (2020), eq. 12-13, with Huber threshold 1.
     """
-    check_instance("quantile_huber", "quantiles", quantiles, Tensor)
-    check_instance("quantile_huber", "targets", targets, Tensor)
+    check_instance("quantiles", quantiles, Tensor)
+    check_instance("targets", targets, Tensor)
     if quantiles.shape[1:-1] != targets.shape[:-1]:
         raise ValueError(
             f"quantile_huber: quantiles {tuple(quantiles.shape)} must be [N, *B, n] for targets "

@@ -58,5 +58,5 @@ class ConvEncoder(Encoder):
             window: `[B, 1, S, S]` float32 in [0, 1], or uint8, in which 255 stands for 1.
         """
         window = as_floats(window)
-        check_window(window, self.window_size, "ConvEncoder", batched=True)
+        check_window(window, self.window_size, batched=True)
         return self.layers(window)

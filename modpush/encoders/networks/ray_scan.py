@@ -67,7 +67,7 @@ class RayScan(Encoder):
 
     def forward(self, window: Tensor) -> Tensor:
         """Clearance along each ray, `[B, num_rays]` in [0, 1]."""
-        check_window(window, self.window_size, "RayScan", batched=True)
+        check_window(window, self.window_size, batched=True)
         index: Tensor = self._index  # type: ignore[assignment]
         fractions: Tensor = self._fractions  # type: ignore[assignment]
         blocked = torch.nn.functional.pad(window.flatten(1) > self.threshold, (0, 1))

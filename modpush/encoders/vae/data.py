@@ -37,10 +37,10 @@ class WindowData:
     def __post_init__(self) -> None:
         """Check shapes and dtypes."""
         for name in ("windows", "family", "held_out"):
-            check_instance("WindowData", name, getattr(self, name), Tensor)
-        check_instance("WindowData", "config", self.config, dict)
-        check_dtype("WindowData", "family", self.family, torch.uint8)
-        check_dtype("WindowData", "held_out", self.held_out, torch.bool)
+            check_instance(name, getattr(self, name), Tensor)
+        check_instance("config", self.config, dict)
+        check_dtype("family", self.family, torch.uint8)
+        check_dtype("held_out", self.held_out, torch.bool)
         shape = self.windows.shape
         if self.windows.dtype != torch.uint8 or len(shape) != 3 or shape[1] != shape[2]:
             raise ValueError(
@@ -78,7 +78,7 @@ class WindowData:
             TypeError: If the windows are not a float32 tensor.
             ValueError: If a value is NaN or not in [0, 1], or a shape does not fit.
         """
-        check_window(windows, windows.shape[-1], "WindowData.from_floats", batched=True)
+        check_window(windows, windows.shape[-1], batched=True)
         levels = (windows[:, 0] * 255).round().to(torch.uint8)
         return cls(windows=levels, family=family, held_out=held_out, config=config)
 
@@ -88,8 +88,8 @@ class WindowData:
 
     def where(self, mask: Tensor) -> "WindowData":
         """The windows where a mask `[N]` bool is True."""
-        check_dtype("WindowData.where", "mask", mask, torch.bool)
-        check_shape("WindowData.where", "mask", mask, "N", (len(self),))
+        check_dtype("mask", mask, torch.bool)
+        check_shape("mask", mask, "N", (len(self),))
         return WindowData(
             windows=self.windows[mask],
             family=self.family[mask],
@@ -103,7 +103,7 @@ class WindowData:
         if not isinstance(parts, Sequence) or not parts:
             raise ValueError(f"WindowData.join: parts must be one or more, got {parts!r}.")
         for part in parts:
-            check_instance("WindowData.join", "parts", part, WindowData)
+            check_instance("parts", part, WindowData)
         columns = {
             name: torch.cat([getattr(part, name) for part in parts])
             for name in ("windows", "family", "held_out")

@@ -73,8 +73,8 @@ class VAELoss(LossModule):
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Both losses of a batch of windows `[B, 1, 64, 64]`."""
-        window = read_key("VAELoss", tensordict, self.tensor_keys.window)
-        check_window(window, self.vae.window_size, "VAELoss", batched=True)
+        window = read_key(tensordict, self.tensor_keys.window)
+        check_window(window, self.vae.window_size, batched=True)
         mean, std = self.vae.encode(window)
         logits = self.vae.decode(mean + std * torch.randn_like(std))
         likelihood = binary_cross_entropy_with_logits(logits, window, reduction="sum")

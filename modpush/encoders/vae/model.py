@@ -97,7 +97,7 @@ class DepthVAE(Encoder):
         Args:
             window: `[B, 1, 64, 64]` float32 in [0, 1].
         """
-        check_window(window, self.window_size, "DepthVAE", values=False, batched=True)
+        check_window(window, self.window_size, values=False, batched=True)
         mean, spread = self.encoder(window).chunk(2, -1)
         return mean, softplus(spread) + _MIN_STD
 
@@ -107,7 +107,7 @@ class DepthVAE(Encoder):
 
     def forward(self, window: Tensor) -> Tensor:
         """The latent, `[B, latent_dim]`: its mean, or a sample with `sample=True`."""
-        check_window(window, self.window_size, "DepthVAE", batched=True)
+        check_window(window, self.window_size, batched=True)
         mean, std = self.encode(window)
         return mean + std * torch.randn_like(std) if self.sample else mean
 

@@ -8,9 +8,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
-from modpush._checks import check_instance
+from modpush._arguments import checked_arguments
 from modpush._types import Count
-from modpush._validation import check_value
 from modpush.encoders.base import evaluating
 from modpush.encoders.vae.loss import bernoulli_entropy, kl_divergence
 from modpush.encoders.vae.model import DepthVAE
@@ -50,7 +49,8 @@ class Quality:
 
 
 @torch.no_grad()
-def vae_quality(vae: DepthVAE, windows: Callable[[slice], Tensor], count: int) -> Quality:
+@checked_arguments
+def vae_quality(vae: DepthVAE, windows: Callable[[slice], Tensor], count: Count) -> Quality:
     """Measure on `count` windows, in eval mode.
 
     Args:
@@ -62,10 +62,6 @@ def vae_quality(vae: DepthVAE, windows: Callable[[slice], Tensor], count: int) -
         TypeError: If `vae` is not an autoencoder, or `windows` is not a function.
         ValueError: If `count` is not positive.
     """
-    check_instance("vae_quality", "vae", vae, DepthVAE)
-    if not callable(windows):
-        raise TypeError(f"vae_quality: windows must be a function, got {windows!r}.")
-    check_value("vae_quality", "count", count, Count)
     device = next(vae.parameters()).device
     rows, means = [], []
     per_latent = torch.zeros(vae.latent_dim, device=device)
@@ -135,8 +131,6 @@ def r_squared(predicted: Tensor, true: Tensor) -> float:
         TypeError: If an argument is not a tensor.
         ValueError: If their shapes differ.
     """
-    for name, value in (("predicted", predicted), ("true", true)):
-        check_instance("r_squared", name, value, Tensor)
     if predicted.shape != true.shape:
         raise ValueError(
             f"r_squared: predicted and true must be of one shape [N, T], got "
@@ -155,7 +149,7 @@ def linear_probe(train: tuple[Tensor, Tensor], test: tuple[Tensor, Tensor]) -> f
     Raises:
         ValueError: If an argument is not such a pair.
     """
-    _check_probe("linear_probe", train=train, test=test)
+    _check_probe(train=train, test=test)
     one = [torch.cat([x, torch.ones_like(x[:, :1])], 1).double() for x, _ in (train, test)]
     weights = torch.linalg.lstsq(one[0], train[1].double()).solution
     return r_squared(one[1] @ weights, test[1].double())
@@ -181,7 +175,7 @@ def mlp_probe(
     Raises:
         ValueError: If an argument is not such a pair.
     """
-    _check_probe("mlp_probe", train=train, test=test)
+    _check_probe(train=train, test=test)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         mean, std = train[0].mean(0), train[0].std(0).clamp_min(1e-6)
@@ -207,11 +201,9 @@ def mlp_probe(
             return r_squared(model((test[0] - mean) / std), test[1])
 
 
-def _check_probe(who: str, **parts: tuple[Tensor, Tensor]) -> None:
+def _check_probe(**parts: tuple[Tensor, Tensor]) -> None:
     for name, part in parts.items():
         good = isinstance(part, tuple | list) and len(part) == 2
         good = good and all(isinstance(value, Tensor) and value.ndim == 2 for value in part)
         if not good or len(part[0]) != len(part[1]):
-            raise ValueError(
-                f"{who}: {name} must be latents [N, d] and targets [N, T], got {part!r}."
-            )
+            raise ValueError(f"{name} must be latents [N, d] and targets [N, T], got {part!r}.")

@@ -57,7 +57,7 @@ class AnalyticDepthCamera(DepthCamera):
         Raises:
             ValueError: If there is no such scene, or an image has another shape or dtype.
         """
-        self._check_index("capture", index)
+        self._check_index(index)
         behind, labels = self._background[index]
         images = ("depth", depth, behind), ("segmentation", segmentation, labels)
         for name, image, like in images:
@@ -80,7 +80,7 @@ class AnalyticDepthCamera(DepthCamera):
         Raises:
             ValueError: If there is no such scene, or the pixels have another shape or are not finite.
         """
-        self._check_index("cast", index)
+        self._check_index(index)
         if (
             not isinstance(pixels, np.ndarray)
             or pixels.dtype.kind not in "iuf"
@@ -92,11 +92,10 @@ class AnalyticDepthCamera(DepthCamera):
             )
         return cast_pixels(pixels, self._moving(index) + self._fixed[index])
 
-    def _check_index(self, who: str, index: int) -> None:
+    def _check_index(self, index: int) -> None:
         if not isinstance(index, Integral) or not 0 <= index < self.scenes.num_envs:
             raise ValueError(
-                f"AnalyticDepthCamera.{who}: index must be a whole number in "
-                f"[0, {self.scenes.num_envs}), got {index!r}."
+                f"index must be a whole number in [0, {self.scenes.num_envs}), got {index!r}."
             )
 
     def _moving(self, index: int) -> list[Placed]:

@@ -21,7 +21,7 @@ def find_depth_camera(depth: str | DepthCameraFactory) -> DepthCameraFactory:
     Raises:
         ValueError: If there is no such camera (the known ones are listed), or if it cannot be called.
     """
-    found: Any = find_part("PushEnv: depth", find_part("PushEnv: depth", depth, DEPTH_CAMERAS), {})
+    found: Any = find_part("depth", find_part("depth", depth, DEPTH_CAMERAS), {})
     if not callable(found):
         raise ValueError(
             f"PushEnv: depth must be a DepthCamera's class or a function (scenes, arm_in_depth) -> "

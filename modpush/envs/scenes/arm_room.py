@@ -81,11 +81,11 @@ def tool_touches(
     return False
 
 
-def check_arm_is_free(who: str, scenario: Scenario, tip_height: float, tool: ToolName) -> None:
+def check_arm_is_free(name: str, scenario: Scenario, tip_height: float, tool: ToolName) -> None:
     """Refuse a start at which the arm stands in an obstacle, or turns into one near its shoulder.
 
     Args:
-        who: Begins the error.
+        name: Begins the error.
         scenario: The start.
         tip_height: Height of the tip over the table, `PushedObject.tool_height` [m].
         tool: Name of the tool.
@@ -94,10 +94,10 @@ def check_arm_is_free(who: str, scenario: Scenario, tip_height: float, tool: Too
         ValueError: If it does.
     """
     if (why := obstacle_in_arm(scenario.obstacles)) is not None:
-        raise ValueError(f"{who}: {why}.")
+        raise ValueError(f"{name}: {why}.")
     if tool_touches(scenario.tool_pose, tip_height, scenario.obstacles, tool):
         x, y, yaw = scenario.tool_pose
         raise ValueError(
-            f"{who}: expected a tool that stands free, got one in an obstacle, at ({x:.3f}, {y:.3f}), "
+            f"{name}: expected a tool that stands free, got one in an obstacle, at ({x:.3f}, {y:.3f}), "
             f"turned by {math.degrees(yaw):.0f} degrees."
         )

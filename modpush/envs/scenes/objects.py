@@ -79,10 +79,9 @@ class PushedObject:
 
     def __post_init__(self) -> None:
         """Check the parts, and compute what follows from them."""
-        who = f"PushedObject {self.name!r}"
         for part in self.parts:
             if part.rpy[:2] != (0.0, 0.0):
-                raise ValueError(f"{who}: parts must stand upright, got rpy {part.rpy}.")
+                raise ValueError(f"{self.name!r}: parts must stand upright, got rpy {part.rpy}.")
         low, high = zip(*map(vertical_range, self.parts), strict=True)
         object.__setattr__(self, "height", max(high) - min(low))
         object.__setattr__(self, "radius", circumscribed_radius(self.parts))
@@ -90,16 +89,16 @@ class PushedObject:
         offset = (*centroid(self.parts), (max(high) + min(low)) / 2)
         if max(map(abs, offset)) > _TOLERANCE:
             raise ValueError(
-                f"{who}: the frame must sit in the middle of the parts' height over their centroid, "
-                f"which are at {tuple(round(x, 4) for x in offset)} m; give centered(*parts)."
+                f"{self.name!r}: the frame must sit in the middle of the parts' height over their "
+                f"centroid, which are at {tuple(round(x, 4) for x in offset)} m; give centered(*parts)."
             )
-        self._check_symmetry(who)
+        self._check_symmetry()
 
     def radius_of(self, circle: Circle) -> float:
         """Radius of the circumscribed or the inscribed circle of the footprint [m]."""
         return self.radius if circle == "circumscribed" else self.inscribed_radius
 
-    def _check_symmetry(self, who: str) -> None:
+    def _check_symmetry(self) -> None:
         found = yaw_symmetry(self.parts)
         if self.symmetry == -1:
             object.__setattr__(self, "symmetry", found)
@@ -107,8 +106,8 @@ class PushedObject:
             self.symmetry < 1 or (found > 0 and found % self.symmetry != 0)
         ):
             raise ValueError(
-                f"{who}: symmetry {self.symmetry} contradicts the parts, which look alike at {found} "
-                "yaw angles (0: at all of them); give a divisor of it, or -1 to compute it."
+                f"{self.name!r}: symmetry {self.symmetry} contradicts the parts, which look alike "
+                f"at {found} yaw angles (0: at all of them); give a divisor of it, or -1 to compute it."
             )
 
     @functools.cached_property

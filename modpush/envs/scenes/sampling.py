@@ -124,8 +124,8 @@ def sample_scenario(
         ValueError: If there is no such tool; if a scene leaves the arm no room in any of its layouts; or
             if no start is found, and then the message counts which condition failed how often.
     """
-    check_instance("sample_scenario", "rng", rng, np.random.Generator)
-    check_instance("sample_scenario", "config", config, ScenarioConfig)
+    check_instance("rng", rng, np.random.Generator)
+    check_instance("config", config, ScenarioConfig)
     if not isinstance(tool, str) or tool not in TOOLS:
         raise ValueError(f"sample_scenario: tool must be one of {sorted(TOOLS)}, got {tool!r}.")
     scenes, objects = config.scenes, config.objects

@@ -2,7 +2,7 @@
 
 import json
 import zlib
-from collections.abc import Mapping, Set
+from collections.abc import Mapping
 from dataclasses import asdict, field, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -12,7 +12,6 @@ from pydantic import BeforeValidator, Strict
 
 from modpush._types import (
     ONE_NUMBER,
-    ORDERED,
     AtLeastOne,
     Fraction,
     FractionSpan,
@@ -41,13 +40,13 @@ Friction = Annotated[NonNegative, Le(10)]
 """Friction coefficient of an object's material."""
 GoalDistance = Annotated[Length, Ge(GOAL_THRESHOLD), Le(2)]
 """Distance from start to goal [m]; nearer, an episode has ended before its first step."""
-GoalDistances = Annotated[tuple[GoalDistance, GoalDistance], Strict(False), ORDERED]
+GoalDistances = Annotated[tuple[GoalDistance, GoalDistance], Strict(False)]
 """Lower and upper end of a range of distances from start to goal [m]."""
 
 
 def _one_or_more(value: Any) -> Any:
     """A single part as a tuple that holds it."""
-    return value if isinstance(value, list | tuple | Set) else (value,)
+    return value if isinstance(value, list | tuple) else (value,)
 
 
 if TYPE_CHECKING:  # type checkers know of no conversion
@@ -157,9 +156,9 @@ class ScenarioConfig:
     the goal, its wide side towards the object, as in the code of the paper's authors."""
     randomize_dynamics: bool = False
     """Whether mass, friction and centre of mass are drawn anew for each episode."""
-    mass: Annotated[tuple[Mass, Mass], Strict(False), ORDERED] = (0.2, 2.0)
+    mass: Annotated[tuple[Mass, Mass], Strict(False)] = (0.2, 2.0)
     """Range of the mass with randomised dynamics, drawn log-uniformly [kg]."""
-    friction: Annotated[tuple[Friction, Friction], Strict(False), ORDERED] = (0.2, 0.8)
+    friction: Annotated[tuple[Friction, Friction], Strict(False)] = (0.2, 0.8)
     """Range of the friction coefficient of the object's material with randomised dynamics."""
     center_of_mass: NonNegativeLength = 0.01
     """Largest offset of the centre of mass along each axis with randomised dynamics [m]."""

@@ -1,13 +1,10 @@
-"""What damaged files, kills and interrupts do: every damage noticed, nothing lost, equal numbers.
+"""Runs that are killed at random moments: nothing is lost, and the numbers stay equal.
 
-    python benchmarks/reliability/files.py damage               # half a minute
-    python benchmarks/reliability/files.py kills --count 20     # about 20 minutes on two idle cores
+    python benchmarks/reliability/kills.py --count 20    # about 20 minutes on two idle cores
 
-`damage` flips single bits and cuts files short, in every kind of file, and counts what the readers
-refuse. `kills` sends SIGKILL to runs of the preset `smoke` at random moments: to the learner, to its
-worker, to the learner while it writes a checkpoint, and SIGTERM to all processes. Each run is started
-again until it ends, and its evaluations and its last agent's weights are compared with those of a run
-that nothing happened to.
+SIGKILL is sent to runs of the preset `smoke` at random moments: to the learner, to its worker, and to the
+learner while it writes a checkpoint. Each run is started again until it ends, and its evaluations and its
+last agent's weights are compared with those of an uninterrupted run.
 """
 
 import os
@@ -17,7 +14,6 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Annotated, Literal
 
 import numpy as np
 import pandas as pd
@@ -29,11 +25,7 @@ ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
 
 from modpush.recipes import load_agent  # noqa: E402
-from modpush.training import TRAIN_PRESETS, Trainer  # noqa: E402
-from modpush.training.run_folder import RunFolder  # noqa: E402
-from tests.damage import KINDS, damages, noticed  # noqa: E402
 
-SMOKE = TRAIN_PRESETS["smoke"][1]
 RUN = """
 import sys, warnings
 from dataclasses import replace
@@ -48,31 +40,7 @@ if __name__ == "__main__":
     except KeyboardInterrupt:
         raise SystemExit(130)
 """
-TARGETS = ("learner", "worker", "checkpoint", "signal")
-
-
-def damage(flips: int, cuts: int) -> None:
-    """Print how many damaged versions of each kind of file are refused."""
-    print("| file | bit flips and truncations | noticed |\n|---|---|---|")
-    with tempfile.TemporaryDirectory() as name:
-        for kind, write in KINDS.items():
-            folder = Path(name) / kind
-            folder.mkdir()
-            refused, total = noticed(*write(folder), flips, cuts)
-            print(f"| {kind} | {total} | {refused} |", flush=True)
-        Trainer(SMOKE, Path(name) / "run").run()
-        checkpoints = RunFolder(Path(name) / "run").checkpoints
-        older, path = checkpoints.paths()
-        older.unlink()
-        refused = total = 0
-        for content in damages(path.read_bytes(), flips, cuts):
-            path.write_bytes(content)
-            total += 1
-            try:
-                checkpoints.load()
-            except ValueError as error:
-                refused += path.name in str(error)
-        print(f"| checkpoint | {total} | {refused} |")
+TARGETS = ("learner", "worker", "checkpoint")
 
 
 def numbers(folder: Path) -> tuple[pd.DataFrame, dict[str, torch.Tensor]]:
@@ -113,10 +81,7 @@ def strike(process: subprocess.Popen[bytes], folder: Path, target: str, delay: f
             return False
         time.sleep(0.0005 if target == "checkpoint" else 0.01)
     children = psutil.Process(process.pid).children()
-    if target == "signal":
-        os.killpg(process.pid, signal.SIGTERM)
-    else:
-        (children[0] if target == "worker" and children else process).send_signal(signal.SIGKILL)
+    (children[0] if target == "worker" and children else process).send_signal(signal.SIGKILL)
     process.wait()
     _, alive = psutil.wait_procs(children, timeout=30)
     assert not alive, "a worker outlived its parent"
@@ -128,7 +93,7 @@ def writing(folder: Path) -> bool:
     return any((folder / "checkpoints").glob(".step-*"))
 
 
-def kills(count: int, seed: int) -> None:
+def kills(count: int = 20, seed: int = 0) -> None:
     """Print what became of runs that were hit `count` times for each target."""
     rng = np.random.default_rng(seed)
     print("| hit | runs | hits | lost | other numbers |\n|---|---|---|---|---|")
@@ -152,17 +117,6 @@ def kills(count: int, seed: int) -> None:
             print(f"| {target} | {runs} | {hits} | {lost} | {different} |", flush=True)
 
 
-def main(
-    what: Annotated[Literal["damage", "kills"], tyro.conf.Positional],
-    flips: int = 200,
-    cuts: int = 100,
-    count: int = 20,
-    seed: int = 0,
-) -> None:
-    """Print one of the two tables."""
-    torch.set_num_threads(1)
-    damage(flips, cuts) if what == "damage" else kills(count, seed)
-
-
 if __name__ == "__main__":
-    tyro.cli(main, description=__doc__)
+    torch.set_num_threads(1)
+    tyro.cli(kills, description=__doc__)
