@@ -66,6 +66,8 @@ class CollectRows:
     """Folder that `python -m paper run` or `modpush evaluate --out` filled."""
     rename: Mapping[str, str] = field(default_factory=dict)
     """Names of methods, as pairs of the folder's name and the new one."""
+    first: int | None = None
+    """Number of episodes to take of each set, starting with its first; all by default."""
     commit: str = "not noted"
     """Commit of the code, for folders that do not say."""
     machine: str = "not noted"
@@ -75,7 +77,12 @@ class CollectRows:
 
     def __call__(self) -> None:
         frames = collect_rows(
-            self.folder, self.rename, self.out, commit=self.commit, machine=self.machine
+            self.folder,
+            self.rename,
+            self.out,
+            first=self.first,
+            commit=self.commit,
+            machine=self.machine,
         )
         print(write_rows(frames, self.out).to_string(index=False))
 

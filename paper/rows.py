@@ -95,7 +95,12 @@ def _with_spl(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def collect_rows(
-    folder: Path, rename: Mapping[str, str] | None = None, path: Path = ROWS, **origin: str
+    folder: Path,
+    rename: Mapping[str, str] | None = None,
+    path: Path = ROWS,
+    *,
+    first: int | None = None,
+    **origin: str,
 ) -> Iterator[pd.DataFrame]:
     """Rows of all finished evaluations of sets of the package below a folder.
 
@@ -104,6 +109,7 @@ def collect_rows(
             `python -m paper run` write them.
         rename: Names of methods, by the names of their folders.
         path: File with earlier rows, whose authors' lengths are used.
+        first: Number of episodes to take of each set, starting with its first; all by default.
         **origin: `commit` and `machine`, where the folders do not say.
 
     Yields:
@@ -117,7 +123,8 @@ def collect_rows(
         if plain not in SET_NAMES or found.parent.parts[-len(parts) :] != parts:
             continue
         rows = pd.read_csv(found).drop_duplicates("episode").sort_values("episode")
-        episodes = load_set(plain)
+        episodes = load_set(plain).first(first)
+        rows = rows[rows["episode"] < len(episodes)]
         method = found.parent.parts[-len(parts) - 1]
         if len(rows) < len(episodes):
             print(f"{method} on {name}: {len(rows)} of {len(episodes)} episodes, left out.")

@@ -159,3 +159,10 @@ def test_methods_are_run_and_their_rows_are_found(tmp_path: Path) -> None:
     added = add_yardsticks(frame, load_set("obstacles/fragment"))
     assert added["spl"].tolist() == pytest.approx(frame["spl"].tolist())
     assert rows.ROWS.name == "rows.parquet"
+
+
+def test_rows_of_the_first_episodes_of_a_set(tmp_path: Path) -> None:
+    fill(tmp_path / "runs" / "one", made_rows(5, **LENGTHS))
+    (rows,) = collect_rows(tmp_path / "runs", path=tmp_path / "none", first=3)
+    assert rows["episode"].tolist() == [0, 1, 2]
+    assert not list(collect_rows(tmp_path / "runs", path=tmp_path / "none", first=6))
