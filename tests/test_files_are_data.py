@@ -107,13 +107,6 @@ def critics(field: str) -> Callable[[Path, str], object]:
     return read
 
 
-def warm_start(folder: Path, text: str) -> None:
-    env = {**asdict(SMOKE.env), "pushed_object": text}
-    checkpoint(folder, {"env": env}, fingerprint={})
-    config = replace(SMOKE, init_from=str(folder))
-    load_initial_weights(None, config, None, {})  # type: ignore[arg-type]  # not reached
-
-
 def warm_start_from_agent(folder: Path, text: str) -> None:
     with pytest.raises(ValueError, match="load_agent"):
         agent("env.planner")(folder, text)
@@ -188,7 +181,6 @@ READERS: dict[str, Callable[[Path, str], object]] = {
     },
     **{f"agent {place}": agent(place, several=True) for place in ("env.entries", "env.add")},
     **{f"checkpoint {field}": critics(field) for field in ("actor", "critic", "loss", "encoder")},
-    "init_from a checkpoint": warm_start,
     "init_from an agent": warm_start_from_agent,
     "set pushed_object": evaluation_set("pushed_object"),
     "set scene": evaluation_set("scene"),

@@ -65,7 +65,7 @@ def test_weights_keep_the_dtype_of_their_file(double: None) -> None:
 
 def test_paths_of_one_s_own_are_single(double: None) -> None:
     start = torch.zeros(2, 2, dtype=torch.float32)
-    check_paths("own", Paths.from_waypoints([None, torch.ones(2, 2)], start), 2)
+    check_paths(Paths.from_waypoints([None, torch.ones(2, 2)], start), 2)
 
 
 def test_images_are_read_where_they_are(elsewhere: None) -> None:

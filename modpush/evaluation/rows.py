@@ -20,7 +20,7 @@ def begin_rows(path: Path, columns: Sequence[str]) -> None:
     Raises:
         ValueError: If the file has other columns.
     """
-    text = path.read_text("utf-8") if path.exists() else ""
+    text = path.read_text(encoding="utf-8") if path.exists() else ""
     whole = text[: text.rfind("\n") + 1]
     if whole:
         _check_header(path, whole, columns)
@@ -55,7 +55,7 @@ def read_rows(
         ValueError: If the file has other columns, or an integer is none.
     """
     with reading(path, "read_rows"):
-        text = path.read_text("utf-8")
+        text = path.read_text(encoding="utf-8")
         whole = text[: text.rfind("\n") + 1]
         _check_header(path, whole, columns)
         numbers = [name for name in columns if name not in set(texts)]

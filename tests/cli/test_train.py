@@ -143,10 +143,10 @@ def test_the_config_of_a_run_repeats_it_whatever_the_preset(tmp_path) -> None:
     ("content", "message"),
     [
         ("tqc: {gama: 0.9}", "gama"),
-        ("tqc: {gamma: often}", "gamma must be a number"),
+        ("tqc: {gamma: often}", "gamma: Input should be a valid number"),
         ("- 3", "expected fields of TrainConfig by name"),
         ("env: {planner: 'my_lab:Planner'}", "--allow my_lab"),
-        ("env: {", "cut short or damaged"),
+        ("env: {", "damaged or of another structure"),
         (None, "no file"),
     ],
 )

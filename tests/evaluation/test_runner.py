@@ -223,7 +223,7 @@ def test_a_worker_that_ends_early_is_reported(
 
 @pytest.mark.parametrize("name", ["num_envs", "workers"])
 def test_numbers_are_checked(name: str) -> None:
-    with pytest.raises(ValueError, match=rf"{name} must be >= 1( or 'ray')?, got 0"):
+    with pytest.raises(ValueError, match=rf"{name}: .*greater than or equal to 1.*, got 0"):
         EvaluationConfig(**{name: 0})
 
 
@@ -320,7 +320,7 @@ def test_a_finished_folder_is_read_without_being_written_to(
 
 
 def test_two_evaluations_of_one_folder_are_refused(tmp_path: Path, free: EvaluationSet) -> None:
-    with FolderLock(tmp_path), pytest.raises(FolderLockedError, match=f"process {os.getpid()} on"):
+    with FolderLock(tmp_path), pytest.raises(FolderLockedError, match="in use by another process"):
         evaluate(ScriptedPusher(), free.first(2), tmp_path, make_env=fail, config=QUIET)
 
 

@@ -213,7 +213,7 @@ def test_first_takes_the_first_episodes() -> None:
     assert smoke.first(3).scenarios == smoke.scenarios[:3]
     assert smoke.first(None) == smoke == smoke.first(100)
     assert isinstance(smoke.first(1), EvaluationSet)
-    with pytest.raises(ValueError, match="count must be >= 1, got 0"):
+    with pytest.raises(ValueError, match=r"count: .*greater than or equal to 1, got 0"):
         smoke.first(0)
 
 

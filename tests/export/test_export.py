@@ -121,7 +121,9 @@ def test_the_card_says_how_the_agent_recovers(agent, folder: Path, tmp_path: Pat
 
 
 def test_what_cannot_be_exported_is_refused(agent, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"formats\[0\] must be 'onnx' or .*, got 'tflite'"):
+    with pytest.raises(
+        ValueError, match=r"formats\[0\]: Input should be 'onnx' or .*, got 'tflite'"
+    ):
         export_agent(agent, tmp_path, ("tflite",))
     blind = replace(agent, actor=agent.actor[0])
     with pytest.raises(
