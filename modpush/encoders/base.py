@@ -45,9 +45,8 @@ def encoder_sizes(encoder: Any) -> tuple[int, int, float]:
         TypeError: If it is not a module, or one of the three is not a positive number.
     """
     sizes = (getattr(encoder, "latent_dim", None), getattr(encoder, "window_size", WINDOW_SIZE))
-    latent_dim, window_size = sizes
-    whole = isinstance(latent_dim, int) and isinstance(window_size, int)
-    if not (isinstance(encoder, nn.Module) and whole and latent_dim >= 1 and window_size >= 1):
+    whole = isinstance(sizes[0], int) and isinstance(sizes[1], int)
+    if not (isinstance(encoder, nn.Module) and whole and min(sizes) >= 1):  # type: ignore[type-var]  # ints
         raise TypeError(
             f"encoder must be a module with an int `latent_dim` >= 1 and, where that is not "
             f"{WINDOW_SIZE}, an int `window_size` >= 1; got {type(encoder).__name__} with "

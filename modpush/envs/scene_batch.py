@@ -203,7 +203,7 @@ class SceneBatch:
         depth, segmentation = self._images.take()
         camera = self._camera
         for i in range(self.num_envs):
-            given = camera.capture(i, depth[i, 0], segmentation[i, 0])  # type: ignore[func-returns-value]  # checked
+            given = camera.capture(i, depth[i, 0], segmentation[i, 0])
             if given is not None:
                 raise TypeError(
                     f"PushEnv: depth: {type(camera).__name__}.capture must write into the arrays that it "

@@ -1,7 +1,7 @@
 """The environment of a pushing agent as one configuration, and its presets."""
 
 import functools
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -45,6 +45,7 @@ def _accept_single_fields(cls: type[T]) -> type[T]:
     """Let the constructor take fields of `scenario` and `simulation` one by one."""
     as_any: Any = cls
     init, own = as_any.__init__, {field.name for field in fields(as_any)}
+    nested: dict[str, Callable[[], Any]]
     nested = {"scenario": _default_scenario, "simulation": SimulationConfig}
 
     @functools.wraps(init)

@@ -82,6 +82,7 @@ class SceneCollector(BaseCollector):
         curriculum.outcomes = ()
         rollout = self.worker.collect(self._length, self._weights)
         begins, self._begins = self._begins, False
+        about: dict[str, Any]
         about = {"source": self._index, "begins": begins, "version": self._version}
         return replace(rollout, **about, outcomes=list(curriculum.outcomes))
 

@@ -5,7 +5,7 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, field, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from annotated_types import Ge, Le, MaxLen
 from pydantic import BeforeValidator, Strict
@@ -50,7 +50,9 @@ def _one_or_more(value: Any) -> Any:
 
 
 if TYPE_CHECKING:  # type checkers know of no conversion
-    Parts = DifficultyRange = DistanceRange = Any
+    Parts: TypeAlias = Any
+    DifficultyRange: TypeAlias = Any
+    DistanceRange: TypeAlias = Any
 else:
     # Of anything, since the command line gives names, and only Python gives objects.
     Parts = Annotated[AtLeastOne[Any], BeforeValidator(_one_or_more)]

@@ -173,21 +173,22 @@ class ClutterPushEnv(BaseEnv):
         build_table(scene, robot.links_map["base"], make_material("table"))
         set_material(robot, make_material("tool"))
         self.objects = ObjectBodies(scene, self.pushed_objects, make_material("object"))
-        self.obstacles: Any = (ObstaclePool if self.gpu_sim_enabled else ObstacleSwapper)(
-            scene, make_material("obstacle"), self.dynamic_obstacles
-        )
         self.marker = build_goal_marker(scene, self.goal_threshold) if scene.can_render() else None
         """Disc at the goal, where there is a renderer."""
         if self.marker is not None:
             self._hidden_objects.append(self.marker)
         actors = list(self.objects.actors.values())
+        self.obstacles: Any
         self.contacts: Any
         self.engine: SapienEngine | None = None
         """Places and steps the one scene of a CPU task."""
+        material, dynamic = make_material("obstacle"), self.dynamic_obstacles
         if self.gpu_sim_enabled:
-            self.contacts = CudaContacts(scene, robot, actors, self.obstacles.actors)
+            pool = self.obstacles = ObstaclePool(scene, material, dynamic)
+            self.contacts = CudaContacts(scene, robot, actors, pool.actors)
         else:
-            self.contacts = CpuContacts(scene, robot, actors, self.obstacles)
+            swapper = self.obstacles = ObstacleSwapper(scene, material, dynamic)
+            self.contacts = CpuContacts(scene, robot, actors, swapper)
             self.engine = SapienEngine(self)
 
     def reset(
