@@ -8,8 +8,9 @@ from pydantic import Field, Strict
 
 from modpush._types import Fraction, Name, NonNegativeInteger, Several
 from modpush._validation import checked
-from modpush.envs.scenes.layouts import SCENES
+from modpush.envs.scenes.layouts import SCENES, TIGHT_SCENES
 from modpush.envs.scenes.objects import OBJECTS
+from modpush.parts import part_module
 
 __all__ = ["CONTROL_FREQ", "PlayConfig"]
 
@@ -28,7 +29,7 @@ class PlayConfig:
     corridor, corridor_faithful, scripted, hand, a shipped agent's name, an agent's file, a training
     run's folder, or hf://owner/name."""
     scene: Name = "slot"
-    """Scene family from which episodes are drawn."""
+    """Scene family from which episodes are drawn: by name, or `module:name` of your own."""
     pushed_object: Name = "small_cube"
     """Name of the pushed object."""
     difficulty: Fraction = 0.3
@@ -56,10 +57,10 @@ class PlayConfig:
     def __post_init__(self) -> None:
         """Check the names."""
         for name, value, known in (
-            ("scene", self.scene, SCENES),
-            ("pushed_object", self.pushed_object, OBJECTS),
+            ("scene", self.scene, {*SCENES, *TIGHT_SCENES}),
+            ("pushed_object", self.pushed_object, {*OBJECTS}),
         ):
-            if value not in known:
+            if value not in known and (name != "scene" or part_module(value) is None):
                 raise ValueError(
                     f"PlayConfig: {name} must be one of {sorted(known)}, got {value!r}."
                 )

@@ -2,13 +2,19 @@
 
 from typing import Any
 
-from modpush.envs.scenes.layouts import SCENES
+from modpush.envs.scenes.layouts import SCENES, TIGHT_SCENES
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.viewer.panel import Panel, assign
+from modpush.viewer.session import Session
 
 __all__ = ["EpisodeControls", "TimeControls"]
 
 _SPEEDS = ("0.25", "0.5", "1", "2", "4")
+
+
+def _scenes(session: Session) -> tuple[str, ...]:
+    """Names of the scene families, with one's own if the page was started with one."""
+    return tuple(dict.fromkeys((*SCENES, *TIGHT_SCENES, session.scene)))
 
 
 class TimeControls:
@@ -62,7 +68,7 @@ class EpisodeControls:
             )
             if not session.replaying:
                 self._scene = panel.field(
-                    gui.add_dropdown("Scene", tuple(SCENES), initial_value=session.scene),
+                    gui.add_dropdown("Scene", _scenes(session), initial_value=session.scene),
                     lambda name: session.choose_scene(scene=name),
                 )
                 self._difficulty = panel.field(

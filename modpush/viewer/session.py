@@ -8,6 +8,7 @@ import numpy as np
 from modpush._arguments import checked_arguments
 from modpush._types import Angle, Coordinate, Finite, Seed
 from modpush._validation import check_value
+from modpush.envs.scenes.layouts import TIGHT_SCENES
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.viewer import edits
@@ -182,7 +183,11 @@ class Session:
         return sample_scenario(
             np.random.default_rng(seed),
             ScenarioConfig(
-                scene=self.scene, pushed_object=self.pushed_object, difficulty=self.difficulty
+                scene=self.scene,
+                pushed_object=self.pushed_object,
+                difficulty=self.difficulty,
+                # Through the passages of these families only the inscribed circle fits.
+                path_inflation="inscribed" if self.scene in TIGHT_SCENES else None,
             ),
         )
 

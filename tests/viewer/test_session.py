@@ -204,6 +204,14 @@ def test_another_policy_shows_its_path_and_sub_goal(session, policy) -> None:
     assert session.snapshots[0].flags["success"]
 
 
+@pytest.mark.parametrize("scene", ["maze", "tests.own_parts:one_post"])
+def test_hard_scenes_and_scenes_of_one_s_own_can_be_shown(session, scene) -> None:
+    session.choose_scene(scene=scene, difficulty=1.0)
+    session.tick()
+    assert session.snapshots[0].scenario.scene == scene
+    assert session.snapshots[0].scenario.obstacles
+
+
 @pytest.mark.parametrize("pushed_object", ["large_cube", "small_cylinder", "fragment"])
 def test_another_object_is_pushed_without_a_new_environment(session, pushed_object) -> None:
     lane = session.lanes[0]
