@@ -6,6 +6,7 @@ of docs/. A table whose page has gone is an error, so that no name outlives its 
 
 import re
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -88,7 +89,7 @@ def number(value: float) -> str:
 
 def success_table() -> str:
     """Success of `any_object`, with the tool at any angle, beside the paper's agent and controller."""
-    lines = [("set", "`any_object`", "paper's agent", "paper's controller")]
+    lines: list[tuple[str, ...]] = [("set", "`any_object`", "paper's agent", "paper's controller")]
     for name, label in SETS.items():
         if not name.startswith("hard/"):
             ours = _mean("any_object", name, "success")
@@ -196,7 +197,7 @@ def verdict_table(agent: str) -> str:
     """Metrics in which an agent is ahead of, level with and behind the paper's agents."""
     judged = verdicts(agent)
     judged = judged[judged["versus"].str.startswith("paper: agent")]
-    lines = [("set", "tool's start", "against", "ahead", "level", "behind")]
+    lines: list[tuple[str, ...]] = [("set", "tool's start", "against", "ahead", "level", "behind")]
     for (name, method, versus), own in judged.groupby(["set", "method", "versus"], sort=False):
         words = [
             ", ".join(COLUMNS[m] for m in own.loc[own["verdict"] == verdict, "metric"])
@@ -240,7 +241,7 @@ BLOCKS: dict[str, Callable[[], str]] = {
     **_of_each(AGENTS, "verdicts", verdict_table),
     **_of_each(AGENTS, "lists", lambda agent: verdicts_text(verdicts(agent))),
     **{
-        f"table {table} {agent}": lambda table=table, agent=agent: table_text(table, agent)
+        f"table {table} {agent}": partial(table_text, table, agent)
         for table in TABLES
         for agent in AGENTS
     },

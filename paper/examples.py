@@ -60,7 +60,8 @@ def write_examples(running: Running, agent: str, first: int | None = None) -> st
         measure(method, episodes, folders[name], running).set_index("episode", drop=False)
         for name, method in found.items()
     ]
-    chosen = choose_examples(*(frame.reset_index(drop=True) for frame in rows), episodes)
+    ours, theirs = (frame.reset_index(drop=True) for frame in rows)
+    chosen = choose_examples(ours, theirs, episodes)
     if not chosen:
         raise ValueError(
             f"write_examples: {agent} and {_CONTROLLER} solved none of the first {len(episodes)} "
@@ -84,7 +85,7 @@ def write_examples(running: Running, agent: str, first: int | None = None) -> st
     origins = [origin_of(folder) for folder in folders.values()]
     commits, machines = ([o.get(key, "") for o in origins] for key in ("commit", "machine"))
     sources = sources_text("python -m paper examples", f"the set `{_SET}`", commits, machines)
-    heads = ("episode", "family", "shortest path (m)", "agent: path (m)", "contact")
-    heads += ("controller: path (m)", "contact")
+    ways = ("agent: path (m)", "contact", "controller: path (m)", "contact")
+    heads = ("episode", "family", "shortest path (m)", *ways)
     table = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads), *lines]
     return "\n".join([sources, *table]) + "\n"

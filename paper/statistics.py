@@ -5,7 +5,7 @@ A verdict calls the first of two figures ahead, level or behind by the rules in 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -126,7 +126,7 @@ def make_tests(rows: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
         for metric, a, b in _pairs(mine, theirs, _shown(rows)):
             test = paired_t_test(a, b)
             means = (values.mean() if len(values) else np.nan for values in (a, b))
-            about = {"first": first, "second": second, "metric": metric}
+            about: dict[str, Any] = {"first": first, "second": second, "metric": metric}
             about |= dict(zip(("first_mean", "second_mean"), means, strict=True))
             lines.append(about | vars(test) | {"verdict": against_method(metric, test)})
     return pd.DataFrame(lines)

@@ -185,7 +185,7 @@ class _Runner:
 
     def _keep(self, found: dict[int, RecordedEpisode], first: int) -> list[RecordedEpisode]:
         """The episodes to write in the order of their numbers, counted."""
-        kept = []
+        kept: list[RecordedEpisode] = []
         for number in range(first, MAX_NUMBER):
             if (episode := found.get(number)) is None:
                 return kept

@@ -46,7 +46,7 @@ def encoder_sizes(encoder: Any) -> tuple[int, int, float]:
     """
     sizes = (getattr(encoder, "latent_dim", None), getattr(encoder, "window_size", WINDOW_SIZE))
     whole = isinstance(sizes[0], int) and isinstance(sizes[1], int)
-    if not (isinstance(encoder, nn.Module) and whole and min(sizes) >= 1):  # type: ignore[type-var]  # ints
+    if not (isinstance(encoder, nn.Module) and whole and min(sizes) >= 1):  # type: ignore[type-var,operator]  # ints
         raise TypeError(
             f"encoder must be a module with an int `latent_dim` >= 1 and, where that is not "
             f"{WINDOW_SIZE}, an int `window_size` >= 1; got {type(encoder).__name__} with "
