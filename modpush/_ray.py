@@ -12,7 +12,7 @@ from modpush._extras import require_extra
 __all__ = ["RESTARTS", "ray_session"]
 
 RESTARTS = 10
-"""How often Ray starts an actor again that has ended."""
+"""Number of times that Ray restarts an actor that has ended."""
 
 
 @contextmanager

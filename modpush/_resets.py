@@ -10,7 +10,7 @@ __all__ = ["scenes_reset", "write_scenes_reset"]
 
 
 def scenes_reset(tensordict: TensorDictBase, batch_size: torch.Size) -> Tensor | None:
-    """Which scenes of a batch `[B]` are being reset.
+    """Mask of the scenes of a batch `[B]` that are being reset.
 
     Args:
         tensordict: First argument of `Transform._reset`, with TorchRL's `"_reset"` where there is one.

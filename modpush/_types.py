@@ -94,7 +94,7 @@ Scenes = Annotated[int, Field(ge=1, le=65_536)]
 Name = Annotated[str, StringConstraints(min_length=1)]
 """Text that is not empty."""
 PartName = Annotated[str, StringConstraints(pattern=r"^[\w.]+:[\w.]+$")]
-"""Where a part of a user's own is, "module:name"."""
+"""Place of a user's own part, "module:name"."""
 Device = Annotated[str, StringConstraints(pattern=r"^[a-z]+(:\d+)?$")]
 """A torch device, "cpu" or "cuda:0" for instance."""
 FilePath = Annotated[Path, Strict(False)]

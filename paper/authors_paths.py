@@ -188,7 +188,7 @@ def _distance(a: int, b: int, width: int) -> float:
 
 @njit()
 def _sees(blocked: NDArray, a: int, b: int) -> bool:
-    """Whether the line between two cells' centres crosses no blocked cell, the last one aside.
+    """True if the line between two cells' centres crosses no blocked cell but the last one.
 
     It steps along the longer axis; where it changes the row (or column) between two steps, the cell
     that it touches on the way counts as well.
@@ -229,7 +229,7 @@ def _sees(blocked: NDArray, a: int, b: int) -> bool:
 
 @njit()
 def _before(a: tuple[float, float, int], b: tuple[float, float, int]) -> bool:
-    """Whether entry a (key, cost, cell) leaves the queue before b: of equal keys the greater cost."""
+    """True if entry a (key, cost, cell) leaves the queue before b: of equal keys the greater cost."""
     return a[1] > b[1] if abs(a[0] - b[0]) < _TIE else a[0] < b[0]
 
 

@@ -72,7 +72,7 @@ QUANTITIES = {
         title="height of the tool's tip (m)", nominal=0.02, values=(0.012, 0.016, 0.02, 0.03, 0.04)
     ),
 }
-"""What is varied, one at a time. All other values are those of training."""
+"""The quantities that are varied, one at a time. All other values are those of training."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +84,7 @@ class Change:
 
     @property
     def nominal(self) -> bool:
-        """Whether this is the value of training."""
+        """True if this is the value of training."""
         return self.value == QUANTITIES[self.quantity].nominal
 
     @property

@@ -24,7 +24,7 @@ FRAGMENT_AGENT = Path(__file__).parent / "agents" / f"{RETRAINED}.safetensors"
 
 @dataclass(frozen=True, kw_only=True)
 class Running:
-    """How episodes are run, and where their rows and trajectories are kept."""
+    """Settings of the episodes, and the folder of their rows and trajectories."""
 
     folder: Path = Path("runs/paper")
     """Folder of rows and trajectories, as `modpush evaluate --out` fills it; finished episodes are not

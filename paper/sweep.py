@@ -173,7 +173,7 @@ def _config_text(trial: Trial) -> str:
 
 
 def is_finished(trial: Trial, folder: Path) -> bool:
-    """Whether a run has been evaluated after its last step."""
+    """True if a run has been evaluated after its last step."""
     config = folder / f"{trial.name}.yaml"
     if config.exists() and config.read_text(encoding="utf-8") != _config_text(trial):
         raise ValueError(f"{config} is of another configuration; remove it and its run's folder.")

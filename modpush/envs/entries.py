@@ -1,4 +1,4 @@
-"""What `PushEnv` emits in every step, as tensors by key."""
+"""The entries that `PushEnv` emits in every step, as tensors by key."""
 
 import numpy as np
 import torch

@@ -18,7 +18,7 @@ Array = TypeVar("Array", NDArray[Any], Tensor)
 
 
 def is_at_goal(position: Array, goal: Array, threshold: float = GOAL_THRESHOLD) -> Array:
-    """Whether the object has reached its goal.
+    """True where the object has reached its goal.
 
     Args:
         position: The object's centre, a numpy array or a tensor, `[B, 2]` [m].
@@ -34,7 +34,7 @@ def is_at_goal(position: Array, goal: Array, threshold: float = GOAL_THRESHOLD) 
 
 
 def is_out_of_bounds(position: Array, bounds: Rectangle) -> Array:
-    """Whether the object has left the workspace by more than the margin of `bounds`.
+    """True where the object has left the workspace by more than the margin of `bounds`.
 
     Args:
         position: The object's centre, a numpy array or a tensor, `[B, 2]` [m].
@@ -49,7 +49,7 @@ def is_out_of_bounds(position: Array, bounds: Rectangle) -> Array:
 
 
 class EpisodeStatus(NamedTuple):
-    """How the episodes of a batch stand, `[B]` bool each; the fields are keys of `PushEnv`."""
+    """Status of the episodes of a batch, `[B]` bool each; the fields are keys of `PushEnv`."""
 
     success: NDArray[np.bool_]
     """The object is at its goal."""

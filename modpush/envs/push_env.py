@@ -267,7 +267,7 @@ class PushEnv(EnvBase):
 
     @property
     def scenarios(self) -> list[Scenario]:
-        """What the present episodes started from, one for each scene."""
+        """Starts of the present episodes, one for each scene."""
         self._check_open("scenarios", started=True)
         return list(self._batch.scenarios)
 
@@ -282,7 +282,7 @@ class PushEnv(EnvBase):
 
     @property
     def _state_config(self) -> dict[str, Any]:
-        """What a state depends on besides the objects."""
+        """Settings that a state depends on, besides the objects."""
         names = ("tool", "sim_freq", "control_freq", "dynamic_obstacles")
         engine = self._batch.engines[0]
         about = {"device": self.device.type, "engine": f"{engine.name} {engine.version}"}

@@ -216,7 +216,7 @@ class SceneBatch:
         return self._analytic.cast(index, pixels)
 
     def obstacle_displacement(self) -> Tensor:
-        """How far each obstacle has moved in its episode, `[B, MAX_OBSTACLES]` float32 [m]."""
+        """Distance by which each obstacle has moved in its episode, `[B, MAX_OBSTACLES]` float32 [m]."""
         moved = np.zeros((self.num_envs, MAX_OBSTACLES))
         for i, scenario in enumerate(self.scenarios):
             start = np.array([o.pose[:2] for o in scenario.obstacles])

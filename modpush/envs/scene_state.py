@@ -23,13 +23,13 @@ class SceneState:
     """
 
     scenario: Scenario
-    """What the episode started from."""
+    """Start of the episode."""
     physics: Any
     """The numbers that the engine packs, `[n]` float32; on CUDA ManiSkill's state dictionary."""
     target: tuple[float, float, float]
     """The controller's commanded pose (x, y, yaw) [m, m, rad]."""
     contacts: tuple[bool, ...]
-    """What touched during the last step, in the order of `CONTACT_KEYS`."""
+    """Contacts during the last step, in the order of `CONTACT_KEYS`."""
     target_reachable: bool
     """False where the commanded pose had no solution."""
 

@@ -36,7 +36,7 @@ class SimulationConfig:
     """Control steps after which an episode is truncated; None for no limit. The paper gives no
     number; the authors' code uses 200."""
     oob: Literal["truncate", "terminate"] = "truncate"
-    """What happens when the object leaves the workspace, which the paper does not specify. Since
+    """End of an episode whose object leaves the workspace, which the paper does not specify. Since
     every step has a cost, a policy that is still bad would do best to end its episode with the
     terminal penalty; with "truncate" the steps that would have followed count as well."""
 

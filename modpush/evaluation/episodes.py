@@ -207,7 +207,7 @@ def run_episodes(
 
 
 def _acted(td: Any) -> TensorDictBase:
-    """What a policy returned, which must be a tensordict with an action."""
+    """The tensordict that a policy returned, if it has an action."""
     if not isinstance(td, TensorDictBase) or td.get("action", None) is None:
         got = sorted(map(str, td.keys())) if isinstance(td, TensorDictBase) else type(td).__name__
         raise TypeError(

@@ -154,7 +154,7 @@ class ResultStore:
 
 @checked_arguments
 def load_trajectory(folder: Path | str, number: int) -> Trajectory:
-    """What an episode looked like, from a folder that a `ResultStore` filled."""
+    """Trajectory of an episode, from a folder that a `ResultStore` filled."""
     return Trajectory.load(Path(folder) / _TRAJECTORIES / f"{number:05d}.npz")
 
 

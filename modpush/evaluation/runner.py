@@ -66,7 +66,7 @@ class EvaluationConfig:
 
     @property
     def exploration(self) -> ExplorationType:
-        """How a stochastic policy acts."""
+        """Exploration type of a stochastic policy."""
         return ExplorationType.DETERMINISTIC if self.deterministic else ExplorationType.RANDOM
 
 
@@ -161,7 +161,7 @@ def evaluate(
 def _with_environment(
     policy: Any, make_env: EnvFactory | None, config: EvaluationConfig
 ) -> tuple[Policy, EnvFactory, EvaluationConfig]:
-    """What acts, what makes its environment, and the settings with the keys that it writes."""
+    """Policy, environment factory, and config with the keys that the policy writes."""
     if hasattr(policy, "make_policy"):  # a `Method`
         make_env, keys = make_env or policy.make_env, (policy.path_key, policy.target_key)
         policy = policy.make_policy()

@@ -1,4 +1,4 @@
-"""What the evaluation and tuning sets are drawn from.
+"""Distributions of the evaluation and tuning sets.
 
 Source: paper Sec. V (numbers of episodes, scenes, objects, distances).
 """
@@ -35,7 +35,7 @@ class SetRecipe:
     difficulty: tuple[float, float] = (0.0, 1.0)
     """Range of the scenes' difficulty, which is uniform."""
     tool_start: Literal["any", "behind"] = "any"
-    """Where the tool starts, see `ScenarioConfig`."""
+    """Start of the tool, see `ScenarioConfig`."""
     conditions: EpisodeConditions = field(default_factory=EpisodeConditions)
     """Conditions under which the episodes are run."""
 

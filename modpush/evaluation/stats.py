@@ -68,7 +68,7 @@ class PairedTest:
     """Cohen's d of the differences: their mean over their standard deviation."""
 
     def significant(self, level: float = 0.05) -> bool:
-        """Whether equal means are rejected at this level."""
+        """True if equal means are rejected at this level."""
         return self.p < level
 
 

@@ -37,7 +37,7 @@ _ACTION = {
     "unit": ["m", "m", "rad"],
     "rate": "15 Hz",
 }
-"""What an action means: it is multiplied by `scale` and moves the tool's commanded pose."""
+"""Meaning of an action: it is multiplied by `scale` and moves the tool's commanded pose."""
 
 _FRAMES = {
     "base": "the robot's base: x forward, y left, z = 0 on the table",
@@ -82,7 +82,7 @@ _MEANINGS = {
     "object_support": "how far the footprint reaches from the object's centre in 48 directions, evenly "
     "spaced counterclockwise from the object's own x axis [m]",
 }
-"""What the graphs' inputs are, by the names that `make_push_env` gives them."""
+"""Inputs of the graphs, by the names that `make_push_env` gives them."""
 
 
 @checked_arguments
@@ -153,7 +153,7 @@ def _window_policy(policy: ObservationPolicy, transforms: Sequence[Transform]) -
 
 
 def _settings(described: Mapping[str, Any]) -> dict[str, Any]:
-    """How the graphs' inputs come about, and what acts beside the graphs."""
+    """Origin of the graphs' inputs, and the policies beside the graphs."""
     explained = {
         name: {**described[name], "meaning": meaning} if name in described else None
         for name, meaning in (("window", _WINDOW), ("recovery", _RECOVERY))
@@ -199,7 +199,7 @@ def _write(
 
 
 def _card(agent: Agent, graphs: Mapping[str, Any], chain: WindowPolicy) -> dict[str, Any]:
-    """What the graphs' inputs and outputs mean, as plain data."""
+    """Meaning of the graphs' inputs and outputs, as plain data."""
     return {
         "modpush": modpush.__version__,
         "graphs": {

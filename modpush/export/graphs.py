@@ -1,4 +1,4 @@
-"""What is exported: an agent's greedy policy as plain modules, on tensors alone."""
+"""The exported modules: an agent's greedy policy on tensors alone."""
 
 from typing import Any
 

@@ -75,18 +75,18 @@ class Agent:
     """A trained policy, and the environment that it was trained in."""
 
     actor: ProbabilisticActor
-    """What was trained: reads `observation` and writes `action`; greedy unless TorchRL's exploration type
-    says otherwise."""
+    """The trained policy: reads `observation` and writes `action`; greedy unless TorchRL's exploration
+    type says otherwise."""
     config: PushEnvConfig
     """Configuration of the environment, for `make_push_env`."""
     metadata: Mapping[str, Any]
-    """What else was saved with the agent."""
+    """Further plain data that was saved with the agent."""
     fingerprint: Mapping[str, Any] = field(default_factory=dict)
-    """What the policy depends on, see `environment_fingerprint`."""
+    """Fingerprint of the environment, see `environment_fingerprint`."""
     parts: Mapping[str, Any] = field(default_factory=dict)
     """Parts given as objects, by the names of `make_push_env`'s arguments."""
     factory: Callable[..., EnvBase] = make_push_env
-    """What makes the environment."""
+    """Factory of the environment."""
     missing: Mapping[str, str] = field(default_factory=dict)
     """Parts that the environment needs and that were not given, with what they were."""
     source: Path | None = None

@@ -96,25 +96,25 @@ class PushEnvConfig:
     window_size: Annotated[Count, Le(4096)] = 64
     """Side of the window for `end_to_end` [px]; other encoders define their own size."""
     window_outside: Literal["free", "blocked"] = "free"
-    """What the local window shows beyond the camera's image."""
+    """Content of the local window beyond the camera's image."""
     planner: Name = "lazy_theta_star_grid"
     """Path planner by name, or `module:name`. `lazy_theta_star_grid` is Lazy Theta* as published;
     `distance_field` finds the shortest paths and is faster."""
     inflation: Literal["circumscribed", "inscribed", "widest"] | NonNegative = "inscribed"
-    """How far obstacles are inflated for planning: by the radius of the object's circumscribed or
+    """Distance by which obstacles are inflated for planning: the radius of the object's circumscribed or
     inscribed circle, by the larger of the two that leaves a path ("widest"), or by a distance [m].
     The paper inflates by half of the object's diameter, which its authors' code takes as half the
     cube's side, the radius of its inscribed circle. At other yaw angles a corner may then touch an
     obstacle."""
     planner_margin: NonNegative | None = None
-    """How far planned paths may leave the workspace [m]. Where this leaves no path, the limit is
-    `scenario.path_margin`, within which every drawn episode has one. None lets paths lead
+    """Distance by which planned paths may leave the workspace [m]. Where this leaves no path, the limit
+    is `scenario.path_margin`, within which every drawn episode has one. None lets paths lead
     wherever the camera sees (the paper), also where an episode ends."""
     subgoal_lags: AtLeastOne[NonNegativeInteger] = (1, 5)
     """Ages of the past sub-goals that are observed [steps]. The paper's table of observations has 1
     and 5, its text 0 and 1; its authors' code follows the table."""
     subgoal_mode: SubgoalMode = "fraction"
-    """How the sub-goal is chosen on the path, see `PlannerSubgoals`."""
+    """Rule by which the sub-goal is chosen on the path, see `PlannerSubgoals`."""
     subgoal_fraction: PositiveFraction = 0.2
     """Share of the path's length at which the sub-goal lies, for the mode `fraction`."""
     subgoal_lookahead: Positive = 0.2

@@ -1,4 +1,4 @@
-"""What a policy depends on in its environment, as plain data that can be compared."""
+"""Fingerprint of an environment: all that a policy depends on, as plain data."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -31,7 +31,7 @@ def describe_transforms(env: EnvBase) -> dict[str, Any]:
 
 
 def environment_fingerprint(env: EnvBase) -> dict[str, Any]:
-    """What a policy of this environment depends on: entries, frames, encoder, and the reward.
+    """Fingerprint of an environment: entries, frames, encoder, and the reward.
 
     Args:
         env: An environment with the transforms that `make_push_env` stacks; missing ones are left

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["HUB_PREFIX", "download_agent", "model_card", "push_to_hub"]
 
 HUB_PREFIX = "hf://"
-"""What the name of an agent on the Hub begins with."""
+"""Prefix of the name of an agent on the Hub."""
 _FILE = "agent.safetensors"
 _ADDRESS = re.compile(r"hf://(?P<repo>[\w.-]+/[\w.-]+)(@(?P<revision>[\w./-]+))?")
 
@@ -166,7 +166,7 @@ def _check_agent(agent: Any) -> None:
 
 
 def _metadata_lines(metadata: Mapping[str, Any]) -> list[str]:
-    """What was saved with the agent, where it is short enough to be read."""
+    """Metadata of the agent, where it is short enough to be read."""
     return [
         f"- {name}: {value}"
         for name, value in metadata.items()

@@ -27,7 +27,7 @@ METHODS = {
     "corridor_faithful": "the same, by the rules of its authors' code",
     "scripted": "a simple pusher along the planner's sub-goals",
 }
-"""What each name stands for."""
+"""Description of each method, by name."""
 _MAX_WAYPOINTS = 32
 
 

@@ -145,7 +145,7 @@ class AttentiveSampler(Sampler):
         self._query = query
 
     def num_candidates(self, storage: Storage, batch_size: int) -> int:
-        """How many candidates the next sample of this size draws; rounded up for each query."""
+        """Number of candidates that the next sample of this size draws, rounded up for each query."""
         if self._query is not None:
             num_queries = len(self._query)
         else:
@@ -154,7 +154,7 @@ class AttentiveSampler(Sampler):
         return sum(group.num_queries * group.num_candidates for group in groups)
 
     def can_sample(self, storage: Storage, batch_size: int) -> bool:
-        """Whether the storage holds enough candidates."""
+        """True if the storage holds enough candidates."""
         _check_batch_size(batch_size)
         return len(storage) > 0 and len(storage) >= self.num_candidates(storage, batch_size)
 

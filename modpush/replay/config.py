@@ -32,7 +32,7 @@ class ReplayConfig:
     batch_size: Count = 512
     """Number of transitions in each sample."""
     sampler: str = "attentive"
-    """How transitions are chosen: "attentive", "uniform", "prioritized", or "module:name" of a callable
+    """Sampler of the transitions: "attentive", "uniform", "prioritized", or "module:name" of a callable
     that takes this config and returns a TorchRL sampler."""
     k: Candidates = 4
     """Attentive sampling: number of candidates drawn per transition that is kept."""
@@ -51,7 +51,7 @@ class ReplayConfig:
     priority_beta: NonNegative = 0.4
     """Prioritized sampling: exponent of the importance weights."""
     storage: Literal["tensor", "memmap"] = "tensor"
-    """Where transitions are stored: in memory or on disk."""
+    """Storage of the transitions: in memory or on disk."""
     observation_key: Name = "observation"
     """Key of the observation that samplers compare."""
     n_steps: Count = 1

@@ -51,7 +51,7 @@ class MirrorTransitions(DescribedTransform):
         self.register_buffer("signs", torch.tensor(action_signs, dtype=torch.float32))
 
     def describe(self) -> dict[str, Any]:
-        """How often a transition is mirrored."""
+        """Share of the transitions that are mirrored."""
         return {"mirror": {"fraction": self.fraction}}
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:

@@ -12,7 +12,7 @@ __all__ = ["buffer_state", "load_buffer_state"]
 
 
 def buffer_state(buffer: TensorDictReplayBuffer) -> dict[str, Any]:
-    """What a buffer of `make_replay_buffer` holds; tensors are those of the buffer, not copies.
+    """State of a buffer of `make_replay_buffer`; tensors are those of the buffer, not copies.
 
     Batches that were prepared ahead (`prefetch`) are left out.
 

@@ -1,4 +1,4 @@
-"""What an off-policy learner has to store, and how to keep nothing else."""
+"""The keys that an off-policy learner stores, and a transform that keeps no others."""
 
 from tensordict import NestedKey, TensorDictBase
 

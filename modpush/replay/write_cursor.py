@@ -51,12 +51,12 @@ class WriteCursor:
         return index.to(getattr(storage, "device", None) or "cpu")
 
     def num_newest(self, storage: Storage, count: int | None) -> int:
-        """How many entries `newest` returns of a storage that is not empty."""
+        """Number of entries that `newest` returns of a storage that is not empty."""
         shape = valid_shape(storage)
         return min(count or shape[1:].numel(), shape.numel())
 
     def age(self, storage: Storage, row: Tensor) -> Tensor:
-        """How many writes ago rows along the first dimension were written; -1 if unknown."""
+        """Age of rows along the first dimension, counted in writes; -1 if unknown."""
         newest = self._row(storage)
         if newest is None:
             return torch.full_like(row, -1)

@@ -41,7 +41,7 @@ class TrainConfig:
     replay: ReplayConfig = field(default_factory=ReplayConfig)
     """Replay buffer; its batch size must equal the learner's."""
     curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
-    """Which episodes are drawn as the agent improves."""
+    """Episodes that are drawn as the agent improves."""
     actor_average: Fraction = 0.0
     """Decay per update of a moving average of the actor's weights, which is evaluated and saved;
     0.999 averages over about a thousand updates. The scenes act with the newest weights. With 0
@@ -59,7 +59,7 @@ class TrainConfig:
     its name, or an agent's file provides the weights of the actor. A run's folder or one of its
     checkpoints provides those of critics, targets and temperature as well. None for random weights."""
     first_actions: Literal["random", "scripted"] = "random"
-    """Who acts for the first `tqc.learning_starts` steps, which the paper does not specify; its
+    """Policy of the first `tqc.learning_starts` steps, which the paper does not specify; its
     authors' code acts at random. `"scripted"` is `ScriptedPusher` with some noise, which pushes
     along the planner's sub-goals over all distances, so that the first updates see what reaching
     the goal is worth."""
@@ -74,7 +74,7 @@ class TrainConfig:
     """Step the environment in its own process while the learner learns. Otherwise the two take
     turns in one process, with the same results."""
     collector: Literal["local", "ray"] = "local"
-    """Where the scenes act: "local" on this machine (see `async_collection`), or "ray" in the
+    """Place of the scenes: "local" on this machine (see `async_collection`), or "ray" in the
     collectors of a Ray cluster, driven by TorchRL's `Collector(backend="ray")`. A run with "local"
     gives the same numbers whenever it is repeated; with "ray" they depend on the order in which the
     collectors finish."""

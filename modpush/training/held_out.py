@@ -53,7 +53,7 @@ def held_out_scenarios(
 
 
 class EvaluationProgress:
-    """How far held-out episodes are, and whether to stop; a process that is started shares it.
+    """Progress of held-out episodes, and a request to stop, shared with a process that is started.
 
     Args:
         other: Progress of the episodes of another process, which are to stop together with these.
@@ -146,7 +146,7 @@ class HeldOutEpisodes:
 
 
 def held_out_score(evaluation: Mapping[str, float]) -> float:
-    """What a run's policies are compared by: the four figures of the paper's tables, weighted alike.
+    """Score of a policy: the four figures of the paper's tables, weighted alike.
 
     Success alone hardly tells late policies apart: those of the preset `cpu` solve 118 to 120 of its 120
     episodes, while contact, collisions and SPL still improve.

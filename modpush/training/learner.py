@@ -83,7 +83,7 @@ class Learner:
         self._present: dict[int, Tensor] = {}
         """Observations that the scenes are in, by collector."""
         self.metrics: dict[str, list[float]] = defaultdict(list)
-        """What the updates reported since the log was last written, by name."""
+        """Values that the updates reported since the log was last written, by name."""
 
     def actor_weights(self) -> dict[str, NDArray]:
         """`state_dict` of the actor that acts as arrays."""

@@ -25,7 +25,7 @@ _REFINED_WEIGHTS = {
     "no_contact": 6.0,
     "detour": 400.0,
 }
-"""What further training weighs more than `PushEnvConfig.preset("cpu")`."""
+"""Weights that are higher in further training than in `PushEnvConfig.preset("cpu")`."""
 
 
 def _cpu() -> TrainConfig:
@@ -128,4 +128,4 @@ TRAIN_PRESETS: dict[str, tuple[str, TrainConfig]] = {
     ),
     "smoke": ("A run of a few seconds that does everything once and learns nothing.", _smoke()),
 }
-"""What each preset is for, and its configuration, by name."""
+"""Purpose and configuration of each preset, by name."""

@@ -1,4 +1,4 @@
-"""What a worker tells the learner: the environment's specs, and what its scenes did."""
+"""Messages of a worker to the learner: the environment's specs, and rollouts."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,7 +13,7 @@ __all__ = ["Outcome", "Rollout", "WorkerSpecs"]
 
 @dataclass(frozen=True)
 class WorkerSpecs:
-    """What a learner has to know of the environment that a worker steps."""
+    """Specs and fingerprint of the environment that a worker steps."""
 
     observation: Composite
     """The environment's `full_observation_spec_unbatched`."""
@@ -22,7 +22,7 @@ class WorkerSpecs:
     columns: dict[str, slice]
     """The columns of each entry of the observation, by name; empty without a `PushObservation`."""
     fingerprint: dict[str, Any]
-    """What a policy depends on, see `modpush.recipes.environment_fingerprint`."""
+    """Fingerprint, see `modpush.recipes.environment_fingerprint`."""
 
 
 @dataclass(frozen=True)
@@ -32,16 +32,16 @@ class Outcome:
     level: int
     """The curriculum's level that the episode is of."""
     success: bool
-    """Whether the object reached the goal."""
+    """True if the object reached the goal."""
     scene: str
     """Name of the scene."""
     evaluated: bool
-    """Whether the episode counts towards the next stage."""
+    """True if the episode counts towards the next stage."""
 
 
 @dataclass(frozen=True)
 class Rollout:
-    """What `B` scenes did in `T` steps between two exchanges with the learner."""
+    """`T` steps of `B` scenes between two exchanges with the learner."""
 
     transitions: dict[NestedKey, NDArray]
     """Arrays `[T * B, ...]` by key, scene after scene within a step. They are arrays because torch
@@ -55,12 +55,12 @@ class Rollout:
     success_by_family: dict[str, float]
     """Success of recent episodes, by scene family."""
     source: int = 0
-    """Which of several collectors it is of."""
+    """Number of the collector."""
     begins: bool = False
-    """Whether the scenes began anew before it, without the end of an episode in the data."""
+    """True if the scenes were reset before it, without the end of an episode in the data."""
     version: int = 0
-    """Which of the weights that were sent it was collected with, counted from 1."""
+    """Number of the weights that it was collected with, counted from 1 as they were sent."""
     behind: int = 0
-    """How many later weights were sent to other collectors meanwhile."""
+    """Number of later weights that were sent to other collectors meanwhile."""
     outcomes: list[Outcome] = field(default_factory=list)
     """Episodes that the collector's curriculum was told of; empty where it is the only one."""

@@ -37,7 +37,7 @@ class RunFolder:
         self.checkpoints = Checkpoints(self.path / "checkpoints", keep_checkpoints)
 
     def has_results(self) -> bool:
-        """Whether there is anything besides what a run leaves that was killed before its first result."""
+        """True if the folder has more in it than a run leaves that was killed before its first result."""
         names = {path.name for path in self.path.iterdir()} if self.path.exists() else set()
         if self.checkpoints.latest() or self.best_agent.exists() or self.last_agent.exists():
             return True

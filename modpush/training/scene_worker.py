@@ -87,7 +87,7 @@ class SceneWorker:
         self._sums = torch.zeros(num_envs, 4)  # steps, return, contact, collision of the episode
 
     def specs(self) -> WorkerSpecs:
-        """What the learner has to know of the environment."""
+        """Specs and fingerprint of the environment, for the learner."""
         columns = [t.columns for t in self.env.transform if isinstance(t, PushObservation)]
         return WorkerSpecs(
             observation=self.env.full_observation_spec_unbatched,

@@ -67,7 +67,7 @@ def _handled_by(handler: Callable[..., None]) -> Iterator[None]:
 
 
 def _is_ignored_for_good(number: int) -> bool:
-    """Whether `nohup` has the process outlive its terminal, or the handler is none of Python's."""
+    """True if `nohup` lets the process outlive its terminal, or the handler is not one of Python's."""
     present = signal.getsignal(number)
     hang_up = getattr(signal, "SIGHUP", None)
     return present is None or (number == hang_up and present == signal.SIG_IGN)

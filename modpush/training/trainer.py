@@ -149,13 +149,13 @@ class Trainer:
         """Time that the learner waited for rollouts since the log was last written [s]."""
         self.curriculum_state: dict[str, Any] = {}
         self.evaluation_due = False
-        """Whether the evaluation after the last rollout was interrupted."""
+        """True if the evaluation after the last rollout was interrupted."""
         self.finished = False
-        """Whether what follows the last rollout is the end of the run."""
+        """True if the run ends after the last rollout."""
         self._saved_at = -1
         self.bar = TrainingBar(replace(config, progress=False))
         self.episodes: dict[str, list[float]] = defaultdict(list)
-        """What the episodes reported since the log was last written, by name."""
+        """Values that the episodes reported since the log was last written, by name."""
         self.log = RunLog(config, self.folder)
         if resume and self.folder.checkpoints.latest() is None:
             warnings.warn(
@@ -314,7 +314,7 @@ class Trainer:
 
     @property
     def _acts_at_first(self) -> bool:
-        """Whether the scenes still act as `TrainConfig.first_actions` says."""
+        """True while the scenes act as `TrainConfig.first_actions` says."""
         return self.steps < self.config.tqc.learning_starts and not self.config.init_from
 
     def collect(self) -> Pending[Rollout]:

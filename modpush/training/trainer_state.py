@@ -1,4 +1,4 @@
-"""What a trainer leaves in files: its state for a checkpoint, and its agent."""
+"""A trainer's state for a checkpoint, and its agent's file."""
 
 import copy
 from pathlib import Path

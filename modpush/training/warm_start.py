@@ -115,7 +115,7 @@ def _modules_of(parts: Mapping[str, Any]) -> set[str]:
 
 
 def _weights_in(state: Mapping[str, Any]) -> dict[str, Any]:
-    """What a loss's `state_dict` holds of networks and temperature, without its settings."""
+    """Entries of networks and temperature in a loss's `state_dict`, without its settings."""
     kinds = {name: name.partition(".")[0] for name in state}
     return {
         name: value

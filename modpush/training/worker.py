@@ -1,4 +1,4 @@
-"""Where a `SceneWorker` runs: in this process, or in one of its own.
+"""Runners of a `SceneWorker`: in this process, or in a process of its own.
 
 Both kinds of `Worker` take one method of `SceneWorker` at a time and give its result when asked, so
 that the training loop is the same for both.
@@ -50,7 +50,7 @@ class Worker(ABC):
         """Wait for the result of the call that was handed over."""
 
     def _wait(self, seconds: float) -> bool:
-        """Whether `_receive` will not wait, after so many seconds at most."""
+        """True if `_receive` would return at once, after waiting so many seconds at most."""
         return True
 
     @abstractmethod

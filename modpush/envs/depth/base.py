@@ -15,7 +15,7 @@ __all__ = ["DepthCamera", "DepthCameraFactory", "SceneView"]
 
 
 class SceneView(Protocol):
-    """What a depth camera may read from one or several scenes.
+    """State that a depth camera may read from one or several scenes.
 
     A transform is a position [m] and a quaternion (w, x, y, z) in the robot's base frame.
     """
@@ -23,11 +23,11 @@ class SceneView(Protocol):
     num_envs: int
     """Number of scenes."""
     scenarios: list[Scenario]
-    """What the present episode of each scene started from."""
+    """Start of the present episode of each scene."""
 
     @property
     def dynamic_obstacles(self) -> bool:
-        """Whether obstacles can be moved; if not, they stay where an episode's layout has them."""
+        """True if obstacles can be moved; if not, they stay where an episode's layout has them."""
 
     @property
     def pushed_objects(self) -> Sequence[PushedObject]:
@@ -35,7 +35,7 @@ class SceneView(Protocol):
 
     @property
     def tool(self) -> Tool:
-        """What the arm holds."""
+        """Tool of the arm."""
 
     def object_transform_of(self, index: int) -> NDArray[np.float64]:
         """Transform of the pushed object of one scene, `[7]`."""
@@ -58,7 +58,7 @@ class DepthCamera(ABC):
     """
 
     needs_renderer: ClassVar[bool] = False
-    """Whether the scenes must be built with a renderer."""
+    """True if the scenes must be built with a renderer."""
 
     def __init__(self, scenes: SceneView, arm_in_depth: bool) -> None:
         self.scenes = scenes

@@ -16,7 +16,7 @@ DEPTH_CAMERAS: dict[str, DepthCameraFactory | str] = {
 
 
 def find_depth_camera(depth: str | DepthCameraFactory) -> DepthCameraFactory:
-    """What makes a depth camera, by name, by `"module:name"`, or passed through.
+    """Factory of a depth camera, by name, by `"module:name"`, or passed through.
 
     Raises:
         ValueError: If there is no such camera (the known ones are listed), or if it cannot be called.

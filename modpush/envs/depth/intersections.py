@@ -1,4 +1,4 @@
-"""Where a ray enters a solid, compiled. Rays are in the axes of the solid, `origin + t ray`."""
+"""Entry of a ray into a solid, compiled. Rays are in the axes of the solid, `origin + t ray`."""
 
 import math
 

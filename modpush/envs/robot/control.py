@@ -22,7 +22,7 @@ __all__ = [
 
 @checked
 class MotionConfig:
-    """How an action in [-1, 1]^3 moves the tool, and where the tool may go."""
+    """Motion of the tool by an action in [-1, 1]^3, and the limits of its position."""
 
     max_step: Length = 0.02
     """Largest translation per axis and control step [m]."""
@@ -57,7 +57,7 @@ class MotionConfig:
 
 
 class PlannedMotion(NamedTuple):
-    """What one control step commands."""
+    """Commands of one control step."""
 
     target: Tensor
     """Planar pose of the tip at the end of the step, yaw not wrapped, `[B, 3]` [m, m, rad]."""

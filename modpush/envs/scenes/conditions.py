@@ -25,7 +25,7 @@ class EpisodeConditions:
     sim_freq: Annotated[Count, Le(100_000)] = 120
     """Physics steps per second [Hz]."""
     inflation: Circle = "circumscribed"
-    """Which of the object's circles gives the radius by which obstacles were inflated where it was
+    """The object's circle whose radius is that by which obstacles were inflated where it was
     decided that an episode can be solved, and are for its shortest path. With `inscribed` a method plans
     on a map inflated so, since there may be no way on another, unless it chooses the widest inflation
     that leaves a path; with `circumscribed` there is a way on either map, and a method plans on a map of
@@ -46,7 +46,7 @@ class EpisodeConditions:
         return self.env_options if own_map else {**self.env_options, "inflation": self.inflation}
 
     def differences(self, simulation: Any) -> dict[str, tuple[Any, Any]]:
-        """What differs in an environment: `(there, of the set)` by field.
+        """Differences of an environment: `(there, of the set)` by field.
 
         Args:
             simulation: `PushEnv.simulation` of the environment.

@@ -112,7 +112,7 @@ class PushedObject:
 
     @functools.cached_property
     def support(self) -> np.ndarray:
-        """How far the footprint reaches from the origin in `SUPPORT_DIRECTIONS` directions, `[n]` [m].
+        """Extent of the footprint from the origin in `SUPPORT_DIRECTIONS` directions, `[n]` [m].
 
         The first direction is the object's x, the others follow counter-clockwise at equal angles.
         """

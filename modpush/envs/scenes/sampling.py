@@ -50,7 +50,7 @@ _CONDITIONS = (
     "no path",
     "place of the tool taken",
 )
-"""What a candidate must not be, in the order in which it is checked."""
+"""Reasons against a candidate, in the order in which they are checked."""
 
 
 class _Limits(NamedTuple):
@@ -90,7 +90,7 @@ class _Candidates(NamedTuple):
 
 
 class _FreeSpace(NamedTuple):
-    """Where the object fits, and between which places it can be slid."""
+    """Places where the object fits, and connections along which it can be slid."""
 
     turned: np.ndarray
     """The obstacles, as `nearest_rectangle` reads them, `[n, 6]`."""
@@ -301,7 +301,7 @@ def _first_good(
 
 @njit()
 def _joined(sx: float, sy: float, gx: float, gy: float, free: _FreeSpace) -> bool:
-    """Whether a path joins two points; no labels mean that nothing stands in the way."""
+    """True if a path joins two points; no labels mean that nothing stands in the way."""
     if len(free.labels) == 0:
         return True
     first = _label(sx, sy, free)
@@ -318,7 +318,7 @@ def _label(x: float, y: float, free: _FreeSpace) -> int:
 def _free_space(
     obstacles: list[Obstacle], item: PushedObject, config: ScenarioConfig
 ) -> _FreeSpace:
-    """Which free places an object can be slid between without ending the episode.
+    """Free places between which an object can be slid without ending the episode.
 
     On a grid over what the camera sees, and hardly out of the workspace.
     """

@@ -154,10 +154,10 @@ class ScenarioConfig:
     tool_distance: FractionSpan = (0.08, 0.14)
     """Range of the distance from the object's centre to the tool's tip at the start [m]."""
     tool_start: Literal["any", "behind"] = "any"
-    """Where the tool starts: in any direction from the object, or 9 cm straight behind it as seen from
+    """Start of the tool: in any direction from the object, or 9 cm straight behind it as seen from
     the goal, its wide side towards the object, as in the code of the paper's authors."""
     randomize_dynamics: bool = False
-    """Whether mass, friction and centre of mass are drawn anew for each episode."""
+    """Draw mass, friction and centre of mass for each episode."""
     mass: Annotated[tuple[Mass, Mass], Strict(False)] = (0.2, 2.0)
     """Range of the mass with randomised dynamics, drawn log-uniformly [kg]."""
     friction: Annotated[tuple[Friction, Friction], Strict(False)] = (0.2, 0.8)
@@ -199,7 +199,7 @@ class ScenarioConfig:
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def bounds(self, margin: float = BOUNDS_MARGIN) -> Rectangle:
-        """Where the object's centre may be before an episode ends, base frame [m]."""
+        """Bounds of the object's centre, outside of which an episode ends, base frame [m]."""
         return Rectangle(self.low, self.high).bounds(margin)
 
     @cached_property

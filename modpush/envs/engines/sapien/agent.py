@@ -119,7 +119,7 @@ def tip_yaw(quaternion: Tensor) -> Tensor:
 
 @dataclass
 class PlanarControllerConfig(ControllerConfig):
-    """What ManiSkill builds the controller from: tool length [m], and limits of the motion."""
+    """Configuration of the controller for ManiSkill: tool length [m], and limits of the motion."""
 
     tool_length: float = 0.163
     motion: MotionConfig = field(default_factory=MotionConfig)

@@ -1,4 +1,4 @@
-"""What every scene has: simulation settings, materials, table, goal marker and cameras."""
+"""Common parts of all scenes: simulation settings, materials, table, goal marker and cameras."""
 
 import numpy as np
 import sapien

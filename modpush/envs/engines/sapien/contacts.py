@@ -1,4 +1,4 @@
-"""Which bodies touched during a control step."""
+"""Contacts between bodies during a control step."""
 
 import math
 from collections.abc import Sequence
@@ -47,7 +47,7 @@ class CpuContacts:
         obstacles: ObstacleSwapper,
     ) -> None:
         self.touched = [False] * len(CONTACT_KEYS)
-        """What has touched since `clear`, in the order of `CONTACT_KEYS`."""
+        """Contacts since `clear`, in the order of `CONTACT_KEYS`."""
         self._scene, self._device = scene, scene.device
         self._obstacles = obstacles
         self._permanent: dict[Any, int] = {
@@ -93,5 +93,5 @@ class CpuContacts:
         return found
 
     def flags(self) -> Tensor:
-        """What has touched, `[1, 6]` bool, in the order of `CONTACT_KEYS`."""
+        """Contacts, `[1, 6]` bool, in the order of `CONTACT_KEYS`."""
         return torch.tensor([self.touched], device=self._device)

@@ -102,7 +102,7 @@ class CudaBatch(SceneBatch):
 
 
 class _Scene:
-    """Where the bodies of one of a task's scenes are, as an `Engine` says it."""
+    """Poses of the bodies of one of a task's scenes, in the form of an `Engine`."""
 
     name, version = "sapien", sapien.__version__
 

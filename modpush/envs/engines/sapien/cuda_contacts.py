@@ -42,7 +42,7 @@ class CudaContacts:
         self._rows_of_key: list[list[int]] = [[] for _ in CONTACT_KEYS[:3]]
 
     def flags(self) -> Tensor:
-        """What touches, `[num_envs, 6]` bool, in the order of `CONTACT_KEYS`."""
+        """Contacts, `[num_envs, 6]` bool, in the order of `CONTACT_KEYS`."""
         scene = self._scene
         if not scene._gpu_sim_initialized:
             return torch.zeros(

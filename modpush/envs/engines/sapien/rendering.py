@@ -1,4 +1,4 @@
-"""What rendering needs: whether there is a renderer, and where SAPIEN's camera stands.
+"""Search for a renderer, and the pose of SAPIEN's camera.
 
 The renderer is looked for in a subprocess, since a broken Vulkan driver can take a process down.
 """
