@@ -61,24 +61,6 @@ FAMILY = {
     "path_length": "path (m)",
     "steps": "steps",
 }
-ABOUT = """
-Contact is the share of an episode's steps, from the first contact on, at whose end the tool touches the
-object. Collision is the share of steps at whose end the object touches an obstacle. Both are counted as
-the paper's authors count them for their agent, and are means over the episodes that the agent solved;
-the paper's are over those that both of its methods solved. SPL is success weighted by path length, with
-the reference path by which the authors measured their agent.
-
-In "any" the tool starts 8 to 14 cm from the object in any direction, in "behind" 9 cm straight behind it
-as seen from the goal. The paper's text says that the start is "sampled around the object", its authors'
-code has it straight behind. Contact, collisions and SPL depend on it, so that the printed figures stand
-beside both.
-"""
-CONTROLLERS_ABOUT = """
-Contact, collision and path are over solved episodes. Contact is given by any of four checks per step, and
-by the check at the end of the step as in the authors' code. SPL is given by the exact shortest path, and
-by the staircase by which the paper's authors measured their controller among obstacles. The last two
-columns are for `corridor_faithful`, which follows the authors' code.
-"""
 BLOCK = re.compile(r"<!-- results: ([\w ]+) -->\n.*?<!-- end -->", re.DOTALL)
 
 
@@ -105,7 +87,7 @@ def beside_paper_table() -> str:
             count = min(len(read_rows().of(agent, f"{prefix}{name}")) for agent in AGENTS)
             cells = [_beside(metric, f"{prefix}{name}") for metric in COLUMNS]
             lines.append((label, start, str(count), *cells))
-    return _markdown(lines) + ABOUT
+    return _markdown(lines)
 
 
 def _beside(metric: str, name: str) -> str:
@@ -158,7 +140,7 @@ def controller_table() -> str:
         by_rules = ("success", "spl_authors_controller")
         cells += [_mean("corridor_faithful", name, metric) for metric in by_rules]
         lines.append((f"`{name}`", str(len(rows)), *map(number, cells)))
-    return _markdown(lines) + CONTROLLERS_ABOUT
+    return _markdown(lines)
 
 
 def family_tables(method: str) -> str:

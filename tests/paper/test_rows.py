@@ -22,7 +22,7 @@ LENGTHS = {"authors_agent_length": 0.5, "authors_controller_length": 0.6}
 
 
 def made_rows(count: int = 50, **columns: object) -> pd.DataFrame:
-    """What `evaluate` writes, with figures made by hand."""
+    """Rows as `evaluate` writes them, with figures made by hand."""
     made = dict.fromkeys(COLUMNS, 0.25) | {"scene": "maze", "success": True, "steps": 7}
     made |= {"shortest_length": 0.4, "path_length": 0.8}
     return pd.DataFrame({"episode": range(count), **{k: made[k] for k in COLUMNS[1:]}, **columns})
