@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from modpush.evaluation.metrics import success_weighted_by_path_length
 from modpush.evaluation.sets import SET_NAMES, EvaluationSet, load_set
 from paper.authors_paths import authors_agent_length, authors_controller_length
 from paper.provenance import origin_of
@@ -83,12 +82,11 @@ def add_yardsticks(
 
 
 def _with_spl(rows: pd.DataFrame) -> pd.DataFrame:
+    """Rows with success weighted by path length, `S * l / max(p, l)`, for each reference length l."""
+    taken = rows["path_length"]
     return rows.assign(
         **{
-            spl: [
-                success_weighted_by_path_length(*line)
-                for line in zip(rows["success"], rows[length], rows["path_length"], strict=True)
-            ]
+            spl: rows["success"] * rows[length] / np.maximum(taken, rows[length])
             for spl, length in _SPL.items()
         }
     )
