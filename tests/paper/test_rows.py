@@ -101,9 +101,7 @@ def test_every_table_is_made_of_rows(tmp_path: Path, monkeypatch: pytest.MonkeyP
         "| clutter, fragment | any | 40 | 1.000 (+0.133) / 1.000 (+0.133) / 0.867"
         in texts["agents"]
     )
-    assert (
-        "| free, small cube | 1.000 | 1.000 | 0.998 |" in texts["success"]
-    )
+    assert "| free, small cube | 1.000 | 1.000 | 0.998 |" in texts["success"]
     assert "| `free/small_cube` | 40 | 1.000 | 0.250 |" in texts["controllers"]
     assert "| 1.000, 1.000 | 0.500, 0.500 |" in texts["seeds any_object"]
     assert "| all | 40 | 1.000 | 0.500 |" in texts["families corridor"]
