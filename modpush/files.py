@@ -181,7 +181,12 @@ def write_tensors(
     Raises:
         OSError: If it cannot be written; what was there before stays.
     """
-    own = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
+    own, memory = {}, set()
+    for name, value in tensors.items():
+        own[name] = value.detach().cpu().contiguous()
+        if (start := own[name].untyped_storage().data_ptr()) in memory:
+            own[name] = own[name].clone()  # safetensors refuses tensors that share memory
+        memory.add(start)
     seal = f"{kind} v{version} sha256:{_BLANK.decode()}"
     with replacing(path) as unfinished:
         try:

@@ -118,7 +118,7 @@ def test_damaged_and_foreign_files_are_refused(tmp_path):
     ):
         DepthVAE.from_pretrained(path)
     path.write_bytes(whole.replace(b"modpush.DepthVAE v2", b"modpush.DepthVAE v9"))
-    with pytest.raises(ValueError, match="is of version 9, expected 2"):
+    with pytest.raises(ValueError, match=r"got 'modpush.DepthVAE v9'"):
         DepthVAE.from_pretrained(path)
     path.write_bytes(whole.replace(rb"[2, 3, 4, 5]", rb"[2, 3, 4, 6]"))
     with pytest.raises(ValueError, match=r"was edited"):
@@ -170,7 +170,7 @@ def test_bad_options_are_refused(options, message):
 def test_windows_of_another_size_are_refused():
     with pytest.raises(ValueError, match=r"window must be \[B, 1, 64, 64\]"):
         DepthVAE(**TINY)(torch.zeros(1, 1, 32, 32))
-    with pytest.raises(ValueError, match="kl_weight must be >= 0, got -1"):
+    with pytest.raises(ValueError, match=r"kl_weight: .* greater than or equal to 0, got -1"):
         VAELoss(DepthVAE(**TINY), kl_weight=-1)
 
 

@@ -90,7 +90,7 @@ def damaged(data: dict, path: tuple, value: object) -> dict:
         (("scenes", 1, "contacts"), [1, 2], "contacts must be 6 booleans"),
         (("scenes", 1, "target_reachable"), "yes", "target_reachable must be a boolean"),
         (("scenes", 1, "scenario", "tool_pose"), [3.0, 0.0, 0.0], "out of the arm's reach"),
-        (("scenes", 1), {}, "SceneState: the state must hold"),
+        (("scenes", 1), {}, "the state must hold"),
         (("scenes",), lambda x: x[:1], "the state holds 1 scenes, expected 2"),
         (("scenes",), 3, "scenes must be a list, got 3"),
         (("step_count", 0), -1, "step_count must be 2 integers >= 0"),

@@ -183,11 +183,11 @@ def test_a_truncated_file_is_refused(tmp_path: Path) -> None:
         ({"name": "mine", "episodes": []}, "must hold a name, conditions and episodes"),
         (
             {"name": "mine", "conditions": {}, "episodes": [{"scene": "free"}]},
-            "Scenario: 'difficulty' is missing",
+            "Scenario: difficulty: Field required",
         ),
         (
             {"name": "mine", "conditions": {"tool": "spoon"}, "episodes": []},
-            "EpisodeConditions: tool must be .*got 'spoon'",
+            "EpisodeConditions: tool: Input should be .*got 'spoon'",
         ),
         (
             {"name": "../mine", "conditions": {}, "episodes": []},

@@ -40,7 +40,9 @@ def test_without_noise_nothing_changes() -> None:
 def test_what_is_out_of_range_is_refused() -> None:
     with pytest.raises(ValueError, match=r"dropout: .*less than or equal to 1, got 2"):
         DepthNoise(dropout=2.0)
-    with pytest.raises(ValueError, match="sigma must be >= 0, got -1"):
+    with pytest.raises(
+        ValueError, match="sigma: Input should be greater than or equal to 0, got -1"
+    ):
         DepthNoise(sigma=-1.0)
     with pytest.raises(KeyError, match=r"key .*depth.* is missing"):
         DepthNoise(sigma=0.1)(images())

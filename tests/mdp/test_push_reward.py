@@ -201,9 +201,9 @@ def test_bad_configs_are_refused():
         )
     with pytest.raises(ValueError, match=r"terms\.effort: Input should be callable .*got 3"):
         PushReward(RewardConfig(weights={"effort": 1.0}), terms={"effort": 3})
-    with pytest.raises(ValueError, match="scale must be > 0, got 0"):
+    with pytest.raises(ValueError, match="scale: Input should be greater than 0, got 0"):
         RewardConfig(scale=0.0)
-    with pytest.raises(ValueError, match="normalisation must be"):
+    with pytest.raises(ValueError, match="normalisation: Input should be"):
         RewardConfig(normalisation="none")
 
 

@@ -291,7 +291,7 @@ def test_points_ahead_by_hand():
     # Beyond the corner after 30 px, and not past the end after 50 px.
     found = points_ahead(straight_and_bent(), (10.0, 35.0, 60.0))
     assert found.tolist() == [[[10.0, 0.0], [30.0, 5.0], [30.0, 20.0]]]
-    with pytest.raises(ValueError, match="distances must be a finite number >= 0, got -1"):
+    with pytest.raises(ValueError, match="distances must be finite and >= 0, got"):
         points_ahead(straight_and_bent(), (-1.0,))
     assert points_ahead(straight_and_bent(), ()).shape == (1, 0, 2)
 

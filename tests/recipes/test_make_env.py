@@ -242,7 +242,7 @@ def test_a_printed_environment_shows_the_settings_of_its_parts():
         "PushEnv(2, scenario=ScenarioConfig(scene=('posts',)",
         "PlannerSubgoals(planner='distance_field', mode='lookahead', lookahead=0.2",
         "EgocentricWindow(frame='path', size=64",
-        "PushObservation(frame='path', raw=False, entries=['latent', 'ee_pose'",
+        "PushObservation(frame='path', raw=False, entries=['latent', 'ee_position'",
         "StuckRecovery(patience=4",
     ):
         assert part in text, text

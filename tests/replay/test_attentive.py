@@ -479,7 +479,7 @@ def test_a_ray_buffer():
         storage=partial(LazyTensorStorage, 100),
         sampler=partial(AttentiveSampler, 2),
         batch_size=8,
-        ray_init_config={"num_cpus": 1},
+        ray_init_config={"address": "local", "num_cpus": 1},  # not another test's cluster
     )
     try:
         buffer.extend(transitions(40))

@@ -339,7 +339,7 @@ def test_a_folder_that_is_no_evaluation_is_an_error(tmp_path) -> None:
     ],
 )
 def test_a_wrong_setting_is_named(field, value) -> None:
-    with pytest.raises(ValueError, match=f"PlayConfig: {field} must"):
+    with pytest.raises(ValueError, match=f"PlayConfig: {field}"):
         PlayConfig(**{field: value})
 
 

@@ -214,7 +214,7 @@ def test_an_encoder_object_stands_in_for_the_config_s():
 @pytest.mark.parametrize(
     ("encoder", "error", "message"),
     [
-        ("conv", ValueError, "make_tqc: encoder: there is no 'conv'"),
+        ("conv", ValueError, "encoder: there is no 'conv'"),
         (nn.Linear(2, 2), TypeError, "must be a module with an int `latent_dim`, got Linear"),
         (dict, TypeError, "must be a module with an int `latent_dim`, got dict"),
     ],

@@ -363,7 +363,7 @@ def test_a_missing_key_is_named(critic, key):
     loss = make_loss(TQCLoss, critic=critic)
     with pytest.raises(KeyError) as error:
         loss(make_batch(3).exclude(key))
-    assert error.value.args[0].startswith(f"TQCLoss: key {key!r} is missing; there are [")
+    assert error.value.args[0].startswith(f"key {key!r} is missing; there are [")
 
 
 @pytest.mark.slow  # test_update.py compiles it within an update

@@ -151,7 +151,7 @@ def test_factories_see_the_config_and_the_specs():
 
 @pytest.mark.parametrize("part", ["loss", "actor", "critic"])
 def test_an_unknown_name_lists_those_there_are(part):
-    message = re.escape(f"make_tqc: {part}: there is no 'best', expected one of [")
+    message = re.escape(f"{part}: there is no 'best', expected one of [")
     with pytest.raises(ValueError, match=message):
         build(**{part: "best"})
 

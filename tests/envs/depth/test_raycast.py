@@ -1,8 +1,11 @@
 import math
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
+import torch
 
+from modpush.envs import OBJECTS, SCENES, PushEnv
 from modpush.envs.depth.analytic import AnalyticDepthCamera
 from modpush.envs.depth.raycast import blank_image, draw
 from modpush.envs.depth.solids import Solids
@@ -77,11 +80,18 @@ def test_solids_beyond_the_image_or_over_the_camera_are_no_trouble() -> None:
         assert (depth <= np.float32(1.1)).all()
 
 
-def test_single_pixels_equal_the_image(task) -> None:
-    camera = AnalyticDepthCamera(task, arm_in_depth=True)
+@pytest.fixture(scope="module")
+def env() -> Iterator[PushEnv]:
+    env = PushEnv(1, scene=tuple(SCENES), pushed_object=tuple(OBJECTS), depth=None)
+    yield env
+    env.close()
+
+
+def test_single_pixels_equal_the_image(env) -> None:
+    camera = AnalyticDepthCamera(env._batch, arm_in_depth=True)
     rng = np.random.default_rng(0)
     for seed in range(10):
-        task.reset(seed=seed)
+        env.reset(seed=seed)
         camera.reset(0)
         depth, segmentation = blank_image()
         camera.capture(0, depth, segmentation)
@@ -91,16 +101,18 @@ def test_single_pixels_equal_the_image(task) -> None:
         np.testing.assert_array_equal(labels, segmentation[pixels[..., 1], pixels[..., 0]])
 
 
-def test_images_equal_physx_own_ray_casts(task) -> None:
+def test_images_equal_physx_own_ray_casts(env) -> None:
     """PhysX's scene query sees the very shapes that collide, the robot's included."""
-    camera = AnalyticDepthCamera(task, arm_in_depth=True)
+    camera = AnalyticDepthCamera(env._batch, arm_in_depth=True)
+    (engine,) = env._batch.engines
     rng = np.random.default_rng(1)
     origin = np.array(CAMERA.position, dtype=np.float32)
     compared = differing = 0
     for seed in range(20):
-        task.reset(seed=seed)
+        td = env.reset(seed=seed)
         for _ in range(1 + seed % 4):  # a scene query sees the arm where the last step left it
-            task.step(rng.uniform(-1, 1, 3).astype(np.float32))
+            action = torch.from_numpy(rng.uniform(-1, 1, (1, 3)).astype(np.float32))
+            td = env.step(td.set("action", action))["next"]
         camera.reset(0)
         depth, segmentation = blank_image()
         camera.capture(0, depth, segmentation)
@@ -108,7 +120,8 @@ def test_images_equal_physx_own_ray_casts(task) -> None:
         picked = on_something[rng.permutation(len(on_something))[:150]]
         for v, u in [*picked, *rng.integers(0, 256, (50, 2))]:
             way = np.append(CAMERA.unproject(np.array([u, v], float)), 0.0) - origin
-            hit = task.scene.px.raycast(origin, (way / np.linalg.norm(way)).astype(np.float32), 3.0)
+            direction = (way / np.linalg.norm(way)).astype(np.float32)
+            hit = engine.task.scene.px.raycast(origin, direction, 3.0)
             compared += 1
             differing += abs((1.1 - hit.position[2]) - depth[v, u]) > 1e-3
     assert compared == 20 * 200
