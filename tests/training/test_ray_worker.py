@@ -172,7 +172,7 @@ def test_goes_on_after_an_interrupt_and_on_one_machine(cluster: Any, tmp_path: P
     assert 0 < seen < TWO.total_steps
     resumed = Trainer(TWO, tmp_path / "run", resume=True)
     assert resumed.steps == seen, "what had been stored must be in the checkpoint"
-    assert resumed.curriculum_state == trainer.worker.call(SceneWorker.get_state)
+    assert resumed.curriculum_state == trainer.curriculum_state
     resumed.run()
     assert resumed.steps == TWO.total_steps == len(resumed.learner.buffer)
     longer = replace(SMOKE, total_steps=240)
