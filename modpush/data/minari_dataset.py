@@ -19,6 +19,7 @@ __all__ = ["DATA_FOLDER", "RecordedEpisode", "extend_dataset", "read_about"]
 DATA_FOLDER = "data"
 """Name of Minari's folder of episodes in the folder of a data set."""
 _METADATA = "metadata.json"
+_REPLACED = ".replaced"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,7 +65,13 @@ def read_about(folder: Path) -> dict[str, Any] | None:
     Raises:
         ValueError: If there is a data set of another program.
     """
-    path = folder / DATA_FOLDER / _METADATA
+    data, replaced = folder / DATA_FOLDER, folder / _REPLACED
+    if replaced.exists():  # by a process that was killed while it put a new data set in its place
+        if data.exists():
+            shutil.rmtree(replaced)
+        else:
+            replaced.rename(data)
+    path = data / _METADATA
     if not path.exists():
         return None
     metadata = json.loads(path.read_text(encoding="utf-8"))
@@ -83,8 +90,8 @@ def extend_dataset(
 ) -> None:
     """Add episodes to a data set, or begin one.
 
-    They are added to a copy, which takes the data set's place when it is whole, so that a killed process
-    leaves the data set as it was.
+    They are added to a copy, which takes the data set's place when it is whole. After a kill the data set
+    is as it was before or after the call.
 
     Args:
         folder: Folder of the data set, `<root>/modpush/<name>`.
@@ -92,7 +99,7 @@ def extend_dataset(
         spec: Specification of the Gymnasium environment that `recover_environment` makes.
         about: Plain data for the metadata, under `"modpush"`; takes the place of what was there.
     """
-    data, unfinished = folder / DATA_FOLDER, folder / ".unfinished"
+    data, unfinished, replaced = (folder / name for name in (DATA_FOLDER, ".unfinished", _REPLACED))
     shutil.rmtree(unfinished, ignore_errors=True)
     if data.exists():
         shutil.copytree(data, unfinished)
@@ -106,8 +113,10 @@ def extend_dataset(
     )
     _add_images(unfinished / "main_data.hdf5", episodes, first)
     storage.update_metadata({"algorithm_name": ", ".join(about["policies"]), "modpush": about})
-    shutil.rmtree(data, ignore_errors=True)
+    if data.exists():
+        data.rename(replaced)
     unfinished.rename(data)
+    shutil.rmtree(replaced, ignore_errors=True)
 
 
 def _storage(unfinished: Path, folder: Path, spec: EnvSpec) -> Any:

@@ -100,6 +100,8 @@ def test_an_interrupted_run_continues_and_more_can_be_added(
     one_policy = replace(config, policy=("scripted",), episodes=2)
     collect_demonstrations(one_policy, progress=False)
     assert len(dataset(tmp_path)) == 2
+    found = tmp_path / "minari/modpush/push-v0"
+    (found / "data").rename(found / ".replaced")  # killed while it put a new data set in its place
     collect_demonstrations(replace(config, policy=("scripted",)), progress=False)
     collect_demonstrations(config, progress=False)
     assert_equal_episodes(dataset(tmp_path), dataset(collected))
