@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 import modpush
 from modpush.envs.scenes.scenario import Scenario
 
-__all__ = ["DATA_FOLDER", "RecordedEpisode", "extend_dataset", "read_about"]
+__all__ = ["RecordedEpisode", "extend_dataset", "read_about"]
 
-DATA_FOLDER = "data"
+_DATA = "data"
 """Name of Minari's folder of episodes in the folder of a data set."""
 _METADATA = "metadata.json"
 _REPLACED = ".replaced"
@@ -65,7 +65,7 @@ def read_about(folder: Path) -> dict[str, Any] | None:
     Raises:
         ValueError: If there is a data set of another program.
     """
-    data, replaced = folder / DATA_FOLDER, folder / _REPLACED
+    data, replaced = folder / _DATA, folder / _REPLACED
     if replaced.exists():  # by a process that was killed while it put a new data set in its place
         if data.exists():
             shutil.rmtree(replaced)
@@ -99,7 +99,7 @@ def extend_dataset(
         spec: Specification of the Gymnasium environment that `recover_environment` makes.
         about: Plain data for the metadata, under `"modpush"`; takes the place of what was there.
     """
-    data, unfinished, replaced = (folder / name for name in (DATA_FOLDER, ".unfinished", _REPLACED))
+    data, unfinished, replaced = (folder / name for name in (_DATA, ".unfinished", _REPLACED))
     shutil.rmtree(unfinished, ignore_errors=True)
     if data.exists():
         shutil.copytree(data, unfinished)
