@@ -14,6 +14,7 @@ EXTRAS = {
     "onnxscript": "export",
     "onnxruntime": "export",
     "ray": "ray",
+    "mujoco": "mujoco",
 }
 """The extra of `pip install 'modpush[extra]'` that brings each optional package."""
 

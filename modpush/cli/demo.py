@@ -22,6 +22,8 @@ Options:
   --pushed-object NAME ...  Objects that are pushed, one after the other; by default small_cube,
                             large_cube, small_cylinder and fragment.
   --difficulty X            Difficulty of the scenes, 0 to 1; by default 0.3.
+  --engine NAME             Physics engine: sapien, mujoco, or module:name; by default sapien. Only SAPIEN
+                            renders.
   --seed N                  Seed of the episodes; by default 0.
   --no-rendered             Write no arm.mp4.
   --out FOLDER              Folder to write to; by default runs/demo.
@@ -54,6 +56,7 @@ from modpush.envs import (
     find_render_device,
     sample_scenario,
 )
+from modpush.envs.engines.named import find_engine
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.layouts import TIGHT_SCENES
 from modpush.evaluation.episodes import Episode, run_episodes
@@ -93,6 +96,8 @@ class DemoConfig:
     """Difficulty of the scenes, 0 to 1."""
     seed: Seed = 0
     """Seed of the episodes."""
+    engine: Name = "sapien"
+    """Physics engine: `sapien`, `mujoco`, or `module:name`. Only SAPIEN renders."""
     out: FilePath = Path("runs/demo")
     """Folder to write to."""
     allow: Several[Name] = ()
@@ -109,7 +114,9 @@ def show_demo(config: DemoConfig) -> str:
     """
     methods = get_methods(config.policy, allow=config.allow)
     make_folder(config.out)  # an error about it comes before the episodes
-    rendered = config.rendered and find_render_device() is not None
+    find_engine(config.engine)
+    renders = config.rendered and config.engine == "sapien"
+    rendered = renders and find_render_device() is not None
     print("The first run on a machine compiles for about a minute before the arm moves.")
     scenarios = _draw_scenarios(config)
     runs: dict[str, list[Episode]] = {}
@@ -121,7 +128,7 @@ def show_demo(config: DemoConfig) -> str:
     print("\n" + table)
     _write_pictures(config, runs)
     (config.out / "table.md").write_text(table, encoding="utf-8")
-    told = "no arm.mp4: no Vulkan device"
+    told = "no arm.mp4: no Vulkan device" if renders else "no arm.mp4"
     if arm:
         path = config.out / "arm.mp4"
         write_video(path, [*itertools.chain.from_iterable(arm[n] for n in sorted(arm))], fps=8)
@@ -170,6 +177,8 @@ def _run(
     # Where only the inscribed circle passes, every policy must plan with it.
     tight = any(scenario.scene in TIGHT_SCENES for scenario in scenarios)
     conditions = EpisodeConditions(inflation="inscribed") if tight else None
+    if config.engine != "sapien":
+        conditions = replace(conditions or EpisodeConditions(), engine=config.engine, sim_freq=None)
     env: EnvBase = method.make_env(num_envs, config.pushed_object, conditions, pictures=rendered)
     simulator = env.base_env
     assert isinstance(simulator, PushEnv)

@@ -5,6 +5,7 @@
     modpush evaluate --policy runs/train --set free/small_cube
     modpush evaluate --policy corridor --set smoke        # half a minute
     modpush evaluate --policy corridor --set behind/hard/small_cube --tool rod
+    modpush evaluate --policy any_object --set obstacles/small_cube --engine mujoco
     modpush evaluate --policy any_object --set hard/small_cube --recovery False
 
 For each policy and set `runs/evaluate/<policy>/<set>/` gets `episodes.csv` (a row for each episode),
@@ -20,6 +21,8 @@ Options:
                      direction from the object, except smoke and the tuning sets; or behind/all, for
                      those in which it starts straight behind the object; by default smoke.
   --tool {2f85,rod}  Tool to use instead of the sets' own; results are stored under SET+TOOL.
+  --engine NAME      Physics engine to use instead of the sets' own, at its own rate: sapien, mujoco, or
+                     module:name; results are stored under SET+ENGINE.
   --recovery {True,False}
                      Use StuckRecovery, which takes over when a policy has come to rest before the
                      goal, or do not; by default as an agent's config says, and False for
@@ -46,6 +49,7 @@ import tyro
 from modpush import evaluation, recipes  # these import their parts, and torch, on first use
 from modpush._types import AtLeastOne, Count, FilePath, Name, NonNegativeInteger, Scenes, Several
 from modpush._validation import checked
+from modpush.envs.engines.named import find_engine
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -68,6 +72,9 @@ class EvaluateConfig:
     tool: Literal["2f85", "rod"] | None = None
     """Tool to use instead of the sets' own, for instance `rod`, the tool in the code of the paper's
     authors; results are stored under `<set>+<tool>`."""
+    engine: Name | None = None
+    """Physics engine to use instead of the sets' own, at its own rate: `sapien`, `mujoco`, or
+    `module:name`; results are stored under `<set>+<engine>`."""
     recovery: bool | None = None
     """Let `StuckRecovery` take over when a policy has come to rest before the goal. By default
     this is what an agent's config says, and no for hand-written policies; results of the other
@@ -132,6 +139,9 @@ def _load_sets(config: EvaluateConfig) -> dict[str, "evaluation.EvaluationSet"]:
         episodes = evaluation.load_set(asked, allow=config.allow).first(config.episodes)
         if config.tool is not None:
             episodes = episodes.with_tool(config.tool)
+        if config.engine is not None:
+            find_engine(config.engine)  # that a package is missing is said before an episode is run
+            episodes = episodes.with_engine(config.engine)
         for other, known in sets.items():
             if known.name == episodes.name:
                 raise ValueError(

@@ -51,6 +51,7 @@ Environment:
   --train.env.scenario.pushed-object NAME ...  Objects, one of which is drawn for each episode;
                                       random_7 has a random shape.
   --train.env.scenario.randomize-dynamics  Draw the object's mass, friction and centre of mass.
+  --train.env.simulation.engine NAME  Physics engine: sapien, mujoco, or module:name.
   --train.env.simulation.tool {2f85,rod}  Tool of the arm: the closed gripper, or a rod.
   --train.env.planner NAME            distance_field, lazy_theta_star_grid, lazy_theta_star, a_star or
                                       straight_line.

@@ -1,6 +1,7 @@
 """`PushEnv`: a batch of pushing scenes as one TorchRL environment."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from modpush.envs.arguments import (
 )
 from modpush.envs.depth.cameras import find_depth_camera
 from modpush.envs.engines.base import SceneSpec
+from modpush.envs.engines.named import default_sim_freq, find_engine
 from modpush.envs.entries import state_entries
 from modpush.envs.outcome import episode_status
 from modpush.envs.push_state import PushState, check_state, object_digest
@@ -101,7 +103,7 @@ class PushEnv(EnvBase):
         num_envs: Number of scenes.
         scenario: Settings from which episodes are drawn. It may be replaced (`env.scenario = ...`),
             which takes effect at the next reset.
-        simulation: Tool, depth camera, rates and ends of episodes.
+        simulation: Engine, tool, depth camera, rates and ends of episodes.
         pictures: Build the scenes with a renderer, so that `render` shows the arm from the side.
         seed: Seed of the first scene; scene `i` gets `seed + i`, so that it draws the same episodes
             in a batch of any size, and seeds less than `num_envs` apart have episodes in common. None
@@ -114,6 +116,7 @@ class PushEnv(EnvBase):
         TypeError: For unknown arguments; the message lists the known ones.
         ValueError: For unknown names (the message lists the known ones), and for values out of range.
         RuntimeError: If a renderer or a CUDA device is needed and there is none.
+        ImportError: If a package is not installed that the engine needs; the message names it.
     """
 
     batch_locked = True
@@ -136,6 +139,15 @@ class PushEnv(EnvBase):
             "PushEnv", fields, scenario or ScenarioConfig(), simulation or SimulationConfig()
         )
         self._bounds = self._scenario.bounds()
+        engine = self._simulation.engine
+        self._make_engine = find_engine(engine)  # before any work
+        if self._simulation.sim_freq is None:
+            rate = default_sim_freq(engine, self._make_engine)
+            self._simulation = replace(self._simulation, sim_freq=rate)
+        if self.device.type == "cuda" and engine != "sapien":
+            raise ValueError(
+                f"PushEnv: on a CUDA device engine must be 'sapien', got {engine!r}; it runs on 'cpu'."
+            )
         self.pushed_objects = {item.name: item for item in self._scenario.objects}
         """The objects that may be pushed, by name."""
         self._batch = self._build_batch(pictures)
@@ -148,10 +160,8 @@ class PushEnv(EnvBase):
             setattr(self, name, spec)
 
     def _build_batch(self, pictures: bool) -> SceneBatch:
-        # Here, since the simulator comes with it.
-        from modpush.envs.engines.sapien.engine import SapienEngine
-
         config = self._simulation
+        assert config.sim_freq is not None
         camera = None if config.depth is None else find_depth_camera(config.depth)
         spec = SceneSpec(
             tool=TOOLS[config.tool],
@@ -165,8 +175,7 @@ class PushEnv(EnvBase):
             from modpush.envs.engines.sapien.cuda_batch import CudaBatch
 
             return CudaBatch(self.batch_size[0], spec, camera, config.arm_in_depth)
-        make, num_envs = SapienEngine.build, self.batch_size[0]
-        return SceneBatch(num_envs, make, spec, camera, config.arm_in_depth)
+        return SceneBatch(self.batch_size[0], self._make_engine, spec, camera, config.arm_in_depth)
 
     @property
     def scenario(self) -> ScenarioConfig:
@@ -273,8 +282,13 @@ class PushEnv(EnvBase):
 
     @property
     def simulation(self) -> SimulationConfig:
-        """Tool, depth camera, rates and ends of episodes."""
+        """Engine, tool, depth camera, rates and ends of episodes; `sim_freq` is never None here."""
         return self._simulation
+
+    @property
+    def engine_name(self) -> str:
+        """Name of the physics engine."""
+        return self._batch.engines[0].name
 
     def __repr__(self) -> str:
         settings = f"scenario={self.scenario!r}, simulation={self.simulation!r}"

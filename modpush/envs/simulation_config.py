@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 from modpush._types import Count, Frequency
 from modpush._validation import checked
+from modpush.envs.engines.named import ENGINES, check_engine
 from modpush.envs.robot.ur5_2f85 import ToolName
 from modpush.parts import part_module
 
@@ -14,8 +15,11 @@ __all__ = ["SimulationConfig", "set_fields"]
 
 @checked
 class SimulationConfig:
-    """Tool, depth camera, rates and ends of episodes of a `PushEnv`."""
+    """Engine, tool, depth camera, rates and ends of episodes of a `PushEnv`."""
 
+    engine: Any = "sapien"
+    """Physics engine: `sapien`, `mujoco` (which needs the extra `mujoco`), or your own `Engine` as
+    `module:name`, class or function."""
     tool: ToolName = "2f85"
     """Tool of the arm: the closed gripper, or the rod of the authors' code."""
     depth: Any = "analytic"
@@ -26,10 +30,10 @@ class SimulationConfig:
     background, which also hides what lies under it; the default leaves the arm out."""
     dynamic_obstacles: bool = False
     """Make obstacles movable."""
-    sim_freq: Frequency = 120
-    """Physics steps per second [Hz]. The paper gives no rate; the authors' code uses 240, in
-    another simulator. Here the scripted pusher solves 99 to 100 % of its episodes at 120 and at
-    240."""
+    sim_freq: Frequency | None = None
+    """Physics steps per second [Hz]; None for the engine's own, 120 in SAPIEN and 480 in MuJoCo. The
+    paper gives no rate; the authors' code uses 240, in another simulator. In SAPIEN the scripted pusher
+    solves 99 to 100 % of its episodes at 120 and at 240."""
     control_freq: Frequency = 15
     """Actions per second [Hz], of which `sim_freq` is a multiple."""
     max_episode_steps: Count | None = 200
@@ -41,11 +45,15 @@ class SimulationConfig:
     terminal penalty; with "truncate" the steps that would have followed count as well."""
 
     def __post_init__(self) -> None:
-        """Check what depends on several fields, and the camera's name; nothing is imported."""
-        if self.sim_freq % self.control_freq:
+        """Check what depends on several fields, and the parts' names; nothing is imported."""
+        check_engine("SimulationConfig", self.engine)
+        rate = self.sim_freq
+        if rate is None and self.engine in [*ENGINES]:
+            rate = ENGINES[self.engine].sim_freq
+        if rate is not None and rate % self.control_freq:
             raise ValueError(
                 "SimulationConfig: sim_freq must be a multiple of control_freq, "
-                f"got {self.sim_freq} and {self.control_freq}."
+                f"got {rate} and {self.control_freq}."
             )
         named = self.depth in ("analytic", "sapien") or part_module(self.depth) is not None
         if not (self.depth is None or callable(self.depth) or named):
@@ -61,6 +69,7 @@ def set_fields(
     """Configurations with single fields replaced; each name goes to the first that has such a field.
 
     By this `PushEnv`, `PushEnvConfig`, `make_push_env` and `gymnasium.make` understand `scene="slot"`.
+    Another engine without a rate gets its own: `engine` sets `sim_freq` to None, too.
 
     Args:
         who: What was called, for the error message.
@@ -85,5 +94,7 @@ def set_fields(
     changed, left = [], dict(given)
     for config, own in zip(configs, names, strict=True):
         mine = {name: left.pop(name) for name in own & left.keys()}
+        if "engine" in mine and mine["engine"] != config.engine:
+            mine.setdefault("sim_freq", None)
         changed.append(replace(config, **mine) if mine else config)
     return changed

@@ -1,7 +1,7 @@
 """Per-episode results on disk: a row as soon as an episode ends, so that a run can continue later."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +82,7 @@ class ResultStore:
             "set": evaluation_set.name,
             "set_version": evaluation_set.version,
             "episodes": evaluation_set.digest,
-            "conditions": asdict(evaluation_set.conditions),
+            "conditions": evaluation_set.conditions.to_dict(),
             "policy": dict(policy),
         }
         self._claim(about)

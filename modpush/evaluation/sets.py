@@ -9,7 +9,7 @@ What they are drawn from is in `set_recipes.py`.
 import argparse
 import re
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import asdict, field, replace
+from dataclasses import field, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ import numpy as np
 
 from modpush._arguments import checked_arguments
 from modpush._hash import data_hash
-from modpush._types import Count, NonNegativeInteger, Several
+from modpush._types import Count, Name, NonNegativeInteger, Several
 from modpush._validation import checked
 from modpush.envs.scenes.conditions import EpisodeConditions, ToolName
 from modpush.envs.scenes.sampling import sample_scenario
@@ -118,11 +118,28 @@ class EvaluationSet:
         conditions = replace(self.conditions, tool=tool)
         return replace(self, name=f"{self.name}+{tool}", conditions=conditions)
 
+    @checked_arguments
+    def with_engine(self, engine: Name) -> "EvaluationSet":
+        """The same episodes, run in another physics engine at its own rate.
+
+        The name then ends with `+<engine>`, of an engine of your own with the name in its module.
+
+        Args:
+            engine: `sapien`, `mujoco`, or `module:name`.
+
+        Raises:
+            ValueError: If there is no such engine.
+        """
+        if engine == self.conditions.engine:
+            return self
+        conditions = replace(self.conditions, engine=engine, sim_freq=None)
+        return replace(self, name=f"{self.name}+{engine.rpartition(':')[2]}", conditions=conditions)
+
     def save(self, path: Path) -> None:
         """Write the set as gzip-compressed JSON; the same set always gives the same bytes."""
         content = {
             "name": self.name,
-            "conditions": asdict(self.conditions),
+            "conditions": self.conditions.to_dict(),
             "episodes": [s.to_dict() for s in self.scenarios],
         }
         if self.digest != data_hash(content["episodes"]):  # the first part of a larger set
@@ -154,7 +171,7 @@ def load_set(name: str | Path, *, allow: Collection[str] = ()) -> EvaluationSet:
         content = read_packed_json(source, _KIND)
         if not isinstance(content, dict) or not {"name", "conditions", "episodes"} <= set(content):
             raise ValueError(f"load_set: {source} must hold a name, conditions and episodes.")
-        check_allowed(f"load_set: {source}", content["episodes"], allow)
+        check_allowed(f"load_set: {source}", [content["episodes"], content["conditions"]], allow)
         return EvaluationSet(
             name=content["name"],
             scenarios=tuple(Scenario.from_dict(episode) for episode in content["episodes"]),

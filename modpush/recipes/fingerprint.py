@@ -38,12 +38,14 @@ def environment_fingerprint(env: EnvBase) -> dict[str, Any]:
             out.
 
     Returns:
-        Plain data, ready for JSON: `observation` (frame, and name, columns, scale and shift of each
-        entry), `action_frame`, `subgoals` (without the planner), `window`, `encoder` (class and hash of
-        its weights) and `reward`.
+        Plain data, ready for JSON: `engine`, `observation` (frame, and name, columns, scale and shift
+        of each entry), `action_frame`, `subgoals` (without the planner), `window`, `encoder` (class and
+        hash of its weights) and `reward`.
     """
     described = describe_transforms(env)
     found = {name: described[name] for name in _SEEN_BY_POLICY if name in described}
+    if engine := getattr(env, "engine_name", None):
+        found = {"engine": engine, **found}
     if "subgoals" in found:  # a policy may follow the paths of another planner
         found["subgoals"] = {k: v for k, v in found["subgoals"].items() if k != "planner"}
     return found
@@ -52,12 +54,15 @@ def environment_fingerprint(env: EnvBase) -> dict[str, Any]:
 def fingerprint_differences(stored: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     """The differences of two fingerprints, in words; empty where there are none.
 
+    The engine may be another one: a policy sees the same entries in every engine.
     Of settings that both have under a name, those that one of them does not know are not compared: an
     older file does not know them all.
     """
     found = []
     for name in dict.fromkeys((*stored, *now)):
         a, b = stored.get(name), now.get(name)
+        if name == "engine":
+            continue
         if name == "observation" and a is not None and b is not None:
             try:
                 found += [f"observation, {text}" for text in observation_differences(a, b)]

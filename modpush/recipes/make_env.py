@@ -40,7 +40,16 @@ from modpush.recipes.config import END_TO_END, PushEnvConfig
 
 __all__ = ["ENV_PARTS", "make_push_env"]
 
-ENV_PARTS = ("encoder", "planner", "scene", "pushed_object", "depth", "entries", "reward_terms")
+ENV_PARTS = (
+    "encoder",
+    "planner",
+    "scene",
+    "pushed_object",
+    "depth",
+    "engine",
+    "entries",
+    "reward_terms",
+)
 """Arguments of `make_push_env` that may be given as objects."""
 
 
@@ -89,8 +98,8 @@ def make_push_env(
         seed: Seed of the first scene, see `PushEnv`.
         device: Device of the environment, see `PushEnv`.
         **fields: Fields of the config to set differently, also those of its `scenario` and `simulation`
-            (`num_envs=2`, `scene="slot"`, `tool="rod"`, ...; scenes, objects and the depth camera also
-            as objects of your own).
+            (`num_envs=2`, `scene="slot"`, `tool="rod"`, ...; scenes, objects, engine and depth camera
+            also as objects of your own).
 
     Raises:
         TypeError: If an argument is neither this function's nor a field of the config.

@@ -8,6 +8,7 @@ from pydantic import Field, Strict
 
 from modpush._types import Fraction, Name, NonNegativeInteger, Several
 from modpush._validation import checked
+from modpush.envs.engines.named import check_engine
 from modpush.envs.scenes.layouts import SCENES, TIGHT_SCENES
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.parts import part_module
@@ -34,6 +35,9 @@ class PlayConfig:
     """Name of the pushed object."""
     difficulty: Fraction = 0.3
     """Difficulty of the scenes, 0 to 1."""
+    engine: Name | None = None
+    """Physics engine: `sapien`, `mujoco`, or `module:name`; by default that in which an agent was
+    trained, and SAPIEN for other policies."""
     seed: NonNegativeInteger = 0
     """Seed of the first episode; in a replay, the number of the episode."""
     replay: Annotated[
@@ -56,6 +60,8 @@ class PlayConfig:
 
     def __post_init__(self) -> None:
         """Check the names."""
+        if self.engine is not None:
+            check_engine("PlayConfig", self.engine)
         for name, value, known in (
             ("scene", self.scene, {*SCENES, *TIGHT_SCENES}),
             ("pushed_object", self.pushed_object, {*OBJECTS}),

@@ -22,12 +22,13 @@ given as well."""
 _MAX_WAYPOINTS = 32  # of the path that is shown
 
 
-def make_lane(policy: str, allow: Collection[str] = ()) -> PolicyLane:
+def make_lane(policy: str, allow: Collection[str] = (), engine: str | None = None) -> PolicyLane:
     """A policy in an environment of one scene that holds all shipped objects.
 
     Args:
         policy: One of `POLICIES`, or what `load_agent` takes.
         allow: Modules from which an agent's file may import its author's own parts.
+        engine: Physics engine, as in `SimulationConfig`; None for the agent's own, or SAPIEN.
 
     Raises:
         ValueError: If there is no such policy, the file is not an agent, or names modules that are not
@@ -38,6 +39,7 @@ def make_lane(policy: str, allow: Collection[str] = ()) -> PolicyLane:
         "max_waypoints": _MAX_WAYPOINTS,
         "max_episode_steps": None,
         "keep_images": True,
+        **({} if engine is None else {"engine": engine}),
     }
     if policy not in POLICIES or policy == "agent":
         agent = _load(policy, allow)

@@ -254,7 +254,7 @@ class Session:
             for policy in policies:
                 found = next((pair for pair in kept if pair[0] == policy), None)
                 if found is None:
-                    made.append(make_lane(policy, self.config.allow))
+                    made.append(make_lane(policy, self.config.allow, self.config.engine))
                 else:
                     kept.remove(found)
                 lanes.append(made[-1] if found is None else found[1])

@@ -27,6 +27,8 @@ __all__ = [
     "Link",
     "Tool",
     "ToolName",
+    "joint_origin",
+    "mass_properties",
     "urdf_path",
     "urdf_text",
 ]
@@ -144,6 +146,20 @@ TOOLS: dict[ToolName, Tool] = {
 """The tools by name. The paper names the gripper; the authors' released code pushes with the rod."""
 
 
+def joint_origin(index: int) -> tuple[tuple[float, float, float], float]:
+    """Where a joint's frame sits in that of the link before it: position [m] and roll [rad]."""
+    if index == 0:
+        return (0.0, 0.0, 0.0), 0.0
+    return (DH_A[index - 1], 0.0, DH_D[index - 1]), DH_ALPHA[index - 1]
+
+
+def mass_properties(
+    mass: float, shapes: tuple[Primitive, ...]
+) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """Centre of mass [m] and diagonal of the inertia about it [kg m^2] of a link or tool."""
+    return _center(shapes), _inertia(mass, shapes)
+
+
 def urdf_path(tool: ToolName) -> Path:
     """Path of the shipped URDF of the arm with this tool."""
     return Path(__file__).parent / "assets" / f"ur5_{tool}.urdf"
@@ -158,15 +174,7 @@ def urdf_text(tool: ToolName) -> str:
     _add_link(robot, "tool", TOOLS[tool].mass, TOOLS[tool].shapes)
     _add_link(robot, "tip", 0.0, ())
     for i, name in enumerate(JOINT_NAMES):
-        previous = (0.0, 0.0, 0.0) if i == 0 else (DH_A[i - 1], 0.0, DH_D[i - 1])
-        joint = _add_joint(
-            robot,
-            name,
-            LINKS[i].name,
-            LINKS[i + 1].name,
-            previous,
-            0.0 if i == 0 else DH_ALPHA[i - 1],
-        )
+        joint = _add_joint(robot, name, LINKS[i].name, LINKS[i + 1].name, *joint_origin(i))
         joint.set("type", "revolute")
         ET.SubElement(joint, "axis", xyz="0 0 1")
         ET.SubElement(
@@ -202,9 +210,10 @@ def _add_link(robot: ET.Element, name: str, mass: float, shapes: tuple[Primitive
     link = ET.SubElement(robot, "link", name=name)
     if mass > 0:
         inertial = ET.SubElement(link, "inertial")
-        ET.SubElement(inertial, "origin", xyz=_numbers(_center(shapes)), rpy="0 0 0")
+        center, diagonal = mass_properties(mass, shapes)
+        ET.SubElement(inertial, "origin", xyz=_numbers(center), rpy="0 0 0")
         ET.SubElement(inertial, "mass", value=f"{mass:g}")
-        values = dict(zip(("ixx", "iyy", "izz"), _inertia(mass, shapes), strict=True))
+        values = dict(zip(("ixx", "iyy", "izz"), diagonal, strict=True))
         inertia = {name: f"{value:.9g}" for name, value in values.items()}
         ET.SubElement(inertial, "inertia", inertia | dict.fromkeys(("ixy", "ixz", "iyz"), "0"))
     for shape in shapes:

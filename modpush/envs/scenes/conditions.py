@@ -6,8 +6,9 @@ from typing import Annotated, Any
 
 from annotated_types import Le
 
-from modpush._types import Count
+from modpush._types import Count, Name
 from modpush._validation import checked, from_plain
+from modpush.envs.engines.named import check_engine
 from modpush.envs.robot.ur5_2f85 import ToolName
 from modpush.envs.scenes.objects import Circle
 
@@ -18,12 +19,15 @@ __all__ = ["EpisodeConditions", "ToolName"]
 class EpisodeConditions:
     """Time limit, tool, physics and map of an evaluation set, whatever a method was made with."""
 
+    engine: Name = "sapien"
+    """Physics engine: `sapien`, `mujoco`, or your own as `module:name`."""
+
     max_episode_steps: Count = 200
     """Control steps after which an episode is truncated."""
     tool: ToolName = "2f85"
     """Tool of the arm: the closed gripper, or the rod of the authors' code."""
-    sim_freq: Annotated[Count, Le(100_000)] = 120
-    """Physics steps per second [Hz]."""
+    sim_freq: Annotated[Count, Le(100_000)] | None = 120
+    """Physics steps per second [Hz]; None for the engine's own."""
     inflation: Circle = "circumscribed"
     """The object's circle whose radius is that by which obstacles were inflated where it was
     decided that an episode can be solved, and are for its shortest path. With `inscribed` a method plans
@@ -31,9 +35,13 @@ class EpisodeConditions:
     that leaves a path; with `circumscribed` there is a way on either map, and a method plans on a map of
     its own."""
 
+    def __post_init__(self) -> None:
+        """Check the engine's name; nothing is imported."""
+        check_engine("EpisodeConditions", self.engine)
+
     @property
     def env_options(self) -> dict[str, Any]:
-        """Time limit, tool and physics, as arguments of `PushEnv`."""
+        """Time limit, tool, engine and its rate, as arguments of `PushEnv`."""
         return {name: value for name, value in asdict(self).items() if name != "inflation"}
 
     def agent_options(self, inflation: str | float) -> dict[str, Any]:
@@ -54,12 +62,16 @@ class EpisodeConditions:
         return {
             name: (getattr(simulation, name), value)
             for name, value in self.env_options.items()
-            if getattr(simulation, name) != value
+            if value is not None and getattr(simulation, name) != value
         }
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for files, without the engine if it is SAPIEN: older files know no other."""
+        return {k: v for k, v in asdict(self).items() if (k, v) != ("engine", "sapien")}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "EpisodeConditions":
-        """Inverse of `dataclasses.asdict`.
+        """Inverse of `to_dict`.
 
         Raises:
             ValueError: If a field is missing, unknown or wrong; the message names it.

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sapien import physx
 
 from modpush.envs.engines.base import Engine, SceneSpec
+from modpush.envs.engines.named import ENGINES
 from modpush.envs.engines.sapien import bodies
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.scenario import Scenario
@@ -38,7 +39,7 @@ class SapienEngine(Engine):
 
     name: ClassVar = "sapien"
     version: ClassVar = sapien.__version__
-    default_sim_freq: ClassVar = 120
+    default_sim_freq: ClassVar = ENGINES["sapien"].sim_freq
 
     def __init__(self, task: "ClutterPushEnv") -> None:
         self.task, self._scene, self._objects = task, task.scene, task.objects

@@ -1,0 +1,1 @@
+"""MuJoCo behind the boundary `Engine`; the only package that imports it."""

@@ -1,0 +1,191 @@
+"""`MujocoEngine`: one scene in MuJoCo."""
+
+import math
+from collections.abc import Collection, Sequence
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from modpush.envs.engines.base import CONTACT_KEYS, Engine, SceneSpec
+from modpush.envs.engines.mujoco.model import build_model
+from modpush.envs.engines.mujoco.solids import OBJECT, OBSTACLE, ROBOT, TABLE
+from modpush.envs.engines.named import ENGINES
+from modpush.envs.robot.physics import DAMPING, STIFFNESS
+from modpush.envs.robot.ur5_2f85 import JOINT_NAMES, LINKS
+from modpush.envs.scenes.objects import get_object_of
+from modpush.envs.scenes.scenario import Scenario
+
+__all__ = ["MujocoEngine"]
+
+_AT_END = len(CONTACT_KEYS) // 2  # index of the first that is about the step's end
+_PAIRS = (ROBOT | OBJECT, OBJECT | OBSTACLE, ROBOT | OBSTACLE)  # in the order of `CONTACT_KEYS`
+_NAME_OF_PAIR = {
+    ROBOT | OBJECT: "robot_object",
+    OBJECT | OBSTACLE: "object_obstacle",
+    ROBOT | OBSTACLE: "robot_obstacle",
+    OBJECT | TABLE: "object_table",
+}
+_JOINTS = len(JOINT_NAMES)
+_LEAST_FREQ = 240
+_LARGEST = 1e4  # of positions and velocities that a simulation can have had [m, m/s, rad/s]
+_STATE = (
+    mujoco.mjtState.mjSTATE_QPOS | mujoco.mjtState.mjSTATE_QVEL | mujoco.mjtState.mjSTATE_WARMSTART
+)
+
+
+class MujocoEngine(Engine):
+    """Places, steps and reads the bodies of one scene.
+
+    Every episode has a model of its own, so that it depends on nothing that was before. A step is split
+    such that positions and contacts are those after it: MuJoCo's own `mj_step` leaves those before it.
+
+    Args:
+        spec: The properties of the scene.
+
+    Raises:
+        ValueError: If the rate is too low for stable drives, or a renderer is asked for.
+    """
+
+    name: ClassVar = "mujoco"
+    version: ClassVar = mujoco.__version__
+    default_sim_freq: ClassVar = ENGINES["mujoco"].sim_freq
+
+    def __init__(self, spec: SceneSpec) -> None:
+        if spec.sim_freq < _LEAST_FREQ:
+            raise ValueError(
+                f"PushEnv: sim_freq must be at least {_LEAST_FREQ} in MuJoCo, whose contacts and drives "
+                f"need it (None takes {self.default_sim_freq}), got {spec.sim_freq}."
+            )
+        if spec.rendered:
+            raise ValueError(
+                "PushEnv: the engine 'mujoco' has no renderer; expected pictures=False and a depth "
+                "camera that needs none, such as 'analytic', or engine='sapien'."
+            )
+        self._spec = spec
+
+    def load(self, scenario: Scenario, joints: NDArray[np.float32]) -> None:
+        """See `Engine`."""
+        item = get_object_of(self._spec.objects, scenario.pushed_object)
+        model = self._model = build_model(self._spec, scenario, item)
+        data = self._data = mujoco.MjData(model)
+        self._category = model.geom_contype.copy()
+        names = [*(link.name for link in LINKS), "tool", "tip", "object"]
+        self._bodies = {name: int(model.body(name).id) for name in names}
+        first = self._bodies["object"] + 1
+        self._obstacles = slice(first, first + len(scenario.obstacles))
+        self._ctrl = data.ctrl
+        data.qpos[:_JOINTS] = joints
+        mujoco.mj_step1(model, data)
+
+    def advance(
+        self,
+        position: Sequence[Sequence[float]],
+        velocity: Sequence[Sequence[float]],
+        looks: Collection[int],
+    ) -> list[bool]:
+        """See `Engine`."""
+        model, data, ctrl = self._model, self._data, self._ctrl
+        targets = np.array(position) + np.array(velocity) * (DAMPING / STIFFNESS)
+        touched = [False] * _AT_END
+        now = touched
+        for substep, row in enumerate(targets, start=1):
+            ctrl[:] = row
+            mujoco.mj_step2(model, data)
+            mujoco.mj_step1(model, data)
+            if substep in looks:
+                now = self._touching()
+                touched = [a or b for a, b in zip(touched, now, strict=True)]
+        return [*touched, *now]
+
+    def _pairs(self) -> NDArray[np.int32]:
+        """Categories of both bodies of each present contact, `[n]`; all are nearer than `CONTACT_GAP`."""
+        first, second = self._data.contact.geom.reshape(-1, 2).T
+        return self._category[first] | self._category[second]
+
+    def _touching(self) -> list[bool]:
+        found = set(self._pairs().tolist())
+        return [pair in found for pair in _PAIRS]
+
+    def joint_position(self) -> NDArray[np.float32]:
+        """See `Engine`."""
+        return self._data.qpos[:_JOINTS].astype(np.float32)
+
+    def object_transform(self) -> list[float]:
+        """See `Engine`."""
+        return self._transform(self._bodies["object"])
+
+    def _transform(self, body: int) -> list[float]:
+        data = self._data
+        return [*data.xpos[body].tolist(), *data.xquat[body].tolist()]
+
+    def obstacle_transforms(self) -> NDArray[np.float64]:
+        """See `Engine`."""
+        data, rows = self._data, self._obstacles
+        return np.concatenate([data.xpos[rows], data.xquat[rows]], axis=1)
+
+    def link_transforms(self, names: Sequence[str]) -> list[list[float]]:
+        """See `Engine`."""
+        return [self._transform(self._bodies[name]) for name in names]
+
+    def gaps(self) -> dict[str, float]:
+        """See `Engine`."""
+        found = dict.fromkeys(_NAME_OF_PAIR.values(), math.inf)
+        for pair, distance in zip(self._pairs().tolist(), self._data.contact.dist, strict=True):
+            if name := _NAME_OF_PAIR.get(pair):
+                found[name] = min(found[name], float(distance))
+        return found
+
+    def pack(self) -> NDArray[np.float32]:
+        """See `Engine`: positions, velocities and the solver's warm start, each double in four numbers.
+
+        Single precision holds integers of 16 bits, and so every bit of a double.
+        """
+        state = np.empty(mujoco.mj_stateSize(self._model, _STATE))
+        mujoco.mj_getState(self._model, self._data, state, _STATE)
+        return state.astype("<f8").view("<u2").astype(np.float32)
+
+    def unpack(self, packed: NDArray[np.float32]) -> None:
+        """See `Engine`."""
+        mujoco.mj_setState(self._model, self._data, _unpacked(packed), _STATE)
+        mujoco.mj_step1(self._model, self._data)
+
+    def check_packed(self, packed: NDArray[np.float32], scenario: Scenario) -> None:
+        """See `Engine`."""
+        free = 1 + (len(scenario.obstacles) if self._spec.dynamic_obstacles else 0)
+        moving = _JOINTS + 7 * free + _JOINTS + 6 * free  # positions and velocities
+        size = 4 * (moving + _JOINTS + 6 * free)
+        if not isinstance(packed, np.ndarray) or (packed.dtype, packed.shape) != (
+            np.float32,
+            (size,),
+        ):
+            got = f"{getattr(packed, 'dtype', type(packed).__name__)} of shape {np.shape(packed)}"
+            raise ValueError(f"SceneState: physics must be float32 of shape ({size},), got {got}.")
+        whole = (packed >= 0) & (packed < 1 << 16) & (packed == np.floor(packed))  # False for NaN
+        if not whole.all():
+            raise ValueError(
+                "SceneState: physics must be integers of 16 bits, four for each number, "
+                f"got {packed[~whole][0]}."
+            )
+        state = _unpacked(packed)
+        wrong = ~np.isfinite(state)
+        wrong[:moving] |= ~(np.abs(state[:moving]) <= _LARGEST)
+        if wrong.any():
+            raise ValueError(
+                f"SceneState: physics must be finite, and positions and velocities at most {_LARGEST:g}, "
+                f"got {state[wrong][0]}."
+            )
+        quaternions = state[_JOINTS : _JOINTS + 7 * free].reshape(free, 7)[:, 3:]
+        lengths = np.linalg.norm(quaternions, axis=1)
+        if (np.abs(lengths - 1) > 1e-3).any():
+            raise ValueError(
+                f"SceneState: quaternions in physics must be of length 1, got {lengths}."
+            )
+
+    def close(self) -> None:
+        """Nothing: model and data are freed with their last reference."""
+
+
+def _unpacked(packed: NDArray[np.float32]) -> NDArray[np.float64]:
+    return packed.astype("<u2").view("<f8").astype(np.float64)

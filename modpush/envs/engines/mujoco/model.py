@@ -1,0 +1,192 @@
+"""The MuJoCo model of an episode: arm, table, pushed object and obstacles."""
+
+import functools
+import math
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from modpush.envs.engines.base import SceneSpec
+from modpush.envs.engines.mujoco.solids import (
+    OBJECT,
+    OBSTACLE,
+    ROBOT,
+    TABLE,
+    add_solids,
+    set_contact,
+)
+from modpush.envs.robot.kinematics import DH_D
+from modpush.envs.robot.physics import DAMPING, FRICTION, OBSTACLE_MASS, STIFFNESS
+from modpush.envs.robot.ur5_2f85 import (
+    FORCE_LIMIT,
+    JOINT_LIMIT,
+    JOINT_NAMES,
+    LINKS,
+    Tool,
+    joint_origin,
+    mass_properties,
+)
+from modpush.envs.scenes.objects import PushedObject
+from modpush.envs.scenes.obstacle import Obstacle
+from modpush.envs.scenes.scenario import Scenario
+from modpush.geometry.shapes import Primitive, box
+
+__all__ = ["build_model"]
+
+_ARMATURE = 0.1
+"""Inertia of the motors' rotors about the joints' axes [kg m^2], of the order of a real UR5's. Without
+it drives with torque limits are unstable at 240 Hz."""
+_IMPRATIO = 10.0
+"""Stiffness of friction beside that of the normal force. With 1 a pushed object slides along the tool."""
+_ARENA = (
+    1 << 22
+)  # memory for contacts and constraints [bytes]; a scene needs some hundred kilobytes
+_FREE = mujoco.mjtJoint.mjJNT_FREE
+
+
+def build_model(spec: SceneSpec, scenario: Scenario, item: PushedObject) -> "mujoco.MjModel":
+    """Compile the model of an episode, in about a millisecond.
+
+    The bodies are named `base` to `wrist_3`, `tool`, `tip`, `object` and `obstacle_<i>`; the arm's joints
+    come first in `qpos`, then the object, then obstacles that can be moved.
+
+    Args:
+        spec: The properties of the scene.
+        scenario: The episode's start.
+        item: The pushed object.
+    """
+    model = mujoco.MjSpec()
+    model.compiler.degree = False
+    model.memory = _ARENA
+    option = model.option
+    option.timestep = 1 / spec.sim_freq
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = _IMPRATIO
+    # What goes wrong must be seen, instead of MuJoCo beginning anew at the model's start.
+    option.disableflags = mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    table = model.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=(3.0, 3.0, 0.1))
+    set_contact([table], TABLE, OBJECT | OBSTACLE, FRICTION["table"])
+    _add_arm(model, spec.tool, scenario.dynamics.friction)
+    _add_object(model, item, scenario)
+    for i, obstacle in enumerate(scenario.obstacles):
+        _add_obstacle(model, i, obstacle, spec.dynamic_obstacles)
+    return model.compile()
+
+
+def _mean(a: float, b: float) -> float:
+    return (a + b) / 2
+
+
+def _add_arm(model: "mujoco.MjSpec", tool: Tool, object_friction: float) -> None:
+    """The arm's links from its base to the tip of its tool, and its drives."""
+    friction = _mean(FRICTION["tool"], object_friction)
+    body = model.worldbody
+    for i, link in enumerate(LINKS):
+        position, roll = joint_origin(i - 1) if i else ((0.0, 0.0, 0.0), 0.0)
+        body = body.add_body(name=link.name, pos=position, quat=_roll(roll))
+        if i:
+            body.add_joint(
+                name=JOINT_NAMES[i - 1],
+                axis=(0.0, 0.0, 1.0),
+                limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+                range=(-JOINT_LIMIT[i - 1], JOINT_LIMIT[i - 1]),
+                armature=_ARMATURE,
+            )
+        # The base stands on the table without touching it.
+        against = OBJECT | OBSTACLE | (TABLE if i else 0)
+        _fill_link(model, body, link.mass, link.shapes, against, friction)
+    body = body.add_body(name="tool", pos=(0.0, 0.0, DH_D[5]))
+    _fill_link(model, body, tool.mass, tool.shapes, OBJECT | OBSTACLE | TABLE, friction)
+    body.add_body(name="tip", pos=(0.0, 0.0, tool.length))
+    for name, limit in zip(JOINT_NAMES, FORCE_LIMIT, strict=True):
+        _add_drive(model, name, limit)
+
+
+def _fill_link(
+    model: "mujoco.MjSpec",
+    body: "mujoco.MjsBody",
+    mass: float,
+    shapes: tuple[Primitive, ...],
+    against: int,
+    friction: float,
+) -> None:
+    center, diagonal = mass_properties(mass, shapes)
+    _set_inertia(body, mass, center, diagonal)
+    body.gravcomp = 1.0  # the drives of a UR5 compensate its weight
+    # Above the object's, since a pair with the tool has less friction than others.
+    set_contact(add_solids(model, body, shapes), ROBOT, against, friction, priority=2)
+
+
+def _add_drive(model: "mujoco.MjSpec", joint: str, limit: float) -> None:
+    """A drive with torque `STIFFNESS (q* - q) + DAMPING (v* - v)`, whose input is q* + v* d / s."""
+    drive = model.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    drive.gaintype, drive.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
+    drive.gainprm[0] = STIFFNESS
+    drive.biasprm[:3] = (0.0, -STIFFNESS, -DAMPING)
+    drive.forcelimited, drive.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, (-limit, limit)
+
+
+def _add_object(model: "mujoco.MjSpec", item: PushedObject, scenario: Scenario) -> None:
+    x, y, yaw = scenario.object_pose
+    dynamics = scenario.dynamics
+    body = model.worldbody.add_body(name="object", pos=(x, y, item.height / 2), quat=_yaw(yaw))
+    body.add_joint(type=_FREE)
+    unit_inertia, quaternion, height = _homogeneous(item)
+    center = (*dynamics.center_of_mass, height)
+    _set_inertia(body, dynamics.mass, center, dynamics.mass * unit_inertia, quaternion)
+    friction = _mean(dynamics.friction, FRICTION["table"])  # obstacles have the table's
+    set_contact(
+        add_solids(model, body, item.parts), OBJECT, ROBOT | OBSTACLE | TABLE, friction, priority=1
+    )
+
+
+@functools.lru_cache(maxsize=1024)
+def _homogeneous(item: PushedObject) -> tuple[np.ndarray, np.ndarray, float]:
+    """Principal inertia [m^2] and axes of an object of 1 kg, and height of its centre of mass [m]."""
+    model = mujoco.MjSpec()
+    body = model.worldbody.add_body(name="object")
+    body.add_joint(type=_FREE)
+    for geom in add_solids(model, body, item.parts):
+        geom.density = 1000.0
+    made = model.compile()
+    return (
+        made.body_inertia[1] / made.body_mass[1],
+        made.body_iquat[1].copy(),
+        round(float(made.body_ipos[1, 2]), 6),
+    )
+
+
+def _add_obstacle(model: "mujoco.MjSpec", index: int, obstacle: Obstacle, movable: bool) -> None:
+    x, y, yaw = obstacle.pose
+    body = model.worldbody.add_body(
+        name=f"obstacle_{index}", pos=(x, y, obstacle.size[2] / 2), quat=_yaw(yaw)
+    )
+    geoms = add_solids(model, body, [box(*obstacle.size)])
+    if movable:
+        body.add_joint(type=_FREE)
+        square = np.square(obstacle.size)
+        _set_inertia(
+            body, OBSTACLE_MASS, (0.0, 0.0, 0.0), OBSTACLE_MASS * (square.sum() - square) / 12
+        )
+    set_contact(geoms, OBSTACLE, ROBOT | OBJECT | TABLE | OBSTACLE, FRICTION["obstacle"])
+
+
+def _set_inertia(
+    body: "mujoco.MjsBody",
+    mass: float,
+    center: Sequence[float],
+    principal: "Sequence[float] | np.ndarray",
+    quaternion: "Sequence[float] | np.ndarray" = (1.0, 0.0, 0.0, 0.0),
+) -> None:
+    body.explicitinertial = True
+    body.mass, body.ipos, body.iquat, body.inertia = mass, center, quaternion, principal
+
+
+def _yaw(angle: float) -> tuple[float, float, float, float]:
+    return math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)
+
+
+def _roll(angle: float) -> tuple[float, float, float, float]:
+    return math.cos(angle / 2), math.sin(angle / 2), 0.0, 0.0
