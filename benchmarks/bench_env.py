@@ -24,6 +24,7 @@ from torchrl.envs import ExcludeTransform, ParallelEnv, TransformedEnv
 from modpush.envs import OBSTACLE_SCENES, PushEnv, find_render_device
 from modpush.envs.depth.analytic import AnalyticDepthCamera
 from modpush.envs.depth.raycast import blank_image
+from modpush.envs.engines.named import ENGINES
 from modpush.envs.engines.sapien.engine import SapienEngine
 from modpush.envs.engines.sapien.task import ClutterPushEnv
 
@@ -126,6 +127,44 @@ def bench_step(sim_freq: int, repetitions: int, steps: int = 40) -> list[Row]:
     ]
     env.close()
     without_images.close()
+    return rows
+
+
+def bench_engines(repetitions: int, steps: int = 40) -> list[Row]:
+    """Step without images, and load of a new layout, in every engine at its own rate."""
+    envs = {
+        name: PushEnv(NUM_ENVS, scene=OBSTACLE_SCENES, seed=0, engine=name, depth=None)
+        for name in ENGINES
+    }
+    todo = actions(steps)
+    stepping: dict[str, list[float]] = {name: [] for name in envs}
+    loading: dict[str, list[float]] = {name: [] for name in envs}
+
+    def run(env: PushEnv) -> None:
+        for action in todo:
+            td["action"] = action
+            env.step(td)
+
+    def load(env: PushEnv) -> None:
+        for engine, scenario in zip(env._batch.engines, env.scenarios, strict=True):
+            engine.load(scenario, env._batch._start_joints(scenario))
+
+    for _ in range(repetitions):
+        for name, env in envs.items():
+            td = env.reset()
+            stepping[name].append(timed(lambda env=env: run(env)))
+            loading[name].append(timed(lambda env=env: load(env)))
+    rows, base = [], np.array(stepping["sapien"])
+    for name, env in envs.items():
+        times = np.array(stepping[name])
+        ms, rate = np.median(times) / (steps * NUM_ENVS) * 1e3, env.simulation.sim_freq
+        what = f"PushEnv(8).step, no depth, {name}, {rate} Hz x {rate // 15}"
+        beside = f"{np.median(times / base):.2f}x SAPIEN, {1e3 / ms:.0f} scene-steps/s"
+        rows.append((what, f"{ms:.3f} ms", beside))
+    for name, env in envs.items():
+        ms = np.median(loading[name]) / NUM_ENVS * 1e3
+        rows.append((f"a new layout in one scene's engine, {name}", f"{ms:.2f} ms", ""))
+        env.close()
     return rows
 
 
@@ -291,6 +330,7 @@ def main(config: Config) -> None:
         *bench_memory(),  # first: later, it would find memory that was freed before
         *bench_step(120, n),
         *bench_step(240, n),
+        *bench_engines(n),
         *bench_maniskill(n),
         *bench_depth_camera(n * 3),
         *bench_reset(n * 2),
