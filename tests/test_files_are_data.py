@@ -128,6 +128,13 @@ def evaluation_set(field: str) -> Callable[[Path, str], object]:
     return read
 
 
+def engine_of_a_set(folder: Path, text: str) -> object:
+    conditions = {**asdict(load_set("smoke").conditions), "engine": text, "sim_freq": None}
+    content = {"name": "own", "conditions": conditions, "episodes": [SCENARIO]}
+    write_packed_json(folder / "set.json.gz", content)
+    return PushEnv(1, **load_set(folder / "set.json.gz").conditions.env_options)
+
+
 def replay(folder: Path, text: str) -> ReplayLane:
     write_set(folder / "set.json.gz", "pushed_object", text)
     (folder / "run.json").write_text('{"set": "own", "episodes": ""}')
@@ -172,6 +179,7 @@ READERS: dict[str, Callable[[Path, str], object]] = {
             "env.scenario.scene",
             "env.scenario.pushed_object",
             "env.simulation.depth",
+            "env.simulation.engine",
             "env.reward.weights.*",
             "network.actor",
             "network.encoder",
@@ -184,6 +192,7 @@ READERS: dict[str, Callable[[Path, str], object]] = {
     "init_from an agent": warm_start_from_agent,
     "set pushed_object": evaluation_set("pushed_object"),
     "set scene": evaluation_set("scene"),
+    "set engine": engine_of_a_set,
     "replay": replay,
     "minari": minari,
     "minari specification": minari_specification,

@@ -140,7 +140,9 @@ def _load_sets(config: EvaluateConfig) -> dict[str, "evaluation.EvaluationSet"]:
         if config.tool is not None:
             episodes = episodes.with_tool(config.tool)
         if config.engine is not None:
-            find_engine(config.engine)  # that a package is missing is said before an episode is run
+            find_engine(
+                config.engine
+            )  # a package that is missing is named before an episode is run
             episodes = episodes.with_engine(config.engine)
         for other, known in sets.items():
             if known.name == episodes.name:

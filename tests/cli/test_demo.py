@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import cv2
 import pytest
 
-from modpush.cli.demo import DemoConfig, _draw_scenarios, _verdict
+from modpush.cli.demo import DemoConfig, _draw_scenarios, _verdict, show_demo
 
 
 def test_demo(tmp_path) -> None:
@@ -23,6 +23,15 @@ def test_demo(tmp_path) -> None:
     while video.read()[0]:
         frames += 1
     assert frames > 20
+
+
+def test_the_demo_runs_in_another_engine(tmp_path, capsys) -> None:
+    show_demo(
+        DemoConfig(
+            policy=("scripted",), engine="mujoco", scenes=("free",), episodes=1, out=tmp_path
+        )
+    )
+    assert "demo.mp4 (no arm.mp4), table.md" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -35,6 +35,19 @@ def test_evaluate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert (tmp_path / "corridor" / "smoke" / "episodes.csv").read_bytes() == before
 
 
+def test_the_engine_is_part_of_what_results_are_stored_under(tmp_path: Path) -> None:
+    config = EvaluateConfig(
+        policy=("scripted",), engine="mujoco", episodes=1, pictures=0, videos=False, out=tmp_path
+    )
+    (rows,) = evaluate_policies(config)["smoke"].values()
+    assert len(rows) == 1
+    about = json.loads((tmp_path / "scripted" / "smoke+mujoco" / "run.json").read_text())
+    assert about["conditions"]["engine"] == "mujoco"
+    with pytest.raises(ValueError, match=r"engine: there is no 'bullet'"):
+        evaluate_policies(EvaluateConfig(engine="bullet", out=tmp_path / "out"))
+    assert not (tmp_path / "out").exists()
+
+
 def test_all_stands_for_the_papers_sets() -> None:
     names = EvaluateConfig(sets=("all",)).set_names
     assert names[0] == "free/small_cube"

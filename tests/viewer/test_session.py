@@ -55,6 +55,14 @@ def test_the_agent_reaches_the_goal_and_then_time_stands_still(session) -> None:
     assert session.snapshots[0] is shown
 
 
+def test_a_session_runs_in_another_engine() -> None:
+    session = Session(PlayConfig(policy=("agent", "scripted"), engine="mujoco"))
+    run(session, 5)
+    assert [lane.env.engine_name for lane in session.lanes] == ["mujoco"] * 2
+    assert not session.message
+    session.close()
+
+
 def test_a_goal_that_is_moved_is_reached_from_where_the_object_is(session) -> None:
     for _ in range(10):
         session.tick()

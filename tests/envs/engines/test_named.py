@@ -20,7 +20,7 @@ from modpush.envs.engines.sapien.engine import SapienEngine
 from modpush.envs.push_state import PushState
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.simulation_config import SimulationConfig, set_fields
-from modpush.evaluation import load_set
+from modpush.evaluation import load_set, run_episodes
 from modpush.recipes import environment_fingerprint
 from modpush.recipes.fingerprint import fingerprint_differences
 from modpush.viewer import PlayConfig
@@ -203,6 +203,18 @@ def test_a_fingerprint_tells_the_engine_and_lets_an_agent_change_it() -> None:
     assert now["engine"] == "mujoco"
     assert fingerprint_differences({**now, "engine": "sapien"}, now) == []
     env.rollout(3, agent.policy)
+    env.close()
+
+
+@pytest.mark.parametrize("name", ["obstacles/small_cylinder", "obstacles/fragment"])
+def test_the_shipped_agent_pushes_as_well_in_mujoco(name) -> None:
+    """With several contacts between curved solids it would solve 7 of 10 of the cylinder's episodes."""
+    agent, episodes = load_agent("any_object"), load_set(name).first(16).with_engine("mujoco")
+    options = episodes.conditions.agent_options(agent.config.inflation)
+    env = agent.make_env(8, pushed_object=episodes.objects, **options)
+    found = list(run_episodes(env, agent.policy, enumerate(episodes)))
+    assert sum(episode.metrics.success for episode in found) >= 15
+    assert np.mean([episode.metrics.contact_rate for episode in found]) > 0.93
     env.close()
 
 
