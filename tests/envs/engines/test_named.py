@@ -208,7 +208,7 @@ def test_a_fingerprint_tells_the_engine_and_lets_an_agent_change_it() -> None:
 
 @pytest.mark.parametrize("name", ["obstacles/small_cylinder", "obstacles/fragment"])
 def test_the_shipped_agent_pushes_as_well_in_mujoco(name) -> None:
-    """With several contacts between curved solids it would solve 7 of 10 of the cylinder's episodes."""
+    """With MuJoCo's own cylinder it would solve 7 of 10 of the cylinder's episodes."""
     agent, episodes = load_agent("any_object"), load_set(name).first(16).with_engine("mujoco")
     options = episodes.conditions.agent_options(agent.config.inflation)
     env = agent.make_env(8, pushed_object=episodes.objects, **options)
