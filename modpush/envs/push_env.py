@@ -335,7 +335,7 @@ class PushEnv(EnvBase):
         """Put scenes into a state and return all keys; under transforms use `reset(state=...)`.
 
         Continuations of one state are equal to the last bit on a CPU, also in another environment. One
-        may differ from the run that the state was taken from, by PhysX's contact cache.
+        may differ from the run that the state was taken from, in SAPIEN by PhysX's contact cache.
 
         Raises:
             TypeError: If it is not a `PushState`.

@@ -16,7 +16,7 @@ __all__ = ["SceneState"]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SceneState:
-    """Everything that the future of one scene depends on, except PhysX's contact cache.
+    """Everything that the future of one scene depends on, in SAPIEN except PhysX's contact cache.
 
     Raises:
         ValueError: If `target` is not three finite numbers, or `contacts` not six truth values.

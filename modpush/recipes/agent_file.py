@@ -106,7 +106,8 @@ class Agent:
 
         Args:
             num_envs: Number of scenes; by default the config's.
-            **options: Further arguments of `make_push_env`.
+            **options: Further arguments of `make_push_env`. The engine may be another one than
+                that of the training, `fingerprint["engine"]`.
 
         Raises:
             ValueError: If a part is missing that `load_agent` was not given, or if the environment
