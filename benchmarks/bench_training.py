@@ -179,13 +179,12 @@ def running(
         )
         trainer = Trainer(config, Path(folder) / "run", start_method=start_method)
         trainer.worker.call(SceneWorker.restart, trainer.worker_seed())
-        pending = trainer.collect()
+        trainer.collect()
 
         def once() -> None:
-            nonlocal pending
             before = trainer.steps
-            trainer.store(pending.result())
-            pending = trainer.collect()
+            trainer.store(trainer.worker.result())
+            trainer.collect()
             trainer.learner.learn(before, trainer.steps)
 
         while trainer.steps < 3_500:

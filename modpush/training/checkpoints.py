@@ -6,9 +6,9 @@ from typing import Any
 
 from modpush._state import read_state, write_state
 
-__all__ = ["CHECKPOINT_KIND", "CHECKPOINT_VERSION", "Checkpoints"]
+__all__ = ["CHECKPOINT_KIND", "Checkpoints", "read_checkpoint"]
 
-CHECKPOINT_KIND, CHECKPOINT_VERSION = "modpush.Checkpoint", 1
+CHECKPOINT_KIND, _VERSION = "modpush.Checkpoint", 1
 _NAME = re.compile(r"step-(\d+)\.safetensors")
 
 
@@ -49,7 +49,7 @@ class Checkpoints:
             OSError: If it cannot be written; those before stay.
         """
         path = self.folder / f"step-{step:09d}.safetensors"
-        write_state(path, state, CHECKPOINT_KIND, CHECKPOINT_VERSION)
+        write_state(path, state, CHECKPOINT_KIND, _VERSION)
         for old in self.paths()[: -self.keep]:
             old.unlink()
 
@@ -64,7 +64,17 @@ class Checkpoints:
         if newest is None:
             raise FileNotFoundError(f"Checkpoints: {self.folder} holds no checkpoint.")
         try:
-            state: dict[str, Any] = read_state(newest, CHECKPOINT_KIND, CHECKPOINT_VERSION)
+            return read_checkpoint(newest)
         except ValueError as error:
             raise ValueError(f"{error} Delete the file to resume from the one before.") from error
-        return state
+
+
+def read_checkpoint(path: Path) -> dict[str, Any]:
+    """The state in a checkpoint's file; interpret it within `reading(path, CHECKPOINT_KIND)`.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If it is damaged.
+    """
+    state: dict[str, Any] = read_state(path, CHECKPOINT_KIND, _VERSION)
+    return state

@@ -1,5 +1,6 @@
 """The side of training that learns: agent, replay buffer and updates."""
 
+import copy
 import math
 import random
 from collections import defaultdict
@@ -21,6 +22,7 @@ from modpush.replay.attentive import AttentiveSampler
 from modpush.replay.buffer import make_replay_buffer, update_priorities
 from modpush.replay.mirror import MirrorTransitions
 from modpush.replay.n_step import extend_rollout, forget_open_steps, n_step_transforms
+from modpush.replay.state import buffer_state, load_buffer_state
 from modpush.training.config import TrainConfig
 from modpush.training.parts import learner_parts, replay_parts
 from modpush.training.rollout import Rollout, WorkerSpecs
@@ -96,14 +98,34 @@ class Learner:
             return self.agent.actor
         return self._average.module
 
-    def average_state(self) -> dict[str, Tensor] | None:
-        """State of the averaged weights; None if there are none."""
-        return None if self._average is None else dict(self._average.state_dict())
+    def state(self) -> dict[str, Any]:
+        """Weights, optimizer, buffer and pace for a checkpoint, as tensors and plain data."""
+        sampler = self.buffer.sampler
+        return {
+            "loss": dict(self.agent.loss.state_dict()),
+            "average": None if self._average is None else dict(self._average.state_dict()),
+            "optimizer": self.agent.optimizer.state_dict(),
+            "buffer": buffer_state(self.buffer) if self.config.save_buffer else None,
+            "attentive": sampler.state_dict() if isinstance(sampler, AttentiveSampler) else None,
+            "updates": self.updates,
+            "pending_updates": self.pending_updates,
+            "metrics": dict(self.metrics),
+        }
 
-    def load_average_state(self, state: Mapping[str, Tensor] | None) -> None:
-        """Inverse of `average_state`."""
-        if self._average is not None and state is not None:
-            self._average.load_state_dict(state)
+    def load_state(self, state: Mapping[str, Any]) -> None:
+        """Take over a checkpoint, which holds the result of `state` and the run's `"steps"`."""
+        self.agent.loss.load_state_dict(state["loss"])
+        if self._average is not None and state["average"] is not None:
+            self._average.load_state_dict(state["average"])
+        self.agent.optimizer.load_state_dict(copy.deepcopy(state["optimizer"]))
+        if state["buffer"] is not None:
+            load_buffer_state(self.buffer, state["buffer"])
+        else:  # the annealing of k goes on; nothing has been written to the buffer yet
+            self.learn_from = state["steps"] + self.config.tqc.learning_starts
+            if (attentive := state.get("attentive")) is not None:
+                self.buffer.sampler.load_state_dict({**attentive, "newest": None})
+        self.updates, self.pending_updates = state["updates"], state["pending_updates"]
+        self.metrics.update(state["metrics"])
 
     def store(self, rollout: Rollout) -> int:
         """Put a rollout's transitions into the buffer; returns how many there were."""

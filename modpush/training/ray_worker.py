@@ -154,10 +154,8 @@ class RayWorker(Worker):
         try:
             return self._result.result()
         except errors.RayTaskError as error:
-            self._outstanding = False
             raise RuntimeError(f"Trainer: a collector failed:\n{error}") from error
         except errors.RayError as error:
-            self._outstanding = False
             raise CollectionEndedError(f"Trainer: the Ray collectors are gone: {error}") from error
 
     def close(self) -> None:

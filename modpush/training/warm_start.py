@@ -6,13 +6,12 @@ from typing import Any
 
 from torchrl.objectives import LossModule
 
-from modpush._state import read_state
 from modpush._weights import check_weights
 from modpush.files import reading
 from modpush.parts import ModulesRefusedError, modules_named, parts_named
 from modpush.recipes.agent_file import Agent, load_agent, observed_symmetry, shipped_agents
 from modpush.recipes.fingerprint import fingerprint_differences
-from modpush.training.checkpoints import CHECKPOINT_KIND, CHECKPOINT_VERSION, Checkpoints
+from modpush.training.checkpoints import CHECKPOINT_KIND, Checkpoints, read_checkpoint
 from modpush.training.config import TrainConfig
 from modpush.training.learner import Learner
 from modpush.training.rollout import WorkerSpecs
@@ -57,7 +56,7 @@ def load_initial_weights(
         _copy_to_targets(learner.agent.loss)
         return
     with reading(checkpoint, CHECKPOINT_KIND):
-        state = read_state(checkpoint, CHECKPOINT_KIND, CHECKPOINT_VERSION)
+        state = read_checkpoint(checkpoint)
         fingerprint, stored = dict(state["fingerprint"]), dict(state["loss"])
         symmetry = state["symmetry"]
     _check_environment(who, fingerprint, symmetry, config, specs, parts)

@@ -105,9 +105,9 @@ def test_what_the_actors_act_with_is_what_was_learned(cluster: Any, tmp_path: Pa
     sent: list[dict[str, Any]] = []
     collect = trainer.collect
 
-    def noting_collect() -> Any:
+    def noting_collect() -> None:
         sent.append(trainer.learner.actor_weights())
-        return collect()
+        collect()
 
     trainer.collect = noting_collect  # type: ignore[method-assign]
     trainer.rollouts, trainer.after = [], {}

@@ -54,12 +54,14 @@ def test_it_acts_with_these_weights_from_the_first_step(unbroken, tmp_path):
     # The run's log has a row each 48 steps, and its scenes act at random for 64.
     assert "greedy/success" in pd.read_csv(tmp_path / "run" / "log.csv")
     first = Trainer(replace(SMOKE, init_from=str(unbroken)), tmp_path / "other")
-    rollout = first._first_rollout().result()
+    first._first_rollout()
+    rollout = first.worker.result()
     first.close()
     assert rollout.transitions["action"].shape == (16, 3)
     again = Trainer(replace(SMOKE, init_from=str(unbroken)), tmp_path / "again")
     again.learner.agent.actor.module[0].module[0][0].weight.data.add_(1.0)
-    other = again._first_rollout().result()
+    again._first_rollout()
+    other = again.worker.result()
     again.close()
     assert not (rollout.transitions["action"] == other.transitions["action"]).all()
 
