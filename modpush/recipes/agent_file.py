@@ -29,13 +29,22 @@ from modpush.mdp.stuck_recovery import StuckRecovery, recovering
 from modpush.parts import check_allowed, find_part, part_name
 from modpush.recipes.config import END_TO_END, PushEnvConfig
 from modpush.recipes.fingerprint import environment_fingerprint, fingerprint_differences
-from modpush.recipes.hub import HUB_PREFIX, download_agent
-from modpush.recipes.make_env import ENV_PARTS, make_push_env
+from modpush.recipes.make_env import ENV_PARTS, env_parts, make_push_env
 
-__all__ = ["BEST_AGENT", "Agent", "load_agent", "observed_symmetry", "save_agent", "shipped_agents"]
+__all__ = [
+    "BEST_AGENT",
+    "HUB_PREFIX",
+    "Agent",
+    "load_agent",
+    "observed_symmetry",
+    "save_agent",
+    "shipped_agents",
+]
 
 BEST_AGENT = "best_agent.safetensors"
 """File of the best agent in a training run's folder."""
+HUB_PREFIX = "hf://"
+"""Prefix of the name of an agent on the Hugging Face Hub."""
 _KIND, _VERSION = "modpush.Agent", 5
 
 
@@ -121,11 +130,9 @@ class Agent:
                 f"pass them to load_agent as {' and '.join(given)}."
             )
         num_envs = self.config.num_envs if num_envs is None else num_envs
-        kinds = set(ENV_PARTS) - ({"encoder"} if self.config.encoder == END_TO_END else set())
-        parts = {kind: part for kind, part in self.parts.items() if kind in kinds}
         symmetry = observed_symmetry(self.config, self.parts.get("pushed_object"))
         config = replace(self.config, num_envs=num_envs, symmetry=symmetry)
-        env = self.factory(config, **{**parts, **options})
+        env = self.factory(config, **{**env_parts(config, self.parts), **options})
         differences = fingerprint_differences(self.fingerprint, environment_fingerprint(env))
         if self.fingerprint and differences:
             env.close()
@@ -317,6 +324,8 @@ def _without(config: Mapping[str, Any], kinds: Collection[str]) -> dict[str, Any
 def _find_file(name: str | Path) -> Path:
     path = shipped_agents().get(str(name), Path(name))
     if str(name).startswith(HUB_PREFIX):
+        from modpush.recipes.hub import download_agent  # which imports this module
+
         path = download_agent(str(name))
     if (path / BEST_AGENT).is_file():
         path = path / BEST_AGENT

@@ -38,10 +38,16 @@ from modpush.planners.occupancy import OccupancyGrid
 from modpush.planners.subgoals import PlannerSubgoals
 from modpush.recipes.config import END_TO_END, PushEnvConfig
 
-__all__ = ["ENV_PARTS", "make_push_env"]
+__all__ = ["ENV_PARTS", "env_parts", "make_push_env"]
 
 ENV_PARTS = ("encoder", "planner", "scene", "pushed_object", "depth", "entries", "reward_terms")
 """Arguments of `make_push_env` that may be given as objects."""
+
+
+def env_parts(config: PushEnvConfig, parts: Mapping[str, Any]) -> dict[str, Any]:
+    """The arguments of `make_push_env` among parts; not an encoder that is trained with the agent."""
+    trained = {"encoder"} if config.encoder == END_TO_END else set()
+    return {kind: part for kind, part in parts.items() if kind in {*ENV_PARTS} - trained}
 
 
 @checked_arguments

@@ -16,8 +16,7 @@ from modpush.envs import PushEnv
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.mdp import StuckRecovery, recovering
 from modpush.planners import DistanceField, OccupancyGrid, PlannerSubgoals
-from modpush.recipes.agent_file import BEST_AGENT, load_agent, shipped_agents
-from modpush.recipes.hub import HUB_PREFIX
+from modpush.recipes.agent_file import BEST_AGENT, HUB_PREFIX, load_agent, shipped_agents
 
 __all__ = ["METHODS", "Method", "get_method", "get_methods"]
 

@@ -14,8 +14,8 @@ from modpush._arguments import checked_arguments
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.episodes import Policy, run_episodes
+from modpush.recipes.make_env import env_parts
 from modpush.training.config import TrainConfig
-from modpush.training.parts import env_parts
 
 __all__ = ["EvaluationProgress", "HeldOutEpisodes", "held_out_scenarios", "held_out_score"]
 
@@ -88,12 +88,12 @@ class HeldOutEpisodes:
     def __init__(
         self,
         config: TrainConfig,
-        parts: Mapping[str, Any] | None,
+        parts: Mapping[str, Any],
         make_env: Callable[..., EnvBase],
         progress: EvaluationProgress | None = None,
     ) -> None:
         self._progress = progress or EvaluationProgress()
-        self._config, self._make_env, self._parts = config, make_env, env_parts(config, parts)
+        self._config, self._make_env, self._parts = config, make_env, env_parts(config.env, parts)
         self._env: EnvBase | None = None
         self._scenarios = held_out_scenarios(
             config,

@@ -52,7 +52,7 @@ class Learner:
         self,
         config: TrainConfig,
         specs: WorkerSpecs,
-        parts: Mapping[str, Any] | None,
+        parts: Mapping[str, Any],
         folder: Path,
     ) -> None:
         # NumPy's and Python's for samplers that draw from them, such as TorchRL's prioritized one.

@@ -87,13 +87,14 @@ class Trainer:
                 f"Trainer: num_collectors={config.num_collectors} needs collector='ray', got "
                 f"{config.collector!r}."
             )
+        parts = dict(parts or {})
         own_process = config.async_collection and start_method == "spawn"
         spawned = own_process or config.collector == "ray"
         check_parts(config, parts, pickled=spawned)
         if spawned:
             check_picklable("make_env", make_env)
         make_replay_buffer(config.filled_replay(), **replay_parts(parts))  # refused before all else
-        self.config, self.parts, self.make_env = config, dict(parts or {}), make_env
+        self.config, self.parts, self.make_env = config, parts, make_env
         self.threads = threads
         self.folder = check_run_folder(folder, config, resume=resume)
         self.lock = FolderLock(folder)

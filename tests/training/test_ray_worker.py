@@ -195,7 +195,7 @@ def test_steps_of_two_collectors_are_not_summed_together(tmp_path: Path) -> None
     config = replace(SMOKE, replay=replace(SMOKE.replay, n_steps=3))
     worker = InlineWorker(partial(SceneWorker, config))
     worker.call(SceneWorker.restart, 0)
-    learners = [Learner(config, worker.call(SceneWorker.specs), None, tmp_path) for _ in range(2)]
+    learners = [Learner(config, worker.call(SceneWorker.specs), {}, tmp_path) for _ in range(2)]
     rollouts = [worker.call(SceneWorker.collect, 4, None) for _ in range(2)]
     others = [worker.call(SceneWorker.collect, 4, None) for _ in range(2)]
     worker.close()

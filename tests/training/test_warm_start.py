@@ -9,7 +9,7 @@ from torchrl.data import Bounded, Composite, Unbounded
 
 from modpush import load_agent
 from modpush.agents import TQCConfig, make_tqc_from_specs
-from modpush.cli import RunConfig, train_agent
+from modpush.cli.training_run import run_preset
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.training import Trainer, load_critics
 from modpush.training.run_folder import RunFolder
@@ -115,8 +115,8 @@ def test_an_agent_with_parts_of_the_runs_own_modules(tmp_path):
 
 
 def test_from_the_command_line(unbroken, tmp_path):
-    short = replace(SMOKE, total_steps=16)
-    train_agent(RunConfig(train=short, out=tmp_path / "run", init_from=str(unbroken)))
+    short = ["--train.total-steps", "16", "--train.seed", "5", "--out", str(tmp_path / "run")]
+    run_preset(["smoke", *short, "--init-from", str(unbroken)])
     assert RunFolder(tmp_path / "run").read_config().init_from == str(unbroken)
 
 
