@@ -13,8 +13,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from modpush._arguments import checked_arguments
-from modpush._folder_lock import FolderLock
-from modpush._threads import torch_threads
+from modpush._atomic import FolderLock
+from modpush._processes import torch_threads
 from modpush._types import Count
 from modpush.recipes.make_env import make_push_env
 from modpush.replay.buffer import make_replay_buffer

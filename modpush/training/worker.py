@@ -13,7 +13,7 @@ from typing import Any, Concatenate, Literal, ParamSpec, TypeVar
 
 import torch
 
-from modpush._end_with_parent import begin_worker_process
+from modpush._processes import begin_worker_process
 from modpush.agents.tqc.quantiles import quantile_huber
 from modpush.training.scene_worker import SceneWorker
 
