@@ -17,6 +17,7 @@ from typing import Any
 __all__ = [
     "ModulesRefusedError",
     "check_allowed",
+    "check_part_name",
     "find_part",
     "modules_named",
     "part_module",
@@ -107,6 +108,24 @@ def part_name(name: str, part: Any, known: Mapping[str, Any]) -> str:
         f"{name}: {part!r} cannot be written to a file, since nothing says how to import it. Define "
         "it at the top level of a module and give it as 'module:name'."
     )
+
+
+def check_part_name(
+    name: str, part: str, known: Collection[str], other: str = "'module:name'"
+) -> None:
+    """Refuse text that stands for no part, without importing anything.
+
+    Args:
+        name: Name of the field or argument, for the error.
+        part: The text.
+        known: The parts that the library brings, by name.
+        other: What the text may be besides, for the error.
+
+    Raises:
+        ValueError: If the part is neither one of the known names nor a `"module:name"`.
+    """
+    if part not in known and part_module(part) is None:
+        raise ValueError(f"{name} must be one of {sorted(known)} or {other}, got {part!r}.")
 
 
 def part_module(part: Any) -> str | None:

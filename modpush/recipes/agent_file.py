@@ -1,8 +1,7 @@
 """Trained agents on disk: a policy, the configuration of its environment, and its fingerprint."""
 
 import json
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
@@ -359,24 +358,14 @@ def _actor(
     )
     factory = find_part("actor", parts.get("actor", network.actor), ACTORS)
     learner = TQCConfig(hidden_sizes=network.hidden_sizes)
-    with _default_dtype({tensor.dtype for tensor in tensors.values()}):
-        if factory in ACTORS.values():  # without memory at first: a file may ask for any sizes
-            with reading(path, _KIND):
-                planned = factory(replace(learner, device="meta"), specs)
-                check_weights(path, planned.state_dict(), tensors)
-        policy = factory(learner, specs)
+    # Whatever the process's default dtype is, the policy's is that of the file's weights.
+    double = {tensor.dtype for tensor in tensors.values()} == {torch.float64}
+    dtype = torch.float64 if double else torch.float32
+    if factory in ACTORS.values():  # without memory at first: a file may ask for any sizes
+        with reading(path, _KIND):
+            planned = factory(replace(learner, device="meta"), specs).to(dtype)
+            check_weights(path, planned.state_dict(), tensors)
+    policy = factory(learner, specs).to(dtype)
     check_weights(path, policy.state_dict(), tensors)
     policy.load_state_dict(tensors)
     return policy.eval().requires_grad_(False)
-
-
-@contextmanager
-def _default_dtype(dtypes: Collection[torch.dtype]) -> Iterator[None]:
-    """Make new modules in the floating dtype of a file's weights, whatever the process's default is."""
-    before = torch.get_default_dtype()
-    given = [dtype for dtype in dtypes if dtype in (torch.float32, torch.float64)]
-    try:
-        torch.set_default_dtype(given[0] if len(given) == 1 else before)
-        yield
-    finally:
-        torch.set_default_dtype(before)

@@ -1,7 +1,7 @@
 """The environment of a pushing agent as one configuration, and its presets."""
 
 import functools
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -29,7 +29,7 @@ from modpush.envs.simulation_config import SimulationConfig, set_fields
 from modpush.geometry.frames import Frame
 from modpush.mdp.observation_entries import PATH_AHEAD_ENTRIES
 from modpush.mdp.push_reward import RewardConfig
-from modpush.parts import part_module
+from modpush.parts import check_part_name
 from modpush.planners import PLANNERS
 from modpush.planners.subgoals import SubgoalMode
 
@@ -151,11 +151,12 @@ class PushEnvConfig:
         Numbers are checked by the parts that take them, and `"module:name"` is imported when the
         environment is made: a config that comes from a file runs no code.
         """
-        _check_name("planner", self.planner, PLANNERS)
+        check_part_name("PushEnvConfig: planner", self.planner, PLANNERS)
         if self.encoder_file is None:  # a file is read when the environment is made
             # An encoder that only a critic can train would stay as it is, random.
             names = {*ENCODERS, END_TO_END} - {"conv"}
-            _check_name("encoder", self.encoder, names)
+            other = "'module:name' or a file"
+            check_part_name("PushEnvConfig: encoder", self.encoder, names, other)
         if self.latent_dim is not None and self.encoder != "rays":
             raise ValueError(
                 f"PushEnvConfig: latent_dim is for the encoder 'rays', got {self.latent_dim} with "
@@ -264,11 +265,3 @@ _PRESETS: dict[str, dict[str, Any]] = {
         "recovery": True,  # most of what a greedy policy fails in tight scenes ends at rest
     },
 }
-
-
-def _check_name(field_name: str, name: str, known: Collection[str]) -> None:
-    if name not in known and part_module(name) is None:
-        raise ValueError(
-            f"PushEnvConfig: {field_name} must be one of {sorted(known)} or 'module:name'"
-            f"{' or a file' if field_name == 'encoder' else ''}, got {name!r}."
-        )

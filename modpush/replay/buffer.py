@@ -157,17 +157,11 @@ def _attentive(config: ReplayConfig) -> AttentiveSampler:
     )
 
 
-def _uniform(config: ReplayConfig) -> RandomSampler:
-    return RandomSampler()
-
-
-def _prioritized(config: ReplayConfig) -> PrioritizedSampler:
-    return PrioritizedSampler(config.capacity, config.priority_alpha, config.priority_beta)
-
-
 SAMPLERS: Mapping[str, SamplerFactory] = {
     "attentive": _attentive,
-    "uniform": _uniform,
-    "prioritized": _prioritized,
+    "uniform": lambda config: RandomSampler(),
+    "prioritized": lambda config: PrioritizedSampler(
+        config.capacity, config.priority_alpha, config.priority_beta
+    ),
 }
 """Samplers by name."""

@@ -66,13 +66,7 @@ class RunFolder:
     def stored_config(self) -> TrainConfig:
         """The same, to compare it with another: its parts may be in any modules, so do not make them."""
         with reading(self.config, _KIND):
-            data = read_yaml(self.config, _KIND)
-            try:
-                return from_plain(TrainConfig, data)
-            except ValueError as error:
-                raise ValueError(
-                    f"RunFolder: {self.config} is not a run's config: {error}"
-                ) from error
+            return from_plain(TrainConfig, read_yaml(self.config, _KIND))
 
 
 @checked_arguments
