@@ -26,7 +26,7 @@ class NStepTransform(MultiStepTransform):
 
     The last `n_steps` transitions of each environment wait for those that follow. They are part of
     the transform's state. Where environments are reset without the end of an episode in the data,
-    set `waiting` to None, also after `empty` of a buffer that is not from `make_replay_buffer`. Transitions
+    call `forget`, also after `empty` of a buffer that is not from `make_replay_buffer`. Transitions
     that have their n-step returns already, such as those of another buffer, are stored as they are.
 
     Args:
@@ -53,9 +53,13 @@ class NStepTransform(MultiStepTransform):
         result = result.exclude("gamma", "nonterminal", ("next", "original_reward"))
         return (result.transpose(0, 1) if result.ndim == 2 else result).reshape(-1)
 
+    def forget(self) -> None:
+        """Drop the transitions that wait for those that follow."""
+        self._buffer = None
+
     @property
     def waiting(self) -> TensorDictBase | None:
-        """The transitions that wait for those that follow, `[num_envs, time]`; None drops them."""
+        """The transitions that wait for those that follow, `[num_envs, time]`."""
         return self._buffer
 
     @waiting.setter
@@ -113,7 +117,7 @@ def forget_open_steps(buffer: TensorDictReplayBuffer) -> None:
         buffer: From `make_replay_buffer`.
     """
     for transform in n_step_transforms(buffer):
-        transform.waiting = None
+        transform.forget()
 
 
 def n_step_transforms(buffer: TensorDictReplayBuffer) -> list[NStepTransform]:
