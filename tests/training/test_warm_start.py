@@ -9,7 +9,6 @@ from torchrl.data import Bounded, Composite, Unbounded
 
 from modpush import load_agent
 from modpush.agents import TQCConfig, make_tqc_from_specs
-from modpush.cli.training_run import run_preset
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.training import Trainer, load_critics
 from modpush.training.run_folder import RunFolder
@@ -112,12 +111,6 @@ def test_an_agent_with_parts_of_the_runs_own_modules(tmp_path):
     agent = begin(tmp_path / "more", env=config.env, init_from=str(file))
     saved = load_agent(file, allow=("tests.own_parts",)).actor.state_dict()
     assert_equal(saved, agent.actor.state_dict())
-
-
-def test_from_the_command_line(unbroken, tmp_path):
-    short = ["--train.total-steps", "16", "--train.seed", "5", "--out", str(tmp_path / "run")]
-    run_preset(["smoke", *short, "--init-from", str(unbroken)])
-    assert RunFolder(tmp_path / "run").read_config().init_from == str(unbroken)
 
 
 def test_a_run_without_its_buffer_fills_one_before_it_learns_on(unbroken, tmp_path):
