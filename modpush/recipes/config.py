@@ -3,7 +3,6 @@
 import functools
 from collections.abc import Callable
 from dataclasses import field, fields, replace
-from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 from annotated_types import Le
@@ -152,9 +151,10 @@ class PushEnvConfig:
         environment is made: a config that comes from a file runs no code.
         """
         check_part_name("PushEnvConfig: planner", self.planner, PLANNERS)
-        if self.encoder_file is None:  # a file is read when the environment is made
-            # An encoder that only a critic can train would stay as it is, random.
-            names = {*ENCODERS, END_TO_END} - {"conv"}
+        # A file is read when the environment is made. An encoder that only a critic can train would
+        # stay as it is, random.
+        names = {*ENCODERS, END_TO_END} - {"conv"}
+        if self.encoder == "conv" or not names_a_file(self.encoder):
             other = "'module:name' or a file"
             check_part_name("PushEnvConfig: encoder", self.encoder, names, other)
         if self.latent_dim is not None and self.encoder != "rays":
@@ -162,12 +162,6 @@ class PushEnvConfig:
                 f"PushEnvConfig: latent_dim is for the encoder 'rays', got {self.latent_dim} with "
                 f"{self.encoder!r}."
             )
-
-    @property
-    def encoder_file(self) -> Path | None:
-        """The file that `encoder` names, be it there or not; None where it names something else."""
-        known = self.encoder in {*ENCODERS, END_TO_END}
-        return Path(self.encoder) if not known and names_a_file(self.encoder) else None
 
     @property
     def path_inflation(self) -> Circle:
@@ -181,8 +175,6 @@ class PushEnvConfig:
 
     def filled_scenario(self) -> ScenarioConfig:
         """`scenario` with the circle that `path_inflation` says."""
-        if self.scenario.path_inflation is not None:
-            return self.scenario
         return replace(self.scenario, path_inflation=self.path_inflation)
 
     def with_fields(self, **changes: Any) -> "PushEnvConfig":

@@ -1,7 +1,6 @@
 """Attentive experience replay: train on transitions that resemble the present situation."""
 
 import math
-from collections import OrderedDict
 from pathlib import Path
 from typing import Any
 
@@ -157,7 +156,6 @@ class AttentiveSampler(Sampler):
         """
         if len(storage) == 0:
             raise RuntimeError("Cannot sample from an empty storage.")
-        _check_batch_size(batch_size)
         self._check_enough(storage, batch_size)
         queries = self._queries(storage)
         if batch_size % len(queries):
@@ -266,12 +264,12 @@ class AttentiveSampler(Sampler):
 
     def state_dict(self) -> dict[str, Any]:
         """Annealing and query, as copies."""
-        return OrderedDict(
-            k=self.k,
-            num_samples=self._num_samples,
-            query=None if self._query is None else self._query.clone(),
-            newest=self._cursor.last,
-        )
+        return {
+            "k": self.k,
+            "num_samples": self._num_samples,
+            "query": None if self._query is None else self._query.clone(),
+            "newest": self._cursor.last,
+        }
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """Continue where the other sampler was.
@@ -289,7 +287,7 @@ class AttentiveSampler(Sampler):
 
     def dumps(self, path: str | Path) -> None:
         """Write the state into a directory."""
-        write_state(Path(path) / _STATE_FILE, dict(self.state_dict()), _KIND, _VERSION)
+        write_state(Path(path) / _STATE_FILE, self.state_dict(), _KIND, _VERSION)
 
     @checked_arguments
     def loads(self, path: str | Path) -> None:

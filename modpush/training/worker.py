@@ -41,7 +41,7 @@ class Worker(ABC):
     _outstanding = False
 
     @abstractmethod
-    def _send(self, method: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+    def _send(self, method: Callable[..., Any], args: Any, kwargs: Any) -> None:
         """Hand a call over."""
 
     @abstractmethod
@@ -62,7 +62,7 @@ class Worker(ABC):
         """
         if self._outstanding:
             raise RuntimeError("Worker.submit: call `result` of the previous call first.")
-        self._send(method, (*args, kwargs))
+        self._send(method, args, kwargs)
         self._outstanding = True
 
     def wait(self, seconds: float) -> bool:
@@ -112,7 +112,7 @@ class InlineWorker(Worker):
 
     def __init__(self, make_worker: MakeWorker) -> None:
         self._random_state = torch.get_rng_state()
-        self._call: tuple[Callable[..., Any], tuple[Any, ...]] | None = None
+        self._call: tuple[Callable[..., Any], Any, Any] | None = None
         self._worker = self._apart(make_worker)
 
     def _apart(self, function: Callable[[], R]) -> R:
@@ -125,13 +125,13 @@ class InlineWorker(Worker):
             self._random_state = torch.get_rng_state()
             torch.set_rng_state(callers)
 
-    def _send(self, method: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
-        self._call = method, arguments
+    def _send(self, method: Callable[..., Any], args: Any, kwargs: Any) -> None:
+        self._call = method, args, kwargs
 
     def _receive(self) -> Any:
         if self._call is None:
             raise RuntimeError("InlineWorker: there is no call to give the result of.")
-        (method, (*args, kwargs)), self._call = self._call, None
+        (method, args, kwargs), self._call = self._call, None
         return self._apart(lambda: method(self._worker, *args, **kwargs))
 
     def close(self) -> None:
@@ -169,8 +169,8 @@ class ProcessWorker(Worker):
         self._process.start()
         theirs.close()
 
-    def _send(self, method: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
-        self._pipe.send((method, arguments))
+    def _send(self, method: Callable[..., Any], args: Any, kwargs: Any) -> None:
+        self._pipe.send((method, args, kwargs))
 
     def wait(self, seconds: float) -> bool:
         return self._pipe.poll(seconds)
@@ -206,7 +206,7 @@ def _serve(pipe: Any, make_worker: MakeWorker, callers_end: Any = None) -> None:
     worker: SceneWorker | None = None
     while True:
         try:
-            method, (*args, kwargs) = pipe.recv()
+            method, args, kwargs = pipe.recv()
         except EOFError:  # the caller has ended
             return
         try:
