@@ -18,9 +18,8 @@ from modpush.agents.tqc.build import make_tqc
 from modpush.agents.tqc.config import TQCConfig
 from modpush.files import reading
 from modpush.parts import check_allowed
-from modpush.training.checkpoints import CHECKPOINT_KIND, read_checkpoint
 from modpush.training.config import TrainConfig
-from modpush.training.run_folder import RunFolder
+from modpush.training.run_folder import CHECKPOINT_KIND, RunFolder, read_checkpoint
 
 __all__ = ["Critics", "load_critics"]
 

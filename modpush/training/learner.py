@@ -19,10 +19,14 @@ from torchrl.objectives import LossModule
 
 from modpush.agents.tqc.build import make_tqc_from_specs
 from modpush.replay.attentive import AttentiveSampler
-from modpush.replay.buffer import make_replay_buffer, update_priorities
+from modpush.replay.buffer import (
+    buffer_state,
+    load_buffer_state,
+    make_replay_buffer,
+    update_priorities,
+)
 from modpush.replay.mirror import MirrorTransitions
 from modpush.replay.n_step import extend_rollout, forget_open_steps, n_step_transforms
-from modpush.replay.state import buffer_state, load_buffer_state
 from modpush.training.config import TrainConfig
 from modpush.training.parts import learner_parts, replay_parts
 from modpush.training.rollout import Rollout, WorkerSpecs

@@ -8,8 +8,8 @@ from torchrl.checkpoint import GlobalRNGState
 from modpush.files import reading
 from modpush.recipes.agent_file import observed_symmetry, save_agent
 from modpush.recipes.fingerprint import fingerprint_differences
-from modpush.training.checkpoints import CHECKPOINT_KIND
 from modpush.training.config import field_differences
+from modpush.training.run_folder import CHECKPOINT_KIND
 
 if TYPE_CHECKING:
     from modpush.training.trainer import Trainer

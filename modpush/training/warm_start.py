@@ -11,11 +11,10 @@ from modpush.files import reading
 from modpush.parts import ModulesRefusedError, modules_named, parts_named
 from modpush.recipes.agent_file import Agent, load_agent, observed_symmetry, shipped_agents
 from modpush.recipes.fingerprint import fingerprint_differences
-from modpush.training.checkpoints import CHECKPOINT_KIND, Checkpoints, read_checkpoint
 from modpush.training.config import TrainConfig
 from modpush.training.learner import Learner
 from modpush.training.rollout import WorkerSpecs
-from modpush.training.run_folder import RunFolder
+from modpush.training.run_folder import CHECKPOINT_KIND, Checkpoints, RunFolder, read_checkpoint
 
 __all__ = ["load_initial_weights"]
 

@@ -9,7 +9,7 @@ from modpush._validation import from_plain
 from modpush.agents import make_tqc
 from modpush.recipes import load_agent
 from modpush.training import RunFolder, TrainConfig, load_critics
-from modpush.training.checkpoints import read_checkpoint
+from modpush.training.run_folder import read_checkpoint
 from modpush.viewer import PlayConfig, Session
 
 
