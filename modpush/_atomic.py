@@ -70,8 +70,7 @@ class FolderLockedError(OSError):
 class FolderLock:
     """A folder that no other process may write to. The lock ends with the process, however that ends.
 
-    Args:
-        folder: The folder; made if it is not there.
+    The folder is made if it is not there.
 
     Raises:
         FolderLockedError: If another process, or another lock of this one, holds it.

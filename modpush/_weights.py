@@ -12,12 +12,7 @@ __all__ = ["check_weights", "data_hash", "weights_hash"]
 
 
 def check_weights(source: object, own: Mapping[str, Tensor], given: Mapping[str, Tensor]) -> None:
-    """Refuse weights that a network cannot take over as they are.
-
-    Args:
-        source: File that the weights come from, for errors.
-        own: The network's `state_dict`.
-        given: The weights from a file.
+    """Refuse weights that a network with the `state_dict` `own` cannot take over as they are.
 
     Raises:
         ValueError: If a weight is missing, unknown, of another shape or dtype, or not finite.

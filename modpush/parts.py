@@ -86,11 +86,6 @@ def _walk(place: str, part: str) -> Iterator[Any]:
 def part_name(name: str, part: Any, known: Mapping[str, Any]) -> str:
     """The text by which `find_part` finds this part again, for configuration files.
 
-    Args:
-        name: Name of the argument, for errors.
-        part: A part; text is checked and returned.
-        known: The parts that the library brings, by name.
-
     Raises:
         ValueError: If the part cannot be found by any text: a lambda, or something that is defined
             inside a function or in the script that is being run.
@@ -113,13 +108,7 @@ def part_name(name: str, part: Any, known: Mapping[str, Any]) -> str:
 def check_part_name(
     name: str, part: str, known: Collection[str], other: str = "'module:name'"
 ) -> None:
-    """Refuse text that stands for no part, without importing anything.
-
-    Args:
-        name: Name of the field or argument, for the error.
-        part: The text.
-        known: The parts that the library brings, by name.
-        other: What the text may be besides, for the error.
+    """Refuse text that stands for no part, without importing anything; `other` is for the error.
 
     Raises:
         ValueError: If the part is neither one of the known names nor a `"module:name"`.

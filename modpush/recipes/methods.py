@@ -86,12 +86,7 @@ def get_methods(
     allow: Sequence[str] = (),
     recovery: bool | None = None,
 ) -> list[Method]:
-    """Look several policies up, whose results are to be told apart by their names.
-
-    Args:
-        policies: What `get_method` takes.
-        allow: See `get_method`.
-        recovery: See `get_method`.
+    """Look several policies up as `get_method` does, to tell their results apart by their names.
 
     Raises:
         ValueError: As `get_method`; or if two of them have the same name.

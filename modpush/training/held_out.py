@@ -78,11 +78,7 @@ class _StoppedError(Exception):
 class HeldOutEpisodes:
     """Runs held-out episodes in an environment of its own, which the first call makes.
 
-    Args:
-        config: The run's configuration.
-        parts: Parts given as objects, see `Trainer`.
-        make_env: Makes the environment, see `Trainer`.
-        progress: Is kept up to date, and may stop the episodes.
+    `progress` is kept up to date, and may stop the episodes.
     """
 
     def __init__(

@@ -45,11 +45,7 @@ ZERO_INIT_ENTRIES = {"latent", "path_ahead"}
 class Learner:
     """Agent and replay buffer, paced by environment steps.
 
-    Args:
-        config: The run's configuration.
-        specs: The environment's specs.
-        parts: Parts given as objects, see `Trainer`.
-        folder: Where a batch with a loss that is not finite is saved.
+    A batch with a loss that is not finite is saved in `folder`.
     """
 
     def __init__(
@@ -229,9 +225,7 @@ def weights_of(actor: TensorDictModule) -> dict[str, NDArray]:
 def zero_input_weights(loss: LossModule, columns: slice) -> None:
     """Set the weights of some columns of the observation to zero, in all first layers of a loss.
 
-    Args:
-        loss: A loss with an actor and critics.
-        columns: Columns of the observation, which comes first in the networks' inputs.
+    The observation comes first in the inputs of actor and critics.
     """
     kinds = ("actor_network_params", "qvalue_network_params")
     names = [f"{which}{kind}" for which in ("", "target_") for kind in kinds]

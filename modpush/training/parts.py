@@ -24,15 +24,10 @@ REPLAY_PARTS = ("sampler", "similarity")
 
 
 def check_parts(config: TrainConfig, parts: Mapping[str, Any], *, pickled: bool = False) -> None:
-    """Refuse parts of an unknown kind, and those that another process could not be given.
-
-    Args:
-        config: The run's configuration.
-        parts: Parts by kind.
-        pickled: Whether they go to a spawned process.
+    """Refuse parts of an unknown kind and, if they are to be `pickled`, those that cannot be.
 
     Raises:
-        ValueError: If a kind is unknown, or a part cannot be pickled and has to be.
+        ValueError: If there is one; the message says which.
     """
     known = (*ENV_PARTS, *LEARNER_PARTS, *REPLAY_PARTS)
     if unknown := sorted(set(parts) - set(known)):
@@ -52,15 +47,7 @@ def check_parts(config: TrainConfig, parts: Mapping[str, Any], *, pickled: bool 
 
 
 def check_picklable(name: str, part: Any) -> None:
-    """Refuse what a spawned process could not be given.
-
-    Args:
-        name: Its name there.
-        part: What is to be pickled.
-
-    Raises:
-        ValueError: If it cannot be.
-    """
+    """Raise a ValueError for what a spawned process could not be given; `name` is for the message."""
     try:
         pickle.dumps(part)
     except Exception as error:

@@ -113,12 +113,7 @@ def check_run_folder(path: str | Path, config: TrainConfig, *, resume: bool) -> 
 
 
 class Checkpoints:
-    """The newest checkpoints in a folder, `step-<steps>.safetensors`.
-
-    Args:
-        folder: The folder.
-        keep: How many are kept.
-    """
+    """Checkpoints in a folder, `step-<steps>.safetensors`, of which the `keep` newest are kept."""
 
     def __init__(self, folder: Path, keep: int = 2) -> None:
         self.folder, self.keep = folder, keep

@@ -35,12 +35,7 @@ _FLAGS = ("done", "terminated")
 class SceneWorker:
     """Steps the training scenes with noise, and the held-out episodes without.
 
-    Args:
-        config: The run's configuration.
-        parts: Parts given as objects, see `Trainer`.
-        make_env: Makes the environment.
-        make_curriculum: Makes the curriculum, with the arguments of `Curriculum`.
-        progress: Of the held-out episodes, which it may stop.
+    `progress` is that of the held-out episodes, which it may stop.
     """
 
     def __init__(

@@ -18,10 +18,9 @@ __all__ = ["load_trainer_state", "save_trained_agent", "trainer_state"]
 
 
 def trainer_state(trainer: "Trainer") -> dict[str, Any]:
-    """All that the rest of a run depends on, as tensors and plain data.
+    """All that the rest of a run depends on between two rollouts, as tensors and plain data.
 
-    Args:
-        trainer: The trainer, between two rollouts. A run that continues begins new episodes.
+    A run that continues begins new episodes.
     """
     return {
         **trainer.learner.state(),
@@ -67,13 +66,7 @@ def load_trainer_state(trainer: "Trainer", state: dict[str, Any]) -> None:
 
 
 def save_trained_agent(trainer: "Trainer", path: Path, summary: dict[str, float]) -> None:
-    """Write the agent as it is now.
-
-    Args:
-        trainer: The trainer.
-        path: The file to write.
-        summary: Metrics of the agent on the held-out episodes, which are kept with it.
-    """
+    """Write the agent as it is now, with its metrics on the held-out episodes."""
     config, learner = trainer.config, trainer.learner
     save_agent(
         path,

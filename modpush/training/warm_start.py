@@ -30,14 +30,8 @@ def load_initial_weights(
     Of an agent these are the actor's, whose file may name parts from the modules that the run's own
     config names; of a run or a checkpoint those of the critics, the targets and
     the temperature, too. Discount, target entropy, the temperature's bounds, optimizer, buffer and
-    curriculum are the run's own in either case.
-
-    Args:
-        learner: The learner.
-        config: The run's configuration.
-        specs: What the run's environment observes. It must mean the same as in the run that the
-            weights are from; the reward may be another.
-        parts: Parts given as objects, see `Trainer`.
+    curriculum are the run's own in either case. What the environment observes must mean the same as in
+    the run that the weights are from; the reward may be another.
 
     Raises:
         ValueError: If there are no such weights, they are of another architecture, or the environment

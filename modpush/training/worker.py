@@ -105,9 +105,6 @@ class InlineWorker(Worker):
 
     The worker draws from a random state of its own, as it would in a process of its own: nothing
     that it draws or seeds changes what the learner draws.
-
-    Args:
-        make_worker: Makes the `SceneWorker`.
     """
 
     def __init__(self, make_worker: MakeWorker) -> None:
