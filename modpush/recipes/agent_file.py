@@ -205,15 +205,16 @@ def save_agent(
             raise TypeError(
                 f"save_agent: {name} must be ready for JSON, got {data!r}: {error}."
             ) from None
+    network = _Network(
+        hidden_sizes=tuple(hidden_sizes),
+        observation_dim=observation_dim,
+        actor=actor,
+        encoder=encoder,
+        image_key=image_key,
+    )
     about = {
         "env": asdict(config),
-        "network": {
-            "hidden_sizes": list(hidden_sizes),
-            "observation_dim": observation_dim,
-            "actor": actor,
-            "encoder": encoder,
-            "image_key": image_key,
-        },
+        "network": asdict(network),
         "fingerprint": dict(fingerprint),
         "parts": {
             kind: _describe(part)
@@ -240,12 +241,9 @@ def _describe(part: Any) -> dict[str, str]:
 
 def shipped_agents() -> dict[str, Path]:
     """Files of the agents that come with the library, by name."""
-    found = {
-        entry.name.removeprefix("agent_").removesuffix(".safetensors"): Path(str(entry))
-        for entry in files("modpush").joinpath("weights").iterdir()
-        if entry.name.startswith("agent_") and entry.name.endswith(".safetensors")
-    }
-    return dict(sorted(found.items()))
+    folder = Path(str(files("modpush").joinpath("weights")))
+    found = sorted(folder.glob("agent_*.safetensors"))
+    return {path.stem.removeprefix("agent_"): path for path in found}
 
 
 @checked_arguments
