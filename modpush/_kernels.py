@@ -25,11 +25,7 @@ __all__ = ["njit"]
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """`numba.njit` with a cache on disk.
-
-    Args:
-        **options: Those of `numba.njit`, except for `cache`.
-    """
+    """`numba.njit` with a cache on disk; the options are its own, except for `cache`."""
 
     def compiled(function: Callable[..., Any]) -> Any:
         kernel: Any = numba.njit(**options)(function)

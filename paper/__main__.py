@@ -23,7 +23,7 @@ from typing import Any
 
 import tyro
 
-from modpush._threads import torch_threads
+from modpush._processes import torch_threads
 from modpush.evaluation.sets import BEHIND_SETS, EVALUATION_SETS, SET_NAMES
 from paper.blocks import AGENTS, BLOCKS, write_blocks
 from paper.dynamics import measure_dynamics

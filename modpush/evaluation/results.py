@@ -11,7 +11,7 @@ from torch import nn
 
 from modpush._arguments import checked_arguments
 from modpush._atomic import make_folder
-from modpush._hash import data_hash, weights_hash
+from modpush._weights import data_hash, weights_hash
 from modpush.evaluation.episodes import Episode, Trajectory
 from modpush.evaluation.metrics import EpisodeMetrics
 from modpush.evaluation.rows import append_row, begin_rows, read_rows

@@ -18,10 +18,9 @@ from torchrl.envs.utils import ExplorationType
 from tqdm import tqdm
 
 from modpush._arguments import checked_arguments
-from modpush._end_with_parent import begin_worker_process
-from modpush._folder_lock import FolderLock
+from modpush._atomic import FolderLock
+from modpush._processes import begin_worker_process, torch_threads
 from modpush._ray import RESTARTS, ray_session
-from modpush._threads import torch_threads
 from modpush._types import Count, Key, Scenes, Seed
 from modpush._validation import checked
 from modpush.envs.scenes.conditions import EpisodeConditions

@@ -35,19 +35,10 @@ def test_evaluate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert (tmp_path / "corridor" / "smoke" / "episodes.csv").read_bytes() == before
 
 
-def test_all_stands_for_the_papers_sets() -> None:
-    names = EvaluateConfig(sets=("all",)).set_names
-    assert names[0] == "free/small_cube"
-    assert len(names) == 8
-    assert not any(name.startswith(("smoke", "tuning")) for name in names)
-
-
-def test_all_leaves_no_other_set_out() -> None:
+def test_all_stands_for_the_papers_sets_and_leaves_no_other_out() -> None:
     names = EvaluateConfig(sets=("smoke", "all", "tuning/hard", "free/small_cube")).set_names
     assert names == ("smoke", *EVALUATION_SETS, "tuning/hard")
-
-
-def test_behind_all_stands_for_the_papers_sets_with_the_tool_behind_the_object() -> None:
+    assert len(EVALUATION_SETS) == 8
     assert EvaluateConfig(sets=("behind/all",)).set_names == BEHIND_SETS
     assert len(BEHIND_SETS) == 7
 

@@ -19,8 +19,8 @@ from tensordict.nn import TensorDictModule
 from torch import nn
 from torchrl.envs import ExplorationType
 
-from modpush._folder_lock import FolderLock, FolderLockedError
-from modpush._hash import weights_hash
+from modpush._atomic import FolderLock, FolderLockedError
+from modpush._weights import weights_hash
 from modpush.agents import ScriptedPusher
 from modpush.envs import EpisodeConditions, PushEnv
 from modpush.evaluation.episodes import Episode

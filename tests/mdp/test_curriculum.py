@@ -204,7 +204,7 @@ def test_bad_configs_are_refused(field, message):
 
 
 def test_scenes_of_a_later_phase_are_checked_at_once() -> None:
-    with pytest.raises(ValueError, match=r"Phase: scenes must be of .*'slot'.* got 'slott'"):
+    with pytest.raises(ValueError, match=r"Phase: scenes must be one of .*'slot'.* got 'slott'"):
         Phase(scenes=("free", "slott"))
     assert Phase(scenes=("no_such_module:family",)).scenes  # imported when the phase begins
 
