@@ -6,6 +6,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from modpush._batching import BatchKernel
 from modpush._kernels import njit
 from modpush.planners.kernels.bit_grid import (
     View,
@@ -20,10 +21,8 @@ __all__ = [
     "Inflated",
     "Views",
     "empty_inflated",
-    "inflate_few",
-    "inflate_many",
-    "observe_few",
-    "observe_many",
+    "inflate_all",
+    "observe_all",
 ]
 
 
@@ -87,16 +86,9 @@ def inflate_one(b: int, cells: NDArray, radius: NDArray, out: NDArray) -> None:
     unpack_cells(inflated, out[b])
 
 
-@njit(nogil=True)
-def inflate_few(batch: int, cells: NDArray, radius: NDArray, out: NDArray) -> None:
-    """Inflate all scenes, one after the other."""
-    for b in range(batch):
-        inflate_one(b, cells, radius, out)
-
-
-@njit(nogil=True, parallel=True)
-def inflate_many(batch: int, cells: NDArray, radius: NDArray, out: NDArray) -> None:
-    """Inflate all scenes, on several threads."""
+@BatchKernel
+def inflate_all(batch: int, cells: NDArray, radius: NDArray, out: NDArray) -> None:
+    """Inflate all scenes."""
     for b in prange(batch):
         inflate_one(b, cells, radius, out)
 
@@ -140,19 +132,10 @@ def observe_one(
     out[b] = last.cells[b]
 
 
-@njit(nogil=True)
-def observe_few(
+@BatchKernel
+def observe_all(
     batch: int, views: Views, last: Inflated, bits: NDArray, changed: NDArray, out: NDArray
 ) -> None:
-    """All scenes from depth to inflated cells, one after the other; arguments as in `observe_one`."""
-    for b in range(batch):
-        observe_one(b, views, last, bits, changed, out)
-
-
-@njit(nogil=True, parallel=True)
-def observe_many(
-    batch: int, views: Views, last: Inflated, bits: NDArray, changed: NDArray, out: NDArray
-) -> None:
-    """All scenes from depth to inflated cells, on several threads; arguments as in `observe_one`."""
+    """All scenes from depth to inflated cells; arguments as in `observe_one`."""
     for b in prange(batch):
         observe_one(b, views, last, bits, changed, out)
