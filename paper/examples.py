@@ -42,8 +42,10 @@ def choose_examples(
     return list(dict.fromkeys(chosen))
 
 
-def write_examples(running: Running, agent: str, first: int | None = None) -> str:
-    """Draw the examples as `examples.png` beside the rows, and return their table in Markdown.
+def write_examples(running: Running, agent: str = "small_cube", first: int | None = None) -> str:
+    """Draw episodes of an agent and the controller, chosen by a rule.
+
+    Draws `examples.png` beside the rows, and returns their table in Markdown.
 
     Args:
         running: How episodes are run; those of the agent and the controller that are missing.
