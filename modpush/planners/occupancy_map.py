@@ -11,10 +11,9 @@ from modpush._checks import check_depth_unit, check_dtype, check_real, check_sha
 from modpush._types import Count
 from modpush.geometry.camera import Camera
 from modpush.planners.inflation import clamp_radius, radius_per_scene
-from modpush.planners.kernels.bit_grid import words_per_row
+from modpush.planners.kernels.bit_grid import Views, words_per_row
 from modpush.planners.kernels.occupancy import (
     Inflated,
-    Views,
     empty_inflated,
     observe_all,
 )

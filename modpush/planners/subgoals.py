@@ -129,12 +129,11 @@ class PlannerSubgoals(DescribedTransform):
 
     def describe(self) -> dict[str, Any]:
         """The planner, and which points of the path are written."""
-        where = "fraction" if self.mode == "fraction" else "lookahead"
         return {
             "subgoals": {
                 "planner": self._planner_name,
                 "mode": self.mode,
-                where: getattr(self, where),
+                self.mode: getattr(self, self.mode),
                 "lags": list(self.lags),
                 "ahead": list(self.ahead),
             }

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from modpush._batching import BatchKernel
 from modpush._kernels import njit
 from modpush.planners.kernels.bit_grid import (
-    View,
+    Views,
     find_blocked,
     inflate_bits,
     pack_cells,
@@ -19,37 +19,10 @@ from modpush.planners.kernels.bit_grid import (
 
 __all__ = [
     "Inflated",
-    "Views",
     "empty_inflated",
     "inflate_all",
     "observe_all",
 ]
-
-
-class Views(NamedTuple):
-    """Camera images and settings of a batch; fields as in `bit_grid.View`, arrays `[B, ...]`.
-
-    Attributes:
-        depth: `[B, H, W]` float32 [m].
-        segmentation: `[B, H, W]` uint8, or `[B, 0, 0]`.
-        object_uv: `[B, 2]` float32 [px].
-        object_radius: `[B]` float64 [px].
-        inflation: `[B]` float64, by how much blocked cells are inflated [px].
-        previous: `[B, H, ceil(W / 64)]` uint64.
-        camera_z: Height of the camera [m].
-        min_height: Lower things do not block [m].
-        upright: Draw each point where it stands on the table, rather than where it is seen.
-    """
-
-    depth: NDArray
-    segmentation: NDArray
-    object_uv: NDArray
-    object_radius: NDArray
-    inflation: NDArray
-    previous: NDArray
-    camera_z: float
-    min_height: float
-    upright: bool
 
 
 class Inflated(NamedTuple):
@@ -107,17 +80,7 @@ def observe_one(
         changed: `[B]` bool, overwritten: True where the cells were inflated.
         out: `[B, H, W]` uint8, overwritten with the inflated cells.
     """
-    view = View(
-        views.depth[b],
-        views.segmentation[b],
-        views.object_uv[b],
-        views.object_radius[b],
-        views.previous[b],
-        views.camera_z,
-        views.min_height,
-        views.upright,
-    )
-    find_blocked(view, bits[b])
+    find_blocked(b, views, bits[b])
     same = last.radius[b] == views.inflation[b]
     for v in range(bits.shape[1]):
         for w in range(bits.shape[2]):
