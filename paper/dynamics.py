@@ -178,8 +178,7 @@ def measure_dynamics(
         tables.append(cells[change.name].assign(**about))
     table = pd.concat(tables, ignore_index=True)
     _draw(table, ROWS.parent / "dynamics.png")
-    commits, machines = ([o.get(key, "") for o in origins] for key in ("commit", "machine"))
-    sources = sources_text("python -m paper dynamics", str(seed), commits, machines)
+    sources = sources_text("python -m paper dynamics", str(seed), origins)
     return f"{sources}\n{_as_text(table)}"
 
 

@@ -85,8 +85,7 @@ def write_examples(running: Running, agent: str = "small_cube", first: int | Non
         ROWS.parent / "examples.png", contact_sheet(pictures, columns=len(chosen), width=300)
     )
     origins = [origin_of(folder) for folder in folders.values()]
-    commits, machines = ([o.get(key, "") for o in origins] for key in ("commit", "machine"))
-    sources = sources_text("python -m paper examples", f"the set `{_SET}`", commits, machines)
+    sources = sources_text("python -m paper examples", f"the set `{_SET}`", origins)
     ways = ("agent: path (m)", "contact", "controller: path (m)", "contact")
     heads = ("episode", "family", "shortest path (m)", *ways)
     table = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads), *lines]

@@ -17,7 +17,7 @@ from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.evaluation.tables import format_table
 from paper.measure import SEED, find_method
-from paper.provenance import commit, machine, sources_text
+from paper.provenance import sources_text, this_origin
 from paper.tables import CONTROLLERS
 
 __all__ = ["measure_runtime"]
@@ -62,7 +62,7 @@ def measure_runtime(agent: str = "small_cube", seed: int = SEED) -> str:
                 lines += _step_times(name, env, policy, scene, _scenarios(seed, scene))
         finally:
             env.close()
-    sources = sources_text("python -m paper runtime", str(seed), [commit()], [machine()])
+    sources = sources_text("python -m paper runtime", str(seed), [this_origin()])
     return f"{sources}\n{_text(pd.DataFrame(lines), agent)}"
 
 
