@@ -220,12 +220,6 @@ def test_a_worker_that_ends_early_is_reported(
         evaluate(ScriptedPusher(), free.first(1), tmp_path, make_env=make, config=config)
 
 
-@pytest.mark.parametrize("name", ["num_envs", "workers"])
-def test_numbers_are_checked(name: str) -> None:
-    with pytest.raises(ValueError, match=rf"{name}: .*greater than or equal to 1.*, got 0"):
-        EvaluationConfig(**{name: 0})
-
-
 def test_a_row_keeps_every_digit(tmp_path: Path, free: EvaluationSet) -> None:
     episode = make_episode(0, free.scenarios[0])
     store = ResultStore(tmp_path, free, MADE)
