@@ -59,7 +59,7 @@ def test_windows_of_another_shape_or_dtype_are_refused():
         WindowData(windows=torch.zeros(2, 32, 16).byte(), **rest)
     with pytest.raises(ValueError, match=r"got \[2, 64, 64\] torch.float32"):
         WindowData(windows=torch.zeros(2, 64, 64), **rest)
-    with pytest.raises(ValueError, match=r"family must be \[3\], got \[2\]"):
+    with pytest.raises(ValueError, match=r"family must be \[N\] = \[3\], got \[2\]"):
         WindowData(windows=torch.zeros(3, 64, 64).byte(), **rest)
 
 

@@ -484,7 +484,9 @@ def test_without_its_history_past_sub_goals_are_refused():
 
 def test_a_history_of_other_lags_is_refused():
     stored = make_env(2).rollout(3, break_when_any_done=False).reshape(-1)
-    with pytest.raises(ValueError, match=r"max\(lags\) \+ 1, 2\] = \[..., 3, 2\], got \[6, 6, 2\]"):
+    with pytest.raises(
+        ValueError, match=r"'subgoal_history' must be \[..., 3, 2\], got \[6, 6, 2\]"
+    ):
         PlannerSubgoals(LazyThetaStar(), camera=SMALL, lags=(2,))(stored)
 
 
