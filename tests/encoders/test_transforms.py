@@ -130,16 +130,6 @@ def test_partial_resets_leave_the_other_scenes_alone(push_env):
     assert torch.equal(after["window"][1:2], expected)
 
 
-def test_stored_data_come_out_as_they_went_in():
-    rollout = make_env(2).rollout(5, steer, break_when_any_done=False).reshape(-1).exclude("next")
-    buffer = ReplayBuffer(storage=LazyTensorStorage(10), batch_size=8, transform=small_transform())
-    bare = rollout.exclude("window", "latent").set("row", torch.arange(10))
-    buffer.extend(bare)
-    sample = buffer.sample()
-    for key in ("window", "latent"):
-        assert torch.equal(sample[key], rollout[key][sample["row"]])
-
-
 def test_keys_can_be_renamed_and_nested():
     env = TransformedEnv(
         TableEnv(2),

@@ -198,18 +198,6 @@ def test_rows_without_an_episode_are_refused(
         store.rows()
 
 
-@pytest.mark.slow  # the first rows of the killed run are its workers'
-def test_two_workers_give_the_same_rows(tmp_path: Path, unbroken: pd.DataFrame) -> None:
-    rows = evaluate(
-        ScriptedPusher(),
-        load_set("free/small_cube").first(4),
-        tmp_path,
-        make_env=make_env,
-        config=EvaluationConfig(num_envs=2, workers=2, progress=False),
-    )
-    assert_same_results(rows, unbroken.head(4))
-
-
 @pytest.mark.slow  # the process alone takes ten seconds to start
 @pytest.mark.parametrize("make", [break_down, leave])
 def test_a_worker_that_ends_early_is_reported(
