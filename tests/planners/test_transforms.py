@@ -410,7 +410,7 @@ def test_missing_keys_and_wrong_sizes_are_named():
         )
     data = TableEnv(1).reset()
     OccupancyGrid(camera=SMALL)(data)
-    with pytest.raises(ValueError, match=r"= \[..., 1, 256, 256\], got \[1, 1, 64, 64\]"):
+    with pytest.raises(ValueError, match=r"must be \[..., 1, 256, 256\], got \[1, 1, 64, 64\]"):
         PlannerSubgoals(LazyThetaStar())(data)
     with pytest.raises(ValueError, match=r"OccupancyGrid: object_radius: .*finite number, got nan"):
         OccupancyGrid(math.nan)

@@ -85,8 +85,8 @@ def make_actor(
 
 
 def _check_action_spec(action_spec: Bounded) -> None:
-    if not isinstance(action_spec, Bounded) or len(action_spec.shape) != 1:
-        raise ValueError(f"action_spec must be a Bounded spec of shape [A], got {action_spec}.")
+    if len(action_spec.shape) != 1:
+        raise ValueError(f"action_spec must be of shape [A], got {action_spec}.")
     low, high = _limits(action_spec)
     right = action_spec.dtype.is_floating_point and bool((low < high).all())
     if not (right and low.isfinite().all() and high.isfinite().all()):
