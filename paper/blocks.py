@@ -15,7 +15,7 @@ from modpush.evaluation.tables import format_table
 from paper.published import AGENT, AGENT_RETRAINED, measured_as, paper_set, printed_rows
 from paper.rows import ROOT, read_rows
 from paper.statistics import mean_of
-from paper.tables import TABLES, table_text, verdicts, verdicts_text
+from paper.tables import CONTROLLERS, TABLES, table_text, verdicts, verdicts_text
 
 __all__ = ["AGENTS", "BLOCKS", "replace_blocks", "write_blocks"]
 
@@ -213,19 +213,15 @@ def _markdown(lines: list[tuple[str, ...]]) -> str:
     return format_table(pd.DataFrame(body, columns=list(head)).set_index(head[0]))
 
 
-def _of_each(names: tuple[str, ...], title: str, make: Callable[[str], str]) -> dict:
-    return {f"{title} {name}": lambda name=name: make(name) for name in names}
-
-
 BLOCKS: dict[str, Callable[[], str]] = {
     "success": success_table,
     "agents": beside_paper_table,
     "stricter": stricter_table,
     "controllers": controller_table,
-    **_of_each((*AGENTS, "corridor", "corridor_faithful"), "families", family_tables),
-    **_of_each(AGENTS, "seeds", seeds_table),
-    **_of_each(AGENTS, "verdicts", verdict_table),
-    **_of_each(AGENTS, "lists", lambda agent: verdicts_text(verdicts(agent))),
+    **{f"families {name}": partial(family_tables, name) for name in (*AGENTS, *CONTROLLERS)},
+    **{f"seeds {agent}": partial(seeds_table, agent) for agent in AGENTS},
+    **{f"verdicts {agent}": partial(verdict_table, agent) for agent in AGENTS},
+    **{f"lists {agent}": partial(verdicts_text, agent) for agent in AGENTS},
     **{
         f"table {table} {agent}": partial(table_text, table, agent)
         for table in TABLES

@@ -216,15 +216,12 @@ def _judged(tests: pd.DataFrame) -> pd.DataFrame:
     return kept[["method", "versus", "metric", "ours", "mean", "theirs", "verdict"]]
 
 
-def verdicts_text(found: pd.DataFrame) -> str:
+def verdicts_text(agent: str) -> str:
     """Verdicts in Markdown: the rules, counts for each start of the tool, and lists beside the paper.
 
-    Args:
-        found: What `verdicts` returned.
-
-    Returns:
-        The text. The counts leave out a set whose episodes are part of another one that is there.
+    The counts leave out a set whose episodes are part of another one that is there.
     """
+    found = verdicts(agent)
     parts = [RULES.strip()]
     behind = found["set"].str.startswith("behind/")
     starts = {"in any direction from": found[~behind], "straight behind": found[behind]}
