@@ -129,8 +129,6 @@ def test_the_shipped_agent_runs_with_it() -> None:
     env.close()
 
 
-def test_wrong_arguments_are_refused() -> None:
-    with pytest.raises(ValueError, match="recovering: policy: Input should be"):
-        recovering(torch.nn.Linear(3, 3))  # type: ignore[arg-type]
+def test_a_missing_key_is_named() -> None:
     with pytest.raises(KeyError, match="key 'tip' is missing"):
         TransformedEnv(PushEnv(1, depth=None), StuckRecovery(ee_pose_key="tip")).reset()
