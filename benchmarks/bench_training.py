@@ -33,7 +33,7 @@ from tensordict import TensorDict
 from torchrl.envs import Compose, ExplorationType, set_exploration_type
 from torchrl.envs.utils import step_mdp
 
-from modpush._threads import torch_threads
+from modpush._processes import torch_threads
 from modpush.agents import make_tqc
 from modpush.recipes import load_agent, make_push_env
 from modpush.replay import MirrorTransitions, extend_rollout, make_replay_buffer
@@ -179,13 +179,12 @@ def running(
         )
         trainer = Trainer(config, Path(folder) / "run", start_method=start_method)
         trainer.worker.call(SceneWorker.restart, trainer.worker_seed())
-        pending = trainer.collect()
+        trainer.collect()
 
         def once() -> None:
-            nonlocal pending
             before = trainer.steps
-            trainer.store(pending.result())
-            pending = trainer.collect()
+            trainer.store(trainer.worker.result())
+            trainer.collect()
             trainer.learner.learn(before, trainer.steps)
 
         while trainer.steps < 3_500:

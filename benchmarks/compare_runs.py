@@ -79,8 +79,8 @@ def main(config: CompareConfig) -> None:
         table = pd.read_csv(folder / "evaluations.csv")
         tables[name] = table.assign(level=curriculum_level(folder, table["step"]))
     families = success_in_common(list(tables.values()))
-    groups = {name: [folder] for name, folder in zip(config.names, config.runs, strict=True)}
-    draw_curve(groups, config.out / "curves.png", against=("step", "updates", "minutes"))
+    named = dict(zip(config.names, config.runs, strict=True))
+    draw_curve(named, config.out / "curves.png", against=("step", "updates", "minutes"))
     lines = [
         "| run | " + " | ".join(COLUMNS).replace("_", " ") + " |",
         "|" + "---|" * (len(COLUMNS) + 1),
@@ -88,7 +88,7 @@ def main(config: CompareConfig) -> None:
     for name, table in tables.items():
         lines += [f"{line} |" for line in table_of(name, table, config.rows)]
     lines += ["", f"Success is the mean over {', '.join(families)}; the rest is over all episodes."]
-    lines += [f"{name}: {speeds(folder)}." for name, (folder,) in groups.items()]
+    lines += [f"{name}: {speeds(folder)}." for name, folder in named.items()]
     (config.out / "table.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     print("\n".join(lines))
 

@@ -1,4 +1,4 @@
-"""Running a numba kernel over a batch of scenes, on several threads where that is safe."""
+"""Numba kernels over a batch of scenes, on several threads where that is safe."""
 
 import os
 import threading
@@ -8,6 +8,8 @@ from typing import Any
 import numba
 import torch
 from torch import Tensor
+
+from modpush._kernels import njit
 
 _threads_forbidden = False
 # Held while a kernel runs on numba's threads, whose scheduler may not be entered twice at once.
@@ -33,33 +35,40 @@ def sum_in_order(values: Tensor) -> Tensor:
     return values.cumsum(-1)[..., -1]
 
 
-def run_batch(
-    few: Callable[..., None], many: Callable[..., None], batch: int, *arguments: Any
-) -> None:
-    """Call one of two kernels that do the same for a whole batch: `kernel(batch, *arguments)`.
+class BatchKernel:
+    """A numba kernel over a batch of scenes, compiled for one thread and for several.
 
-    The serial one is called where torch has one thread (`torch.set_num_threads(1)`), so that a
-    process that shares its cores says so once for both libraries. OpenMP's threads wait for each
-    other by spinning: beside a busy process two of them took 16 ms for what one did in 1 ms. It is
-    also called while another Python thread runs a kernel on several threads.
+    The serial form runs where torch has one thread (`torch.set_num_threads(1)`), so that a process
+    that shares its cores says so once for both libraries. OpenMP's threads wait for each other by
+    spinning: beside a busy process two of them took 16 ms for what one did in 1 ms. It also runs
+    while another Python thread runs a kernel on several threads.
 
     Args:
-        few: Does the scenes one after the other.
-        many: Does them on several threads.
-        batch: Number of scenes.
-        arguments: What both take after their first argument.
+        function: `function(batch, *arguments)` with a loop `for b in prange(batch)` over the scenes.
+        parallel_from: Number of scenes from which on several threads are used.
+        **options: Those of `numba.njit`.
     """
-    # Numba is not asked how many threads it has: that alone starts them, and puts torch's number
-    # back to all cores.
-    threads = torch.get_num_threads()
-    alone = batch == 1 or _threads_forbidden or threads == 1
-    if alone or not _threads_in_use.acquire(blocking=False):
-        few(batch, *arguments)
-        return
-    try:
-        numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
-        if torch.get_num_threads() != threads:
-            torch.set_num_threads(threads)
-        many(batch, *arguments)
-    finally:
-        _threads_in_use.release()
+
+    def __init__(
+        self, function: Callable[..., None], parallel_from: int = 2, **options: Any
+    ) -> None:
+        self._parallel_from = parallel_from
+        self._serial = njit(nogil=True, **options)(function)  # in which a `prange` is a `range`
+        self._parallel = njit(nogil=True, parallel=True, **options)(function)
+
+    def __call__(self, batch: int, *arguments: Any) -> None:
+        """Run the kernel for all scenes."""
+        # Numba is not asked how many threads it has: that alone starts them, and puts torch's number
+        # back to all cores.
+        threads = torch.get_num_threads()
+        serial = batch < self._parallel_from or _threads_forbidden or threads == 1
+        if serial or not _threads_in_use.acquire(blocking=False):
+            self._serial(batch, *arguments)
+            return
+        try:
+            numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
+            if torch.get_num_threads() != threads:
+                torch.set_num_threads(threads)
+            self._parallel(batch, *arguments)
+        finally:
+            _threads_in_use.release()

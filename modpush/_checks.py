@@ -26,11 +26,7 @@ _TOLERANCE = 1.1  # of the camera's height over the table
 
 
 def check_dtype(name: str, value: Any, dtype: torch.dtype) -> None:
-    """Check that a value is a torch tensor of a dtype.
-
-    Raises:
-        TypeError: If it is something else, a NumPy array for instance.
-    """
+    """Raise a TypeError unless a value is a torch tensor of a dtype."""
     if not isinstance(value, Tensor):
         raise TypeError(
             f"{name} must be a {dtype} tensor, got {type(value).__module__}.{type(value).__name__}."
@@ -40,21 +36,13 @@ def check_dtype(name: str, value: Any, dtype: torch.dtype) -> None:
 
 
 def check_shape(name: str, value: Tensor, letters: str, expected: Sequence[int]) -> None:
-    """Check the shape of a tensor; `letters` name the expected dimensions, `"B, H, W"`.
-
-    Raises:
-        ValueError: If the shape is another one.
-    """
+    """Raise a ValueError unless a tensor has a shape; `letters` name its dimensions, `"B, H, W"`."""
     if value.shape != tuple(expected):
         raise ValueError(f"{name} must be [{letters}] = {list(expected)}, got {list(value.shape)}.")
 
 
 def check_instance(name: str, value: Any, kind: type) -> None:
-    """Check that a value is of a class.
-
-    Raises:
-        TypeError: If it is not.
-    """
+    """Raise a TypeError unless a value is of a class."""
     if not isinstance(value, kind):
         raise TypeError(f"{name} must be of type {kind.__name__}, got {type(value).__name__}.")
 
@@ -76,11 +64,7 @@ def check_real(name: str, value: Any, *last: int) -> None:
 
 
 def check_finite(name: str, value: Tensor) -> None:
-    """Check a tensor for NaN and infinity; it waits for a GPU.
-
-    Raises:
-        ValueError: If it is not finite, with the first such row.
-    """
+    """Raise a ValueError with the first row that is not finite, if there is one; it waits for a GPU."""
     good = value.isfinite()
     if not good.all():
         index = (~good).nonzero()[0, : max(value.ndim - 1, 0)].tolist()
@@ -90,11 +74,7 @@ def check_finite(name: str, value: Tensor) -> None:
 
 
 def check_keys(state: Mapping[str, Any], expected: Collection[str]) -> None:
-    """Check that a state holds the expected fields, and nothing else.
-
-    Raises:
-        ValueError: If a field is missing or unknown.
-    """
+    """Raise a ValueError unless a state holds the expected fields, and nothing else."""
     if not isinstance(state, Mapping) or set(state) != set(expected):
         got = sorted(map(str, state)) if isinstance(state, Mapping) else repr(state)
         raise ValueError(f"the state must hold {sorted(expected)}, got {got}.")

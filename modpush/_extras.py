@@ -24,11 +24,7 @@ class MissingExtraError(ImportError):
 
 
 def require_extra(who: str, *packages: str) -> None:
-    """Check that optional packages are installed, without importing them.
-
-    Args:
-        who: What needs them, for the error message.
-        *packages: Names of packages in `EXTRAS`.
+    """Check that packages of `EXTRAS` are installed, without importing them.
 
     Raises:
         MissingExtraError: If one is not there; the message says what to install.

@@ -25,17 +25,14 @@ __all__ = ["njit"]
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """`numba.njit` with a cache on disk.
-
-    Args:
-        **options: Those of `numba.njit`, except for `cache`.
-    """
+    """`numba.njit` with a cache on disk; the options are its own, except for `cache`."""
 
     def compiled(function: Callable[..., Any]) -> Any:
         kernel: Any = numba.njit(**options)(function)
         if not numba.config.DISABLE_JIT:
             with suppress(Exception):  # the source is no file
-                setattr(kernel, "_cache", _Cache(function))  # noqa: B010  # numba types it away
+                cache = _Cache(function, options.get("parallel", False))
+                setattr(kernel, "_cache", cache)  # noqa: B010  # numba types it away
         return kernel
 
     return compiled
@@ -56,6 +53,10 @@ class _Cache(FunctionCache):
     """One file per signature: a checksum of it and of all that it was compiled from, and the kernel."""
 
     _impl_class = _CacheImpl
+
+    def __init__(self, function: Callable[..., Any], parallel: bool) -> None:
+        super().__init__(function)
+        self._parallel = parallel
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         target_context.refresh()
@@ -90,8 +91,8 @@ class _Cache(FunctionCache):
         return hashlib.sha256(origin + kernel).digest()
 
     def _key(self, sig: Any, codegen: Any) -> bytes:
-        how = (numba.__version__, numba.config.BOUNDSCHECK, self._index_key(sig, codegen))
-        return repr(how).encode()
+        how = (numba.__version__, numba.config.BOUNDSCHECK, self._parallel)
+        return repr((*how, self._index_key(sig, codegen))).encode()
 
 
 @cache

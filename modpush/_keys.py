@@ -11,14 +11,9 @@ __all__ = ["check_spec_has", "read_key", "stored_next"]
 def read_key(tensordict: TensorDictBase, key: NestedKey, *last: int) -> Tensor:
     """The entry under a key.
 
-    Args:
-        tensordict: Where it is read.
-        key: Its key.
-        last: Its last dimensions; none for an entry of any kind.
-
     Raises:
         KeyError: If there is none; the message lists the keys.
-        ValueError: If its last dimensions are others.
+        ValueError: If its last dimensions are not `last`, where they are given.
     """
     value = tensordict.get(key, None)
     if value is None:
@@ -35,12 +30,8 @@ def read_key(tensordict: TensorDictBase, key: NestedKey, *last: int) -> Tensor:
 def check_spec_has(spec: "TensorDictBase", keys: Iterable[NestedKey]) -> None:
     """Check that an environment emits what a transform reads.
 
-    Args:
-        spec: The environment's observation spec, a `Composite`.
-        keys: What is read.
-
     Raises:
-        KeyError: If a key is not in the spec; the message lists the keys.
+        KeyError: If a key is not in the observation spec; the message lists the keys.
     """
     missing = [key for key in keys if spec.get(key, None) is None]
     if missing:
@@ -56,11 +47,6 @@ def stored_next(
     out_keys: Iterable[NestedKey],
 ) -> TensorDictBase | None:
     """The `"next"` of stored transitions, which a transform has to rewrite along with the root.
-
-    Args:
-        tensordict: Stored data.
-        in_keys: What the transform reads.
-        out_keys: What it writes.
 
     Returns:
         None if there is no `"next"`, or if it has neither all that is read nor any of what is

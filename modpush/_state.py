@@ -17,15 +17,11 @@ __all__ = ["read_state", "write_state"]
 def write_state(path: Path | str, state: Any, kind: str, version: int) -> None:
     """Write a nested state as one safetensors file, atomically.
 
-    Args:
-        path: The file; its folder is made.
-        state: Dictionaries, lists, tuples, tensordicts, tensors, arrays, devices, sizes and what JSON
-            can hold.
-        kind: What the file holds, `"modpush.<Class>"`.
-        version: Version of this kind's layout.
+    The state consists of dictionaries, lists, tuples, tensordicts, tensors, arrays, devices, sizes and
+    what JSON can hold.
 
     Raises:
-        TypeError: If the state holds something else; the message says where.
+        TypeError: If it holds something else; the message says where.
         OSError: If it cannot be written.
     """
     tensors: dict[str, Tensor] = {}

@@ -41,10 +41,6 @@ def checked(cls: type[T] | None = None, *, kw_only: bool = True) -> Any:
 
     An integer is accepted for a float, a list for a tuple, and NumPy's numbers for Python's.
 
-    Args:
-        cls: The class, as a decorator gets it.
-        kw_only: Take the fields by keyword only.
-
     Returns:
         The class. Making one raises a ValueError that names class and field, the value and what was
         expected, and a TypeError for unknown and missing fields, as Python does.
@@ -119,11 +115,7 @@ def _plain_type(kind: Any) -> Any:
 
 
 def from_plain(kind: type[T], data: Any) -> T:
-    """A configuration or plain data from the result of `asdict`, also after JSON or YAML.
-
-    Args:
-        kind: A class that `checked` made.
-        data: Its fields by name.
+    """An object of a class of `checked` from the result of `asdict`, also after JSON or YAML.
 
     Raises:
         ValueError: If a field is missing, unknown, of another type or out of its range; the message
@@ -143,11 +135,6 @@ def from_plain(kind: type[T], data: Any) -> T:
 
 def check_value(name: str, value: Any, kind: Any) -> Any:
     """A single value, checked against a type such as `modpush._types.Count`.
-
-    Args:
-        name: Name of the value, for the error.
-        value: The value.
-        kind: The type.
 
     Returns:
         The value; NumPy's numbers as Python's and lists as tuples, where the type says so.
@@ -187,10 +174,7 @@ _BRANCH = re.compile(r"[A-Z]|.*\W|(int|float|str|bool|none|callable|path|any)\Z"
 def _one_line(name: str, error: ValidationError, fields: list[str]) -> str:
     """Pydantic's errors in one line: the places, what was expected, and the values.
 
-    Args:
-        name: Name of the function or class.
-        error: Pydantic's error.
-        fields: Names of the fields or arguments, listed where one is unknown.
+    `fields` are listed where one is unknown.
     """
     expected: dict[str, list[str]] = {}
     given: dict[str, str] = {}

@@ -169,14 +169,9 @@ def read_arrays(path: Path | str, kind: str) -> dict[str, NDArray[Any]]:
 def write_tensors(
     path: Path | str, tensors: Mapping[str, Tensor], kind: str, version: int, config: Any
 ) -> None:
-    """Write a safetensors file with a config and a checksum, atomically.
+    """Write a safetensors file with a checksum, and a config that is ready for JSON, atomically.
 
-    Args:
-        path: The file; its folder is made.
-        tensors: The tensors by name.
-        kind: Class of what the file holds, `"modpush.<Class>"`.
-        version: Version of this kind's layout.
-        config: Anything that JSON can hold.
+    `kind` is the class of what the file holds, `"modpush.<Class>"`, and `version` that of its layout.
 
     Raises:
         OSError: If it cannot be written; what was there before stays.
@@ -235,10 +230,6 @@ def _mapping(data: Any) -> dict[str, Any]:
 @contextmanager
 def reading(path: Path | str, kind: str) -> Iterator[None]:
     """Turn what reading a file and interpreting its content raises into one error that names the file.
-
-    Args:
-        path: The file.
-        kind: Class of what it should hold, for the message.
 
     Raises:
         FileNotFoundError: If there is no such file.

@@ -17,6 +17,7 @@ from typing import Any
 __all__ = [
     "ModulesRefusedError",
     "check_allowed",
+    "check_part_name",
     "find_part",
     "modules_named",
     "part_module",
@@ -85,11 +86,6 @@ def _walk(place: str, part: str) -> Iterator[Any]:
 def part_name(name: str, part: Any, known: Mapping[str, Any]) -> str:
     """The text by which `find_part` finds this part again, for configuration files.
 
-    Args:
-        name: Name of the argument, for errors.
-        part: A part; text is checked and returned.
-        known: The parts that the library brings, by name.
-
     Raises:
         ValueError: If the part cannot be found by any text: a lambda, or something that is defined
             inside a function or in the script that is being run.
@@ -107,6 +103,18 @@ def part_name(name: str, part: Any, known: Mapping[str, Any]) -> str:
         f"{name}: {part!r} cannot be written to a file, since nothing says how to import it. Define "
         "it at the top level of a module and give it as 'module:name'."
     )
+
+
+def check_part_name(
+    name: str, part: str, known: Collection[str], other: str = "'module:name'"
+) -> None:
+    """Refuse text that stands for no part, without importing anything; `other` is for the error.
+
+    Raises:
+        ValueError: If the part is neither one of the known names nor a `"module:name"`.
+    """
+    if part not in known and part_module(part) is None:
+        raise ValueError(f"{name} must be one of {sorted(known)} or {other}, got {part!r}.")
 
 
 def part_module(part: Any) -> str | None:

@@ -16,183 +16,109 @@ command continues after an interrupt.
 """
 
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import tyro
 
-from modpush._threads import torch_threads
-from modpush.evaluation.sets import BEHIND_SETS, EVALUATION_SETS, SET_NAMES
-from paper.blocks import AGENTS, BLOCKS, write_blocks
+from modpush._processes import torch_threads
+from modpush.evaluation.sets import SET_NAMES
+from paper.blocks import BLOCKS, write_blocks
 from paper.dynamics import measure_dynamics
 from paper.examples import write_examples
-from paper.measure import Running, run_methods
+from paper.measure import run_methods
 from paper.rows import ROWS, collect_rows, write_rows
 from paper.runtime import measure_runtime
 from paper.set_statistics import set_table
-from paper.statistics import RETRAINED
 from paper.sweep import load_trials, run_trials
 from paper.sweep_results import collect_trials, draw_sweep, sweep_text
-from paper.tables import CONTROLLERS
 
 __all__ = ["COMMANDS", "main"]
 
-_SEED = 20_261_122  # of scenarios that are in no set
+
+def add_rows(
+    folder: tyro.conf.Positional[Path] = Path("runs/paper"),
+    *,
+    rename: Mapping[str, str] | None = None,
+    first: int | None = None,
+    commit: str = "not noted",
+    machine: str = "not noted",
+    out: Path = ROWS,
+) -> None:
+    """Add the rows of finished evaluations to the file of rows.
+
+    Args:
+        folder: Folder that `python -m paper run` or `modpush evaluate --out` filled.
+        rename: Names of methods, as pairs of the folder's name and the new one.
+        first: Number of episodes to take of each set, starting with its first; all by default.
+        commit: Commit of the code, for folders that do not say.
+        machine: Machine, for folders that do not say.
+        out: The file.
+    """
+    frames = collect_rows(folder, rename, out, first=first, commit=commit, machine=machine)
+    print(write_rows(frames, out).to_string(index=False))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Run(Running):
-    """Run methods on the evaluation sets."""
+def write_tables(names: tyro.conf.Positional[tuple[str, ...]] = ()) -> None:
+    """Write tables of the pages from the rows.
 
-    methods: tuple[str, ...] = (*AGENTS, RETRAINED, *CONTROLLERS)
-    """Methods: what `modpush evaluate --policy` takes, or `fragment`, the agent that was trained further
-    with the fragment."""
-    sets: tuple[str, ...] = (*EVALUATION_SETS, *BEHIND_SETS)
-    """Names of the sets."""
-    first: int | None = None
-    """Number of episodes of each set, starting with its first; all by default."""
-
-    def __call__(self) -> None:
-        run_methods(self, self.methods, self.sets, self.first)
-
-
-@dataclass(frozen=True, kw_only=True)
-class CollectRows:
-    """Add the rows of finished evaluations to the file of rows."""
-
-    folder: tyro.conf.Positional[Path] = Path("runs/paper")
-    """Folder that `python -m paper run` or `modpush evaluate --out` filled."""
-    rename: Mapping[str, str] = field(default_factory=dict)
-    """Names of methods, as pairs of the folder's name and the new one."""
-    first: int | None = None
-    """Number of episodes to take of each set, starting with its first; all by default."""
-    commit: str = "not noted"
-    """Commit of the code, for folders that do not say."""
-    machine: str = "not noted"
-    """Machine, for folders that do not say."""
-    out: Path = ROWS
-    """The file."""
-
-    def __call__(self) -> None:
-        frames = collect_rows(
-            self.folder,
-            self.rename,
-            self.out,
-            first=self.first,
-            commit=self.commit,
-            machine=self.machine,
-        )
-        print(write_rows(frames, self.out).to_string(index=False))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Tables:
-    """Write tables of the pages from the rows."""
-
-    names: tyro.conf.Positional[tuple[str, ...]] = ()
-    """Names of the tables; all by default."""
-
-    def __call__(self) -> None:
-        if unknown := sorted(set(self.names) - set(BLOCKS)):
-            raise ValueError(f"tables: names must be some of {sorted(BLOCKS)}, got {unknown}.")
-        texts = {}
-        for name in self.names or BLOCKS:
-            try:
-                texts[name] = BLOCKS[name]()
-            except KeyError as missing:
-                print(f"{name}: left as it is. {missing.args[0]}")
-        _write(texts)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Examples(Running):
-    """Draw episodes of an agent and the controller, chosen by a rule."""
-
-    agent: str = "small_cube"
-    """The agent."""
-    first: int | None = None
-    """Number of episodes to choose from; all of the set by default."""
-
-    def __call__(self) -> None:
-        text = write_examples(self, self.agent, self.first)
-        _write({"examples": text})
-
-
-@dataclass(frozen=True, kw_only=True)
-class Runtime:
-    """Measure the computing times of a control step."""
-
-    agent: str = "small_cube"
-    """The agent."""
-    seed: int = _SEED
-    """Seed from which the scenarios are drawn."""
-
-    def __call__(self) -> None:
-        text = measure_runtime(self.agent, self.seed)
-        _write({"runtime": text})
-
-
-@dataclass(frozen=True, kw_only=True)
-class Dynamics(Running):
-    """Measure an agent under dynamics, sizes and sensors that it was not trained with."""
-
-    agent: str = "small_cube"
-    """The agent."""
-    episodes: int = 100
-    """Number of episodes for each value of each quantity."""
-    seed: int = _SEED
-    """Seed from which the scenarios are drawn."""
-
-    def __call__(self) -> None:
-        text = measure_dynamics(self, self.agent, self.episodes, self.seed)
-        _write({"dynamics": text})
-
-
-@dataclass(frozen=True, kw_only=True)
-class Sets:
-    """Print distances, free straight lines and the lengths of shortest paths of evaluation sets."""
-
-    names: tyro.conf.Positional[tuple[str, ...]] = SET_NAMES
-    """Names of the sets."""
-
-    def __call__(self) -> None:
-        print(set_table(self.names))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Sweep:
-    """Train variants and seeds of a configuration."""
-
-    sweep: tyro.conf.Positional[Path]
-    """YAML file of the sweep."""
-    out: Path = Path("runs/sweep")
-    """Folder to write to."""
-    groups: tuple[str, ...] = ()
-    """Groups of variants to run besides the first variant; all by default."""
-    total_steps: int | None = None
-    """Environment steps of each run, instead of what the file says."""
-    jobs: int = 1
-    """Number of runs at a time."""
-    page: bool = False
-    """Write the table and the figure to the page of docs/results that is named after the sweep."""
-
-    def __call__(self) -> None:
-        trials = load_trials(self.sweep, self.groups, self.total_steps)
+    Args:
+        names: Names of the tables; all by default.
+    """
+    if unknown := sorted(set(names) - set(BLOCKS)):
+        raise ValueError(f"tables: names must be some of {sorted(BLOCKS)}, got {unknown}.")
+    texts = {}
+    for name in names or BLOCKS:
         try:
-            failed = run_trials(trials, self.out, self.jobs)
-        finally:
-            tables = collect_trials(trials, self.out)
-            draw_sweep(tables[1], self.out / "curves.png")
-        command = f"python -m paper sweep {self.sweep} --out runs/{self.out.name} --page"
-        text = sweep_text(*tables, command, self.out)
-        print(text)
-        if self.page:
-            draw_sweep(tables[1], ROWS.parent / f"{self.sweep.stem}.png")
-            _write({self.sweep.stem: text})
-        if failed:
-            raise RuntimeError(f"sweep: {len(failed)} of {len(trials)} runs failed: {failed}.")
+            texts[name] = BLOCKS[name]()
+        except KeyError as missing:
+            print(f"{name}: left as it is. {missing.args[0]}")
+    _write(texts)
+
+
+def print_sets(names: tyro.conf.Positional[tuple[str, ...]] = SET_NAMES) -> None:
+    """Print distances, free straight lines and the lengths of shortest paths of evaluation sets.
+
+    Args:
+        names: Names of the sets.
+    """
+    print(set_table(names))
+
+
+def run_sweep(
+    sweep: tyro.conf.Positional[Path],
+    *,
+    out: Path = Path("runs/sweep"),
+    groups: tuple[str, ...] = (),
+    total_steps: int | None = None,
+    jobs: int = 1,
+    page: bool = False,
+) -> None:
+    """Train variants and seeds of a configuration.
+
+    Args:
+        sweep: YAML file of the sweep.
+        out: Folder to write to.
+        groups: Groups of variants to run besides the first variant; all by default.
+        total_steps: Environment steps of each run, instead of what the file says.
+        jobs: Number of runs at a time.
+        page: Write the table and the figure to the page of docs/results that is named after the sweep.
+    """
+    trials = load_trials(sweep, groups, total_steps)
+    try:
+        failed = run_trials(trials, out, jobs)
+    finally:
+        tables = collect_trials(trials, out)
+        draw_sweep(tables[1], out / "curves.png")
+    command = f"python -m paper sweep {sweep} --out runs/{out.name} --page"
+    text = sweep_text(*tables, command, out)
+    print(text)
+    if page:
+        draw_sweep(tables[1], ROWS.parent / f"{sweep.stem}.png")
+        _write({sweep.stem: text})
+    if failed:
+        raise RuntimeError(f"sweep: {len(failed)} of {len(trials)} runs failed: {failed}.")
 
 
 def _write(texts: Mapping[str, str]) -> None:
@@ -200,17 +126,17 @@ def _write(texts: Mapping[str, str]) -> None:
         print(f"Wrote {page.relative_to(ROWS.parents[2])}.")
 
 
-COMMANDS: dict[str, type[Any]] = {
-    "run": Run,
-    "rows": CollectRows,
-    "tables": Tables,
-    "examples": Examples,
-    "runtime": Runtime,
-    "dynamics": Dynamics,
-    "sets": Sets,
-    "sweep": Sweep,
+COMMANDS: dict[str, Callable[..., Any]] = {
+    "run": run_methods,
+    "rows": add_rows,
+    "tables": write_tables,
+    "examples": write_examples,
+    "runtime": measure_runtime,
+    "dynamics": measure_dynamics,
+    "sets": print_sets,
+    "sweep": run_sweep,
 }
-"""The subcommands; each is its options, and runs when it is called."""
+"""The subcommands; a text that one returns is the table of its name."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -221,11 +147,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             __doc__ if name in ("-h", "--help") else f"paper: no {name!r}, there are {[*COMMANDS]}."
         )
         return 0 if name in ("-h", "--help") else 2
-    command = COMMANDS[name]
-    options = tyro.cli(command, prog=f"python -m paper {name}", args=rest)
+    flat = (tyro.conf.OmitArgPrefixes,)
     with torch_threads(1):
         try:
-            options()
+            text = tyro.cli(COMMANDS[name], prog=f"python -m paper {name}", args=rest, config=flat)
+            if text is not None:
+                _write({name: text})
         except KeyboardInterrupt:
             print(f"\npaper {name}: stopped; the same command continues.", file=sys.stderr)
             return 130

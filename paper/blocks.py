@@ -12,10 +12,10 @@ from pathlib import Path
 import pandas as pd
 
 from modpush.evaluation.tables import format_table
-from paper.published import PAPER, measured_as, paper_set
+from paper.published import AGENT, AGENT_RETRAINED, measured_as, paper_set, printed_rows
 from paper.rows import ROOT, read_rows
 from paper.statistics import mean_of
-from paper.tables import TABLES, table_text, verdicts, verdicts_text
+from paper.tables import CONTROLLERS, TABLES, table_text, verdicts, verdicts_text
 
 __all__ = ["AGENTS", "BLOCKS", "replace_blocks", "write_blocks"]
 
@@ -75,7 +75,8 @@ def success_table() -> str:
     for name, label in SETS.items():
         if not name.startswith("hard/"):
             ours = _mean("any_object", name, "success")
-            lines.append((label, *map(number, (ours, *PAPER[name].success))))
+            printed = (row.figures["success"] for row in printed_rows(name)[:2])
+            lines.append((label, *map(number, (ours, *printed))))
     return _markdown(lines)
 
 
@@ -92,16 +93,19 @@ def beside_paper_table() -> str:
 
 def _beside(metric: str, name: str) -> str:
     """Ours, with the difference to the printed figure, and the printed figure."""
-    figures = PAPER[paper_set(name)]
-    pair = getattr(figures, metric)
+    figures = {row.name: row.figures.get(metric) for row in printed_rows(name)}
+    theirs = figures[AGENT]
     column = measured_as(name, of_controller=False)[metric]
     cells = []
     for agent in AGENTS:
         mean = _mean(agent, name, column)
-        cells.append(number(mean) + (f" ({_signed(round(mean, 3) - pair[0])})" if pair else ""))
-    printed = number(pair[0]) if pair else "–"
-    printed += " of 50" if "hard200" in name and pair else ""
-    retrained = (figures.retrained or {}).get(metric)
+        difference = "" if theirs is None else f" ({_signed(round(mean, 3) - theirs)})"
+        cells.append(number(mean) + difference)
+    if theirs is None:
+        printed = "–"
+    else:
+        printed = number(theirs) + (" of 50" if "hard200" in name else "")
+    retrained = figures.get(AGENT_RETRAINED)
     return " / ".join([*cells, printed]) + (f", retrained {retrained:.3f}" if retrained else "")
 
 
@@ -209,19 +213,15 @@ def _markdown(lines: list[tuple[str, ...]]) -> str:
     return format_table(pd.DataFrame(body, columns=list(head)).set_index(head[0]))
 
 
-def _of_each(names: tuple[str, ...], title: str, make: Callable[[str], str]) -> dict:
-    return {f"{title} {name}": lambda name=name: make(name) for name in names}
-
-
 BLOCKS: dict[str, Callable[[], str]] = {
     "success": success_table,
     "agents": beside_paper_table,
     "stricter": stricter_table,
     "controllers": controller_table,
-    **_of_each((*AGENTS, "corridor", "corridor_faithful"), "families", family_tables),
-    **_of_each(AGENTS, "seeds", seeds_table),
-    **_of_each(AGENTS, "verdicts", verdict_table),
-    **_of_each(AGENTS, "lists", lambda agent: verdicts_text(verdicts(agent))),
+    **{f"families {name}": partial(family_tables, name) for name in (*AGENTS, *CONTROLLERS)},
+    **{f"seeds {agent}": partial(seeds_table, agent) for agent in AGENTS},
+    **{f"verdicts {agent}": partial(verdict_table, agent) for agent in AGENTS},
+    **{f"lists {agent}": partial(verdicts_text, agent) for agent in AGENTS},
     **{
         f"table {table} {agent}": partial(table_text, table, agent)
         for table in TABLES

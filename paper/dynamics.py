@@ -21,7 +21,7 @@ from modpush.evaluation.sets import EvaluationSet
 from modpush.evaluation.tables import format_table
 from modpush.mdp.depth_noise import DepthNoise
 from modpush.recipes.methods import Method
-from paper.measure import Running, find_method, measure
+from paper.measure import SEED, Running, find_method, measure
 from paper.provenance import origin_of, sources_text
 from paper.rows import ROWS
 from paper.statistics import make_cells
@@ -141,14 +141,18 @@ def _make_env(
     return change.make_env(num_envs, find_method(agent)[1], conditions)
 
 
-def measure_dynamics(running: Running, agent: str, count: int, seed: int) -> str:
-    """Measure an agent for each value, draw `dynamics.png`, and return the table in Markdown.
+def measure_dynamics(
+    running: Running, agent: str = "small_cube", episodes: int = 100, seed: int = SEED
+) -> str:
+    """Measure an agent under dynamics, sizes and sensors that it was not trained with.
+
+    Draws `dynamics.png`, and returns the table in Markdown.
 
     Args:
         running: How episodes are run.
         agent: The agent.
-        count: Number of episodes for each value.
-        seed: Seed from which the scenarios are drawn, which are in no set.
+        episodes: Number of episodes for each value of each quantity.
+        seed: Seed from which the scenarios are drawn.
     """
     name, method = find_method(agent)
     cells: dict[str, pd.DataFrame] = {}
@@ -161,7 +165,7 @@ def measure_dynamics(running: Running, agent: str, count: int, seed: int) -> str
                 method,
                 EvaluationSet(
                     name=f"dynamics/{change.name}",
-                    scenarios=tuple(change.scenario(seed, number) for number in range(count)),
+                    scenarios=tuple(change.scenario(seed, number) for number in range(episodes)),
                 ),
                 folder,
                 running,
@@ -174,8 +178,7 @@ def measure_dynamics(running: Running, agent: str, count: int, seed: int) -> str
         tables.append(cells[change.name].assign(**about))
     table = pd.concat(tables, ignore_index=True)
     _draw(table, ROWS.parent / "dynamics.png")
-    commits, machines = ([o.get(key, "") for o in origins] for key in ("commit", "machine"))
-    sources = sources_text("python -m paper dynamics", str(seed), commits, machines)
+    sources = sources_text("python -m paper dynamics", str(seed), origins)
     return f"{sources}\n{_as_text(table)}"
 
 

@@ -42,8 +42,10 @@ def choose_examples(
     return list(dict.fromkeys(chosen))
 
 
-def write_examples(running: Running, agent: str, first: int | None = None) -> str:
-    """Draw the examples as `examples.png` beside the rows, and return their table in Markdown.
+def write_examples(running: Running, agent: str = "small_cube", first: int | None = None) -> str:
+    """Draw episodes of an agent and the controller, chosen by a rule.
+
+    Draws `examples.png` beside the rows, and returns their table in Markdown.
 
     Args:
         running: How episodes are run; those of the agent and the controller that are missing.
@@ -83,8 +85,7 @@ def write_examples(running: Running, agent: str, first: int | None = None) -> st
         ROWS.parent / "examples.png", contact_sheet(pictures, columns=len(chosen), width=300)
     )
     origins = [origin_of(folder) for folder in folders.values()]
-    commits, machines = ([o.get(key, "") for o in origins] for key in ("commit", "machine"))
-    sources = sources_text("python -m paper examples", f"the set `{_SET}`", commits, machines)
+    sources = sources_text("python -m paper examples", f"the set `{_SET}`", origins)
     ways = ("agent: path (m)", "contact", "controller: path (m)", "contact")
     heads = ("episode", "family", "shortest path (m)", *ways)
     table = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads), *lines]

@@ -1,6 +1,6 @@
 """Methods on evaluation sets, of which only the missing episodes are run."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -16,8 +16,10 @@ from paper.provenance import add_session
 from paper.statistics import RETRAINED
 from paper.tables import CONTROLLERS
 
-__all__ = ["FRAGMENT_AGENT", "Running", "find_method", "measure", "run_methods"]
+__all__ = ["FRAGMENT_AGENT", "SEED", "Running", "find_method", "measure", "run_methods"]
 
+SEED = 20_261_122
+"""Seed of scenarios that are in no set."""
 FRAGMENT_AGENT = Path(__file__).parent / "agents" / f"{RETRAINED}.safetensors"
 """The agent that was trained further with the fragment; it runs on the sets with this object alone."""
 
@@ -55,16 +57,17 @@ def find_method(name: str, recovery: bool | None = None) -> tuple[str, Method]:
 
 def run_methods(
     running: Running,
-    methods: Iterable[str] = (*AGENTS, RETRAINED, *CONTROLLERS),
-    sets: Iterable[str] = (*EVALUATION_SETS, *BEHIND_SETS),
+    methods: tuple[str, ...] = (*AGENTS, RETRAINED, *CONTROLLERS),
+    sets: tuple[str, ...] = (*EVALUATION_SETS, *BEHIND_SETS),
     first: int | None = None,
 ) -> None:
-    """Run methods on sets.
+    """Run methods on the evaluation sets.
 
     Args:
         running: How episodes are run.
-        methods: As `find_method` takes them.
-        sets: Names of sets.
+        methods: What `modpush evaluate --policy` takes, or `fragment`, the agent that was
+            trained further with the fragment.
+        sets: Names of the sets.
         first: Number of episodes of each set, starting with its first; all by default.
 
     Raises:

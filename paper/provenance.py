@@ -4,12 +4,12 @@ import json
 import os
 import platform
 import subprocess
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import modpush
 
-__all__ = ["add_session", "commit", "machine", "origin_of", "sources_text"]
+__all__ = ["add_session", "commit", "machine", "origin_of", "sources_text", "this_origin"]
 
 _NAME = "sessions.json"
 
@@ -43,10 +43,15 @@ def machine() -> str:
     return f"{name}, {os.cpu_count()} cores"
 
 
+def this_origin() -> dict[str, str]:
+    """Commit of the code that runs, and this machine."""
+    return {"commit": commit(), "machine": machine()}
+
+
 def add_session(folder: Path) -> None:
     """Note commit and machine in a folder of results, once for each pair."""
     sessions = _sessions(folder)
-    here = {"commit": commit(), "machine": machine()}
+    here = this_origin()
     if here not in sessions:
         folder.mkdir(parents=True, exist_ok=True)
         text = json.dumps({"sessions": [*sessions, here]}, indent=1)
@@ -68,15 +73,17 @@ def _sessions(folder: Path) -> list[dict[str, str]]:
     return json.loads(path.read_text(encoding="utf-8"))["sessions"] if path.exists() else []
 
 
-def sources_text(command: str, seeds: str, commits: Iterable[str], machines: Iterable[str]) -> str:
+def sources_text(command: str, seeds: str, origins: Iterable[Mapping[str, str]]) -> str:
     """The lines of a table that say how to make it again.
 
     Args:
         command: The command.
         seeds: Seed, or evaluation sets, that random numbers depend on.
-        commits: Commits of the code, repetitions allowed.
-        machines: Machines, repetitions allowed.
+        origins: `commit` and `machine` of each part, repetitions allowed.
     """
+    commits, machines = zip(
+        *((o.get("commit", ""), o.get("machine", "")) for o in origins), strict=True
+    )
     lines = {
         "command": f"`{command}`",
         "commit": ", ".join(dict.fromkeys(commits)),

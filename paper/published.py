@@ -3,120 +3,83 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-__all__ = ["PAPER", "PaperFigures", "measured_as", "paper_set"]
+__all__ = [
+    "AGENT",
+    "AGENT_RETRAINED",
+    "CONTROLLER",
+    "PAPER",
+    "PrintedRow",
+    "measured_as",
+    "paper_set",
+    "printed_rows",
+]
+
+AGENT, CONTROLLER = "paper: agent", "paper: controller"
+AGENT_RETRAINED = f"{AGENT}, retrained"
+"""Names of the rows: the paper's learned agent, Krivic and Piater's controller, and the agent after
+further training on the object."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class PaperFigures:
-    """One set's results in the paper: of its learned agent, and of Krivic and Piater's controller.
+class PrintedRow:
+    """A row of one of the paper's tables."""
 
-    Means over episodes, and standard deviations of those metrics that it prints them of.
-    """
-
+    name: str
+    """The method: `AGENT`, `CONTROLLER` or `AGENT_RETRAINED`."""
     episodes: int
     """Number of episodes."""
-    success: tuple[float, float]
-    contact_rate: tuple[float, float]
-    contact_rate_std: tuple[float, float]
-    collision_rate: tuple[float, float] | None = None
-    collision_rate_std: tuple[float, float] | None = None
-    spl: tuple[float, float]
-    """Each by the shortest path of its own planner, but in free space both by that of Lazy Theta*."""
-    path_length: tuple[float, float]
-    """[m]"""
-    path_length_std: tuple[float, float]
-    """[m]"""
-    significant: tuple[str, ...]
-    """Metrics whose difference is marked as significant at 0.05."""
-    retrained: Mapping[str, float] | None = None
-    """Results of the agent after further training on this object, by metric, where there are some."""
+    figures: Mapping[str, float]
+    """Means by metric, lengths in metres. SPL is by the shortest path of a method's own planner, but in
+    free space of both by that of Lazy Theta*."""
+    stds: Mapping[str, float]
+    """Standard deviations of those metrics that the paper prints them of."""
 
 
-_HARD = PaperFigures(
-    episodes=50,
-    success=(0.88, 0.72),
-    contact_rate=(0.977, 0.566),
-    contact_rate_std=(0.06, 0.11),
-    collision_rate=(0.065, 0.01),
-    collision_rate_std=(0.13, 0.05),
-    spl=(0.779, 0.720),
-    path_length=(0.492, 0.550),
-    path_length_std=(0.13, 0.18),
-    significant=("contact_rate", "collision_rate"),
+_COLUMNS = (
+    "success",
+    "contact_rate",
+    "contact_rate_std",
+    "collision_rate",
+    "collision_rate_std",
+    "spl",
+    "path_length",
+    "path_length_std",
 )
+_METHODS = {"agent": AGENT, "controller": CONTROLLER, "retrained": AGENT_RETRAINED}
+_TABLES = """
+free/small_cube          agent        500  1.000  0.943   0.13      -      -  0.928  0.429   0.11
+free/small_cube          controller   500  0.998  0.870   0.15      -      -  0.918  0.430   0.10
+obstacles/small_cube     agent       1000  0.980  0.995   0.02  0.008   0.04  0.910  0.523   0.18
+obstacles/small_cube     controller  1000  0.955  0.850   0.10  0.011   0.05  0.952  0.513   0.16
+obstacles/large_cube     agent       1000  0.977  0.995   0.02  0.007   0.04  0.910  0.520   0.18
+obstacles/large_cube     controller  1000  0.957  0.851   0.10  0.012   0.05  0.954  0.510   0.16
+obstacles/small_cylinder agent       1000  0.967  0.981   0.05  0.021   0.06  0.839  0.553   0.19
+obstacles/small_cylinder controller  1000  0.945  0.889   0.11  0.014   0.04  0.940  0.512   0.17
+obstacles/fragment       agent       1000  0.867  0.980   0.05  0.050   0.11  0.710  0.630   0.29
+obstacles/fragment       controller  1000  0.953  0.868   0.11  0.024   0.07  0.951  0.501   0.16
+obstacles/fragment       retrained   1000  0.959  0.984   0.05  0.010   0.05  0.830  0.580   0.23
+hard/small_cube          agent         50  0.880  0.977   0.06  0.065   0.13  0.779  0.492   0.13
+hard/small_cube          controller    50  0.720  0.566   0.11  0.010   0.05  0.720  0.550   0.18
+"""
+"""Set, method, number of episodes, and the figures of `_COLUMNS`."""
 
-PAPER = {
-    "free/small_cube": PaperFigures(
-        episodes=500,
-        success=(1.000, 0.998),
-        contact_rate=(0.943, 0.870),
-        contact_rate_std=(0.13, 0.15),
-        spl=(0.928, 0.918),
-        path_length=(0.429, 0.430),
-        path_length_std=(0.11, 0.10),
-        significant=("contact_rate",),
-    ),
-    "obstacles/small_cube": PaperFigures(
-        episodes=1000,
-        success=(0.980, 0.955),
-        contact_rate=(0.995, 0.850),
-        contact_rate_std=(0.02, 0.10),
-        collision_rate=(0.008, 0.011),
-        collision_rate_std=(0.04, 0.05),
-        spl=(0.910, 0.952),
-        path_length=(0.523, 0.513),
-        path_length_std=(0.18, 0.16),
-        significant=("contact_rate", "path_length"),
-    ),
-    "obstacles/large_cube": PaperFigures(
-        episodes=1000,
-        success=(0.977, 0.957),
-        contact_rate=(0.995, 0.851),
-        contact_rate_std=(0.02, 0.10),
-        collision_rate=(0.007, 0.012),
-        collision_rate_std=(0.04, 0.05),
-        spl=(0.910, 0.954),
-        path_length=(0.520, 0.510),
-        path_length_std=(0.18, 0.16),
-        significant=("contact_rate", "collision_rate", "path_length"),
-    ),
-    "obstacles/small_cylinder": PaperFigures(
-        episodes=1000,
-        success=(0.967, 0.945),
-        contact_rate=(0.981, 0.889),
-        contact_rate_std=(0.05, 0.11),
-        collision_rate=(0.021, 0.014),
-        collision_rate_std=(0.06, 0.04),
-        spl=(0.839, 0.940),
-        path_length=(0.553, 0.512),
-        path_length_std=(0.19, 0.17),
-        significant=("contact_rate", "collision_rate", "path_length"),
-    ),
-    "obstacles/fragment": PaperFigures(
-        episodes=1000,
-        success=(0.867, 0.953),
-        contact_rate=(0.980, 0.868),
-        contact_rate_std=(0.05, 0.11),
-        collision_rate=(0.05, 0.024),
-        collision_rate_std=(0.11, 0.07),
-        spl=(0.71, 0.951),
-        path_length=(0.630, 0.501),
-        path_length_std=(0.29, 0.16),
-        significant=("contact_rate", "collision_rate", "path_length"),
-        retrained={
-            "success": 0.959,
-            "contact_rate": 0.984,
-            "contact_rate_std": 0.05,
-            "collision_rate": 0.01,
-            "collision_rate_std": 0.05,
-            "spl": 0.83,
-            "path_length": 0.58,
-            "path_length_std": 0.23,
-        },
-    ),
-    "hard/small_cube": _HARD,
-    "hard200/small_cube": _HARD,
-}
+
+def _read_tables() -> dict[str, tuple[PrintedRow, ...]]:
+    found: dict[str, tuple[PrintedRow, ...]] = {}
+    for line in _TABLES.strip().splitlines():
+        name, method, episodes, *values = line.split()
+        known = {c: float(v) for c, v in zip(_COLUMNS, values, strict=True) if v != "-"}
+        row = PrintedRow(
+            name=_METHODS[method],
+            episodes=int(episodes),
+            figures={c: v for c, v in known.items() if not c.endswith("_std")},
+            stds={c.removesuffix("_std"): v for c, v in known.items() if c.endswith("_std")},
+        )
+        found[name] = (*found.get(name, ()), row)
+    return found | {"hard200/small_cube": found["hard/small_cube"]}
+
+
+PAPER = _read_tables()
 """The paper's results by evaluation set. Source: Tables II to IV (Sec. V). `hard200/small_cube` continues
 `hard/small_cube` with further episodes of the same distribution."""
 
@@ -124,6 +87,11 @@ PAPER = {
 def paper_set(evaluation_set: str) -> str:
     """The name in `PAPER` of a set, whatever the start of its tool (`behind/`) and the tool (`+rod`)."""
     return evaluation_set.removeprefix("behind/").partition("+")[0]
+
+
+def printed_rows(evaluation_set: str) -> tuple[PrintedRow, ...]:
+    """The paper's rows beside which a set of ours stands; none where the paper has no such set."""
+    return PAPER.get(paper_set(evaluation_set), ())
 
 
 def measured_as(evaluation_set: str, *, of_controller: bool) -> dict[str, str]:

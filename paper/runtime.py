@@ -16,8 +16,8 @@ from modpush.envs import PushEnv
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.evaluation.tables import format_table
-from paper.measure import find_method
-from paper.provenance import commit, machine, sources_text
+from paper.measure import SEED, find_method
+from paper.provenance import sources_text, this_origin
 from paper.tables import CONTROLLERS
 
 __all__ = ["measure_runtime"]
@@ -39,12 +39,14 @@ _PRINTED = {"network": 0.791, "simulation": 21.91}
 _OBJECT = "small_cube"
 
 
-def measure_runtime(agent: str, seed: int) -> str:
-    """Measure on this machine, one scene at a time, and return the tables in Markdown.
+def measure_runtime(agent: str = "small_cube", seed: int = SEED) -> str:
+    """Measure the computing times of a control step.
+
+    On this machine, one scene at a time; returns the tables in Markdown.
 
     Args:
         agent: The agent.
-        seed: Seed from which the scenarios are drawn, which are in no set.
+        seed: Seed from which the scenarios are drawn.
     """
     methods = dict(map(find_method, (agent, *CONTROLLERS)))
     actor = find_method(agent, recovery=False)[1].make_policy()
@@ -60,7 +62,7 @@ def measure_runtime(agent: str, seed: int) -> str:
                 lines += _step_times(name, env, policy, scene, _scenarios(seed, scene))
         finally:
             env.close()
-    sources = sources_text("python -m paper runtime", str(seed), [commit()], [machine()])
+    sources = sources_text("python -m paper runtime", str(seed), [this_origin()])
     return f"{sources}\n{_text(pd.DataFrame(lines), agent)}"
 
 

@@ -4,7 +4,6 @@ A verdict calls the first of two figures ahead, level or behind by the rules in 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -12,14 +11,13 @@ import pandas as pd
 from scipy import stats
 
 from modpush.evaluation.stats import PairedTest, bootstrap_interval, paired_t_test
-from paper.published import PAPER, PaperFigures, measured_as, paper_set
+from paper.published import AGENT, AGENT_RETRAINED, CONTROLLER, measured_as, printed_rows
 
 __all__ = [
     "OVER_ALL",
     "RETRAINED",
     "RULES",
     "SHOWN",
-    "PrintedRow",
     "Verdict",
     "against_method",
     "against_printed",
@@ -27,7 +25,6 @@ __all__ = [
     "make_cells",
     "make_tests",
     "mean_of",
-    "printed_rows",
     "stands_for",
 ]
 
@@ -51,12 +48,9 @@ SHOWN = (
 """Metrics of the tables, of which those are shown that all rows have."""
 OVER_ALL = ("success", "spl", "spl_authors_agent", "spl_authors_controller")
 """Metrics that are taken over all episodes; the others over those that both methods solved."""
-_PRINTED = ("success", "contact_rate", "collision_rate", "spl", "path_length")
 _LOWER_IS_BETTER = ("collision_rate", "path_length", "mean_jerk", "reversal_rate")
 _LEVEL = 0.05  # significance level of all tests
 _FEWEST = 30  # bootstrapped intervals of fewer episodes are too narrow
-_AGENT, _CONTROLLER = "paper: agent", "paper: controller"
-_AGENT_RETRAINED = f"{_AGENT}, retrained"
 RULES = f"""1. Against a method that was measured here on the same episodes: ahead or behind where the
    two-sided paired t-test rejects equal means at 0.05, else level.
 2. Against a printed success rate: ahead or behind where Fisher's exact test of the numbers of
@@ -212,46 +206,6 @@ def _signed(metric: str, difference: float) -> Verdict:
     return "ahead" if better else "behind"
 
 
-@dataclass(frozen=True, kw_only=True)
-class PrintedRow:
-    """A row of one of the paper's tables."""
-
-    name: str
-    """The method: `paper: agent`, `paper: controller` or `paper: agent, retrained`."""
-    episodes: int
-    """Number of episodes."""
-    figures: Mapping[str, float]
-    """Means by metric."""
-    stds: Mapping[str, float]
-    """Standard deviations of those metrics that the paper prints them of."""
-
-
-def printed_rows(evaluation_set: str) -> list[PrintedRow]:
-    """The paper's rows beside which a set of ours stands; none where the paper has no such set."""
-    figures = PAPER.get(paper_set(evaluation_set))
-    if figures is None:
-        return []
-    printed = {_AGENT: _column(figures, 0), _CONTROLLER: _column(figures, 1)}
-    if figures.retrained:
-        printed[_AGENT_RETRAINED] = dict(figures.retrained)
-    return [
-        PrintedRow(
-            name=name,
-            episodes=figures.episodes,
-            figures={metric: known[metric] for metric in _PRINTED if metric in known},
-            stds={m: known[f"{m}_std"] for m in _PRINTED if f"{m}_std" in known},
-        )
-        for name, known in printed.items()
-    ]
-
-
-def _column(figures: PaperFigures, which: int) -> dict[str, float]:
-    """One method's printed means, and its standard deviations as `<metric>_std`."""
-    names = (*_PRINTED, *(f"{name}_std" for name in _PRINTED))
-    pairs = {name: getattr(figures, name, None) for name in names}
-    return {name: pair[which] for name, pair in pairs.items() if pair is not None}
-
-
 def stands_for(metric: str, row: str, metrics: Sequence[str], evaluation_set: str) -> str:
     """Our column that is compared with a printed figure: measured as there, if the rows have it.
 
@@ -261,7 +215,7 @@ def stands_for(metric: str, row: str, metrics: Sequence[str], evaluation_set: st
         metrics: Our columns.
         evaluation_set: The set.
     """
-    as_there = measured_as(evaluation_set, of_controller=row == _CONTROLLER)[metric]
+    as_there = measured_as(evaluation_set, of_controller=row == CONTROLLER)[metric]
     return as_there if as_there in metrics else metric
 
 
@@ -285,7 +239,7 @@ def judge(cells: pd.DataFrame, evaluation_set: str) -> pd.DataFrame:
     lines = []
     for method, own in cells.groupby("method", sort=False):
         by_metric = own.set_index("metric")
-        unlike = _AGENT if method == RETRAINED else _AGENT_RETRAINED
+        unlike = AGENT if method == RETRAINED else AGENT_RETRAINED
         for row in rows:
             for metric, printed in row.figures.items():
                 ours = stands_for(metric, row.name, list(by_metric.index), evaluation_set)

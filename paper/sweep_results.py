@@ -100,10 +100,9 @@ def sweep_text(trials: pd.DataFrame, curves: pd.DataFrame, command: str, folder:
     ]
     for name, form in forms.items():
         shown[name] = table[name].map(form.format).replace({"nan": "–", "+nan": "–"})
-    origin = origin_of(folder)
     finished = trials[trials["finished"]]
     seeds = ", ".join(map(str, sorted(finished["seed"].unique())))
-    sources = sources_text(command, seeds, *([origin.get(k, "")] for k in ("commit", "machine")))
+    sources = sources_text(command, seeds, [origin_of(folder)])
     hours = finished["minutes"].sum() / 60
     note = f"{len(finished)} of {len(trials)} runs are finished, in {hours:.1f} hours of training."
     return f"{sources}\n{note}\n\n{format_table(shown)}"

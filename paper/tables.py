@@ -1,6 +1,7 @@
 """The paper's Tables II to IV: an agent and the controllers beside the printed figures, with tests."""
 
 import functools
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -10,6 +11,7 @@ import pandas as pd
 from modpush.evaluation.sets import BEHIND_SETS
 from modpush.evaluation.tables import format_table
 from paper.provenance import sources_text
+from paper.published import printed_rows
 from paper.rows import read_rows
 from paper.statistics import (
     RETRAINED,
@@ -17,7 +19,6 @@ from paper.statistics import (
     judge,
     make_cells,
     make_tests,
-    printed_rows,
     stands_for,
 )
 
@@ -105,14 +106,12 @@ def table_text(name: str, agent: str) -> str:
         display = _display(cells, evaluation_set)
         texts += [f"### {title}", section.note, format_table(display).strip()]
         texts += _test_texts(agent, tests)
-    origins = [
-        list(dict.fromkeys(v for f in frames for v in f[key])) for key in ("commit", "machine")
-    ]
+    origins = (f[["commit", "machine"]].drop_duplicates().to_dict("records") for f in frames)
     sets = ", ".join(f"`{key}`" for _, key, _ in _measured(name, agent))
     sources = sources_text(
         "python -m paper run; python -m paper rows; python -m paper tables",
         f"the sets {sets}",
-        *origins,
+        itertools.chain.from_iterable(origins),
     )
     return "\n\n".join([sources.strip(), *filter(None, texts)]) + "\n"
 
@@ -217,15 +216,12 @@ def _judged(tests: pd.DataFrame) -> pd.DataFrame:
     return kept[["method", "versus", "metric", "ours", "mean", "theirs", "verdict"]]
 
 
-def verdicts_text(found: pd.DataFrame) -> str:
+def verdicts_text(agent: str) -> str:
     """Verdicts in Markdown: the rules, counts for each start of the tool, and lists beside the paper.
 
-    Args:
-        found: What `verdicts` returned.
-
-    Returns:
-        The text. The counts leave out a set whose episodes are part of another one that is there.
+    The counts leave out a set whose episodes are part of another one that is there.
     """
+    found = verdicts(agent)
     parts = [RULES.strip()]
     behind = found["set"].str.startswith("behind/")
     starts = {"in any direction from": found[~behind], "straight behind": found[behind]}

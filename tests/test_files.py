@@ -11,8 +11,7 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from modpush._atomic import replacing
-from modpush._folder_lock import FolderLock, FolderLockedError
+from modpush._atomic import FolderLock, FolderLockedError, replacing
 from modpush.evaluation.episodes import Trajectory
 from modpush.files import (
     read_arrays,
@@ -146,7 +145,7 @@ def test_a_killed_write_leaves_the_file_as_it_was(tmp_path: Path) -> None:
 
 def test_a_folder_has_one_writer_and_is_free_when_it_has_ended(tmp_path: Path) -> None:
     code = (
-        "import sys, time; from modpush._folder_lock import FolderLock\n"
+        "import sys, time; from modpush._atomic import FolderLock\n"
         "lock = FolderLock(sys.argv[1]); print(flush=True); time.sleep(600)"
     )
     with FolderLock(tmp_path), pytest.raises(FolderLockedError, match="in use by another process"):

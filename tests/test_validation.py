@@ -36,7 +36,7 @@ from modpush.mdp.curriculum import CurriculumConfig
 from modpush.planners import PlannerSubgoals
 from modpush.recipes import PushEnvConfig, make_push_env
 from modpush.replay import AttentiveSampler
-from modpush.training import TRAIN_PRESETS, TrainConfig
+from modpush.training import TrainConfig
 
 OBSTACLE = Obstacle((0.1, 0.06, 0.06), (0.5, 0.1, 0.3))
 SCENARIO = Scenario(
@@ -223,13 +223,6 @@ def test_data_survive_json_yaml_pickle_and_replace(kind: type) -> None:
     plain = json.loads(json.dumps(dataclasses.asdict(item), default=str))
     assert from_plain(kind, plain) == item
     assert from_plain(kind, load_yaml(dump_yaml(plain))) == item
-
-
-@pytest.mark.parametrize("name", TRAIN_PRESETS)
-def test_presets_survive_json_and_yaml(name: str) -> None:
-    config = TRAIN_PRESETS[name][1]
-    plain = json.loads(json.dumps(dataclasses.asdict(config)))
-    assert from_plain(TrainConfig, load_yaml(dump_yaml(plain))) == config
 
 
 def test_values_survive_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,17 +17,13 @@ SHARED = {
     "_atomic",
     "_batching",
     "_checks",
-    "_end_with_parent",
     "_experimental",
     "_extras",
-    "_hash",
     "_kernels",
     "_keys",
-    "_folder_lock",
+    "_processes",
     "_ray",
-    "_resets",
     "_state",
-    "_threads",
     "_transforms",
     "_types",
     "_validation",
@@ -234,7 +230,7 @@ def test_the_overview_of_the_command_loads_nothing_heavy() -> None:
     subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
 
 
-@pytest.mark.parametrize("subcommand", ["train", "evaluate"])
+@pytest.mark.parametrize("subcommand", ["train", "evaluate", "collect"])
 def test_the_help_of_a_subcommand_loads_nothing_heavy(subcommand: str) -> None:
     code = (
         "import sys\nfrom modpush.cli.command import run_command\n"

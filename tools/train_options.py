@@ -28,7 +28,9 @@ INTRODUCTION = """\
 `--train.mirror` and `--train.no-mirror`. The fields of `TrainConfig` and of the configurations in it can
 also be set by `--config FILE` ([how](training.md#settings-from-the-command-line)), and in Python they are
 the arguments of these dataclasses. The defaults are those of the classes, which are the paper's where it
-gives a value; a preset replaces some of them, [see below](#settings-of-the-presets)."""
+gives a value; a preset replaces some of them, [see below](#settings-of-the-presets). `--init-from`,
+`--collector`, `--num-collectors` and `--minutes` are short for `--train.init-from`, `--train.collector`,
+`--train.num-collectors` and `--train.max-minutes`."""
 
 
 def page() -> str:

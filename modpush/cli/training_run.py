@@ -8,17 +8,26 @@ from pathlib import Path
 from typing import Any, Literal
 
 import tyro
+from numba.core import event
+from tqdm import tqdm
 
-from modpush._types import Count, FilePath, Name, Positive
+from modpush._types import Count, FilePath
 from modpush._validation import checked, from_plain
-from modpush.cli.compiling import announce_compiling
 from modpush.files import parse_yaml, reading
 from modpush.parts import check_allowed
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
 from modpush.training.curve import draw_curve
 from modpush.training.run_folder import RunFolder
 
-__all__ = ["RunConfig", "parse_run", "run_preset", "train_agent"]
+__all__ = ["SHORT_FORMS", "RunConfig", "parse_run", "run_preset", "train_agent"]
+
+SHORT_FORMS = {
+    "--init-from": "--train.init-from",
+    "--collector": "--train.collector",
+    "--num-collectors": "--train.num-collectors",
+    "--minutes": "--train.max-minutes",
+}
+"""Short forms of options, and what they stand for."""
 
 
 @checked
@@ -29,23 +38,29 @@ class RunConfig:
     """Settings of the training run."""
     out: FilePath = Path("runs/train")
     """Folder of the run."""
-    init_from: Name | None = None
-    """The same as `train.init_from`: start from the weights of an agent or a run."""
-    collector: Literal["local", "ray"] | None = None
-    """The same as `train.collector`: with "ray" the scenes act on a Ray cluster."""
-    num_collectors: Count | None = None
-    """The same as `train.num_collectors`."""
     reward_term: Mapping[str, float] = field(default_factory=dict)
     """Weights of your own reward terms, each as "module:function" and a number; they are added to
     `train.env.reward.weights`."""
-    minutes: Positive | None = None
-    """The same as `train.max_minutes`: end after so many minutes, like a completed run."""
     resume: bool = False
     """Resume the run in the folder from its newest checkpoint."""
     threads: Count = 1
     """Number of torch's threads in the learner's process. Updates of large networks and batches, as
     in `paper`, are faster with two or more; small ones are not. Sums are rounded differently with
     another number."""
+
+
+class _CompilingAnnouncement(event.Listener):
+    """Says so when a kernel has to be compiled, in this process or in one that it forks."""
+
+    _made = False
+
+    def on_start(self, event: Any) -> None:
+        if not self._made:
+            tqdm.write("Compiling kernels, once on this machine, for a minute or two.", sys.stderr)
+            self._made = True
+
+    def on_end(self, event: Any) -> None:
+        pass
 
 
 def train_agent(run: RunConfig) -> dict[str, float]:
@@ -60,18 +75,10 @@ def train_agent(run: RunConfig) -> dict[str, float]:
     Raises:
         KeyboardInterrupt: After an interrupt, once the checkpoint is written.
     """
-    announce_compiling()
+    event.register("numba:compile", _CompilingAnnouncement())
     # Nothing has run in this process yet, so that the worker may share its libraries' memory.
     start_method: Literal["fork", "spawn"] = "fork" if sys.platform == "linux" else "spawn"
     config = run.train
-    if run.init_from is not None:
-        config = replace(config, init_from=run.init_from)
-    if run.collector is not None:
-        config = replace(config, collector=run.collector)
-    if run.num_collectors is not None:
-        config = replace(config, num_collectors=run.num_collectors)
-    if run.minutes is not None:
-        config = replace(config, max_minutes=run.minutes)
     if run.reward_term:
         reward = config.env.reward
         reward = replace(reward, weights={**reward.weights, **run.reward_term})
@@ -124,6 +131,10 @@ def parse_run(arguments: Sequence[str]) -> RunConfig:
     parser.add_argument("--config", type=Path)
     parser.add_argument("--allow", nargs="+", default=[])
     given, options = parser.parse_known_args(options)
+    words = [option.partition("=") for option in options]
+    options = [
+        SHORT_FORMS.get(word.replace("_", "-"), word) + is_ + value for word, is_, value in words
+    ]
     config = TRAIN_PRESETS[preset][1]
     if given.config is not None:
         config = _read_settings(given.config, config, given.allow)

@@ -13,9 +13,9 @@ from tqdm import tqdm
 
 import modpush.envs  # noqa: F401  # registers the environments
 from modpush._arguments import checked_arguments
+from modpush._atomic import FolderLock
 from modpush._extras import require_extra
-from modpush._folder_lock import FolderLock
-from modpush._threads import torch_threads
+from modpush._processes import torch_threads
 from modpush._types import Count
 from modpush.data.card import card_text
 from modpush.data.config import MAX_NUMBER, CollectConfig, episode_seed

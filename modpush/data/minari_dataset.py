@@ -4,6 +4,7 @@ import json
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -133,19 +134,13 @@ def _storage(unfinished: Path, folder: Path, spec: EnvSpec) -> Any:
     storage = MinariStorage.new(unfinished.resolve(), *spaces, env_spec=spec)
     metadata = {
         "dataset_id": f"{folder.parent.name}/{folder.name}",
-        "minari_version": _minari_version(),
+        "minari_version": version("minari"),
         "author": {"modpush"},
         "description": "Pushing an object through clutter to a goal, see the card.",
         "requirements": [f"modpush=={modpush.__version__}"],
     }
     storage.update_metadata(metadata)
     return storage
-
-
-def _minari_version() -> str:
-    from importlib.metadata import version
-
-    return version("minari")
 
 
 def _buffer(episode: RecordedEpisode, low: NDArray[Any], high: NDArray[Any]) -> Any:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from modpush._arguments import checked_arguments
-from modpush._batching import run_batch
 from modpush._checks import (
     check_depth_unit,
     check_dtype,
@@ -20,7 +19,7 @@ from modpush._checks import (
     check_real,
 )
 from modpush._types import PixelCount, Positive
-from modpush.encoders.window_kernel import Pinhole, window_few, window_many
+from modpush.encoders.window_kernel import Pinhole, write_windows
 from modpush.geometry.camera import CAMERA, Camera
 from modpush.geometry.labels import Label
 
@@ -41,8 +40,6 @@ MAX_HEIGHT = 0.08
 METRES_PER_PIXEL = CAMERA.cell_size
 """Side of a window pixel on the table [m], 3.56 mm: that of a pixel of `PushEnv`'s camera."""
 Outside = Literal["free", "blocked"]
-_PARALLEL_FROM = 64
-"""Number of scenes from which on several threads are used; fewer take less than a millisecond."""
 Cast = Callable[[NDArray[np.float64]], tuple[NDArray[np.float32], NDArray[np.uint8]]]
 
 
@@ -110,10 +107,7 @@ def egocentric_window(
     beyond = 1.0 if outside == "blocked" else 0.0
     step = float(metres_per_pixel) / camera.cell_size
     rest = (poses, _pinhole(camera), step, float(max_height), beyond, upright, out[:, 0].numpy())
-    if len(image) >= _PARALLEL_FROM:
-        run_batch(window_few, window_many, len(image), image.numpy(), labels, *rest)
-    else:
-        window_few(len(image), image.numpy(), labels, *rest)
+    write_windows(len(image), image.numpy(), labels, *rest)
     return out.to(depth.device)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from modpush._batching import BatchKernel
 from modpush._kernels import njit
 from modpush.geometry.labels import Label
 
@@ -221,8 +222,7 @@ def window_one(
             window[i, j] = np.float32(outside) if window[i, j] == _OUTSIDE else value
 
 
-@njit(nogil=True, error_model="numpy")
-def window_few(
+def _windows(
     batch: int,
     depth: NDArray,
     segmentation: NDArray,
@@ -234,24 +234,10 @@ def window_few(
     upright: bool,
     out: NDArray,
 ) -> None:
-    """All scenes' windows, one after the other; arguments as in `window_one`."""
-    for b in range(batch):
-        window_one(b, depth, segmentation, pose, camera, step, top, outside, upright, out)
-
-
-@njit(nogil=True, error_model="numpy", parallel=True)
-def window_many(
-    batch: int,
-    depth: NDArray,
-    segmentation: NDArray,
-    pose: NDArray,
-    camera: Pinhole,
-    step: float,
-    top: float,
-    outside: float,
-    upright: bool,
-    out: NDArray,
-) -> None:
-    """All scenes' windows, on several threads; arguments as in `window_one`."""
+    """Write all scenes' windows; arguments as in `window_one`."""
     for b in prange(batch):
         window_one(b, depth, segmentation, pose, camera, step, top, outside, upright, out)
+
+
+# Fewer scenes take less than a millisecond.
+write_windows = BatchKernel(_windows, parallel_from=64, error_model="numpy")

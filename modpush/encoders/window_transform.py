@@ -101,13 +101,8 @@ class EgocentricWindow(StatelessTransform):
         return torch.cat([pose[:, :2], frame_yaw(self.frame, pose, subgoal)], -1)
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
-        depth = read_key(next_tensordict, self.depth_key)
         expected = (1, self.camera.height, self.camera.width)
-        if depth.shape[-3:] != expected:
-            raise ValueError(
-                f"EgocentricWindow: {self.depth_key!r} must be [..., 1, H, W] = "
-                f"[..., {', '.join(map(str, expected))}], got {list(depth.shape)}."
-            )
+        depth = read_key(next_tensordict, self.depth_key, *expected)
         labels = None
         if self.segmentation_key is not None:
             labels = read_key(next_tensordict, self.segmentation_key, *expected)

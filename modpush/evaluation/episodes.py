@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from tensordict import NestedKey, TensorDictBase
 from torchrl.envs import EnvBase, set_exploration_type
 from torchrl.envs.utils import ExplorationType, step_mdp
 
+from modpush._keys import read_key
 from modpush.envs.scenes.objects import Circle, PushedObject
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.metrics import EpisodeMetrics, episode_metrics
@@ -25,7 +27,7 @@ __all__ = ["Episode", "Policy", "Trajectory", "run_episodes"]
 Policy = Callable[[TensorDictBase], TensorDictBase]
 """Any TensorDictModule: reads what the environment emits, writes `action`."""
 
-# Read after every step; the flags in the order of `episode_metrics`' arguments.
+# Read after every step; the flags are `episode_metrics`' `contacts`, then its `contacts_at_end`.
 _POSES = ("object_pose", "ee_pose")
 _FLAGS = (
     "object_contact",
@@ -96,9 +98,10 @@ class _Log:
         scenario: Scenario,
         td: TensorDictBase,
         row: int,
-        objects: Mapping[str, PushedObject] | None,
+        *,
         inflation: Circle,
-        control_freq: float,
+        objects: Mapping[str, PushedObject] | None = None,
+        control_freq: float = 15.0,
     ) -> None:
         self.number, self.scenario, self.objects = number, scenario, objects
         self.inflation: Circle = inflation
@@ -114,13 +117,14 @@ class _Log:
             self.scenario, objects=self.objects, inflation=self.inflation
         )
         poses = {key: np.array(value) for key, value in self.poses.items()}
-        flags = np.array(self.flags)
+        contacts, contacts_at_end = np.hsplit(np.array(self.flags), 2)
         metrics = episode_metrics(
             object_position=poses["object_pose"][:, :2],
             ee_position=poses["ee_pose"][:, :2],
             goal_position=np.array(self.scenario.goal_position),
             reward=np.array(self.rewards),
-            **{key: flags[:, i] for i, key in enumerate(_FLAGS)},
+            contacts=contacts,
+            contacts_at_end=contacts_at_end,
             control_freq=self.control_freq,
             success=success,
             out_of_bounds=out_of_bounds,
@@ -128,7 +132,7 @@ class _Log:
         )
         trajectory = Trajectory(
             **{key: value.astype(np.float32) for key, value in poses.items()},
-            contacts=flags[:, :3],
+            contacts=contacts,
             planned_path=self.path if self.path is not None else corners.astype(np.float32),
             target=np.array(self.targets, dtype=np.float32).reshape(-1, 2),
         )
@@ -174,8 +178,14 @@ def run_episodes(
         TypeError: If the policy returns no tensordict with an action.
         ValueError: If the environment's workspace is not that of the evaluation sets.
     """
-    _check_emitted(env)
-    _check_workspace(env)
+    _check_env(env)
+    # Those of a `PushEnv`, transforms on top or not; its defaults for another environment.
+    begin = partial(
+        _Log,
+        inflation=inflation,
+        objects=getattr(env, "pushed_objects", None),
+        control_freq=float(getattr(env, "settings", {}).get("control_freq", 15)),
+    )
     queue = iter(episodes)
     first = list(islice(queue, env.batch_size[0]))
     if not first:
@@ -183,10 +193,9 @@ def run_episodes(
     spare = [first[-1]] * (env.batch_size[0] - len(first))  # a first reset is of all scenes
     td = env.reset(scenarios=[scenario for _, scenario in first + spare])
     logs: list[_Log | None] = [
-        _Log(n, s, td, i, _objects_of(env), inflation, _control_freq(env))
-        for i, (n, s) in enumerate(first)
+        *(begin(number, scenario, td, i) for i, (number, scenario) in enumerate(first)),
+        *(None for _ in spare),
     ]
-    logs += [None] * len(spare)
     while any(logs):
         with set_exploration_type(exploration):
             td = _acted(policy(td))
@@ -203,7 +212,7 @@ def run_episodes(
             yield episode
         refill = list(zip((row for row, _ in ended), islice(queue, len(ended)), strict=False))
         if refill:
-            td = _restart(env, td, logs, refill, inflation)
+            td = _restart(env, td, logs, refill, begin)
 
 
 def _acted(td: Any) -> TensorDictBase:
@@ -216,27 +225,7 @@ def _acted(td: Any) -> TensorDictBase:
     return td
 
 
-def _objects_of(env: EnvBase) -> Mapping[str, PushedObject] | None:
-    """The objects of a `PushEnv`, transforms on top or not, by name; None for another environment."""
-    return getattr(env, "pushed_objects", None)
-
-
-def _control_freq(env: EnvBase) -> float:
-    """Control steps per second of a `PushEnv`, transforms on top or not; its default for others."""
-    return float(getattr(env, "settings", {}).get("control_freq", 15))
-
-
-def _check_workspace(env: EnvBase) -> None:
-    """Every shortest path is measured within `WORKSPACE`."""
-    bounds = getattr(env, "bounds", None)
-    if bounds is not None and bounds != WORKSPACE.bounds():
-        raise ValueError(
-            "run_episodes: the environment must have the evaluation sets' workspace, low "
-            f"{WORKSPACE.low} and high {WORKSPACE.high}; its episodes end outside of {bounds}."
-        )
-
-
-def _check_emitted(env: EnvBase) -> None:
+def _check_env(env: EnvBase) -> None:
     emitted = set(env.full_observation_spec.keys(True, True))
     emitted |= set(env.full_done_spec.keys(True, True))
     missing = [key for key in (*_POSES, *_FLAGS, *_ENDS) if key not in emitted]
@@ -245,6 +234,12 @@ def _check_emitted(env: EnvBase) -> None:
             f"run_episodes: the environment must emit {missing}, which a transform may have "
             f"dropped; there is {sorted(map(str, emitted))}."
         )
+    bounds = getattr(env, "bounds", None)
+    if bounds is not None and bounds != WORKSPACE.bounds():  # of every shortest path
+        raise ValueError(
+            "run_episodes: the environment must have the evaluation sets' workspace, low "
+            f"{WORKSPACE.low} and high {WORKSPACE.high}; its episodes end outside of {bounds}."
+        )
 
 
 def _restart(
@@ -252,8 +247,9 @@ def _restart(
     td: TensorDictBase,
     logs: list[_Log | None],
     refill: list[tuple[int, tuple[int, Scenario]]],
-    inflation: Circle,
+    begin: Callable[[int, Scenario, TensorDictBase, int], _Log],
 ) -> TensorDictBase:
+    """Begin episodes in the scenes of `refill`, pairs of a scene and its next episode."""
     refill = sorted(refill, key=lambda item: item[0])
     mask = torch.zeros(len(logs), 1, dtype=torch.bool, device=td.device)
     mask[[row for row, _ in refill]] = True
@@ -261,7 +257,7 @@ def _restart(
     td = env.reset(td, scenarios=[scenario for _, (_, scenario) in refill])
     td.pop("_reset", None)
     for row, (number, scenario) in refill:
-        logs[row] = _Log(number, scenario, td, row, _objects_of(env), inflation, _control_freq(env))
+        logs[row] = begin(number, scenario, td, row)
     return td
 
 
@@ -278,13 +274,13 @@ def _record(
     flags = torch.cat([after[key] for key in _FLAGS], -1).tolist()
     ends = torch.cat([after[key] for key in _ENDS], -1).tolist()
     rewards = after["reward"].reshape(len(logs)).tolist()
-    targets = _written(td, target_key).tolist() if target_key is not None else None
+    targets = read_key(td, target_key).tolist() if target_key is not None else None
     ended = []
     for i, log in enumerate(logs):
         if log is None:
             continue
         if path_key is not None and log.path is None:
-            log.path = _written(td, path_key)[i].cpu().numpy().astype(np.float32)
+            log.path = read_key(td, path_key)[i].cpu().numpy().astype(np.float32)
         for key in _POSES:
             log.poses[key].append(poses[key][i])
         log.flags.append(flags[i])
@@ -297,12 +293,3 @@ def _record(
         if done:
             ended.append((i, log.finish(success, outside)))
     return ended
-
-
-def _written(td: TensorDictBase, key: NestedKey) -> torch.Tensor:
-    value = td.get(key, None)
-    if value is None:
-        raise KeyError(
-            f"run_episodes: no entry {key!r}, there is {sorted(map(str, td.keys(True, True)))}."
-        )
-    return value

@@ -170,12 +170,8 @@ def episode_metrics(
     ee_position: NDArray[np.float64],
     goal_position: NDArray[np.float64],
     reward: NDArray[np.float64],
-    object_contact: Flags,
-    obstacle_contact: Flags,
-    tool_obstacle_contact: Flags,
-    object_contact_at_end: Flags,
-    obstacle_contact_at_end: Flags,
-    tool_obstacle_contact_at_end: Flags,
+    contacts: Flags,
+    contacts_at_end: Flags,
     control_freq: Positive,
     success: bool,
     out_of_bounds: bool,
@@ -188,12 +184,9 @@ def episode_metrics(
         ee_position: The same of the tool's tip, `[T + 1, 2]` [m].
         goal_position: The goal's position, `[2]` [m].
         reward: Rewards of the steps, `[T]`.
-        object_contact: Tool or arm touched the object during the step, `[T]` bool.
-        obstacle_contact: The object touched an obstacle, `[T]` bool.
-        tool_obstacle_contact: Tool or arm touched an obstacle, `[T]` bool.
-        object_contact_at_end: Tool or arm touched the object at the step's end, `[T]` bool.
-        obstacle_contact_at_end: The object touched an obstacle at the step's end, `[T]` bool.
-        tool_obstacle_contact_at_end: Tool or arm touched an obstacle at the step's end, `[T]` bool.
+        contacts: Contacts during each step, `[T, 3]` bool: of tool or arm and object, of object and
+            obstacle, of tool or arm and obstacle.
+        contacts_at_end: The same contacts at each step's end, `[T, 3]` bool.
         control_freq: Control steps per second [Hz].
         success: Whether the goal was reached.
         out_of_bounds: Whether the object left the workspace.
@@ -208,24 +201,22 @@ def episode_metrics(
     _check_array("ee_position", ee_position, "f", (steps + 1, 2))
     _check_array("goal_position", goal_position, "f", (2,))
     _check_array("reward", reward, "f", (steps,))
-    _check_array("object_contact", object_contact, "b", (steps,))
-    _check_array("obstacle_contact", obstacle_contact, "b", (steps,))
-    _check_array("tool_obstacle_contact", tool_obstacle_contact, "b", (steps,))
-    _check_array("object_contact_at_end", object_contact_at_end, "b", (steps,))
-    _check_array("obstacle_contact_at_end", obstacle_contact_at_end, "b", (steps,))
-    _check_array("tool_obstacle_contact_at_end", tool_obstacle_contact_at_end, "b", (steps,))
+    _check_array("contacts", contacts, "b", (steps, 3))
+    _check_array("contacts_at_end", contacts_at_end, "b", (steps, 3))
+    pushed, object_hit, arm_hit = contacts.T
+    pushed_at_end, object_hit_at_end, arm_hit_at_end = contacts_at_end.T
     taken, final = pushed_length(object_position, goal_position)
     return EpisodeMetrics(
         success=bool(success),
         steps=steps,
         episode_return=float(np.sum(reward)),
-        contact_rate=contact_rate(object_contact),
-        contact_rate_at_end=contact_rate(object_contact_at_end),
-        collision_rate=collision_rate(obstacle_contact, tool_obstacle_contact),
-        collision_rate_object=collision_rate(obstacle_contact),
-        collision_rate_arm=collision_rate(tool_obstacle_contact),
-        collision_rate_at_end=collision_rate(obstacle_contact_at_end, tool_obstacle_contact_at_end),
-        collision_rate_object_at_end=collision_rate(obstacle_contact_at_end),
+        contact_rate=contact_rate(pushed),
+        contact_rate_at_end=contact_rate(pushed_at_end),
+        collision_rate=collision_rate(object_hit, arm_hit),
+        collision_rate_object=collision_rate(object_hit),
+        collision_rate_arm=collision_rate(arm_hit),
+        collision_rate_at_end=collision_rate(object_hit_at_end, arm_hit_at_end),
+        collision_rate_object_at_end=collision_rate(object_hit_at_end),
         path_length=taken,
         final_distance=final,
         shortest_length=shortest_length,

@@ -55,8 +55,6 @@ def draw_episode(
     tool_poses = trajectory.ee_pose[: step + 1]
     targets = trajectory.target
     conditions = conditions or EpisodeConditions()
-    pushed = get_object(scenario.pushed_object, objects)
-    inscribed = conditions.inflation == "inscribed"
     return draw_top_view(
         scenario,
         object_poses[-1].tolist(),
@@ -65,7 +63,7 @@ def draw_episode(
         ee_path=tool_poses.astype(np.float64),
         planned_path=trajectory.planned_path.astype(np.float64),
         subgoal=targets[min(step, len(targets) - 1)].tolist() if len(targets) else None,
-        inflation=pushed.inscribed_radius if inscribed else pushed.radius,
+        inflation=get_object(scenario.pushed_object, objects).radius_of(conditions.inflation),
         caption=caption,
         tool=conditions.tool,
         objects=objects,

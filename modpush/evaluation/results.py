@@ -1,5 +1,8 @@
 """Per-episode results on disk: a row as soon as an episode ends, so that a run can continue later."""
 
+import csv
+import io
+import os
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -11,12 +14,11 @@ from torch import nn
 
 from modpush._arguments import checked_arguments
 from modpush._atomic import make_folder
-from modpush._hash import data_hash, weights_hash
+from modpush._weights import data_hash, weights_hash
 from modpush.evaluation.episodes import Episode, Trajectory
 from modpush.evaluation.metrics import EpisodeMetrics
-from modpush.evaluation.rows import append_row, begin_rows, read_rows
 from modpush.evaluation.sets import EvaluationSet
-from modpush.files import read_json, write_json
+from modpush.files import read_json, reading, write_json, write_text
 
 __all__ = [
     "COLUMNS",
@@ -86,7 +88,9 @@ class ResultStore:
             "policy": dict(policy),
         }
         self._claim(about)
-        begin_rows(self.csv, COLUMNS)
+        text, whole = self._read()
+        if whole != text or not whole:
+            write_text(self.csv, whole or ",".join(COLUMNS) + "\n")
 
     @property
     def csv(self) -> Path:
@@ -133,7 +137,11 @@ class ResultStore:
             "difficulty": episode.scenario.difficulty,
             "policy": self._policy,
         }
-        append_row(self.csv, COLUMNS, about | episode.metrics.to_dict())
+        with self.csv.open("a", encoding="utf-8", newline="") as file:
+            row = about | episode.metrics.to_dict()
+            csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow(row)
+            file.flush()
+            os.fsync(file.fileno())
 
     def rows(self) -> pd.DataFrame:
         """All finished episodes of the set, by number; those past its end are left out.
@@ -141,10 +149,27 @@ class ResultStore:
         Raises:
             ValueError: If a row is damaged; the message says which.
         """
-        rows = read_rows(self.csv, COLUMNS, integers=["episode"], texts=_TEXTS)
+        with reading(self.csv, "ResultStore"):
+            rows = pd.read_csv(
+                io.StringIO(self._read()[1]),
+                dtype=dict.fromkeys(_TEXTS, str),  # text also where it looks like a number
+                keep_default_na=False,
+                na_values={name: ["", "nan"] for name in COLUMNS if name not in _TEXTS},
+            )
+        numbers = rows["episode"]
+        if len(rows) and (numbers.dtype.kind != "i" or (numbers < 0).any()):
+            raise ValueError(f"{self.csv}: episode must be whole numbers >= 0.")
         rows = rows.sort_values("episode", ignore_index=True)
         rows = rows[rows["episode"] < len(self.evaluation_set)]
         return rows.drop_duplicates("episode", ignore_index=True)
+
+    def _read(self) -> tuple[str, str]:
+        """Text of the CSV file, and its whole lines: a kill may have cut off the last one."""
+        text = self.csv.read_text(encoding="utf-8") if self.csv.exists() else ""
+        whole = text[: text.rfind("\n") + 1]
+        if whole and (found := whole.partition("\n")[0].split(",")) != list(COLUMNS):
+            raise ValueError(f"{self.csv} must have the columns {list(COLUMNS)}, got {found}.")
+        return text, whole
 
     def missing(self) -> list[int]:
         """Numbers of the episodes still to run."""

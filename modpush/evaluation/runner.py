@@ -18,10 +18,9 @@ from torchrl.envs.utils import ExplorationType
 from tqdm import tqdm
 
 from modpush._arguments import checked_arguments
-from modpush._end_with_parent import begin_worker_process
-from modpush._folder_lock import FolderLock
+from modpush._atomic import FolderLock
+from modpush._processes import begin_worker_process, torch_threads
 from modpush._ray import RESTARTS, ray_session
-from modpush._threads import torch_threads
 from modpush._types import Count, Key, Scenes, Seed
 from modpush._validation import checked
 from modpush.envs.scenes.conditions import EpisodeConditions
@@ -229,24 +228,6 @@ class _Job(NamedTuple):
     config: EvaluationConfig
     conditions: EpisodeConditions
 
-    @property
-    def env(self) -> Callable[[int], EnvBase]:
-        """`number of scenes -> environment`, with the objects that these episodes push."""
-        objects = tuple(dict.fromkeys(scenario.pushed_object for _, scenario in self.episodes))
-        return functools.partial(
-            _make_env, self.make_env, objects=objects, conditions=self.conditions
-        )
-
-    @property
-    def options(self) -> dict[str, Any]:
-        """Further arguments of `run_episodes`."""
-        return {
-            "inflation": self.conditions.inflation,
-            "path_key": self.config.path_key,
-            "target_key": self.config.target_key,
-            "exploration": self.config.exploration,
-        }
-
 
 def _run_on_cluster(job: _Job) -> Iterator[Episode]:
     """Run episodes in as many tasks at a time as the Ray cluster has CPUs."""
@@ -271,9 +252,18 @@ def _run_here(job: _Job) -> Iterator[Episode]:
     torch.manual_seed(job.config.seed)
     # As many scenes as ever, however few episodes are left: the last bits of a network's outputs, and
     # with them the course of an episode, depend on the number of rows in its matrix products.
-    env = job.env(job.config.num_envs)
+    objects = tuple(dict.fromkeys(scenario.pushed_object for _, scenario in job.episodes))
+    env = _make_env(job.make_env, job.config.num_envs, objects, job.conditions)
     try:
-        yield from run_episodes(env, job.policy, job.episodes, **job.options)
+        yield from run_episodes(
+            env,
+            job.policy,
+            job.episodes,
+            inflation=job.conditions.inflation,
+            path_key=job.config.path_key,
+            target_key=job.config.target_key,
+            exploration=job.config.exploration,
+        )
     finally:
         env.close()
 

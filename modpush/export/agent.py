@@ -54,7 +54,8 @@ _RECOVERY = (
     "Not in the graphs. When for `patience` steps neither the tip of the tool nor the object has gone "
     "farther than `tolerance` [m] along x or y, the agent takes another action for `duration` steps, in "
     "its own frame: (cos a, sin a, turn), with a = pi and turn = 1 the first time in an episode; each "
-    "further time a grows by the golden angle, pi (3 - sqrt 5), and turn changes its sign."
+    "further time a grows by the golden angle, pi (3 - sqrt 5), and turn changes its sign. After every "
+    "third time the next ones take two steps more."
 )
 _PLANNING = (
     "Arguments of `OccupancyGrid` and `PlannerSubgoals`, lengths in metres. Cells outside `bounds`, made "

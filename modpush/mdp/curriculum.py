@@ -19,7 +19,7 @@ from modpush._validation import check_value, checked
 from modpush.envs.outcome import GOAL_THRESHOLD
 from modpush.envs.scenes.layouts import SCENES, TIGHT_SCENES
 from modpush.envs.scenes.scenario import GoalDistance, GoalDistances, ScenarioConfig
-from modpush.parts import part_module
+from modpush.parts import check_part_name
 
 __all__ = ["Curriculum", "CurriculumConfig", "Phase"]
 
@@ -42,10 +42,7 @@ class Phase:
         """Check the names, so that nothing fails when the phase begins; no module is imported."""
         known = {*SCENES, *TIGHT_SCENES}
         for name in self.scenes:
-            if name not in known and part_module(name) is None:
-                raise ValueError(
-                    f"Phase: scenes must be of {sorted(known)} or 'module:name', got {name!r}."
-                )
+            check_part_name("Phase: scenes", name, known)
 
 
 @checked

@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
-from modpush.geometry.frames import Frame, check_frame
+from modpush._arguments import checked_arguments
+from modpush.geometry.frames import Frame
 from modpush.mdp.observation_entries import (
     ENTRIES,
     PAPER_ENTRIES,
@@ -15,6 +16,7 @@ from modpush.parts import find_part
 __all__ = ["resolve_entries"]
 
 
+@checked_arguments
 def resolve_entries(
     frame: Frame,
     entries: Mapping[str, EntryLike] | Sequence[EntryLike | tuple[str, EntryLike]] | None = None,
@@ -35,16 +37,13 @@ def resolve_entries(
         add: Entries to append.
 
     Raises:
-        ValueError: If there is no such entry, nothing is left, an entry to leave out is not among
-            the entries, or two entries have one name.
-        TypeError: If something is neither text, an `Entry` nor a function.
+        ValueError: If there is no such entry, something is neither text, an `Entry` nor a function,
+            nothing is left, an entry to leave out is not among the entries, or two entries have one
+            name.
+        TypeError: If what a text names is neither an `Entry` nor a function.
     """
-    check_frame(frame)
     if entries is None:
         entries = PATH_ENTRIES if frame == "path" else PAPER_ENTRIES
-    for name, value in (("entries", entries), ("leave_out", leave_out), ("add", add)):
-        if isinstance(value, str) or not isinstance(value, Mapping | Sequence):
-            raise TypeError(f"PushObservation: {name} must be a sequence, got {value!r}.")
     items = list(entries.items()) if isinstance(entries, Mapping) else list(entries)
     found: dict[str, Entry] = {}
     for item in [*items, *add]:

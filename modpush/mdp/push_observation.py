@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-import numpy as np
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
@@ -52,8 +51,8 @@ class PushObservation(DescribedTransform):
         observation_key: Written, `[..., n]` float32.
 
     Raises:
-        ValueError: If the frame or an entry is unknown (the known ones are listed); if a lower bound
-            is no lower than its upper one; if an entry has another shape than its scale or shift.
+        ValueError: If the frame or an entry is unknown (the known ones are listed); if an entry has
+            another shape than its scale or shift.
         KeyError: If a key that an entry reads is missing. In a call on a CPU, a ValueError if what an
             entry reads is not finite; on a GPU this check would stall the device.
     Source: table of observations in the paper's Sec. IV-B.
@@ -78,10 +77,6 @@ class PushObservation(DescribedTransform):
         self.frame = frame
         self.entries = resolve_entries(frame, entries)
         self.bounds = WORKSPACE.bounds() if bounds is None else bounds
-        if np.shape(self.bounds) != (2, 2) or not np.less(*self.bounds).all():
-            raise ValueError(
-                f"PushObservation: bounds must be a lower and an upper corner, got {bounds}."
-            )
         self.symmetry, self.raw = symmetry, raw
         keys = keys or ObservationKeys()
         self._keys: dict[str, NestedKey] = asdict(keys)

@@ -166,8 +166,6 @@ def _find_terms(
     config: RewardConfig, own: Mapping[str, RewardTerm | str]
 ) -> tuple[dict[str, RewardTerm], dict[str, float]]:
     """Terms and weights by name, of those with a weight that is not 0, in the weights' order."""
-    if not isinstance(own, Mapping):
-        raise TypeError(f"PushReward: terms must be a mapping, got {own!r}.")
     if idle := sorted(set(own) - set(config.weights)):
         raise ValueError(
             f"PushReward: terms must have a weight in the config, which has weights for "

@@ -18,6 +18,8 @@ __all__ = ["StuckRecovery", "recovering"]
 
 # Turned by this angle again and again, directions spread evenly.
 _GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
+# Where an object is wedged between two walls, four steps do not free it.
+_LONGER, _LONGER_AFTER = 2, 3
 # Tool and object (x, y) where they came to rest, steps at rest, steps left, recoveries so far.
 _STATE = 7
 
@@ -29,8 +31,9 @@ class StuckRecovery(DescribedTransform):
     same observation again and takes the same action until the time limit. After `patience`
     steps in which neither tool nor object has gone farther than `tolerance`, this transform requests an
     action at full speed for `duration` steps: the first time along -x and turning to the left; each
-    further time in an episode turned by the golden angle and turning the other way. Nothing about it is
-    random. In the path's frame -x leads back from the object.
+    further time in an episode turned by the golden angle and turning the other way. After every third
+    recovery of an episode the next ones take two steps more. Nothing about it is random. In the path's
+    frame -x leads back from the object.
 
     The transform only writes the requested action; `recovering(policy)` is the policy that follows it.
     It can be appended to any environment whose actions are a motion in x and y and a turn.
@@ -40,7 +43,7 @@ class StuckRecovery(DescribedTransform):
 
     Args:
         patience: Number of steps at rest before a recovery.
-        duration: Number of steps of a recovery.
+        duration: Number of steps of each of the first three recoveries of an episode.
         tolerance: How far tool and object may move along x or y and still be at rest [m].
         object_pose_key: Read, `[..., 3]` (x, y, yaw) [m, rad].
         ee_pose_key: Read, `[..., 3]` (x, y, yaw) of the tool's tip [m, rad].
@@ -93,7 +96,7 @@ class StuckRecovery(DescribedTransform):
         still = torch.where(at_rest, still + 1, 0)
         left = (left - 1).clamp_min(0)
         begins = (still >= self.patience) & (left == 0)
-        left = torch.where(begins, self.duration, left)
+        left = torch.where(begins, self.duration + _LONGER * (times // _LONGER_AFTER), left)
         anchor = torch.where(at_rest[..., None], anchor, where)
         counts = torch.stack([still, left, times + begins], -1)
         return self._write(next_tensordict, torch.cat([anchor, counts], -1))

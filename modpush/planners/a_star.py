@@ -8,11 +8,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from modpush._arguments import checked_arguments
-from modpush._batching import run_batch
 from modpush._checks import check_real
 from modpush._types import Positive
 from modpush.planners.grid_planner import GridPlanner
-from modpush.planners.kernels.a_star import plan_few, plan_many
+from modpush.planners.kernels.a_star import plan_all
 from modpush.planners.kernels.maps import Maps
 from modpush.planners.kernels.paths import PathArrays, Queries
 from modpush.planners.paths import Paths
@@ -87,4 +86,4 @@ class AStar(GridPlanner):
         weight: NDArray[Any] = _SAME_EVERYWHERE,
     ) -> None:
         batch = len(queries.cells)
-        run_batch(plan_few, plan_many, batch, maps, queries, paths, weight, self.neighbours)
+        plan_all(batch, maps, queries, paths, weight, self.neighbours)

@@ -1,8 +1,7 @@
 """Shortest paths to one goal from a field that is built once and read as the object moves."""
 
-from modpush._batching import run_batch
 from modpush.planners.grid_planner import GridPlanner
-from modpush.planners.kernels.distance_field import Fields, empty_fields, plan_few, plan_many
+from modpush.planners.kernels.distance_field import Fields, empty_fields, plan_all
 from modpush.planners.kernels.maps import Maps
 from modpush.planners.kernels.paths import PathArrays, Queries
 from modpush.planners.per_thread import PerThread
@@ -38,4 +37,4 @@ class DistanceField(GridPlanner):
         fields = self._fields.value
         if fields is None or len(fields.goal) != batch:
             fields = self._fields.value = empty_fields(batch)
-        run_batch(plan_few, plan_many, batch, maps, queries, paths, fields)
+        plan_all(batch, maps, queries, paths, fields)

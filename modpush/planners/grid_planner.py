@@ -90,20 +90,6 @@ class GridPlanner(Planner):
                 return _to_paths(paths, max(2, needed))
             capacity = self._capacity = 2 * needed
 
-    def warmup(self, height: int = 256, width: int = 256) -> None:
-        """Compile the planner's kernels, or load them from the cache on disk, before their first use.
-
-        Args:
-            height: Rows of the grid used for compiling; the kernels serve grids of any size.
-            width: Columns of that grid.
-        """
-        for batch in (1, 2):  # one scene and several run through different kernels
-            occupancy = torch.zeros(batch, height, width, dtype=torch.bool, device="cpu")
-            occupancy[:, height // 2, : width // 2 + 1] = True
-            start = torch.zeros(batch, 2, device="cpu")
-            goal = torch.tensor([[0.0, height - 1.0]], device="cpu").repeat(batch, 1)
-            self.plan(occupancy, start, goal)
-
     @abstractmethod
     def _run(self, maps: Maps, queries: Queries, paths: PathArrays) -> None:
         """Write a path for each scene.

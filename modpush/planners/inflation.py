@@ -7,9 +7,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush._batching import run_batch
 from modpush._checks import check_dtype
-from modpush.planners.kernels.occupancy import inflate_few, inflate_many
+from modpush.planners.kernels.occupancy import inflate_all
 from modpush.planners.kernels.visibility import MAX_SIDE
 
 __all__ = ["clamp_radius", "inflate", "radius_per_scene"]
@@ -39,7 +38,7 @@ def inflate(blocked: Tensor, radius: float | Tensor) -> Tensor:
     radii = clamp_radius(radius_per_scene(radius, len(blocked)), height, width)
     cells = blocked.detach().cpu().contiguous().view(torch.uint8)
     out = torch.empty_like(cells)
-    run_batch(inflate_few, inflate_many, len(cells), cells.numpy(), radii, out.numpy())
+    inflate_all(len(cells), cells.numpy(), radii, out.numpy())
     return out.view(torch.bool).to(blocked.device)
 
 

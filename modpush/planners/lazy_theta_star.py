@@ -3,10 +3,9 @@
 from typing import Literal
 
 from modpush._arguments import checked_arguments
-from modpush._batching import run_batch
 from modpush._types import Positive
 from modpush.planners.grid_planner import GridPlanner
-from modpush.planners.kernels.lazy_theta_star import plan_few, plan_many
+from modpush.planners.kernels.lazy_theta_star import plan_all
 from modpush.planners.kernels.maps import Maps
 from modpush.planners.kernels.paths import PathArrays, Queries
 
@@ -49,4 +48,4 @@ class LazyThetaStar(GridPlanner):
 
     def _run(self, maps: Maps, queries: Queries, paths: PathArrays) -> None:
         over_grid = self.nodes == "grid"
-        run_batch(plan_few, plan_many, len(queries.cells), maps, queries, paths, over_grid)
+        plan_all(len(queries.cells), maps, queries, paths, over_grid)

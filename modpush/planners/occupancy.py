@@ -12,8 +12,7 @@ from torchrl.data import Binary, Bounded, TensorSpec
 from modpush._arguments import checked_arguments
 from modpush._checks import check_finite
 from modpush._keys import check_spec_has, read_key, stored_next
-from modpush._resets import scenes_reset
-from modpush._transforms import DescribedTransform
+from modpush._transforms import DescribedTransform, scenes_reset
 from modpush._types import Count, NonNegative
 from modpush.geometry.camera import Camera, cell_centers
 from modpush.planners.connected import are_connected

@@ -7,18 +7,15 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from modpush._arguments import checked_arguments
-from modpush._batching import run_batch
 from modpush._checks import check_depth_unit, check_dtype, check_real, check_shape
 from modpush._types import Count
 from modpush.geometry.camera import Camera
 from modpush.planners.inflation import clamp_radius, radius_per_scene
-from modpush.planners.kernels.bit_grid import words_per_row
+from modpush.planners.kernels.bit_grid import Views, words_per_row
 from modpush.planners.kernels.occupancy import (
     Inflated,
-    Views,
     empty_inflated,
-    observe_few,
-    observe_many,
+    observe_all,
 )
 from modpush.planners.per_thread import PerThread
 
@@ -117,7 +114,7 @@ class OccupancyMap:
         bits = torch.empty(batch, height, 8 * words, dtype=torch.uint8, device="cpu")
         changed = np.zeros(batch, dtype=np.bool_)
         words_of = bits.numpy().view(np.uint64)
-        run_batch(observe_few, observe_many, batch, views, last, words_of, changed, out.numpy())
+        observe_all(batch, views, last, words_of, changed, out.numpy())
         self._inflations.value = self.inflations + int(changed.sum())
         return out.view(torch.bool).to(device), bits.to(device)
 

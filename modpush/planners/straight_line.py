@@ -1,10 +1,9 @@
 """The straight line, a baseline for comparisons and tests."""
 
-from modpush._batching import run_batch
 from modpush.planners.grid_planner import GridPlanner
 from modpush.planners.kernels.maps import Maps
 from modpush.planners.kernels.paths import PathArrays, Queries
-from modpush.planners.kernels.straight_line import plan_few, plan_many
+from modpush.planners.kernels.straight_line import plan_all
 
 __all__ = ["StraightLine"]
 
@@ -17,4 +16,4 @@ class StraightLine(GridPlanner):
     """
 
     def _run(self, maps: Maps, queries: Queries, paths: PathArrays) -> None:
-        run_batch(plan_few, plan_many, len(queries.cells), maps, queries, paths)
+        plan_all(len(queries.cells), maps, queries, paths)

@@ -129,12 +129,11 @@ class PlannerSubgoals(DescribedTransform):
 
     def describe(self) -> dict[str, Any]:
         """The planner, and which points of the path are written."""
-        where = "fraction" if self.mode == "fraction" else "lookahead"
         return {
             "subgoals": {
                 "planner": self._planner_name,
                 "mode": self.mode,
-                where: getattr(self, where),
+                self.mode: getattr(self, self.mode),
                 "lags": list(self.lags),
                 "ahead": list(self.ahead),
             }
@@ -142,18 +141,13 @@ class PlannerSubgoals(DescribedTransform):
 
     def _plan(self, tensordict: TensorDictBase) -> tuple[Paths, Tensor, Tensor]:
         """Paths of the flattened batch; object's and goal's positions `[..., 2]` [m]."""
-        occupancy = read_key(tensordict, self.occupancy_key)
-        expected = (1, self.camera.height, self.camera.width)
-        if occupancy.shape[-3:] != expected:
-            raise ValueError(
-                f"{self.occupancy_key!r} must be [..., 1, H, W] = "
-                f"[..., {', '.join(map(str, expected))}], got {list(occupancy.shape)}."
-            )
+        image = (self.camera.height, self.camera.width)
+        occupancy = read_key(tensordict, self.occupancy_key, 1, *image)
         position = read_key(tensordict, self.object_pose_key, 3)[..., :2]
         goal = read_key(tensordict, self.goal_position_key, 2)
         start, end = (self.camera.project(point).reshape(-1, 2) for point in (position, goal))
         try:
-            paths = self.planner.plan(occupancy.reshape(-1, *expected[1:]), start, end)
+            paths = self.planner.plan(occupancy.reshape(-1, *image), start, end)
         except ValueError:  # planners check their ends under other names
             check_finite(repr(self.object_pose_key), position)
             check_finite(repr(self.goal_position_key), goal)
@@ -223,19 +217,13 @@ class PlannerSubgoals(DescribedTransform):
 
     def _history(self, before: TensorDictBase) -> Tensor:
         """Sub-goals up to the step before, `[..., max(lags) + 1, 2]` [m], newest first."""
-        history = before.get(self.history_key, None)
-        if history is None:
+        if before.get(self.history_key, None) is None:
             raise KeyError(
                 f"PlannerSubgoals: key {self.history_key!r}, which holds the past sub-goals, is missing "
                 "in the step before; do not exclude it from the environment's output. There are "
                 f"{sorted(map(str, before.keys(True, True)))}."
             )
-        if history.shape[-2:] != (max(self.lags) + 1, 2):
-            raise ValueError(
-                f"PlannerSubgoals: {self.history_key!r} must be [..., max(lags) + 1, 2] = "
-                f"[..., {max(self.lags) + 1}, 2], got {list(history.shape)}."
-            )
-        return history
+        return read_key(before, self.history_key, max(self.lags) + 1, 2)
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase

@@ -28,11 +28,14 @@ def warmup(height: PixelCount = 256, width: PixelCount = 256) -> None:
         width: Columns of that grid.
     """
     planners = [AStar(), DistanceField(), LazyThetaStar(nodes="grid"), LazyThetaStar()]
-    for planner in [*planners, StraightLine()]:
-        planner.warmup(height, width)
-    camera = Camera(height=height, width=width)
-    for batch in (1, 2):
-        shape, cpu = (batch, height, width), torch.device("cpu")
-        inflate(torch.zeros(shape, dtype=torch.bool, device=cpu), 1.0)
-        depth = torch.full(shape, camera.z, dtype=torch.float32, device=cpu)
+    camera, cpu = Camera(height=height, width=width), torch.device("cpu")
+    for batch in (1, 2):  # one scene and several run through different kernels
+        occupancy = torch.zeros(batch, height, width, dtype=torch.bool, device=cpu)
+        occupancy[:, height // 2, : width // 2 + 1] = True
+        start = torch.zeros(batch, 2, device=cpu)
+        goal = torch.tensor([[0.0, height - 1.0]], device=cpu).repeat(batch, 1)
+        for planner in [*planners, StraightLine()]:
+            planner.plan(occupancy, start, goal)
+        inflate(occupancy, 1.0)
+        depth = torch.full(occupancy.shape, camera.z, dtype=torch.float32, device=cpu)
         OccupancyMap(camera)(depth, 0.035)

@@ -1,8 +1,7 @@
 """Trained agents on disk: a policy, the configuration of its environment, and its fingerprint."""
 
 import json
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
@@ -29,13 +28,22 @@ from modpush.mdp.stuck_recovery import StuckRecovery, recovering
 from modpush.parts import check_allowed, find_part, part_name
 from modpush.recipes.config import END_TO_END, PushEnvConfig
 from modpush.recipes.fingerprint import environment_fingerprint, fingerprint_differences
-from modpush.recipes.hub import HUB_PREFIX, download_agent
-from modpush.recipes.make_env import ENV_PARTS, make_push_env
+from modpush.recipes.make_env import ENV_PARTS, env_parts, make_push_env
 
-__all__ = ["BEST_AGENT", "Agent", "load_agent", "observed_symmetry", "save_agent", "shipped_agents"]
+__all__ = [
+    "BEST_AGENT",
+    "HUB_PREFIX",
+    "Agent",
+    "load_agent",
+    "observed_symmetry",
+    "save_agent",
+    "shipped_agents",
+]
 
 BEST_AGENT = "best_agent.safetensors"
 """File of the best agent in a training run's folder."""
+HUB_PREFIX = "hf://"
+"""Prefix of the name of an agent on the Hugging Face Hub."""
 _KIND, _VERSION = "modpush.Agent", 5
 
 
@@ -122,11 +130,9 @@ class Agent:
                 f"pass them to load_agent as {' and '.join(given)}."
             )
         num_envs = self.config.num_envs if num_envs is None else num_envs
-        kinds = set(ENV_PARTS) - ({"encoder"} if self.config.encoder == END_TO_END else set())
-        parts = {kind: part for kind, part in self.parts.items() if kind in kinds}
         symmetry = observed_symmetry(self.config, self.parts.get("pushed_object"))
         config = replace(self.config, num_envs=num_envs, symmetry=symmetry)
-        env = self.factory(config, **{**parts, **options})
+        env = self.factory(config, **{**env_parts(config, self.parts), **options})
         differences = fingerprint_differences(self.fingerprint, environment_fingerprint(env))
         if self.fingerprint and differences:
             env.close()
@@ -200,15 +206,16 @@ def save_agent(
             raise TypeError(
                 f"save_agent: {name} must be ready for JSON, got {data!r}: {error}."
             ) from None
+    network = _Network(
+        hidden_sizes=tuple(hidden_sizes),
+        observation_dim=observation_dim,
+        actor=actor,
+        encoder=encoder,
+        image_key=image_key,
+    )
     about = {
         "env": asdict(config),
-        "network": {
-            "hidden_sizes": list(hidden_sizes),
-            "observation_dim": observation_dim,
-            "actor": actor,
-            "encoder": encoder,
-            "image_key": image_key,
-        },
+        "network": asdict(network),
         "fingerprint": dict(fingerprint),
         "parts": {
             kind: _describe(part)
@@ -235,12 +242,9 @@ def _describe(part: Any) -> dict[str, str]:
 
 def shipped_agents() -> dict[str, Path]:
     """Files of the agents that come with the library, by name."""
-    found = {
-        entry.name.removeprefix("agent_").removesuffix(".safetensors"): Path(str(entry))
-        for entry in files("modpush").joinpath("weights").iterdir()
-        if entry.name.startswith("agent_") and entry.name.endswith(".safetensors")
-    }
-    return dict(sorted(found.items()))
+    folder = Path(str(files("modpush").joinpath("weights")))
+    found = sorted(folder.glob("agent_*.safetensors"))
+    return {path.stem.removeprefix("agent_"): path for path in found}
 
 
 @checked_arguments
@@ -318,6 +322,8 @@ def _without(config: Mapping[str, Any], kinds: Collection[str]) -> dict[str, Any
 def _find_file(name: str | Path) -> Path:
     path = shipped_agents().get(str(name), Path(name))
     if str(name).startswith(HUB_PREFIX):
+        from modpush.recipes.hub import download_agent  # which imports this module
+
         path = download_agent(str(name))
     if (path / BEST_AGENT).is_file():
         path = path / BEST_AGENT
@@ -351,24 +357,14 @@ def _actor(
     )
     factory = find_part("actor", parts.get("actor", network.actor), ACTORS)
     learner = TQCConfig(hidden_sizes=network.hidden_sizes)
-    with _default_dtype({tensor.dtype for tensor in tensors.values()}):
-        if factory in ACTORS.values():  # without memory at first: a file may ask for any sizes
-            with reading(path, _KIND):
-                planned = factory(replace(learner, device="meta"), specs)
-                check_weights(path, planned.state_dict(), tensors)
-        policy = factory(learner, specs)
+    # Whatever the process's default dtype is, the policy's is that of the file's weights.
+    double = {tensor.dtype for tensor in tensors.values()} == {torch.float64}
+    dtype = torch.float64 if double else torch.float32
+    if factory in ACTORS.values():  # without memory at first: a file may ask for any sizes
+        with reading(path, _KIND):
+            planned = factory(replace(learner, device="meta"), specs).to(dtype)
+            check_weights(path, planned.state_dict(), tensors)
+    policy = factory(learner, specs).to(dtype)
     check_weights(path, policy.state_dict(), tensors)
     policy.load_state_dict(tensors)
     return policy.eval().requires_grad_(False)
-
-
-@contextmanager
-def _default_dtype(dtypes: Collection[torch.dtype]) -> Iterator[None]:
-    """Make new modules in the floating dtype of a file's weights, whatever the process's default is."""
-    before = torch.get_default_dtype()
-    given = [dtype for dtype in dtypes if dtype in (torch.float32, torch.float64)]
-    try:
-        torch.set_default_dtype(given[0] if len(given) == 1 else before)
-        yield
-    finally:
-        torch.set_default_dtype(before)

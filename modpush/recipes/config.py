@@ -1,9 +1,8 @@
 """The environment of a pushing agent as one configuration, and its presets."""
 
 import functools
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import field, fields, replace
-from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 from annotated_types import Le
@@ -29,7 +28,7 @@ from modpush.envs.simulation_config import SimulationConfig, set_fields
 from modpush.geometry.frames import Frame
 from modpush.mdp.observation_entries import PATH_AHEAD_ENTRIES
 from modpush.mdp.push_reward import RewardConfig
-from modpush.parts import part_module
+from modpush.parts import check_part_name
 from modpush.planners import PLANNERS
 from modpush.planners.subgoals import SubgoalMode
 
@@ -151,22 +150,18 @@ class PushEnvConfig:
         Numbers are checked by the parts that take them, and `"module:name"` is imported when the
         environment is made: a config that comes from a file runs no code.
         """
-        _check_name("planner", self.planner, PLANNERS)
-        if self.encoder_file is None:  # a file is read when the environment is made
-            # An encoder that only a critic can train would stay as it is, random.
-            names = {*ENCODERS, END_TO_END} - {"conv"}
-            _check_name("encoder", self.encoder, names)
+        check_part_name("PushEnvConfig: planner", self.planner, PLANNERS)
+        # A file is read when the environment is made. An encoder that only a critic can train would
+        # stay as it is, random.
+        names = {*ENCODERS, END_TO_END} - {"conv"}
+        if self.encoder == "conv" or not names_a_file(self.encoder):
+            other = "'module:name' or a file"
+            check_part_name("PushEnvConfig: encoder", self.encoder, names, other)
         if self.latent_dim is not None and self.encoder != "rays":
             raise ValueError(
                 f"PushEnvConfig: latent_dim is for the encoder 'rays', got {self.latent_dim} with "
                 f"{self.encoder!r}."
             )
-
-    @property
-    def encoder_file(self) -> Path | None:
-        """The file that `encoder` names, be it there or not; None where it names something else."""
-        known = self.encoder in {*ENCODERS, END_TO_END}
-        return Path(self.encoder) if not known and names_a_file(self.encoder) else None
 
     @property
     def path_inflation(self) -> Circle:
@@ -180,8 +175,6 @@ class PushEnvConfig:
 
     def filled_scenario(self) -> ScenarioConfig:
         """`scenario` with the circle that `path_inflation` says."""
-        if self.scenario.path_inflation is not None:
-            return self.scenario
         return replace(self.scenario, path_inflation=self.path_inflation)
 
     def with_fields(self, **changes: Any) -> "PushEnvConfig":
@@ -264,11 +257,3 @@ _PRESETS: dict[str, dict[str, Any]] = {
         "recovery": True,  # most of what a greedy policy fails in tight scenes ends at rest
     },
 }
-
-
-def _check_name(field_name: str, name: str, known: Collection[str]) -> None:
-    if name not in known and part_module(name) is None:
-        raise ValueError(
-            f"PushEnvConfig: {field_name} must be one of {sorted(known)} or 'module:name'"
-            f"{' or a file' if field_name == 'encoder' else ''}, got {name!r}."
-        )

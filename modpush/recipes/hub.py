@@ -2,23 +2,17 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import modpush
-from modpush._checks import check_instance
+from modpush._arguments import checked_arguments
 from modpush._extras import require_extra
 from modpush._types import Name
-from modpush._validation import check_value
-
-if TYPE_CHECKING:
-    from modpush.recipes.agent_file import Agent
+from modpush.recipes.agent_file import HUB_PREFIX, Agent
 
 __all__ = ["HUB_PREFIX", "download_agent", "model_card", "push_to_hub"]
 
-HUB_PREFIX = "hf://"
-"""Prefix of the name of an agent on the Hub."""
 _FILE = "agent.safetensors"
 _ADDRESS = re.compile(r"hf://(?P<repo>[\w.-]+/[\w.-]+)(@(?P<revision>[\w./-]+))?")
 
@@ -49,14 +43,15 @@ def download_agent(address: str) -> Path:
         raise OSError(f"load_agent: {address} cannot be read: {error}") from error
 
 
+@checked_arguments
 def push_to_hub(
-    agent: "Agent",
-    repository: str,
+    agent: Agent,
+    repository: Name,
     *,
     card: str | None = None,
-    licence: str = "mit",
+    licence: Name = "mit",
     private: bool = False,
-    message: str = "Upload a modpush agent",
+    message: Name = "Upload a modpush agent",
     token: str | None = None,
 ) -> str:
     """Upload an agent's file and a card to the Hugging Face Hub, as one commit.
@@ -81,14 +76,8 @@ def push_to_hub(
         MissingExtraError: If huggingface_hub is not installed.
         OSError: If the Hub cannot be reached or refuses.
     """
-    _check_agent(agent)
-    for name, text in (("repository", repository), ("licence", licence), ("message", message)):
-        check_value(name, text, Name)
     if _ADDRESS.fullmatch(f"{HUB_PREFIX}{repository}") is None or "@" in repository:
         raise ValueError(f"push_to_hub: repository must be 'owner/name', got {repository!r}.")
-    check_value("card", card, str | None)
-    check_value("private", private, bool)
-    check_value("token", token, str | None)
     if agent.source is None:
         raise ValueError(
             "push_to_hub: the agent was not read from a file; write it with save_agent and read it "
@@ -115,7 +104,8 @@ def push_to_hub(
     return str(commit.commit_url)
 
 
-def model_card(agent: "Agent", repository: str, licence: str = "mit") -> str:
+@checked_arguments
+def model_card(agent: Agent, repository: Name, licence: Name = "mit") -> str:
     """A card for the Hub: what the agent observes, how it acts, and how it is used.
 
     Args:
@@ -123,10 +113,7 @@ def model_card(agent: "Agent", repository: str, licence: str = "mit") -> str:
         repository: Its `"owner/name"`.
         licence: Licence of the weights.
     """
-    _check_agent(agent)
-    check_value("repository", repository, Name)
-    check_value("licence", licence, Name)
-    config = asdict(agent.config)
+    config = agent.config
     entries = agent.fingerprint.get("observation", {}).get("entries", [])
     return "\n".join(
         [
@@ -149,20 +136,14 @@ def model_card(agent: "Agent", repository: str, licence: str = "mit") -> str:
             "env.close()",
             "```",
             "",
-            f"- object: {', '.join(agent.config.scenario.pushed_object)}",
-            f"- frame: {config['frame']}; encoder: {config['encoder']}; planner: {config['planner']}",
+            f"- object: {', '.join(config.scenario.pushed_object)}",
+            f"- frame: {config.frame}; encoder: {config.encoder}; planner: {config.planner}",
             f"- observation: {', '.join(str(entry['name']) for entry in entries) or 'unknown'}",
             f"- written with modpush {modpush.__version__}",
             *_metadata_lines(agent.metadata),
             "",
         ]
     )
-
-
-def _check_agent(agent: Any) -> None:
-    from modpush.recipes.agent_file import Agent  # which imports this module
-
-    check_instance("agent", agent, Agent)
 
 
 def _metadata_lines(metadata: Mapping[str, Any]) -> list[str]:

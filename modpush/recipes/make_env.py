@@ -21,7 +21,6 @@ from modpush.encoders.window_bytes import WindowBytes
 from modpush.encoders.window_transform import EgocentricWindow
 from modpush.envs.push_env import PushEnv
 from modpush.envs.scenes.scenario import ScenarioConfig
-from modpush.geometry.workspace import Rectangle
 from modpush.mdp.action_frame import ActionFrame
 from modpush.mdp.blank_latent import latent_entry
 from modpush.mdp.curriculum import Curriculum
@@ -38,7 +37,7 @@ from modpush.planners.occupancy import OccupancyGrid
 from modpush.planners.subgoals import PlannerSubgoals
 from modpush.recipes.config import END_TO_END, PushEnvConfig
 
-__all__ = ["ENV_PARTS", "make_push_env"]
+__all__ = ["ENV_PARTS", "env_parts", "make_push_env"]
 
 ENV_PARTS = (
     "encoder",
@@ -51,6 +50,12 @@ ENV_PARTS = (
     "reward_terms",
 )
 """Arguments of `make_push_env` that may be given as objects."""
+
+
+def env_parts(config: PushEnvConfig, parts: Mapping[str, Any]) -> dict[str, Any]:
+    """The arguments of `make_push_env` among parts; not an encoder that is trained with the agent."""
+    trained = {"encoder"} if config.encoder == END_TO_END else set()
+    return {kind: part for kind, part in parts.items() if kind in {*ENV_PARTS} - trained}
 
 
 @checked_arguments
@@ -124,35 +129,31 @@ def make_push_env(
         seed=seed,
         device=device,
     )
-    transforms: list[Transform] = [InitTracker()]
-    if curriculum is not None:
-        transforms.append(CurriculumScenes(curriculum, evaluated_envs=evaluated_envs))
-    transforms += _planning(config, base.scenario, planner, max_waypoints)
     module = _make_encoder(config, encoder)
-    images = ["depth", "segmentation", "occupancy"]
-    if module is not None or config.encoder == END_TO_END:
-        size, scale = config.window_size, METRES_PER_PIXEL
-        if module is not None:
-            _, size, scale = encoder_sizes(module)
-        transforms.append(
-            EgocentricWindow(
-                config.frame, size=size, outside=config.window_outside, metres_per_pixel=scale
-            )
-        )
-        if module is not None:
-            mirrored_key = "mirrored_latent" if mirrored else None
-            transforms.append(Encode(module, mirrored_key=mirrored_key))
-            images.append("window")
-        else:
-            transforms.append(WindowBytes())
-    transforms += [
+    described = _entries(config, entries, module)
+    observations = (PushObservation, MirroredObservation) if mirrored else (PushObservation,)
+    transforms: list[Transform] = [
+        InitTracker(),
+        *([CurriculumScenes(curriculum, evaluated_envs=evaluated_envs)] if curriculum else []),
+        *_planning(config, base.scenario, planner, max_waypoints),
+        *_window(config, module, mirrored),
         ActionFrame(config.frame if config.action_frame is None else config.action_frame),
-        *_observations(config, _entries(config, entries, module), base.bounds, mirrored),
+        *(
+            observation(
+                config.frame,
+                entries=described,
+                bounds=base.bounds,
+                symmetry=config.symmetry,
+                raw=config.raw,
+            )
+            for observation in observations
+        ),
         PushReward(config.reward, terms=reward_terms),
         *([StuckRecovery()] if config.recovery else []),
     ]
     if not keep_images:
-        transforms.append(ExcludeTransform(*images))
+        encoded = ["window"] if module is not None else []
+        transforms.append(ExcludeTransform("depth", "segmentation", "occupancy", *encoded))
     return TransformedEnv(base, Compose(*transforms))
 
 
@@ -202,21 +203,19 @@ def _make_encoder(config: PushEnvConfig, given: Any) -> nn.Module | None:
     return encoder
 
 
-def _observations(
-    config: PushEnvConfig, entries: dict[str, Entry], bounds: Rectangle, mirrored: bool
-) -> list[Transform]:
-    """The transform that writes the observation, and the one that writes the mirrored scene's."""
-    kinds = (PushObservation, MirroredObservation) if mirrored else (PushObservation,)
-    return [
-        kind(
-            config.frame,
-            entries=entries,
-            bounds=bounds,
-            symmetry=config.symmetry,
-            raw=config.raw,
-        )
-        for kind in kinds
-    ]
+def _window(config: PushEnvConfig, encoder: nn.Module | None, mirrored: bool) -> list[Transform]:
+    """The local window and its latent; or its bytes, for an encoder that is trained with the agent."""
+    if encoder is None and config.encoder != END_TO_END:
+        return []
+    size, scale = config.window_size, METRES_PER_PIXEL
+    if encoder is not None:
+        _, size, scale = encoder_sizes(encoder)
+    window = EgocentricWindow(
+        config.frame, size=size, outside=config.window_outside, metres_per_pixel=scale
+    )
+    if encoder is None:
+        return [window, WindowBytes()]
+    return [window, Encode(encoder, mirrored_key="mirrored_latent" if mirrored else None)]
 
 
 def _entries(

@@ -16,8 +16,7 @@ from modpush.envs import PushEnv
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.mdp import StuckRecovery, recovering
 from modpush.planners import DistanceField, OccupancyGrid, PlannerSubgoals
-from modpush.recipes.agent_file import BEST_AGENT, load_agent, shipped_agents
-from modpush.recipes.hub import HUB_PREFIX
+from modpush.recipes.agent_file import BEST_AGENT, HUB_PREFIX, load_agent, shipped_agents
 
 __all__ = ["METHODS", "Method", "get_method", "get_methods"]
 
@@ -87,12 +86,7 @@ def get_methods(
     allow: Sequence[str] = (),
     recovery: bool | None = None,
 ) -> list[Method]:
-    """Look several policies up, whose results are to be told apart by their names.
-
-    Args:
-        policies: What `get_method` takes.
-        allow: See `get_method`.
-        recovery: See `get_method`.
+    """Look several policies up as `get_method` does, to tell their results apart by their names.
 
     Raises:
         ValueError: As `get_method`; or if two of them have the same name.

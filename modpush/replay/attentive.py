@@ -1,9 +1,8 @@
 """Attentive experience replay: train on transitions that resemble the present situation."""
 
 import math
-from collections import OrderedDict
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from tensordict.utils import NestedKey
@@ -19,22 +18,13 @@ from modpush._validation import check_value
 from modpush.files import reading
 from modpush.parts import find_part
 from modpush.replay.similarity import SIMILARITIES, Similarity
-from modpush.replay.storage_access import draw_distinct, read_entries, valid_shape
-from modpush.replay.write_cursor import WriteCursor
+from modpush.replay.storage_access import WriteCursor, draw_distinct, read_entries, valid_shape
 
 __all__ = ["AttentiveSampler"]
 
 Index = Tensor | tuple[Tensor, ...]
 _STATE_FILE = "attentive_sampler.safetensors"
 _KIND, _VERSION = "modpush.AttentiveSampler", 1
-
-
-class _Group(NamedTuple):
-    """Queries that are served alike."""
-
-    num_queries: int
-    share: int  # entries that each keeps
-    num_candidates: int  # entries that each chooses from
 
 
 class AttentiveSampler(Sampler):
@@ -62,8 +52,6 @@ class AttentiveSampler(Sampler):
             `(candidates [Q, C, D], queries [Q, D]) -> [Q, C]`, larger is more alike.
         num_queries: Number of newest entries that are the default query. By default one, or in
             a storage of several dimensions the newest row, one entry per environment.
-        query_key: Key of the newest entries that is the query, by default `key`. `("next", key)`
-            is one step newer, but after an episode's end it is not where the environment is now.
         candidate_replacement: Whether a candidate may be drawn twice, as in TorchRL's uniform sampling;
             the paper leaves it open. With `k = 4`, some 60 of a batch of 512 are then copies of others
             in a buffer of 8,000 entries, and one or none in the paper's million.
@@ -85,7 +73,6 @@ class AttentiveSampler(Sampler):
         key: NestedKey = "observation",
         similarity: str | Similarity = "cosine",
         num_queries: Count | None = None,
-        query_key: NestedKey | None = None,
         candidate_replacement: bool = True,
         k_end: float | None = None,
         annealing_num_samples: int = 0,
@@ -99,7 +86,6 @@ class AttentiveSampler(Sampler):
         self.k = k
         self.k_end = _checked_k("k_end", k_end) if k_end is not None else None
         self.key = key
-        self.query_key = key if query_key is None else query_key
         self.similarity: Similarity = find_part("similarity", similarity, SIMILARITIES)
         self.num_queries = num_queries
         self.candidate_replacement = candidate_replacement
@@ -150,8 +136,8 @@ class AttentiveSampler(Sampler):
             num_queries = len(self._query)
         else:
             num_queries = self._cursor.num_newest(storage, self.num_queries)
-        groups = self._groups(num_queries, batch_size)
-        return sum(group.num_queries * group.num_candidates for group in groups)
+        shares = self._shares(num_queries, batch_size)
+        return sum(count * self._candidates_for(kept) for count, kept in shares)
 
     def can_sample(self, storage: Storage, batch_size: int) -> bool:
         """True if the storage holds enough candidates."""
@@ -170,38 +156,37 @@ class AttentiveSampler(Sampler):
         """
         if len(storage) == 0:
             raise RuntimeError("Cannot sample from an empty storage.")
-        _check_batch_size(batch_size)
         self._check_enough(storage, batch_size)
         queries = self._queries(storage)
         if batch_size % len(queries):
             order = torch.randperm(len(queries), generator=storage._rng, device="cpu")
             queries = queries[order.to(queries.device)]
-        groups = self._groups(len(queries), batch_size)
-        # All at once, or two groups could draw the same entry although none is to be drawn twice.
-        sizes = [group.num_queries * group.num_candidates for group in groups]
+        shares = self._shares(len(queries), batch_size)
+        # All at once, or two calls could draw the same entry although none is to be drawn twice.
+        sizes = [count * self._candidates_for(kept) for count, kept in shares]
         drawn = self._draw(storage, sum(sizes)).split(sizes)
-        # There may be more queries than entries to draw; those at the end get none this time.
-        counts = [group.num_queries for group in groups]
-        parts = [
-            self._choose(storage, part, query, group.share)
-            for part, query, group in zip(
-                drawn, queries[: sum(counts)].split(counts), groups, strict=True
-            )
-        ]
+        parts, first = [], 0
+        for (count, kept), candidates in zip(shares, drawn, strict=True):
+            parts.append(self._choose(storage, candidates, queries[first : first + count], kept))
+            first += count
         index = torch.cat([index for index, _ in parts])  # [batch, ndim]
         similarity = torch.cat([similarity for _, similarity in parts])
         self._num_samples += 1
         info = {"similarity": similarity, "age": self._cursor.age(storage, index[:, 0])}
         return index[:, 0] if storage.ndim == 1 else index.unbind(-1), info
 
-    def _groups(self, num_queries: int, batch_size: int) -> list[_Group]:
-        """The queries with one entry of the remainder, then the others; none without a share."""
+    def _shares(self, num_queries: int, batch_size: int) -> list[tuple[int, int]]:
+        """Numbers of queries, and of entries that each of them keeps: those with one more come first.
+
+        Queries without an entry, where there are more queries than entries, are left out.
+        """
         share, remainder = divmod(batch_size, num_queries)
-        return [
-            _Group(count, kept, math.ceil(self.current_k * kept))
-            for count, kept in ((remainder, share + 1), (num_queries - remainder, share))
-            if count and kept
-        ]
+        shares = ((remainder, share + 1), (num_queries - remainder, share))
+        return [(count, kept) for count, kept in shares if count and kept]
+
+    def _candidates_for(self, kept: int) -> int:
+        """Number of candidates of a query that keeps so many entries."""
+        return math.ceil(self.current_k * kept)
 
     def _check_enough(self, storage: Storage, batch_size: int) -> None:
         if self.can_sample(storage, batch_size):
@@ -256,8 +241,8 @@ class AttentiveSampler(Sampler):
                 "AttentiveSampler: there is no query yet: nothing was written since the storage "
                 "was filled or restored. Call set_query first."
             )
-        queries = read_entries(storage, index, self.query_key)
-        _check_no_nan(queries, f"the query, {self.query_key!r} of the newest entries,")
+        queries = read_entries(storage, index, self.key)
+        _check_no_nan(queries, f"the query, {self.key!r} of the newest entries,")
         return queries
 
     def add(self, index: int | Tensor) -> None:
@@ -279,12 +264,12 @@ class AttentiveSampler(Sampler):
 
     def state_dict(self) -> dict[str, Any]:
         """Annealing and query, as copies."""
-        return OrderedDict(
-            k=self.k,
-            num_samples=self._num_samples,
-            query=None if self._query is None else self._query.clone(),
-            newest=self._cursor.last,
-        )
+        return {
+            "k": self.k,
+            "num_samples": self._num_samples,
+            "query": None if self._query is None else self._query.clone(),
+            "newest": self._cursor.last,
+        }
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """Continue where the other sampler was.
@@ -302,7 +287,7 @@ class AttentiveSampler(Sampler):
 
     def dumps(self, path: str | Path) -> None:
         """Write the state into a directory."""
-        write_state(Path(path) / _STATE_FILE, dict(self.state_dict()), _KIND, _VERSION)
+        write_state(Path(path) / _STATE_FILE, self.state_dict(), _KIND, _VERSION)
 
     @checked_arguments
     def loads(self, path: str | Path) -> None:

@@ -1,10 +1,10 @@
-"""A replay buffer in one call."""
+"""A replay buffer in one call, and its state for a file that holds no pickle."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import torch
-from tensordict import TensorDictBase
+from tensordict import TensorDict, TensorDictBase, is_tensor_collection
 from tensordict.utils import NestedKey
 from torchrl.data import (
     LazyMemmapStorage,
@@ -13,7 +13,7 @@ from torchrl.data import (
     TensorDictReplayBuffer,
 )
 from torchrl.data.replay_buffers.samplers import Sampler
-from torchrl.data.replay_buffers.storages import Storage
+from torchrl.data.replay_buffers.storages import Storage, TensorStorage
 
 from modpush._arguments import checked_arguments
 from modpush._keys import read_key
@@ -24,7 +24,13 @@ from modpush.replay.n_step import NStepTransform, forget_open_steps, n_step_tran
 from modpush.replay.prioritized import PrioritizedSampler
 from modpush.replay.similarity import SIMILARITIES, Similarity
 
-__all__ = ["SAMPLERS", "make_replay_buffer", "update_priorities"]
+__all__ = [
+    "SAMPLERS",
+    "buffer_state",
+    "load_buffer_state",
+    "make_replay_buffer",
+    "update_priorities",
+]
 
 SamplerFactory = Callable[[ReplayConfig], Sampler]
 """Makes a sampler from the config."""
@@ -111,6 +117,45 @@ def update_priorities(
     buffer.update_priority(read_key(batch, "index"), priority)
 
 
+def buffer_state(buffer: TensorDictReplayBuffer) -> dict[str, Any]:
+    """State of a buffer of `make_replay_buffer`, as plain data and tensors, which are not copies.
+
+    Batches that were prepared ahead (`prefetch`) are left out.
+
+    Raises:
+        TypeError: If the storage is of another kind than TorchRL's tensor storages.
+    """
+    buffer.synchronize()
+    storage = buffer.storage
+    if not isinstance(storage, TensorStorage):
+        raise TypeError(f"buffer_state: no file can hold a {type(storage).__name__}.")
+    contents = None
+    if len(storage):
+        rows = storage._storage[: len(storage)]
+        contents = rows.to_dict() if is_tensor_collection(rows) else rows
+    return {
+        "length": len(storage),
+        "contents": contents,
+        "sampler": dict(buffer.sampler.state_dict()),
+        "writer": buffer.writer.state_dict(),
+        "waiting": [transform.waiting for transform in n_step_transforms(buffer)],
+    }
+
+
+def load_buffer_state(buffer: TensorDictReplayBuffer, state: dict[str, Any]) -> None:
+    """Put an empty buffer of the same kind into a state of `buffer_state`."""
+    storage, length = buffer.storage, state["length"]
+    if length:
+        rows = state["contents"]
+        data = TensorDict(rows, batch_size=[length]) if isinstance(rows, dict) else rows
+        storage.set(range(length), data, set_cursor=False)
+        storage._len = length  # without a cursor it is not counted
+    buffer.sampler.load_state_dict(state["sampler"])
+    buffer.writer.load_state_dict(state["writer"])
+    for transform, waiting in zip(n_step_transforms(buffer), state["waiting"], strict=True):
+        transform.waiting = None if waiting is None else waiting.clone()
+
+
 def _make_storage(config: ReplayConfig) -> Storage:
     storage = LazyTensorStorage if config.storage == "tensor" else LazyMemmapStorage
     return storage(config.capacity, device=torch.device(config.device))
@@ -157,17 +202,11 @@ def _attentive(config: ReplayConfig) -> AttentiveSampler:
     )
 
 
-def _uniform(config: ReplayConfig) -> RandomSampler:
-    return RandomSampler()
-
-
-def _prioritized(config: ReplayConfig) -> PrioritizedSampler:
-    return PrioritizedSampler(config.capacity, config.priority_alpha, config.priority_beta)
-
-
 SAMPLERS: Mapping[str, SamplerFactory] = {
     "attentive": _attentive,
-    "uniform": _uniform,
-    "prioritized": _prioritized,
+    "uniform": lambda config: RandomSampler(),
+    "prioritized": lambda config: PrioritizedSampler(
+        config.capacity, config.priority_alpha, config.priority_beta
+    ),
 }
 """Samplers by name."""

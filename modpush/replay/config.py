@@ -14,10 +14,13 @@ from modpush._types import (
     NonNegativeInteger,
 )
 from modpush._validation import checked
-from modpush.parts import part_module
+from modpush.parts import check_part_name
 from modpush.replay.similarity import SIMILARITIES
 
-__all__ = ["ReplayConfig"]
+__all__ = ["SAMPLER_NAMES", "ReplayConfig"]
+
+SAMPLER_NAMES = ("attentive", "uniform", "prioritized")
+"""Names of the samplers of `make_replay_buffer`."""
 
 Candidates = Annotated[Finite, Ge(1)]
 """A number of candidates for each transition that is sampled, >= 1."""
@@ -71,7 +74,8 @@ class ReplayConfig:
                 "ReplayConfig: k_annealing_samples must be >= 1 where k_end is given, got "
                 f"{self.k_annealing_samples}."
             )
-        self._check_choices()
+        check_part_name("ReplayConfig: sampler", self.sampler, SAMPLER_NAMES)
+        check_part_name("ReplayConfig: similarity", self.similarity, SIMILARITIES)
         most, name = max((self.k, "k"), (self.k_end or 1, "k_end"))
         drawn = self.batch_size * (most if self.sampler == "attentive" else 1)
         if drawn > self.capacity:
@@ -79,15 +83,3 @@ class ReplayConfig:
                 f"ReplayConfig: {name} * batch_size must be <= capacity, got {drawn:g} > "
                 f"{self.capacity}."
             )
-
-    def _check_choices(self) -> None:
-        for name, choices in (
-            ("sampler", ("attentive", "uniform", "prioritized")),
-            ("similarity", tuple(SIMILARITIES)),
-        ):
-            value = getattr(self, name)
-            if value not in choices and not part_module(value):
-                raise ValueError(
-                    f"ReplayConfig: {name} must be one of {choices} or 'module:name', "
-                    f"got {value!r}."
-                )

@@ -15,10 +15,6 @@ class TrainingBar:
     """Environment steps, with the latest figures; it shows nothing if the config says so.
 
     The time left is that of the training alone: evaluations and checkpoints stop its clock.
-
-    Args:
-        config: The run's configuration.
-        steps: Steps made so far.
     """
 
     def __init__(self, config: TrainConfig, steps: int = 0) -> None:

@@ -12,16 +12,14 @@ from torch import Tensor, nn
 from torchrl.envs import EnvBase
 
 from modpush._arguments import checked_arguments
-from modpush._state import read_state
 from modpush._validation import from_plain
 from modpush._weights import check_weights
 from modpush.agents.tqc.build import make_tqc
 from modpush.agents.tqc.config import TQCConfig
 from modpush.files import reading
 from modpush.parts import check_allowed
-from modpush.training.checkpoints import CHECKPOINT_KIND, CHECKPOINT_VERSION
 from modpush.training.config import TrainConfig
-from modpush.training.run_folder import RunFolder
+from modpush.training.run_folder import CHECKPOINT_KIND, RunFolder, read_checkpoint
 
 __all__ = ["Critics", "load_critics"]
 
@@ -66,7 +64,7 @@ def load_critics(folder: str | Path, env: EnvBase, *, allow: Collection[str] = (
     if newest is None:
         raise ValueError(f"load_critics: {folder} holds no checkpoint.")
     with reading(newest, CHECKPOINT_KIND):
-        state = read_state(newest, CHECKPOINT_KIND, CHECKPOINT_VERSION)
+        state = read_checkpoint(newest)
         config = from_plain(TrainConfig, state["config"]).tqc
     config = replace(config, device="cpu", execution="eager")
     if config.encoder is not None:

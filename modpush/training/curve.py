@@ -4,12 +4,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import matplotlib
-import numpy as np
 import pandas as pd
 
 matplotlib.use("Agg")  # no screen is needed
 import matplotlib.pyplot as plt
-from matplotlib.axes import Axes
 from matplotlib.ticker import EngFormatter
 
 __all__ = ["draw_curve", "success_in_common"]
@@ -22,7 +20,7 @@ _PANELS = (
 
 
 def draw_curve(
-    runs: Sequence[Path] | Mapping[str, Sequence[Path]],
+    runs: Sequence[Path] | Mapping[str, Path],
     path: Path,
     *,
     against: str | Sequence[str] = "minutes",
@@ -30,27 +28,24 @@ def draw_curve(
     """Draw the evaluations of some runs.
 
     Args:
-        runs: Run folders; or groups of them, one colour each, with the mean over their runs. Where
-            they were evaluated in different scene families, success is the mean over those in common.
+        runs: Run folders, or run folders by the name to show. Where they were evaluated in different
+            scene families, success is the mean over those in common.
         path: The picture's file.
         against: The horizontal axis: `"minutes"`, `"step"` or `"updates"`; several make a row each.
 
     Raises:
         FileNotFoundError: If a folder holds no evaluations.
     """
-    groups = runs if isinstance(runs, Mapping) else _by_name(runs)
-    tables = {
-        label: [pd.read_csv(Path(folder) / "evaluations.csv") for folder in folders]
-        for label, folders in groups.items()
-    }
-    success_in_common([table for group in tables.values() for table in group])
+    named = runs if isinstance(runs, Mapping) else _by_name(runs)
+    tables = {name: pd.read_csv(folder / "evaluations.csv") for name, folder in named.items()}
+    success_in_common([*tables.values()])
     rows = [against] if isinstance(against, str) else list(against)
     size = 5 * len(_PANELS), 3.6 * len(rows)
     figure, grid = plt.subplots(len(rows), len(_PANELS), figsize=size, squeeze=False)
     for axes, unit in zip(grid, rows, strict=True):
         for axis, (column, title, limits) in zip(axes, _PANELS, strict=True):
-            for colour, (label, group) in enumerate(tables.items()):
-                _draw_group(axis, group, column, unit, f"C{colour}", label)
+            for name, table in tables.items():
+                axis.plot(table[unit], table[column], marker=".", label=name)
             axis.set(title=title, xlabel=unit)
             if unit != "minutes":  # six digits would run into each other
                 axis.xaxis.set_major_formatter(EngFormatter(sep=""))
@@ -63,10 +58,10 @@ def draw_curve(
     plt.close(figure)
 
 
-def _by_name(runs: Sequence[Path]) -> dict[str, list[Path]]:
+def _by_name(runs: Sequence[Path]) -> dict[str, Path]:
     """Each run by its folder's name, or by its path where two have the same."""
     names = [run.name for run in runs]
-    return {run.name if names.count(run.name) == 1 else str(run): [run] for run in runs}
+    return {run.name if names.count(run.name) == 1 else str(run): run for run in runs}
 
 
 def success_in_common(tables: Sequence[pd.DataFrame]) -> list[str]:
@@ -84,22 +79,3 @@ def success_in_common(tables: Sequence[pd.DataFrame]) -> list[str]:
         if common and own != set(common):
             table["success"] = table[common].mean(axis=1)
     return [column.partition("/")[2] for column in common]
-
-
-def _draw_group(
-    axis: Axes, tables: list[pd.DataFrame], column: str, against: str, colour: str, label: str
-) -> None:
-    for table in tables:
-        axis.plot(
-            table[against],
-            table[column],
-            color=colour,
-            alpha=1.0 if len(tables) == 1 else 0.3,
-            marker=".",
-            label=label if len(tables) == 1 else None,
-        )
-    if len(tables) > 1:
-        end = min(table[against].max() for table in tables)
-        at = np.linspace(max(table[against].min() for table in tables), end, 100)
-        curves = [np.interp(at, table[against], table[column]) for table in tables]
-        axis.plot(at, np.mean(curves, 0), color=colour, linewidth=2, label=label)

@@ -14,11 +14,7 @@ _NOISE = 0.2
 
 
 class FirstActions:
-    """`ScriptedPusher` along the planner's sub-goals, with noise, in the agent's axes.
-
-    Args:
-        config: The environment that it acts in.
-    """
+    """`ScriptedPusher` along the planner's sub-goals, with noise, in the agent's axes."""
 
     def __init__(self, config: PushEnvConfig) -> None:
         self._pusher = ScriptedPusher(target_key="subgoal")

@@ -14,8 +14,8 @@ from modpush._arguments import checked_arguments
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.episodes import Policy, run_episodes
+from modpush.recipes.make_env import env_parts
 from modpush.training.config import TrainConfig
-from modpush.training.parts import env_parts
 
 __all__ = ["EvaluationProgress", "HeldOutEpisodes", "held_out_scenarios", "held_out_score"]
 
@@ -78,22 +78,18 @@ class _StoppedError(Exception):
 class HeldOutEpisodes:
     """Runs held-out episodes in an environment of its own, which the first call makes.
 
-    Args:
-        config: The run's configuration.
-        parts: Parts given as objects, see `Trainer`.
-        make_env: Makes the environment, see `Trainer`.
-        progress: Is kept up to date, and may stop the episodes.
+    `progress` is kept up to date, and may stop the episodes.
     """
 
     def __init__(
         self,
         config: TrainConfig,
-        parts: Mapping[str, Any] | None,
+        parts: Mapping[str, Any],
         make_env: Callable[..., EnvBase],
         progress: EvaluationProgress | None = None,
     ) -> None:
         self._progress = progress or EvaluationProgress()
-        self._config, self._make_env, self._parts = config, make_env, env_parts(config, parts)
+        self._config, self._make_env, self._parts = config, make_env, env_parts(config.env, parts)
         self._env: EnvBase | None = None
         self._scenarios = held_out_scenarios(
             config,

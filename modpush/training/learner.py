@@ -1,5 +1,6 @@
 """The side of training that learns: agent, replay buffer and updates."""
 
+import copy
 import math
 import random
 from collections import defaultdict
@@ -18,7 +19,12 @@ from torchrl.objectives import LossModule
 
 from modpush.agents.tqc.build import make_tqc_from_specs
 from modpush.replay.attentive import AttentiveSampler
-from modpush.replay.buffer import make_replay_buffer, update_priorities
+from modpush.replay.buffer import (
+    buffer_state,
+    load_buffer_state,
+    make_replay_buffer,
+    update_priorities,
+)
 from modpush.replay.mirror import MirrorTransitions
 from modpush.replay.n_step import extend_rollout, forget_open_steps, n_step_transforms
 from modpush.training.config import TrainConfig
@@ -39,18 +45,14 @@ ZERO_INIT_ENTRIES = {"latent", "path_ahead"}
 class Learner:
     """Agent and replay buffer, paced by environment steps.
 
-    Args:
-        config: The run's configuration.
-        specs: The environment's specs.
-        parts: Parts given as objects, see `Trainer`.
-        folder: Where a batch with a loss that is not finite is saved.
+    A batch with a loss that is not finite is saved in `folder`.
     """
 
     def __init__(
         self,
         config: TrainConfig,
         specs: WorkerSpecs,
-        parts: Mapping[str, Any] | None,
+        parts: Mapping[str, Any],
         folder: Path,
     ) -> None:
         # NumPy's and Python's for samplers that draw from them, such as TorchRL's prioritized one.
@@ -96,14 +98,34 @@ class Learner:
             return self.agent.actor
         return self._average.module
 
-    def average_state(self) -> dict[str, Tensor] | None:
-        """State of the averaged weights; None if there are none."""
-        return None if self._average is None else dict(self._average.state_dict())
+    def state(self) -> dict[str, Any]:
+        """Weights, optimizer, buffer and pace for a checkpoint, as tensors and plain data."""
+        sampler = self.buffer.sampler
+        return {
+            "loss": dict(self.agent.loss.state_dict()),
+            "average": None if self._average is None else dict(self._average.state_dict()),
+            "optimizer": self.agent.optimizer.state_dict(),
+            "buffer": buffer_state(self.buffer) if self.config.save_buffer else None,
+            "attentive": sampler.state_dict() if isinstance(sampler, AttentiveSampler) else None,
+            "updates": self.updates,
+            "pending_updates": self.pending_updates,
+            "metrics": dict(self.metrics),
+        }
 
-    def load_average_state(self, state: Mapping[str, Tensor] | None) -> None:
-        """Inverse of `average_state`."""
-        if self._average is not None and state is not None:
-            self._average.load_state_dict(state)
+    def load_state(self, state: Mapping[str, Any]) -> None:
+        """Take over a checkpoint, which holds the result of `state` and the run's `"steps"`."""
+        self.agent.loss.load_state_dict(state["loss"])
+        if self._average is not None and state["average"] is not None:
+            self._average.load_state_dict(state["average"])
+        self.agent.optimizer.load_state_dict(copy.deepcopy(state["optimizer"]))
+        if state["buffer"] is not None:
+            load_buffer_state(self.buffer, state["buffer"])
+        else:  # the annealing of k goes on; nothing has been written to the buffer yet
+            self.learn_from = state["steps"] + self.config.tqc.learning_starts
+            if (attentive := state.get("attentive")) is not None:
+                self.buffer.sampler.load_state_dict({**attentive, "newest": None})
+        self.updates, self.pending_updates = state["updates"], state["pending_updates"]
+        self.metrics.update(state["metrics"])
 
     def store(self, rollout: Rollout) -> int:
         """Put a rollout's transitions into the buffer; returns how many there were."""
@@ -203,9 +225,7 @@ def weights_of(actor: TensorDictModule) -> dict[str, NDArray]:
 def zero_input_weights(loss: LossModule, columns: slice) -> None:
     """Set the weights of some columns of the observation to zero, in all first layers of a loss.
 
-    Args:
-        loss: A loss with an actor and critics.
-        columns: Columns of the observation, which comes first in the networks' inputs.
+    The observation comes first in the inputs of actor and critics.
     """
     kinds = ("actor_network_params", "qvalue_network_params")
     names = [f"{which}{kind}" for which in ("", "target_") for kind in kinds]

@@ -30,10 +30,6 @@ class RunLog:
     The rows are kept in memory and in the checkpoints; the tables are written again with every row.
     TorchRL's loggers start again with `begin`, so that they hold the same rows.
 
-    Args:
-        config: The run's configuration, which names TorchRL's loggers.
-        folder: The run's folder.
-
     Raises:
         MissingExtraError: If TensorBoard is asked for and not installed.
     """

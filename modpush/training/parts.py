@@ -13,7 +13,6 @@ __all__ = [
     "REPLAY_PARTS",
     "check_parts",
     "check_picklable",
-    "env_parts",
     "learner_parts",
     "replay_parts",
 ]
@@ -24,23 +23,16 @@ REPLAY_PARTS = ("sampler", "similarity")
 """Parts that `make_replay_buffer` takes as arguments."""
 
 
-def check_parts(
-    config: TrainConfig, parts: Mapping[str, Any] | None, *, pickled: bool = False
-) -> None:
-    """Refuse parts of an unknown kind, and those that another process could not be given.
-
-    Args:
-        config: The run's configuration.
-        parts: Parts by kind.
-        pickled: Whether they go to a spawned process.
+def check_parts(config: TrainConfig, parts: Mapping[str, Any], *, pickled: bool = False) -> None:
+    """Refuse parts of an unknown kind and, if they are to be `pickled`, those that cannot be.
 
     Raises:
-        ValueError: If a kind is unknown, or a part cannot be pickled and has to be.
+        ValueError: If there is one; the message says which.
     """
     known = (*ENV_PARTS, *LEARNER_PARTS, *REPLAY_PARTS)
-    if unknown := sorted(set(parts or {}) - set(known)):
+    if unknown := sorted(set(parts) - set(known)):
         raise ValueError(f"parts has no {unknown}, expected some of {sorted(known)}.")
-    if config.env.encoder == END_TO_END and not (config.tqc.encoder or "encoder" in (parts or {})):
+    if config.env.encoder == END_TO_END and not (config.tqc.encoder or "encoder" in parts):
         raise ValueError(
             f"env.encoder={END_TO_END!r} needs an encoder for the learner to train: "
             "tqc.encoder='modpush.encoders:ConvEncoder', 'module:name', or parts={'encoder': ...}."
@@ -50,20 +42,12 @@ def check_parts(
             f"tqc.encoder={config.tqc.encoder!r} needs env.encoder={END_TO_END!r}, which "
             f"gives it images to encode, got {config.env.encoder!r}."
         )
-    for kind, part in (parts or {}).items() if pickled else ():
+    for kind, part in parts.items() if pickled else ():
         check_picklable(f"parts[{kind!r}]", part)
 
 
 def check_picklable(name: str, part: Any) -> None:
-    """Refuse what a spawned process could not be given.
-
-    Args:
-        name: Its name there.
-        part: What is to be pickled.
-
-    Raises:
-        ValueError: If it cannot be.
-    """
+    """Raise a ValueError for what a spawned process could not be given; `name` is for the message."""
     try:
         pickle.dumps(part)
     except Exception as error:
@@ -74,18 +58,12 @@ def check_picklable(name: str, part: Any) -> None:
         ) from error
 
 
-def env_parts(config: TrainConfig, parts: Mapping[str, Any] | None) -> dict[str, Any]:
-    """The arguments of `make_push_env` among the parts."""
-    kinds = set(ENV_PARTS) - ({"encoder"} if config.env.encoder == END_TO_END else set())
-    return {kind: part for kind, part in (parts or {}).items() if kind in kinds}
+def learner_parts(config: TrainConfig, parts: Mapping[str, Any]) -> dict[str, Any]:
+    """The arguments of `make_tqc` among the parts, with an encoder that is trained with the agent."""
+    trained = {"encoder"} if config.env.encoder == END_TO_END else set()
+    return {kind: part for kind, part in parts.items() if kind in {*LEARNER_PARTS} | trained}
 
 
-def learner_parts(config: TrainConfig, parts: Mapping[str, Any] | None) -> dict[str, Any]:
-    """The arguments of `make_tqc` among the parts."""
-    kinds = {*LEARNER_PARTS, *(["encoder"] if config.env.encoder == END_TO_END else [])}
-    return {kind: part for kind, part in (parts or {}).items() if kind in kinds}
-
-
-def replay_parts(parts: Mapping[str, Any] | None) -> dict[str, Any]:
+def replay_parts(parts: Mapping[str, Any]) -> dict[str, Any]:
     """The arguments of `make_replay_buffer` among the parts."""
-    return {kind: part for kind, part in (parts or {}).items() if kind in REPLAY_PARTS}
+    return {kind: part for kind, part in parts.items() if kind in REPLAY_PARTS}

@@ -144,8 +144,7 @@ class RayWorker(Worker):
         # TorchRL's iterator has the last collector continue and waits for the next in one call.
         self._thread, self._result = ThreadPoolExecutor(1), Future[Any]()
 
-    def _send(self, method: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
-        *args, kwargs = arguments
+    def _send(self, method: Callable[..., Any], args: Any, kwargs: Any) -> None:
         own = getattr(self, f"_{method.__name__}", partial(self._ask, method))
         self._result = self._thread.submit(own, *args, **kwargs)
 
@@ -154,10 +153,8 @@ class RayWorker(Worker):
         try:
             return self._result.result()
         except errors.RayTaskError as error:
-            self._outstanding = False
             raise RuntimeError(f"Trainer: a collector failed:\n{error}") from error
         except errors.RayError as error:
-            self._outstanding = False
             raise CollectionEndedError(f"Trainer: the Ray collectors are gone: {error}") from error
 
     def close(self) -> None:

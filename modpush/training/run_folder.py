@@ -1,21 +1,25 @@
 """The files of a training run: config, log, checkpoints, the best agent."""
 
 import json
+import re
 from collections.abc import Collection
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from modpush._arguments import checked_arguments
+from modpush._state import read_state, write_state
 from modpush._validation import from_plain
 from modpush.files import read_yaml, reading, write_yaml
 from modpush.parts import check_allowed
 from modpush.recipes.agent_file import BEST_AGENT
-from modpush.training.checkpoints import Checkpoints
 from modpush.training.config import TrainConfig
 
-__all__ = ["RunFolder", "check_run_folder"]
+__all__ = ["CHECKPOINT_KIND", "Checkpoints", "RunFolder", "check_run_folder", "read_checkpoint"]
 
 _KIND, _VERSION = "modpush.TrainConfig", 1
+CHECKPOINT_KIND, _CHECKPOINT_VERSION = "modpush.Checkpoint", 1
+_CHECKPOINT_NAME = re.compile(r"step-(\d+)\.safetensors")
 
 
 class RunFolder:
@@ -66,13 +70,7 @@ class RunFolder:
     def stored_config(self) -> TrainConfig:
         """The same, to compare it with another: its parts may be in any modules, so do not make them."""
         with reading(self.config, _KIND):
-            data = read_yaml(self.config, _KIND)
-            try:
-                return from_plain(TrainConfig, data)
-            except ValueError as error:
-                raise ValueError(
-                    f"RunFolder: {self.config} is not a run's config: {error}"
-                ) from error
+            return from_plain(TrainConfig, read_yaml(self.config, _KIND))
 
 
 @checked_arguments
@@ -112,3 +110,66 @@ def check_run_folder(path: str | Path, config: TrainConfig, *, resume: bool) -> 
             + "; ".join(different)
         )
     return folder
+
+
+class Checkpoints:
+    """Checkpoints in a folder, `step-<steps>.safetensors`, of which the `keep` newest are kept."""
+
+    def __init__(self, folder: Path, keep: int = 2) -> None:
+        self.folder, self.keep = folder, keep
+
+    def paths(self) -> list[Path]:
+        """All checkpoints, the newest last."""
+        files = self.folder.iterdir() if self.folder.is_dir() else ()
+        return sorted(filter(self.is_checkpoint, files), key=self.step)
+
+    def latest(self) -> Path | None:
+        """The newest checkpoint, if there is one."""
+        return max(self.paths(), key=self.step, default=None)
+
+    @staticmethod
+    def is_checkpoint(path: Path) -> bool:
+        """True if a path has a checkpoint's name."""
+        return _CHECKPOINT_NAME.fullmatch(path.name) is not None
+
+    @staticmethod
+    def step(path: Path) -> int:
+        """Environment steps after which a checkpoint was written."""
+        return int(path.stem.removeprefix("step-"))
+
+    def save(self, step: int, state: dict[str, Any]) -> None:
+        """Write a checkpoint, then remove those that are too old.
+
+        Raises:
+            OSError: If it cannot be written; those before stay.
+        """
+        path = self.folder / f"step-{step:09d}.safetensors"
+        write_state(path, state, CHECKPOINT_KIND, _CHECKPOINT_VERSION)
+        for old in self.paths()[: -self.keep]:
+            old.unlink()
+
+    def load(self) -> dict[str, Any]:
+        """The state in the newest checkpoint.
+
+        Raises:
+            FileNotFoundError: If there is none.
+            ValueError: If it is damaged; without its file a run resumes from the checkpoint before.
+        """
+        newest = self.latest()
+        if newest is None:
+            raise FileNotFoundError(f"Checkpoints: {self.folder} holds no checkpoint.")
+        try:
+            return read_checkpoint(newest)
+        except ValueError as error:
+            raise ValueError(f"{error} Delete the file to resume from the one before.") from error
+
+
+def read_checkpoint(path: Path) -> dict[str, Any]:
+    """The state in a checkpoint's file; interpret it within `reading(path, CHECKPOINT_KIND)`.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If it is damaged.
+    """
+    state: dict[str, Any] = read_state(path, CHECKPOINT_KIND, _CHECKPOINT_VERSION)
+    return state

@@ -15,11 +15,11 @@ from modpush.mdp.curriculum import Curriculum
 from modpush.mdp.push_observation import PushObservation
 from modpush.recipes.config import END_TO_END
 from modpush.recipes.fingerprint import environment_fingerprint
-from modpush.recipes.make_env import make_push_env
+from modpush.recipes.make_env import env_parts, make_push_env
 from modpush.training.config import TrainConfig
 from modpush.training.first_actions import FirstActions
 from modpush.training.held_out import EvaluationProgress, HeldOutEpisodes
-from modpush.training.parts import env_parts, learner_parts
+from modpush.training.parts import learner_parts
 from modpush.training.rollout import Rollout, WorkerSpecs
 
 __all__ = ["EnvFactory", "SceneWorker"]
@@ -35,12 +35,7 @@ _FLAGS = ("done", "terminated")
 class SceneWorker:
     """Steps the training scenes with noise, and the held-out episodes without.
 
-    Args:
-        config: The run's configuration.
-        parts: Parts given as objects, see `Trainer`.
-        make_env: Makes the environment.
-        make_curriculum: Makes the curriculum, with the arguments of `Curriculum`.
-        progress: Of the held-out episodes, which it may stop.
+    `progress` is that of the held-out episodes, which it may stop.
     """
 
     def __init__(
@@ -52,7 +47,7 @@ class SceneWorker:
         make_curriculum: Callable[..., Curriculum] = Curriculum,
         progress: EvaluationProgress | None = None,
     ) -> None:
-        self.config = config
+        self.config, parts = config, parts or {}
         self._first_policy = FirstActions(config.env) if config.warm_up else None
         self.curriculum = make_curriculum(config.curriculum, warm_up=config.warm_up)
         num_envs = config.env.num_envs
@@ -63,7 +58,7 @@ class SceneWorker:
             evaluated_envs=self.greedy_envs or None,
             seed=config.seed,
             **({"mirrored": True} if config.mirror else {}),
-            **env_parts(config, parts),
+            **env_parts(config.env, parts),
         )
         agent = make_tqc(
             replace(config.tqc, device="cpu", execution="eager"),

@@ -1,15 +1,16 @@
-"""Signals that end a training run in order."""
+"""Signals that end a training run in order: SIGINT (Ctrl-C), SIGTERM and SIGHUP.
+
+In another thread than the main one, where Python has no signals, nothing is changed.
+"""
 
 import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any, Protocol
 
 __all__ = ["interrupts_noted", "interrupts_raised"]
-
-_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 
 
 class Interruptible(Protocol):
@@ -18,12 +19,8 @@ class Interruptible(Protocol):
     interrupted: bool
 
 
-@contextmanager
-def interrupts_noted(run: Interruptible) -> Iterator[None]:
-    """Within this block the first signal sets `interrupted`, and a second raises `KeyboardInterrupt`.
-
-    In another thread than the main one, where Python has no signals, nothing is changed.
-    """
+def interrupts_noted(run: Interruptible) -> AbstractContextManager[None]:
+    """Within this block the first signal sets `interrupted`, and a second raises `KeyboardInterrupt`."""
 
     def note(*_: Any) -> None:
         if run.interrupted:
@@ -32,42 +29,30 @@ def interrupts_noted(run: Interruptible) -> Iterator[None]:
         # Not by `print`, which may be in the middle of its own work.
         os.write(2, b"\nStopping with a checkpoint; once more stops at once, without one.\n")
 
-    with _handled_by(note):
-        yield
+    return _handled_by(note)
 
 
-@contextmanager
-def interrupts_raised() -> Iterator[None]:
-    """Within this block each of the signals raises `KeyboardInterrupt`, as Python does for Ctrl-C.
-
-    In another thread than the main one, where Python has no signals, nothing is changed.
-    """
+def interrupts_raised() -> AbstractContextManager[None]:
+    """Within this block each of the signals raises `KeyboardInterrupt`, as Python does for Ctrl-C."""
 
     def interrupt(*_: Any) -> None:
         raise KeyboardInterrupt
 
-    with _handled_by(interrupt):
-        yield
+    return _handled_by(interrupt)
 
 
 @contextmanager
 def _handled_by(handler: Callable[..., None]) -> Iterator[None]:
     before = {}
     if threading.current_thread() is threading.main_thread():
-        for name in _SIGNALS:
-            number = getattr(signal, name, None)
-            if number is None or _is_ignored_for_good(number):
-                continue
-            before[number] = signal.signal(number, handler)
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            number = getattr(signal, name, None)  # Windows has no SIGHUP
+            present = None if number is None else signal.getsignal(number)
+            kept = name == "SIGHUP" and present == signal.SIG_IGN  # of a run under `nohup`
+            if number is not None and present is not None and not kept:  # a handler of Python's
+                before[number] = signal.signal(number, handler)
     try:
         yield
     finally:
         for number, previous in before.items():
             signal.signal(number, previous)
-
-
-def _is_ignored_for_good(number: int) -> bool:
-    """True if `nohup` lets the process outlive its terminal, or the handler is not one of Python's."""
-    present = signal.getsignal(number)
-    hang_up = getattr(signal, "SIGHUP", None)
-    return present is None or (number == hang_up and present == signal.SIG_IGN)

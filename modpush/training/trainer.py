@@ -13,8 +13,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from modpush._arguments import checked_arguments
-from modpush._folder_lock import FolderLock
-from modpush._threads import torch_threads
+from modpush._atomic import FolderLock
+from modpush._processes import torch_threads
 from modpush._types import Count
 from modpush.recipes.make_env import make_push_env
 from modpush.replay.buffer import make_replay_buffer
@@ -33,7 +33,6 @@ from modpush.training.warm_start import load_initial_weights
 from modpush.training.worker import (
     CollectionEndedError,
     InlineWorker,
-    Pending,
     ProcessWorker,
     StartMethod,
     Worker,
@@ -88,13 +87,14 @@ class Trainer:
                 f"Trainer: num_collectors={config.num_collectors} needs collector='ray', got "
                 f"{config.collector!r}."
             )
+        parts = dict(parts or {})
         own_process = config.async_collection and start_method == "spawn"
         spawned = own_process or config.collector == "ray"
         check_parts(config, parts, pickled=spawned)
         if spawned:
             check_picklable("make_env", make_env)
         make_replay_buffer(config.filled_replay(), **replay_parts(parts))  # refused before all else
-        self.config, self.parts, self.make_env = config, dict(parts or {}), make_env
+        self.config, self.parts, self.make_env = config, parts, make_env
         self.threads = threads
         self.folder = check_run_folder(folder, config, resume=resume)
         self.lock = FolderLock(folder)
@@ -221,7 +221,7 @@ class Trainer:
         self._check_interrupt()
         # Until the scenes act there is nothing that the newest checkpoint does not hold.
         with interrupts_raised(), self.bar.pause("starting"):
-            pending = self._first_rollout()
+            self._first_rollout()
         evaluated = [row["step"] for row in self.log.evaluations[-1:]] == [self.steps]
         # One whose time is over is still to end like a completed one.
         self.finished = self.steps >= self.config.total_steps or (self.ended and evaluated)
@@ -230,7 +230,7 @@ class Trainer:
                 self.worker.discard()
                 self.save()
             self._check_interrupt()
-            pending = self._iterate(pending)
+            self._iterate()
         if self.evaluation_due:
             self._check_interrupt()
 
@@ -244,18 +244,18 @@ class Trainer:
                 else f"Stopped; a checkpoint is in {self.folder.path}. Continue with resume=True."
             )
 
-    def _first_rollout(self) -> Pending[Rollout]:
+    def _first_rollout(self) -> None:
         self.learner.forget_open_steps()
         if self.curriculum_state:
             self.worker.call(SceneWorker.set_state, self.curriculum_state)
         self.worker.call(SceneWorker.restart, self.worker_seed())
-        return self.collect()
+        self.collect()
 
-    def _iterate(self, pending: Pending[Rollout]) -> Pending[Rollout]:
+    def _iterate(self) -> None:
         """Take one rollout, have the next one collected, and learn meanwhile."""
         config = self.config
         asked = time.perf_counter()
-        rollout = pending.result()
+        rollout: Rollout = self.worker.result()
         self.seconds_waited += time.perf_counter() - asked
         before = self.steps
         self.store(rollout)
@@ -271,7 +271,7 @@ class Trainer:
         }
         pause = due["evaluate"] or due["checkpoint"]
         if not pause:
-            pending = self.collect()
+            self.collect()
         self.learner.learn(before, self.steps)
         if due["log"]:
             self._write_log(rollout)
@@ -282,8 +282,7 @@ class Trainer:
                 self.save()
             self._saved_at = self.steps
         if pause and not self.finished:
-            pending = self.collect()
-        return pending
+            self.collect()
 
     def close(self) -> None:
         """End the worker and the logs, and let others write to the folder."""
@@ -317,10 +316,10 @@ class Trainer:
         """True while the scenes act as `TrainConfig.first_actions` says."""
         return self.steps < self.config.tqc.learning_starts and not self.config.init_from
 
-    def collect(self) -> Pending[Rollout]:
-        """Have the scenes act with the present policy."""
+    def collect(self) -> None:
+        """Have the scenes act with the present policy; `worker.result` gives the rollout."""
         weights = None if self._acts_at_first else self.learner.actor_weights()
-        return self.worker.submit(SceneWorker.collect, self.config.rollout_length, weights)
+        self.worker.submit(SceneWorker.collect, self.config.rollout_length, weights)
 
     def store(self, rollout: Rollout) -> None:
         """Put a rollout into the buffer, and its episodes into the log."""
@@ -391,8 +390,8 @@ class Trainer:
         self._workers_progress.ended.value = 0
         if self.held_out is None:
             return self.worker.call(SceneWorker.evaluate, weights)
-        theirs = self.worker.submit(SceneWorker.evaluate, weights, range(count // 2))
+        self.worker.submit(SceneWorker.evaluate, weights, range(count // 2))
         ours = self.held_out.run(self.learner.averaged_actor, range(count // 2, count))
-        while not theirs.wait(0.2):
+        while not self.worker.wait(0.2):
             show()
-        return [*theirs.result(), *ours]
+        return [*self.worker.result(), *ours]

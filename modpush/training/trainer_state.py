@@ -1,6 +1,5 @@
 """A trainer's state for a checkpoint, and its agent's file."""
 
-import copy
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,10 +8,8 @@ from torchrl.checkpoint import GlobalRNGState
 from modpush.files import reading
 from modpush.recipes.agent_file import observed_symmetry, save_agent
 from modpush.recipes.fingerprint import fingerprint_differences
-from modpush.replay.attentive import AttentiveSampler
-from modpush.replay.state import buffer_state, load_buffer_state
-from modpush.training.checkpoints import CHECKPOINT_KIND
 from modpush.training.config import field_differences
+from modpush.training.run_folder import CHECKPOINT_KIND
 
 if TYPE_CHECKING:
     from modpush.training.trainer import Trainer
@@ -21,32 +18,22 @@ __all__ = ["load_trainer_state", "save_trained_agent", "trainer_state"]
 
 
 def trainer_state(trainer: "Trainer") -> dict[str, Any]:
-    """All that the rest of a run depends on, as tensors and plain data.
+    """All that the rest of a run depends on between two rollouts, as tensors and plain data.
 
-    Args:
-        trainer: The trainer, between two rollouts. A run that continues begins new episodes.
+    A run that continues begins new episodes.
     """
-    learner = trainer.learner
-    sampler = learner.buffer.sampler
     return {
+        **trainer.learner.state(),
         "config": trainer.config.fixed_fields(),
         "fingerprint": trainer.specs.fingerprint,
         "symmetry": observed_symmetry(trainer.config.env, trainer.parts.get("pushed_object")),
-        "loss": dict(learner.agent.loss.state_dict()),
-        "average": learner.average_state(),
-        "optimizer": learner.agent.optimizer.state_dict(),
         "rng": GlobalRNGState().state_dict(),
-        "buffer": buffer_state(learner.buffer) if trainer.config.save_buffer else None,
-        "attentive": sampler.state_dict() if isinstance(sampler, AttentiveSampler) else None,
         "steps": trainer.steps,
-        "updates": learner.updates,
-        "pending_updates": learner.pending_updates,
         "checkpoints_made": trainer.checkpoints_made,
         "evaluation_due": trainer.evaluation_due,
         "seconds": trainer.seconds,
         "curriculum": trainer.curriculum_state,
         "episodes": dict(trainer.episodes),
-        "metrics": dict(learner.metrics),
         "log": trainer.log.rows,
         "evaluations": trainer.log.evaluations,
     }
@@ -68,42 +55,18 @@ def load_trainer_state(trainer: "Trainer", state: dict[str, Any]) -> None:
             + "; ".join(differences)
         )
     with reading(path, CHECKPOINT_KIND):
-        _restore(trainer, state)
-
-
-def _restore(trainer: "Trainer", state: dict[str, Any]) -> None:
-    learner = trainer.learner
-    learner.agent.loss.load_state_dict(state["loss"])
-    learner.load_average_state(state["average"])
-    learner.agent.optimizer.load_state_dict(copy.deepcopy(state["optimizer"]))
-    if state["buffer"] is not None:
-        load_buffer_state(learner.buffer, state["buffer"])
-    else:
-        learner.learn_from = state["steps"] + trainer.config.tqc.learning_starts
-        if (
-            attentive := state.get("attentive")
-        ) is not None:  # k goes on; nothing has been written yet
-            learner.buffer.sampler.load_state_dict({**attentive, "newest": None})
-    trainer.steps, learner.updates = state["steps"], state["updates"]
-    trainer.checkpoints_made = state["checkpoints_made"]
-    trainer.evaluation_due = state.get("evaluation_due", False)  # older ones do not have it
-    learner.pending_updates = state["pending_updates"]
-    trainer.seconds = state["seconds"]
-    trainer.curriculum_state = state["curriculum"]
-    trainer.episodes.update(state["episodes"])
-    learner.metrics.update(state["metrics"])
-    trainer.log.rows, trainer.log.evaluations = state["log"], state["evaluations"]
-    GlobalRNGState().load_state_dict(state["rng"])
+        trainer.learner.load_state(state)
+        trainer.steps, trainer.seconds = state["steps"], state["seconds"]
+        trainer.checkpoints_made = state["checkpoints_made"]
+        trainer.evaluation_due = state.get("evaluation_due", False)  # older ones do not have it
+        trainer.curriculum_state = state["curriculum"]
+        trainer.episodes.update(state["episodes"])
+        trainer.log.rows, trainer.log.evaluations = state["log"], state["evaluations"]
+        GlobalRNGState().load_state_dict(state["rng"])
 
 
 def save_trained_agent(trainer: "Trainer", path: Path, summary: dict[str, float]) -> None:
-    """Write the agent as it is now.
-
-    Args:
-        trainer: The trainer.
-        path: The file to write.
-        summary: Metrics of the agent on the held-out episodes, which are kept with it.
-    """
+    """Write the agent as it is now, with its metrics on the held-out episodes."""
     config, learner = trainer.config, trainer.learner
     save_agent(
         path,

@@ -6,17 +6,15 @@ from typing import Any
 
 from torchrl.objectives import LossModule
 
-from modpush._state import read_state
 from modpush._weights import check_weights
 from modpush.files import reading
 from modpush.parts import ModulesRefusedError, modules_named, parts_named
 from modpush.recipes.agent_file import Agent, load_agent, observed_symmetry, shipped_agents
 from modpush.recipes.fingerprint import fingerprint_differences
-from modpush.training.checkpoints import CHECKPOINT_KIND, CHECKPOINT_VERSION, Checkpoints
 from modpush.training.config import TrainConfig
 from modpush.training.learner import Learner
 from modpush.training.rollout import WorkerSpecs
-from modpush.training.run_folder import RunFolder
+from modpush.training.run_folder import CHECKPOINT_KIND, Checkpoints, RunFolder, read_checkpoint
 
 __all__ = ["load_initial_weights"]
 
@@ -32,14 +30,8 @@ def load_initial_weights(
     Of an agent these are the actor's, whose file may name parts from the modules that the run's own
     config names; of a run or a checkpoint those of the critics, the targets and
     the temperature, too. Discount, target entropy, the temperature's bounds, optimizer, buffer and
-    curriculum are the run's own in either case.
-
-    Args:
-        learner: The learner.
-        config: The run's configuration.
-        specs: What the run's environment observes. It must mean the same as in the run that the
-            weights are from; the reward may be another.
-        parts: Parts given as objects, see `Trainer`.
+    curriculum are the run's own in either case. What the environment observes must mean the same as in
+    the run that the weights are from; the reward may be another.
 
     Raises:
         ValueError: If there are no such weights, they are of another architecture, or the environment
@@ -57,7 +49,7 @@ def load_initial_weights(
         _copy_to_targets(learner.agent.loss)
         return
     with reading(checkpoint, CHECKPOINT_KIND):
-        state = read_state(checkpoint, CHECKPOINT_KIND, CHECKPOINT_VERSION)
+        state = read_checkpoint(checkpoint)
         fingerprint, stored = dict(state["fingerprint"]), dict(state["loss"])
         symmetry = state["symmetry"]
     _check_environment(who, fingerprint, symmetry, config, specs, parts)

@@ -9,18 +9,17 @@ import multiprocessing
 import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any, Concatenate, Generic, Literal, ParamSpec, TypeVar
+from typing import Any, Concatenate, Literal, ParamSpec, TypeVar
 
 import torch
 
-from modpush._end_with_parent import begin_worker_process
+from modpush._processes import begin_worker_process
 from modpush.agents.tqc.quantiles import quantile_huber
 from modpush.training.scene_worker import SceneWorker
 
 __all__ = [
     "CollectionEndedError",
     "InlineWorker",
-    "Pending",
     "ProcessWorker",
     "StartMethod",
     "Worker",
@@ -37,29 +36,25 @@ class CollectionEndedError(RuntimeError):
 
 
 class Worker(ABC):
-    """Implement `_send`, `_receive` and `close`; `submit` and `call` are what a caller uses."""
+    """Implement `_send`, `_receive` and `close`; the rest is what a caller uses."""
 
     _outstanding = False
 
     @abstractmethod
-    def _send(self, method: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+    def _send(self, method: Callable[..., Any], args: Any, kwargs: Any) -> None:
         """Hand a call over."""
 
     @abstractmethod
     def _receive(self) -> Any:
         """Wait for the result of the call that was handed over."""
 
-    def _wait(self, seconds: float) -> bool:
-        """True if `_receive` would return at once, after waiting so many seconds at most."""
-        return True
-
     @abstractmethod
     def close(self) -> None:
         """Free the simulators, and end the process if there is one."""
 
     def submit(
-        self, method: Callable[Concatenate[SceneWorker, P], R], *args: P.args, **kwargs: P.kwargs
-    ) -> "Pending[R]":
+        self, method: Callable[Concatenate[SceneWorker, P], Any], *args: P.args, **kwargs: P.kwargs
+    ) -> None:
         """Have a method of `SceneWorker` called: `worker.submit(SceneWorker.collect, 8, weights)`.
 
         Raises:
@@ -67,44 +62,42 @@ class Worker(ABC):
         """
         if self._outstanding:
             raise RuntimeError("Worker.submit: call `result` of the previous call first.")
-        self._send(method, (*args, kwargs))
+        self._send(method, args, kwargs)
         self._outstanding = True
-        return Pending(self)
-
-    def call(
-        self, method: Callable[Concatenate[SceneWorker, P], R], *args: P.args, **kwargs: P.kwargs
-    ) -> R:
-        """The same, waiting for the result."""
-        return self.submit(method, *args, **kwargs).result()
-
-    def discard(self) -> None:
-        """Wait for an outstanding result, if there is one, and drop it."""
-        if self._outstanding:
-            Pending[Any](self).result()
-
-
-class Pending(Generic[R]):
-    """A result that a worker will give."""
-
-    def __init__(self, worker: Worker) -> None:
-        self._worker = worker
 
     def wait(self, seconds: float) -> bool:
         """Wait for the result for so many seconds at most; whether `result` then gives it at once.
 
         A worker that has no process of its own, and one on a Ray cluster, is ready in any case.
         """
-        return self._worker._wait(seconds)
+        return True
 
-    def result(self) -> R:
-        """Wait for the result.
+    def result(self) -> Any:
+        """Wait for the result of the last call.
 
         Raises:
             RuntimeError: If a worker process failed or ended.
         """
-        result = self._worker._receive()
-        self._worker._outstanding = False  # not before: an interrupt may come while it waits
+        try:
+            result = self._receive()
+        except Exception:
+            self._outstanding = False
+            raise
+        self._outstanding = False  # not before: an interrupt may come while it waits
         return result
+
+    def call(
+        self, method: Callable[Concatenate[SceneWorker, P], R], *args: P.args, **kwargs: P.kwargs
+    ) -> R:
+        """Call a method of `SceneWorker`, and wait for its result."""
+        self.submit(method, *args, **kwargs)
+        result: R = self.result()
+        return result
+
+    def discard(self) -> None:
+        """Wait for an outstanding result, if there is one, and drop it."""
+        if self._outstanding:
+            self.result()
 
 
 class InlineWorker(Worker):
@@ -112,14 +105,11 @@ class InlineWorker(Worker):
 
     The worker draws from a random state of its own, as it would in a process of its own: nothing
     that it draws or seeds changes what the learner draws.
-
-    Args:
-        make_worker: Makes the `SceneWorker`.
     """
 
     def __init__(self, make_worker: MakeWorker) -> None:
         self._random_state = torch.get_rng_state()
-        self._call: tuple[Callable[..., Any], tuple[Any, ...]] | None = None
+        self._call: tuple[Callable[..., Any], Any, Any] | None = None
         self._worker = self._apart(make_worker)
 
     def _apart(self, function: Callable[[], R]) -> R:
@@ -132,14 +122,13 @@ class InlineWorker(Worker):
             self._random_state = torch.get_rng_state()
             torch.set_rng_state(callers)
 
-    def _send(self, method: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
-        self._call = method, arguments
+    def _send(self, method: Callable[..., Any], args: Any, kwargs: Any) -> None:
+        self._call = method, args, kwargs
 
     def _receive(self) -> Any:
         if self._call is None:
             raise RuntimeError("InlineWorker: there is no call to give the result of.")
-        (method, (*args, kwargs)), self._call = self._call, None
-        self._outstanding = False
+        (method, args, kwargs), self._call = self._call, None
         return self._apart(lambda: method(self._worker, *args, **kwargs))
 
     def close(self) -> None:
@@ -177,23 +166,21 @@ class ProcessWorker(Worker):
         self._process.start()
         theirs.close()
 
-    def _send(self, method: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
-        self._pipe.send((method, arguments))
+    def _send(self, method: Callable[..., Any], args: Any, kwargs: Any) -> None:
+        self._pipe.send((method, args, kwargs))
 
-    def _wait(self, seconds: float) -> bool:
+    def wait(self, seconds: float) -> bool:
         return self._pipe.poll(seconds)
 
     def _receive(self) -> Any:
         try:
             failed, result = self._pipe.recv()
         except EOFError:
-            self._outstanding = False
             self._process.join(5)
             raise RuntimeError(
                 f"ProcessWorker: the worker ended early, exit code {self._process.exitcode}."
             ) from None
         if failed:
-            self._outstanding = False
             raise RuntimeError(f"ProcessWorker: the worker failed:\n{result}")
         return result
 
@@ -216,7 +203,7 @@ def _serve(pipe: Any, make_worker: MakeWorker, callers_end: Any = None) -> None:
     worker: SceneWorker | None = None
     while True:
         try:
-            method, (*args, kwargs) = pipe.recv()
+            method, args, kwargs = pipe.recv()
         except EOFError:  # the caller has ended
             return
         try:

@@ -1,69 +1,35 @@
 """Triangle meshes of the primitives that physics uses, and transforms of the arm's links."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from modpush.envs.robot.kinematics import DH_A, DH_ALPHA, DH_D
 from modpush.geometry.footprint import outline_of
 from modpush.geometry.shapes import Primitive, rpy_matrix
 
-__all__ = ["Mesh", "link_transforms", "primitive_mesh"]
+__all__ = ["link_transforms", "primitive_mesh"]
 
 _NUM_ARC = 32  # corners of a circle
 _NUM_CAP = 6  # rings of half a sphere
 
 
-class Mesh(NamedTuple):
-    """A closed surface of triangles."""
-
-    vertices: NDArray[np.float64]
-    """`[n, 3]` [m]."""
-    faces: NDArray[np.int64]
-    """`[m, 3]`, counter-clockwise seen from outside."""
-
-
-def primitive_mesh(part: Primitive) -> Mesh:
-    """The surface of a primitive, in the frame of the body that it belongs to."""
+def primitive_mesh(part: Primitive) -> trimesh.Trimesh:
+    """The surface of a primitive, all of which are convex, in the frame of its body."""
     upright = Primitive(kind=part.kind, size=part.size, outline=part.outline)
     outline = outline_of(upright, _NUM_ARC)
     half = part.size[2] if part.kind in ("box", "prism") else part.size[1]
-    heights, scales = [-half, half], [1.0, 1.0]
+    rings = [(-half, 1.0), (half, 1.0)]  # height, and scale of the outline
     if part.kind == "capsule":
-        angle = np.linspace(0.0, math.pi / 2, _NUM_CAP, endpoint=False)
-        top = half + part.size[0] * np.sin(angle)
-        heights = [*(-top[::-1]).tolist(), *top.tolist()]
-        scales = [*np.cos(angle)[::-1].tolist(), *np.cos(angle).tolist()]
-    mesh = _stack_outlines(outline, heights, scales)
-    return Mesh(mesh.vertices @ part.rotation().T + np.array(part.position), mesh.faces)
-
-
-def _stack_outlines(
-    outline: NDArray[np.float64], heights: list[float], scales: list[float]
-) -> Mesh:
-    """The solid between copies of a convex outline `[n, 2]`, one at each height."""
-    n, rings = len(outline), len(heights)
-    vertices = np.concatenate(
-        [
-            np.column_stack([outline * scale, np.full(n, height)])
-            for height, scale in zip(heights, scales, strict=True)
-        ]
+        for angle in np.linspace(0.0, math.pi / 2, _NUM_CAP, endpoint=False):
+            height = half + part.size[0] * math.sin(angle)
+            rings += [(-height, math.cos(angle)), (height, math.cos(angle))]
+    points = np.concatenate(
+        [np.column_stack([scale * outline, np.full(len(outline), z)]) for z, scale in rings]
     )
-    i = np.arange(n)
-    after = np.roll(i, -1)
-    faces = []
-    for ring in range(rings - 1):
-        low, high = ring * n, (ring + 1) * n
-        faces += [
-            np.column_stack([low + i, low + after, high + after]),
-            np.column_stack([low + i, high + after, high + i]),
-        ]
-    fan, top = np.arange(1, n - 1), (rings - 1) * n
-    faces.append(np.column_stack([np.zeros_like(fan), fan + 1, fan]))
-    faces.append(top + np.column_stack([np.zeros_like(fan), fan, fan + 1]))
-    return Mesh(vertices, np.concatenate(faces))
+    return trimesh.convex.convex_hull(points @ part.rotation().T + np.array(part.position))
 
 
 def link_transforms(joint_position: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -88,10 +88,10 @@ class Page:
             else:
                 due = time.monotonic()  # too slow: what is missed is not made up for
 
-    def draw(self, force: bool = False) -> None:
-        """Bring all tabs up to the session's state, 30 times a second at most unless forced."""
+    def draw(self) -> None:
+        """Bring all tabs up to the session's state, 30 times a second at most."""
         now = time.monotonic()
-        if not force and now - self._last_drawn < _DRAW_PERIOD:
+        if now - self._last_drawn < _DRAW_PERIOD:
             return
         self._last_drawn = now
         session = self.session

@@ -4,8 +4,11 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+
 from modpush.envs.scenes.objects import OBJECTS
-from modpush.viewer.hand import HandPolicy
 from modpush.viewer.lane import PolicyLane
 
 if TYPE_CHECKING:
@@ -14,7 +17,7 @@ if TYPE_CHECKING:
     from modpush.recipes.agent_file import Agent
     from modpush.training.critics import Critics
 
-__all__ = ["POLICIES", "make_lane"]
+__all__ = ["POLICIES", "HandPolicy", "make_lane"]
 
 POLICIES = ("agent", "corridor", "corridor_faithful", "scripted", "hand")
 """Names of the policies; `"agent"` is the shipped one for all objects. What `load_agent` takes can be
@@ -86,3 +89,31 @@ def _load(policy: str, allow: Collection[str]) -> "Agent":
             "file, a training run's folder, or hf://owner/name."
         )
     return load_agent(policy, allow=allow)
+
+
+class HandPolicy(TensorDictModuleBase):
+    """Takes the action that was last pressed for some steps, then stands still.
+
+    A browser repeats a key that is held about 30 times a second after a first pause of up to half a
+    second; a press therefore lasts a few steps.
+    """
+
+    in_keys = ["object_pose"]  # noqa: RUF012
+    out_keys = ["action"]  # noqa: RUF012
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._action = (0.0, 0.0, 0.0)
+        self._steps_left = 0
+
+    def press(self, action: tuple[float, float, float], steps: int = 5) -> None:
+        """Take an action (dx, dy, dyaw) in [-1, 1], base frame, for this many steps."""
+        self._action, self._steps_left = action, steps
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Write the action, `[B, 3]`."""
+        pose = tensordict["object_pose"]
+        values = self._action if self._steps_left > 0 else (0.0, 0.0, 0.0)
+        self._steps_left -= 1
+        tensordict["action"] = torch.tensor(values).expand(pose.shape[0], 3).clone()
+        return tensordict

@@ -14,9 +14,8 @@ from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.viewer import edits
 from modpush.viewer.commands import Command, CommandQueue
 from modpush.viewer.config import CONTROL_FREQ, PlayConfig
-from modpush.viewer.hand import HandPolicy
 from modpush.viewer.lane import Lane, PolicyLane, Snapshot
-from modpush.viewer.policies import make_lane
+from modpush.viewer.policies import HandPolicy, make_lane
 from modpush.viewer.recorder import Recorder
 from modpush.viewer.replay import ReplayLane
 

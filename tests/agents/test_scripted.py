@@ -70,10 +70,9 @@ def test_keys_can_be_renamed_and_nested() -> None:
         ScriptedPusher(object_pose_key=("state", "object"))(td)
 
 
-@pytest.mark.parametrize("fields", [{"approach_angle": 2.0}, {"push_speed": 0.0}])
-def test_impossible_gains_are_refused(fields) -> None:
-    with pytest.raises(ValueError, match="ScriptedPusherConfig: "):
-        ScriptedPusherConfig(**fields)
+def test_impossible_gains_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"expected approach_angle <= push_angle, got 2.0"):
+        ScriptedPusherConfig(approach_angle=2.0)
 
 
 @pytest.mark.parametrize("episodes", [50, pytest.param(200, marks=pytest.mark.slow)])

@@ -53,17 +53,6 @@ def test_every_subcommand_explains_itself(name: str, capsys: pytest.CaptureFixtu
     assert len(printed.splitlines()) < 120
 
 
-def test_a_help_imports_no_torch() -> None:
-    code = (
-        "import sys; from modpush.cli import run_command; run_command(['collect', '--help'])\n"
-        "print('torch' in sys.modules)"
-    )
-    printed = subprocess.run(
-        [sys.executable, "-c", code], check=True, capture_output=True, text=True
-    )
-    assert printed.stdout.endswith("False\n")
-
-
 @pytest.mark.parametrize(
     ("module", "config"),
     [

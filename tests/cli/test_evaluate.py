@@ -48,19 +48,10 @@ def test_the_engine_is_part_of_what_results_are_stored_under(tmp_path: Path) -> 
     assert not (tmp_path / "out").exists()
 
 
-def test_all_stands_for_the_papers_sets() -> None:
-    names = EvaluateConfig(sets=("all",)).set_names
-    assert names[0] == "free/small_cube"
-    assert len(names) == 8
-    assert not any(name.startswith(("smoke", "tuning")) for name in names)
-
-
-def test_all_leaves_no_other_set_out() -> None:
+def test_all_stands_for_the_papers_sets_and_leaves_no_other_out() -> None:
     names = EvaluateConfig(sets=("smoke", "all", "tuning/hard", "free/small_cube")).set_names
     assert names == ("smoke", *EVALUATION_SETS, "tuning/hard")
-
-
-def test_behind_all_stands_for_the_papers_sets_with_the_tool_behind_the_object() -> None:
+    assert len(EVALUATION_SETS) == 8
     assert EvaluateConfig(sets=("behind/all",)).set_names == BEHIND_SETS
     assert len(BEHIND_SETS) == 7
 

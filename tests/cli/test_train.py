@@ -86,6 +86,7 @@ def test_the_help_names_every_preset_and_only_options_that_exist() -> None:
     there = {
         "--config",
         "--allow",
+        *training_run.SHORT_FORMS,
         *(f"--{name}" for name in option_names(RunConfig(train=config))),
     }
     named = {re.sub("[.]TERM$", ".goal", name) for name in re.findall(r"--[a-z][\w.-]*\w", options)}
@@ -129,6 +130,18 @@ def test_settings_of_a_file_replace_the_presets_and_options_those_of_the_file(tm
     reward = replace(cpu.env.reward, weights={"goal": 2.0})
     env = replace(cpu.env, encoder="rays", reward=reward)
     assert run.train == replace(cpu, seed=4, total_steps=5_000, env=env)
+
+
+def test_a_short_form_stands_for_the_option_of_the_training_run() -> None:
+    options = ["--minutes=5", "--init_from", "small_cube", "--collector", "ray"]
+    run = training_run.parse_run(["cpu", *options, "--num-collectors", "2"])
+    assert run.train == replace(
+        TRAIN_PRESETS["cpu"][1],
+        max_minutes=5.0,
+        init_from="small_cube",
+        collector="ray",
+        num_collectors=2,
+    )
 
 
 def test_the_config_of_a_run_repeats_it_whatever_the_preset(tmp_path) -> None:

@@ -148,30 +148,14 @@ def test_weights_are_taken_over_whole_or_not_at_all():
     assert all(torch.equal(before[key], value) for key, value in vae.state_dict().items())
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"latent_dim": 0}, "latent_dim: .*greater than or equal to 1, got 0"),
-        (
-            {"encoder_widths": (1, 2, 3)},
-            r"encoder_widths must be four numbers, got \(1, 2, 3\)",
-        ),
-        (
-            {"decoder_widths": (1, 2, 3, 0)},
-            r"decoder_widths\[3\]: .*greater than or equal to 1, got 0",
-        ),
-    ],
-)
-def test_bad_options_are_refused(options, message):
-    with pytest.raises(ValueError, match=message):
-        DepthVAE(**options)
+def test_other_numbers_of_layers_are_refused():
+    with pytest.raises(ValueError, match=r"encoder_widths must be four numbers, got \(1, 2, 3\)"):
+        DepthVAE(encoder_widths=(1, 2, 3))
 
 
 def test_windows_of_another_size_are_refused():
     with pytest.raises(ValueError, match=r"window must be \[B, 1, 64, 64\]"):
         DepthVAE(**TINY)(torch.zeros(1, 1, 32, 32))
-    with pytest.raises(ValueError, match=r"kl_weight: .* greater than or equal to 0, got -1"):
-        VAELoss(DepthVAE(**TINY), kl_weight=-1)
 
 
 @torch.no_grad()

@@ -30,17 +30,9 @@ def test_a_quarter_turn_of_the_window_moves_the_rays_on():
     torch.testing.assert_close(turned.roll(-4, -1), RayScan(16)(window), atol=1.1 / 32, rtol=0)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"num_rays": 0}, "num_rays: .*greater than or equal to 1, got 0"),
-        ({"max_range": 0.0}, "max_range: .*greater than 0, got 0.0"),
-        ({"min_height": 0.08}, "min_height must be < max_height = 0.08, got 0.08"),
-    ],
-)
-def test_bad_options_are_refused(options, message):
-    with pytest.raises(ValueError, match=message):
-        RayScan(**options)
+def test_a_height_that_no_window_shows_is_refused():
+    with pytest.raises(ValueError, match=r"min_height must be < max_height = 0.08"):
+        RayScan(min_height=0.08)
 
 
 @pytest.mark.parametrize("shape", [(3, 2, 1, 64, 64), (1, 64, 64), (2, 1, 32, 32)])

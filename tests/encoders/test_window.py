@@ -161,9 +161,10 @@ def two_threads():
 
 @pytest.mark.usefixtures("two_threads")
 def test_many_scenes_are_the_same_as_one_by_one(monkeypatch):
-    parallel, batches = module.window_many, []
+    kernel, batches = module.write_windows, []
+    parallel = kernel._parallel
     monkeypatch.setattr(
-        module, "window_many", lambda b, *rest: batches.append(b) or parallel(b, *rest)
+        kernel, "_parallel", lambda b, *rest: batches.append(b) or parallel(b, *rest)
     )
     depth, labels = image([(BAR, (0.66, 0.03, 0.3))], (CUBE, MIDDLE))
     pose = torch.rand(70, 3) * 0.2 + torch.tensor([0.5, -0.1, 0.0])

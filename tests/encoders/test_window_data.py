@@ -59,7 +59,7 @@ def test_windows_of_another_shape_or_dtype_are_refused():
         WindowData(windows=torch.zeros(2, 32, 16).byte(), **rest)
     with pytest.raises(ValueError, match=r"got \[2, 64, 64\] torch.float32"):
         WindowData(windows=torch.zeros(2, 64, 64), **rest)
-    with pytest.raises(ValueError, match=r"family must be \[3\], got \[2\]"):
+    with pytest.raises(ValueError, match=r"family must be \[N\] = \[3\], got \[2\]"):
         WindowData(windows=torch.zeros(3, 64, 64).byte(), **rest)
 
 
@@ -83,8 +83,6 @@ def test_another_window_is_laid_over_but_blank_ones_stay_blank():
     assert (out[:100] == 0).all()
     share = (out[100:].flatten(1).amax(1) == 0.6).float().mean()
     assert share == pytest.approx(0.5, abs=0.15)
-    with pytest.raises(ValueError, match=r"overlay: .*less than or equal to 1, got 2"):
-        augment_windows(windows, others, overlay=2)
     with pytest.raises(ValueError, match="others must be shaped like windows"):
         augment_windows(windows, others[:3])
 

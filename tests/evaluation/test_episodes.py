@@ -1,4 +1,5 @@
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -52,7 +53,7 @@ def test_results_do_not_depend_on_the_number_of_scenes(env: EnvBase, free: Evalu
 
 def begun(scenario: Scenario, inflation: str = "circumscribed") -> _Log:
     """The log of an episode that has just begun."""
-    return _Log(0, scenario, TensorDict(poses_of(scenario), [1]), 0, None, inflation, 15.0)
+    return _Log(0, scenario, TensorDict(poses_of(scenario), [1]), 0, inflation=inflation)
 
 
 def poses_of(scenario: Scenario) -> dict[str, torch.Tensor]:
@@ -111,7 +112,9 @@ def test_scenes_that_are_free_get_the_episodes_that_follow(free: EvaluationSet) 
     td = TensorDict({"object_pose": poses, "ee_pose": -poses}, [3])
     logs = [None, begun(free.scenarios[0]), None]
     refill = [(2, (7, free.scenarios[7])), (0, (5, free.scenarios[5]))]
-    after = _restart(SimpleNamespace(reset=reset), td, logs, refill, "inscribed")
+    after = _restart(
+        SimpleNamespace(reset=reset), td, logs, refill, partial(_Log, inflation="inscribed")
+    )
     # The environment takes them in the order of its scenes.
     assert asked == {
         "mask": [True, False, True],
@@ -228,7 +231,7 @@ def test_what_transforms_must_not_drop_is_named(env: EnvBase, free: EvaluationSe
 
 
 def test_a_missing_key_is_named(env: EnvBase, free: EvaluationSet) -> None:
-    with pytest.raises(KeyError, match=r"no entry .*way.*, there is .*object_pose"):
+    with pytest.raises(KeyError, match=r"key .*way.* is missing; there are .*object_pose"):
         list(run_episodes(env, ScriptedPusher(), [(0, free.scenarios[0])], path_key="way"))
 
 

@@ -15,15 +15,6 @@ def test_bootstrap_agrees_with_the_normal_interval_on_many_values() -> None:
     assert high == pytest.approx(0.9186, abs=0.002)
 
 
-def test_bootstrap_covers_the_true_mean_as_often_as_it_says() -> None:
-    rng = np.random.default_rng(0)
-    inside = 0
-    for _ in range(200):
-        low, high = bootstrap_interval(rng.exponential(1.0, 100), 0.9, resamples=500)
-        inside += low <= 1.0 <= high
-    assert 165 <= inside <= 195  # 180 expected, a little fewer on skewed data; sd 4.2
-
-
 def test_bootstrap_repeats_itself_and_narrows_with_more_values() -> None:
     values = np.random.default_rng(1).normal(size=400)
     low, high = bootstrap_interval(values)
@@ -48,14 +39,6 @@ def test_paired_t_test_by_hand() -> None:
     assert test.p == pytest.approx(2 * stats.t.sf(3.4641016, 2), rel=1e-6)
     assert not test.significant()  # p = 0.074
     assert test.significant(0.1)
-
-
-def test_paired_t_test_sees_what_an_unpaired_one_misses() -> None:
-    rng = np.random.default_rng(0)
-    hard = rng.normal(0.0, 10.0, 50)  # how hard the episode is, for both alike
-    first, second = hard + rng.normal(0.2, 0.3, 50), hard
-    assert paired_t_test(first, second).significant()
-    assert stats.ttest_ind(first, second).pvalue > 0.5
 
 
 def test_paired_t_test_without_spread() -> None:

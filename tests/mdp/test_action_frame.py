@@ -13,13 +13,6 @@ from modpush.geometry.angles import rotate
 from modpush.mdp.action_frame import ActionFrame
 
 
-def test_an_unknown_frame_is_named():
-    with pytest.raises(
-        ValueError, match=r"ActionFrame: frame: .*Input should be 'base', .* got 'world'"
-    ):
-        ActionFrame("world")
-
-
 def acted(frame, action, yaw=0.0, subgoal=(1.0, 0.0)):
     td = TensorDict(
         {

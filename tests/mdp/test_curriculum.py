@@ -189,11 +189,8 @@ def test_a_state_of_a_longer_curriculum_is_refused():
     ("field", "message"),
     [
         ({"distances": (0.2, 0.1)}, "ascending"),
-        ({"threshold": 0.0}, "threshold: .*greater than 0, got 0.0"),
-        ({"window": 0}, "window: .*greater than or equal to 1"),
         ({"phases": ()}, "phases: .*at least 1 item"),
         ({"phases": (Phase(scenes=("free",), first_stage=12),)}, "first_stage must be in"),
-        ({"promotion": "luck"}, "promotion: Input should be"),
         ({"promotion": "steps"}, "needs step_thresholds"),
         ({"final_distance": (0.6, 0.2)}, "final_distance must be"),
     ],
@@ -204,7 +201,7 @@ def test_bad_configs_are_refused(field, message):
 
 
 def test_scenes_of_a_later_phase_are_checked_at_once() -> None:
-    with pytest.raises(ValueError, match=r"Phase: scenes must be of .*'slot'.* got 'slott'"):
+    with pytest.raises(ValueError, match=r"Phase: scenes must be one of .*'slot'.* got 'slott'"):
         Phase(scenes=("free", "slott"))
     assert Phase(scenes=("no_such_module:family",)).scenes  # imported when the phase begins
 

@@ -44,7 +44,9 @@ def test_what_cannot_be_resolved_is_refused():
         resolve_entries("path", ["goal"], leave_out=["goal"])
     with pytest.raises(ValueError, match="needs a name"):
         resolve_entries("path", [lambda inputs: inputs.goal])
-    with pytest.raises(TypeError, match=r"an entry must be a name, .*, got 3"):
+    with pytest.raises(ValueError, match=r"entries\[0\]: .* callable .*, got 3"):
         resolve_entries("path", [3])
+    with pytest.raises(TypeError, match=r"an entry must be a name, .*, got 3.14"):
+        resolve_entries("path", ["math:pi"])
     with pytest.raises(ValueError, match="cannot import 'no_such_module'"):
         resolve_entries("path", ["no_such_module:entry"])

@@ -72,6 +72,12 @@ def test_each_time_has_a_direction_of_its_own() -> None:
         torch.testing.assert_close(state["recovery_action"], expected)
 
 
+def test_after_every_third_recovery_the_next_ones_are_two_steps_longer() -> None:
+    states = run(StuckRecovery(patience=3, duration=2), [(0.0, 0.0)] * 40)[3:]
+    recoveries = [int(state["recovery_state"][0, 6]) for state in states]
+    assert [recoveries.count(n) for n in range(1, 8)] == [2, 2, 2, 4, 4, 4, 6]
+
+
 @pytest.mark.parametrize("which", [0, 1])
 def test_what_moves_is_left_alone(which) -> None:
     """A tool that goes round a still object, and an object that slides on; drift counts, too."""
@@ -123,8 +129,6 @@ def test_the_shipped_agent_runs_with_it() -> None:
     env.close()
 
 
-def test_wrong_arguments_are_refused() -> None:
-    with pytest.raises(ValueError, match="recovering: policy: Input should be"):
-        recovering(torch.nn.Linear(3, 3))  # type: ignore[arg-type]
+def test_a_missing_key_is_named() -> None:
     with pytest.raises(KeyError, match="key 'tip' is missing"):
         TransformedEnv(PushEnv(1, depth=None), StuckRecovery(ee_pose_key="tip")).reset()

@@ -1,4 +1,4 @@
-"""A* against scipy's and scikit-image's optimum on the same neighbourhood."""
+"""A* against scipy's optimum on the same neighbourhood."""
 
 import numpy as np
 import pytest
@@ -52,16 +52,6 @@ def test_equals_scipy_s_dijkstra(neighbours):
     for blocked, start, goal in solvable_maps(21, 8):
         length = planner.plan(*tensors(blocked, start, goal)).length.item()
         assert length == pytest.approx(optimum(blocked, start, goal, neighbours), rel=1e-6)
-
-
-def test_equals_scikit_image_with_four_neighbours():
-    graph = pytest.importorskip("skimage.graph", reason="scikit-image is not installed")
-    planner = AStar(neighbours=4)
-    for blocked, start, goal in solvable_maps(22, 5):
-        costs = np.where(blocked, -1.0, 1.0)
-        a, b = start.astype(int)[::-1], goal.astype(int)[::-1]
-        path, _ = graph.route_through_array(costs, a, b, fully_connected=False)
-        assert planner.plan(*tensors(blocked, start, goal)).length.item() == len(path) - 1
 
 
 @settings(max_examples=80, deadline=None)

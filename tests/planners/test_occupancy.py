@@ -4,7 +4,6 @@ import copy
 import math
 import pickle
 
-import cv2
 import numpy as np
 import pytest
 import scipy.ndimage as ndi
@@ -52,13 +51,6 @@ def test_inflation_on_all_sizes_and_radii(seed):
         assert (out == (ndi.distance_transform_edt(~blocked) <= radius + 1e-9)).all()
     else:
         assert not out.any()
-
-
-def test_inflation_equals_opencv_s_dilation_by_a_disc():
-    blocked = random_map(np.random.default_rng(4), radius=0)
-    disc = (np.hypot(*np.mgrid[-10:11, -10:11]) <= 10).astype(np.uint8)
-    expected = cv2.dilate(blocked.astype(np.uint8), disc).astype(bool)
-    assert (inflate(*as_tensors(blocked), 10.0)[0].numpy() == expected).all()
 
 
 def test_inflation_takes_a_radius_for_each_scene():

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -75,15 +74,6 @@ def test_specs_hold(num_envs, mode):
 
 def test_specs_hold_in_serial_workers():
     check_env_specs(SerialEnv(2, lambda: make_env(2)))
-
-
-@pytest.mark.slow  # as the whole stack's in tests/recipes/test_make_env.py
-def test_specs_hold_in_parallel_workers():
-    env = ParallelEnv(2, partial(make_env, 2))
-    try:
-        check_env_specs(env)
-    finally:
-        env.close()
 
 
 # tests/recipes/test_make_env.py runs the whole stack in a parallel worker.
@@ -174,23 +164,6 @@ def test_a_cloned_state_goes_on_as_the_original():
     again = env.step(steer(copy, [0.0, 1.0]))["next"]
     for key in WRITTEN:
         assert torch.equal(one[key], again[key]), key
-
-
-def test_stored_data_come_out_as_they_went_in():
-    env = make_env(2)
-    rollout = env.rollout(10, lambda td: steer(td, [0.1, 0.5]), break_when_any_done=False)
-    stored = rollout.reshape(-1).exclude("next")
-    buffer = ReplayBuffer(
-        storage=LazyTensorStorage(64),
-        batch_size=16,
-        transform=Compose(
-            OccupancyGrid(camera=SMALL), PlannerSubgoals(LazyThetaStar(), camera=SMALL)
-        ),
-    )
-    buffer.extend(stored.clone().set("row", torch.arange(len(stored))))
-    sample = buffer.sample()
-    for key in [*WRITTEN, "occupancy", "blocked_bits"]:
-        torch.testing.assert_close(sample[key], stored[key][sample["row"]])
 
 
 def test_bare_data_are_planned_as_first_steps():
@@ -339,12 +312,6 @@ def test_points_ahead_are_written_and_kept_where_there_is_no_path():
     assert (start["path_ahead"] == start["goal_position"].unsqueeze(-2)).all()
 
 
-@pytest.mark.parametrize("ahead", [(0.0,), (0.1, float("inf")), (-0.1,)])
-def test_points_behind_or_nowhere_are_refused(ahead):
-    with pytest.raises(ValueError, match=r"ahead\[\d\]: .*(greater than 0|finite number), got"):
-        PlannerSubgoals(DistanceField(), ahead=ahead)
-
-
 def test_the_leg_out_of_an_obstacle_is_not_the_first_segment():
     moved = Paths(**{**vars(straight_and_bent()), "start_moved": torch.tensor([True])})
     assert lookahead_subgoal(moved, 40.0).tolist() == [[30.0, 10.0]]
@@ -443,7 +410,7 @@ def test_missing_keys_and_wrong_sizes_are_named():
         )
     data = TableEnv(1).reset()
     OccupancyGrid(camera=SMALL)(data)
-    with pytest.raises(ValueError, match=r"= \[..., 1, 256, 256\], got \[1, 1, 64, 64\]"):
+    with pytest.raises(ValueError, match=r"must be \[..., 1, 256, 256\], got \[1, 1, 64, 64\]"):
         PlannerSubgoals(LazyThetaStar())(data)
     with pytest.raises(ValueError, match=r"OccupancyGrid: object_radius: .*finite number, got nan"):
         OccupancyGrid(math.nan)
@@ -456,7 +423,8 @@ def test_nothing_is_rebuilt_while_obstacles_stand_still():
     assert field.builds <= 2
 
 
-def test_stored_transitions_are_rewritten_in_root_and_next():
+@pytest.mark.parametrize("with_next", [True, False])
+def test_stored_data_are_rewritten_in_root_and_next(with_next):
     env = make_env(2)
     rollout = env.rollout(8, lambda td: steer(td, [0.1, 0.5]), break_when_any_done=False)
     stored = rollout.reshape(-1)
@@ -466,11 +434,13 @@ def test_stored_transitions_are_rewritten_in_root_and_next():
             data[key] = torch.zeros_like(data[key])
     transform = Compose(OccupancyGrid(camera=SMALL), PlannerSubgoals(LazyThetaStar(), camera=SMALL))
     buffer = ReplayBuffer(storage=LazyTensorStorage(64), batch_size=16, transform=transform)
+    changed = changed if with_next else changed.exclude("next")
     buffer.extend(changed.set("row", torch.arange(len(stored))))
     sample = buffer.sample()
     for key in [*WRITTEN, "occupancy", "blocked_bits"]:
         torch.testing.assert_close(sample[key], stored[key][sample["row"]])
-        torch.testing.assert_close(sample["next", key], stored["next", key][sample["row"]])
+        if with_next:
+            torch.testing.assert_close(sample["next", key], stored["next", key][sample["row"]])
 
 
 def test_a_next_that_cannot_be_rewritten_is_refused():
@@ -500,7 +470,9 @@ def test_without_its_history_past_sub_goals_are_refused():
 
 def test_a_history_of_other_lags_is_refused():
     stored = make_env(2).rollout(3, break_when_any_done=False).reshape(-1)
-    with pytest.raises(ValueError, match=r"max\(lags\) \+ 1, 2\] = \[..., 3, 2\], got \[6, 6, 2\]"):
+    with pytest.raises(
+        ValueError, match=r"'subgoal_history' must be \[..., 3, 2\], got \[6, 6, 2\]"
+    ):
         PlannerSubgoals(LazyThetaStar(), camera=SMALL, lags=(2,))(stored)
 
 
@@ -525,9 +497,6 @@ def test_inflation_by_name_or_by_metres():
         cells(inscribed_radius=0.05, inflation="inscribed"), cells(object_radius=0.05)
     )
     assert cells(inflation="inscribed").sum() < cells().sum()
-    for wrong in ("half", -0.1, math.nan):
-        with pytest.raises(ValueError, match=r"inflation: .*'circumscribed', 'inscribed' or"):
-            OccupancyGrid(inflation=wrong)
 
 
 def test_lengths_are_in_metres_whatever_the_planner_counts_in():

@@ -1,9 +1,7 @@
-import json
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import pytest
 
-from modpush._validation import from_plain
 from modpush.envs import ScenarioConfig
 from modpush.recipes import make_push_env
 from modpush.recipes.config import PushEnvConfig
@@ -18,16 +16,6 @@ def test_unknown_names_are_answered_with_what_there_is():
         PushEnvConfig().with_fields(pushed_object="duck")
     with pytest.raises(ValueError, match="preset must be one of"):
         PushEnvConfig.preset("gpu")
-
-
-def test_a_config_survives_json():
-    config = PushEnvConfig.preset("cpu")
-    assert from_plain(PushEnvConfig, json.loads(json.dumps(asdict(config)))) == config
-
-
-def test_a_config_with_an_unknown_field_is_refused():
-    with pytest.raises(ValueError, match=r"PushEnvConfig: .*colour"):
-        from_plain(PushEnvConfig, {"colour": "red"})
 
 
 def test_a_part_of_ones_own_is_not_imported_by_a_config():

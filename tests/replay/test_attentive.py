@@ -187,16 +187,6 @@ def test_default_query_is_the_newest_entry_also_after_wrap_around():
     assert torch.equal(buffer[int(buffer._writer._cursor) - 1]["observation"], newest[0])
 
 
-def test_a_query_may_be_read_from_another_key():
-    sampler = AttentiveSampler(1, query_key=("next", "observation"))
-    buffer = make_buffer(sampler)
-    data = transitions(20)
-    data["next", "observation"] = torch.randn(20, WIDTH)
-    buffer.extend(data)
-    expected = data["next", "observation"][-1:]
-    torch.testing.assert_close(sampler._queries(buffer.storage), expected)
-
-
 def test_an_explicit_query_stays_until_it_is_taken_back():
     sampler = AttentiveSampler(2)
     buffer = make_buffer(sampler)

@@ -1,6 +1,3 @@
-import subprocess
-import sys
-
 import pytest
 import torch
 from tensordict import TensorDict
@@ -60,8 +57,8 @@ def test_the_sampler_takes_its_settings_from_the_config():
 @pytest.mark.parametrize(
     ("kwargs", "message"),
     [
-        ({"sampler": "best"}, r"sampler must be one of \('attentive', .*, got 'best'."),
-        ({"similarity": "dot"}, r"similarity must be one of \('cosine', .*, got 'dot'."),
+        ({"sampler": "best"}, r"sampler must be one of \['attentive', .*, got 'best'."),
+        ({"similarity": "dot"}, r"similarity must be one of \['cosine', .*, got 'dot'."),
         ({"sampler": ":name"}, r"or 'module:name', got ':name'."),
         (
             {"capacity": 100, "batch_size": 10, "k": 1, "k_end": 20, "k_annealing_samples": 5},
@@ -77,19 +74,6 @@ def test_the_sampler_takes_its_settings_from_the_config():
 def test_bad_configs(kwargs, message):
     with pytest.raises(ValueError, match=message):
         ReplayConfig(**kwargs)
-
-
-def test_learner_imports_without_simulators():
-    """`agents` and `replay` know neither `envs` nor what lies below it."""
-    program = (
-        "import sys; import modpush.agents, modpush.replay; "
-        "print([m for m in sys.modules if m.split('.')[0] in ('sapien', 'mani_skill') "
-        "or m.startswith('modpush.envs')])"
-    )
-    output = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    ).stdout
-    assert output.strip() == "[]"
 
 
 class Recorder(RandomSampler):

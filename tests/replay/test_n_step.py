@@ -111,17 +111,6 @@ def test_stretches_of_other_shapes_are_refused():
         NStepTransform(3, GAMMA).inv(stretch(1, 6).reshape(1, 2, 3))
 
 
-class Constant(nn.Module):
-    """Predicts the same two atoms everywhere."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.atoms = nn.Parameter(torch.tensor([8.0, 8.0]))
-
-    def forward(self, observation, action):
-        return self.atoms.expand(*observation.shape[:-1], 2)
-
-
 def linear_constant(config, specs):
     """The same as a network that can be batched: weights of zero and a bias."""
     network = nn.Linear(2, 2)

@@ -11,7 +11,7 @@ from torchrl.data import (
 )
 
 from modpush.replay import PrioritizedSampler, ReplayConfig, make_replay_buffer
-from modpush.replay.state import buffer_state, load_buffer_state
+from modpush.replay.buffer import buffer_state, load_buffer_state
 from tests.replay.test_buffer import trajectory
 
 PRIORITIES = torch.tensor([0.0, 0.1, 5.0, 1.0, 2.0, 0.4, 0.4, 3.0, 0.01, 1.5, 0.7])

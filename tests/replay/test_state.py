@@ -6,8 +6,8 @@ from tensordict import TensorDict
 
 from modpush._state import read_state, write_state
 from modpush.replay import ReplayConfig, make_replay_buffer
+from modpush.replay.buffer import buffer_state, load_buffer_state
 from modpush.replay.n_step import extend_rollout
-from modpush.replay.state import buffer_state, load_buffer_state
 
 
 def transitions(start, count, envs=2):

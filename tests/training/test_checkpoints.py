@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from modpush.training.checkpoints import Checkpoints
+from modpush.training.run_folder import Checkpoints
 
 
 @pytest.mark.parametrize("keep", [1, 3])

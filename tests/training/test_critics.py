@@ -5,12 +5,11 @@ from pathlib import Path
 import pytest
 import torch
 
-from modpush._state import read_state
 from modpush._validation import from_plain
 from modpush.agents import make_tqc
 from modpush.recipes import load_agent
 from modpush.training import RunFolder, TrainConfig, load_critics
-from modpush.training.checkpoints import CHECKPOINT_KIND, CHECKPOINT_VERSION
+from modpush.training.run_folder import read_checkpoint
 from modpush.viewer import PlayConfig, Session
 
 
@@ -30,7 +29,7 @@ def test_they_are_those_that_the_loss_trained(unbroken: Path, env) -> None:
     # TorchRL's own way of calling the copies that a loss holds.
     newest = RunFolder(unbroken).checkpoints.latest()
     assert newest is not None
-    state = read_state(newest, CHECKPOINT_KIND, CHECKPOINT_VERSION)
+    state = read_checkpoint(newest)
     loss = make_tqc(from_plain(TrainConfig, state["config"]).tqc, env).loss
     loss.load_state_dict(state["loss"])
     found = []

@@ -13,7 +13,7 @@ import psutil
 import pytest
 import torch
 
-from modpush._folder_lock import FolderLock, FolderLockedError
+from modpush._atomic import FolderLock, FolderLockedError
 from modpush.evaluation.episodes import run_episodes
 from modpush.training import Trainer, check_run_folder
 from modpush.training.learner import Learner

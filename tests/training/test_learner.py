@@ -22,7 +22,7 @@ def make_learner(folder: Path, **changes: Any) -> Learner:
         columns={},
         fingerprint={},
     )
-    return Learner(replace(SMOKE, **changes), specs, None, folder)
+    return Learner(replace(SMOKE, **changes), specs, {}, folder)
 
 
 def rollout(number: int, steps: int = 4, **about: Any) -> Rollout:

@@ -105,9 +105,9 @@ def test_what_the_actors_act_with_is_what_was_learned(cluster: Any, tmp_path: Pa
     sent: list[dict[str, Any]] = []
     collect = trainer.collect
 
-    def noting_collect() -> Any:
+    def noting_collect() -> None:
         sent.append(trainer.learner.actor_weights())
-        return collect()
+        collect()
 
     trainer.collect = noting_collect  # type: ignore[method-assign]
     trainer.rollouts, trainer.after = [], {}
@@ -195,7 +195,7 @@ def test_steps_of_two_collectors_are_not_summed_together(tmp_path: Path) -> None
     config = replace(SMOKE, replay=replace(SMOKE.replay, n_steps=3))
     worker = InlineWorker(partial(SceneWorker, config))
     worker.call(SceneWorker.restart, 0)
-    learners = [Learner(config, worker.call(SceneWorker.specs), None, tmp_path) for _ in range(2)]
+    learners = [Learner(config, worker.call(SceneWorker.specs), {}, tmp_path) for _ in range(2)]
     rollouts = [worker.call(SceneWorker.collect, 4, None) for _ in range(2)]
     others = [worker.call(SceneWorker.collect, 4, None) for _ in range(2)]
     worker.close()

@@ -304,7 +304,8 @@ def test_what_is_due_is_done_at_the_first_rollout_past_its_step():
         steps=0,
         seconds_waited=0.0,
         learner=SimpleNamespace(learn=lambda before, now: events.append("learn")),
-        collect=lambda: events.append("collect") or SimpleNamespace(result=lambda: None),
+        collect=lambda: events.append("collect"),
+        worker=SimpleNamespace(result=lambda: None),
         _write_log=lambda rollout: events.append("log") or {},
         _evaluate=lambda: events.append("evaluate"),
         save=lambda: events.append("save"),
@@ -316,9 +317,8 @@ def test_what_is_due_is_done_at_the_first_rollout_past_its_step():
 
     trainer.store = store
     trainer.bar = TrainingBar(SMOKE)
-    pending = SimpleNamespace(result=lambda: None)
     while trainer.steps < 112:
-        pending = trainer._iterate(pending)
+        trainer._iterate()
     assert events == [
         *(16, "collect", "learn"),
         *(32, "learn", "evaluate", "collect"),

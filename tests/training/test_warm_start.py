@@ -9,7 +9,6 @@ from torchrl.data import Bounded, Composite, Unbounded
 
 from modpush import load_agent
 from modpush.agents import TQCConfig, make_tqc_from_specs
-from modpush.cli import RunConfig, train_agent
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.training import Trainer, load_critics
 from modpush.training.run_folder import RunFolder
@@ -54,12 +53,14 @@ def test_it_acts_with_these_weights_from_the_first_step(unbroken, tmp_path):
     # The run's log has a row each 48 steps, and its scenes act at random for 64.
     assert "greedy/success" in pd.read_csv(tmp_path / "run" / "log.csv")
     first = Trainer(replace(SMOKE, init_from=str(unbroken)), tmp_path / "other")
-    rollout = first._first_rollout().result()
+    first._first_rollout()
+    rollout = first.worker.result()
     first.close()
     assert rollout.transitions["action"].shape == (16, 3)
     again = Trainer(replace(SMOKE, init_from=str(unbroken)), tmp_path / "again")
     again.learner.agent.actor.module[0].module[0][0].weight.data.add_(1.0)
-    other = again._first_rollout().result()
+    again._first_rollout()
+    other = again.worker.result()
     again.close()
     assert not (rollout.transitions["action"] == other.transitions["action"]).all()
 
@@ -110,12 +111,6 @@ def test_an_agent_with_parts_of_the_runs_own_modules(tmp_path):
     agent = begin(tmp_path / "more", env=config.env, init_from=str(file))
     saved = load_agent(file, allow=("tests.own_parts",)).actor.state_dict()
     assert_equal(saved, agent.actor.state_dict())
-
-
-def test_from_the_command_line(unbroken, tmp_path):
-    short = replace(SMOKE, total_steps=16)
-    train_agent(RunConfig(train=short, out=tmp_path / "run", init_from=str(unbroken)))
-    assert RunFolder(tmp_path / "run").read_config().init_from == str(unbroken)
 
 
 def test_a_run_without_its_buffer_fills_one_before_it_learns_on(unbroken, tmp_path):

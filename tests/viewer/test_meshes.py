@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import trimesh
 from scipy.spatial.transform import Rotation
 
 from modpush.envs import OBJECTS, Obstacle
@@ -25,7 +24,7 @@ TRIANGLE = ((0.0, 0.0), (0.3, 0.0), (0.0, 0.2))
     ids=["box", "cylinder", "capsule", "prism"],
 )
 def test_a_mesh_is_closed_and_encloses_the_solid_s_volume(part, volume) -> None:
-    mesh = trimesh.Trimesh(*primitive_mesh(part))
+    mesh = primitive_mesh(part)
     assert mesh.is_watertight
     assert mesh.volume == pytest.approx(volume, rel=0.02)  # positive: the faces look outwards
 

@@ -342,8 +342,6 @@ def test_a_folder_that_is_no_evaluation_is_an_error(tmp_path) -> None:
         ("scene", "nowhere"),
         ("pushed_object", "ball"),
         ("policy", ()),
-        ("difficulty", 2.0),
-        ("port", -1),
     ],
 )
 def test_a_wrong_setting_is_named(field, value) -> None:

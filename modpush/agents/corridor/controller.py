@@ -28,7 +28,6 @@ from modpush.agents.corridor.target import choose_targets
 from modpush.geometry import Camera
 from modpush.planners import LazyThetaStar
 
-_WHO = "PushingCorridorController"
 _SMALL_CUBE_RADIUS = 0.025 * math.sqrt(2.0)  # [m]
 
 

@@ -4,6 +4,7 @@ A part of your own is a function of the same signature, given as an object or as
 """
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from tensordict.nn import TensorDictModule
@@ -13,7 +14,7 @@ from torchrl.objectives import LossModule, SACLoss, TD3Loss
 from modpush.agents.tqc.config import TQCConfig
 from modpush.agents.tqc.encoder import EncoderTQCLoss
 from modpush.agents.tqc.loss import TQCLoss
-from modpush.agents.tqc.networks import make_actor, make_critic, make_deterministic_actor
+from modpush.agents.tqc.networks import make_actor, make_critic
 from modpush.agents.tqc.specs import LearnerSpecs
 
 __all__ = [
@@ -23,7 +24,6 @@ __all__ = [
     "ActorFactory",
     "CriticFactory",
     "LossFactory",
-    "deterministic_mlp_actor",
     "entropy_settings",
     "mlp_actor",
     "mlp_critic",
@@ -45,7 +45,9 @@ are minimised. It must have its value estimator and its keys set. Parameters who
 `critic_lr`. Target parameters, if there are any, are moved by `SoftUpdate`."""
 
 
-def mlp_actor(config: TQCConfig, specs: LearnerSpecs) -> ProbabilisticActor:
+def mlp_actor(
+    config: TQCConfig, specs: LearnerSpecs, *, deterministic: bool = False
+) -> ProbabilisticActor:
     """A multilayer perceptron over the observation and, if there is an encoder, its latent."""
     return make_actor(
         specs.observation_dim,
@@ -55,18 +57,7 @@ def mlp_actor(config: TQCConfig, specs: LearnerSpecs) -> ProbabilisticActor:
         action_key=specs.action_key,
         encoder=specs.encoder,
         image_key=specs.image_key,
-        device=config.device,
-    )
-
-
-def deterministic_mlp_actor(config: TQCConfig, specs: LearnerSpecs) -> ProbabilisticActor:
-    """A multilayer perceptron over the observation whose output is the action, for TD3."""
-    return make_deterministic_actor(
-        specs.observation_dim,
-        specs.action,
-        config.hidden_sizes,
-        observation_key=specs.observation_key,
-        action_key=specs.action_key,
+        deterministic=deterministic,
         device=config.device,
     )
 
@@ -160,9 +151,9 @@ def _complete(loss: Any, config: TQCConfig, specs: LearnerSpecs) -> Any:
 
 ACTORS: Mapping[str, ActorFactory] = {
     "mlp": mlp_actor,
-    "deterministic_mlp": deterministic_mlp_actor,
+    "deterministic_mlp": partial(mlp_actor, deterministic=True),
 }
-"""Actor networks by name."""
+"""Actor networks by name; the output of the deterministic one is the action, for TD3."""
 CRITICS: Mapping[str, CriticFactory] = {"mlp": mlp_critic}
 """Critic networks by name."""
 LOSSES: Mapping[str, LossFactory] = {"tqc": tqc_loss, "sac": scalar_loss, "td3": scalar_loss}

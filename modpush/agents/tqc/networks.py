@@ -14,7 +14,7 @@ from modpush._types import Count, NonNegativeInteger
 from modpush.agents.tqc.encoder import LATENT_KEY, EncodedNetwork
 from modpush.agents.tqc.ensemble import AnyFloatMLP
 
-__all__ = ["make_actor", "make_critic", "make_deterministic_actor"]
+__all__ = ["make_actor", "make_critic"]
 
 _LOG_SCALE_BOUNDS = (-20.0, 2.0)
 
@@ -37,6 +37,7 @@ def make_actor(
     action_key: NestedKey = "action",
     encoder: nn.Module | None = None,
     image_key: NestedKey = "window",
+    deterministic: bool = False,
     device: torch.device | str | None = None,
 ) -> ProbabilisticActor:
     """A Gaussian policy squashed by tanh into the action's bounds.
@@ -50,77 +51,42 @@ def make_actor(
         encoder: Encoder whose latent is read beside the observation, without gradient; see
             `encode_images`.
         image_key: Where the encoder's images are read, `[*B, C, H, W]`.
+        deterministic: Make a policy without randomness, for TD3.
         device: Device of the parameters.
 
     Returns:
         An actor that writes `loc`, `scale` and the action. Its log standard deviation is clamped
-        to [-20, 2] before the exponential.
+        to [-20, 2] before the exponential. A deterministic one writes `param`, the action before
+        tanh, and the action.
 
     Raises:
         ValueError: If the action is not a vector of real numbers between finite limits.
     """
     _check_action_spec(action_spec)
     latent_dim = 0 if encoder is None else int(encoder.latent_dim)  # type: ignore[arg-type]
-    in_features, out_features = observation_dim + latent_dim, 2 * action_spec.shape[-1]
-    network: nn.Module = nn.Sequential(
-        _mlp(in_features, out_features, hidden_sizes, device),
-        NormalParamExtractor(scale_mapping="modpush_clamped_exp", scale_lb=1e-6),
-    )
+    parameters = ["param"] if deterministic else ["loc", "scale"]
+    out_features = len(parameters) * action_spec.shape[-1]
+    network: nn.Module = _mlp(observation_dim + latent_dim, out_features, hidden_sizes, device)
+    if not deterministic:
+        extractor = NormalParamExtractor(scale_mapping="modpush_clamped_exp", scale_lb=1e-6)
+        network = nn.Sequential(network, extractor)
     in_keys = [observation_key]
     if encoder is not None:
         network = EncodedNetwork(encoder, network)
         in_keys.append(image_key)
     return ProbabilisticActor(
-        TensorDictModule(network, in_keys=in_keys, out_keys=["loc", "scale"]),
-        in_keys=["loc", "scale"],
+        TensorDictModule(network, in_keys=in_keys, out_keys=parameters),
+        in_keys=parameters,
         out_keys=[action_key],
         spec=action_spec.to(device) if device is not None else action_spec,
-        distribution_class=TanhNormal,
-        distribution_kwargs=dict(zip(("low", "high"), _limits(action_spec), strict=True)),
-    )
-
-
-@checked_arguments
-def make_deterministic_actor(
-    observation_dim: Count,
-    action_spec: Bounded,
-    hidden_sizes: Sequence[Count],
-    *,
-    observation_key: NestedKey = "observation",
-    action_key: NestedKey = "action",
-    device: torch.device | str | None = None,
-) -> ProbabilisticActor:
-    """A policy without randomness, squashed by tanh into the action's bounds.
-
-    Args:
-        observation_dim: Width of the observation.
-        action_spec: Spec of one action, `[A]`, bounded.
-        hidden_sizes: Widths of the hidden layers, ReLU after each.
-        observation_key: Where the observation is read, `[*B, observation_dim]`.
-        action_key: Where the action is written, `[*B, A]`.
-        device: Device of the parameters.
-
-    Returns:
-        An actor that writes `param`, the action before tanh, and the action.
-
-    Raises:
-        ValueError: If the action is not a vector of real numbers between finite limits.
-    """
-    _check_action_spec(action_spec)
-    network = _mlp(observation_dim, action_spec.shape[-1], hidden_sizes, device)
-    return ProbabilisticActor(
-        TensorDictModule(network, in_keys=[observation_key], out_keys=["param"]),
-        in_keys=["param"],
-        out_keys=[action_key],
-        spec=action_spec.to(device) if device is not None else action_spec,
-        distribution_class=TanhDelta,
+        distribution_class=TanhDelta if deterministic else TanhNormal,
         distribution_kwargs=dict(zip(("low", "high"), _limits(action_spec), strict=True)),
     )
 
 
 def _check_action_spec(action_spec: Bounded) -> None:
-    if not isinstance(action_spec, Bounded) or len(action_spec.shape) != 1:
-        raise ValueError(f"action_spec must be a Bounded spec of shape [A], got {action_spec}.")
+    if len(action_spec.shape) != 1:
+        raise ValueError(f"action_spec must be of shape [A], got {action_spec}.")
     low, high = _limits(action_spec)
     right = action_spec.dtype.is_floating_point and bool((low < high).all())
     if not (right and low.isfinite().all() and high.isfinite().all()):

@@ -48,11 +48,7 @@ class WindowData:
                 f"{self.windows.dtype}."
             )
         for name in ("family", "held_out"):
-            if getattr(self, name).shape != (len(self),):
-                raise ValueError(
-                    f"WindowData: {name} must be [{len(self)}], "
-                    f"got {list(getattr(self, name).shape)}."
-                )
+            check_shape(name, getattr(self, name), "N", (len(self),))
 
     @property
     def window_size(self) -> int:

@@ -42,8 +42,7 @@ class VAELoss(LossModule):
         kl_weight: Weight w of the divergence.
 
     Raises:
-        TypeError: If it is not an autoencoder.
-        ValueError: If the weight is negative or not finite.
+        ValueError: If it is not an autoencoder, or the weight is negative or not finite.
     Source: Sec. IV-A of the paper; w = 0.5 as in the authors' code.
     """
 
@@ -57,8 +56,6 @@ class VAELoss(LossModule):
     @checked_arguments
     def __init__(self, vae: DepthVAE, kl_weight: NonNegative = 0.5) -> None:
         super().__init__()
-        if not isinstance(vae, DepthVAE):
-            raise TypeError(f"VAELoss: vae must be a DepthVAE, got {type(vae).__name__}.")
         self.vae = vae
         self.kl_weight = kl_weight
         self.out_keys = ["loss_reconstruction", "loss_kl", "kl", "kl_per_latent"]

@@ -59,8 +59,8 @@ def vae_quality(vae: DepthVAE, windows: Callable[[slice], Tensor], count: Count)
         count: Number of windows.
 
     Raises:
-        TypeError: If `vae` is not an autoencoder, or `windows` is not a function.
-        ValueError: If `count` is not positive.
+        ValueError: If `vae` is not an autoencoder, `windows` is not a function, or `count` is not
+            positive.
     """
     device = next(vae.parameters()).device
     rows, means = [], []

@@ -33,6 +33,7 @@ _LOW, _SIDE = (0.145, -0.455), 0.91  # the grid's lower corner and the length of
 _BATCH = 256  # candidates drawn at a time
 _BATCHES = 40
 _LAYOUTS = 4
+_OTHER_DISTANCES = 8  # layouts with a new distance each, where the first distance has no start
 _REDRAWS = 100  # of a layout in which the arm has no room
 _TOOL_TO_OBJECT, _TOOL_TO_OBSTACLE = 0.002, 0.005  # least gaps at the start [m]
 _TOOL_GAP = 0.002  # least gap between its upper parts and obstacles [m]
@@ -106,7 +107,8 @@ def sample_scenario(
     """Draw an episode's start.
 
     The distance from start to goal is drawn first and kept, so that it is uniform over its range
-    whatever the layout. Start and goal keep their distance from obstacles, a path joins them on the
+    whatever the layout; only where four layouts have no start at this distance is another one drawn.
+    Start and goal keep their distance from obstacles, a path joins them on the
     grid inflated by the object's radius (`ScenarioConfig.path_inflation` says which), and the tool
     stands free and within reach. Layouts with an obstacle where the arm's shoulder and upper arm turn are
     drawn again. The number of tries is bounded.
@@ -132,7 +134,9 @@ def sample_scenario(
     failed: Counter[str] = Counter()
     distance = float(rng.uniform(*config.distance))
     name = ""
-    for _ in range(_LAYOUTS):
+    for layout in range(_LAYOUTS + _OTHER_DISTANCES):
+        if layout >= _LAYOUTS:
+            distance = float(rng.uniform(*config.distance))
         name, scene = scenes[rng.integers(len(scenes))]
         item = objects[rng.integers(len(objects))]
         difficulty = float(rng.uniform(*config.difficulty))
@@ -163,9 +167,10 @@ def sample_scenario(
                 dynamics=_sample_dynamics(rng, config, item),
             )
     reasons = ", ".join(f"{reason}: {n}" for reason, n in failed.most_common())
+    layouts = _LAYOUTS + _OTHER_DISTANCES
     raise ValueError(
-        f"sample_scenario: no start {distance:.3f} m from a goal found in scene {name!r} after "
-        f"{_LAYOUTS} layouts of {_BATCH * _BATCHES} tries each. Failed conditions: {reasons}."
+        f"sample_scenario: no start {config.distance} m from a goal found in scene {name!r} after "
+        f"{layouts} layouts of {_BATCH * _BATCHES} tries each. Failed conditions: {reasons}."
         + (
             f" In {name!r} a path needs path_inflation='inscribed'."
             if name in TIGHT_SCENES and config.path_inflation != "inscribed"

@@ -6,13 +6,14 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from modpush._batching import BatchKernel
 from modpush._kernels import njit
 from modpush.planners.kernels.heap import heap_pop, heap_set
 from modpush.planners.kernels.maps import Maps, refresh_map
 from modpush.planners.kernels.paths import PathArrays, Queries, place_ends, write_path
 from modpush.planners.kernels.visibility import FRACTION_BITS, ONE, SE
 
-__all__ = ["Steps", "plan_few", "plan_many", "search_cells"]
+__all__ = ["Steps", "plan_all", "search_cells"]
 
 _DX = np.array([1, -1, 0, 0, 1, -1, 1, -1], dtype=np.int64)
 _DY = np.array([0, 0, 1, -1, 1, 1, -1, -1], dtype=np.int64)
@@ -139,19 +140,10 @@ def plan_one(
     write_path(paths, b, queries, path_x[at:], path_y[at:])
 
 
-@njit(nogil=True)
-def plan_few(
+@BatchKernel
+def plan_all(
     batch: int, maps: Maps, queries: Queries, paths: PathArrays, weight: NDArray, neighbours: int
 ) -> None:
-    """Plan all scenes, one after the other; arguments as in `plan_one`."""
-    for b in range(batch):
-        plan_one(b, maps, queries, paths, weight, neighbours)
-
-
-@njit(nogil=True, parallel=True)
-def plan_many(
-    batch: int, maps: Maps, queries: Queries, paths: PathArrays, weight: NDArray, neighbours: int
-) -> None:
-    """Plan all scenes, on several threads; arguments as in `plan_one`."""
+    """Plan all scenes; arguments as in `plan_one`."""
     for b in prange(batch):
         plan_one(b, maps, queries, paths, weight, neighbours)

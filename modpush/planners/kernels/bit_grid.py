@@ -32,17 +32,18 @@ def _set_cell(bits: NDArray, u: float, v: float, height: int, width: int) -> Non
         bits[j, i >> 6] |= np.uint64(1) << np.uint64(i & 63)
 
 
-class View(NamedTuple):
-    """Camera images and settings of one scene.
+class Views(NamedTuple):
+    """Camera images and settings of a batch.
 
     Attributes:
-        depth: `[H, W]` float32 [m]; values that are not positive and finite mean no measurement.
-        segmentation: `[H, W]` uint8, or `[0, 0]`: then what is seen within the object's radius
+        depth: `[B, H, W]` float32 [m]; values that are not positive and finite mean no measurement.
+        segmentation: `[B, H, W]` uint8, or `[B, 0, 0]`: then what is seen within the object's radius
             around its centre counts as the object.
-        object_uv: `[2]` float32, the object's centre on the table grid [px]; read without a
+        object_uv: `[B, 2]` float32, the object's centre on the table grid [px]; read without a
             segmentation.
-        object_radius: [px], read without a segmentation.
-        previous: `[H, ceil(W / 64)]` uint64: what is kept where object or robot hide the view.
+        object_radius: `[B]` float64 [px], read without a segmentation.
+        inflation: `[B]` float64, by how much blocked cells are inflated [px].
+        previous: `[B, H, ceil(W / 64)]` uint64: what is kept where object or robot hide the view.
         camera_z: Height of the camera [m].
         min_height: Lower things do not block [m].
         upright: Draw each point where it stands on the table, rather than where it is seen.
@@ -51,7 +52,8 @@ class View(NamedTuple):
     depth: NDArray
     segmentation: NDArray
     object_uv: NDArray
-    object_radius: float
+    object_radius: NDArray
+    inflation: NDArray
     previous: NDArray
     camera_z: float
     min_height: float
@@ -59,16 +61,17 @@ class View(NamedTuple):
 
 
 @njit(nogil=True)
-def find_blocked(view: View, bits: NDArray) -> None:
+def find_blocked(b: int, views: Views, bits: NDArray) -> None:
     """Mark the cells below obstacles, that is all that is neither object nor robot.
 
     Args:
-        view: Images and settings.
+        b: Scene.
+        views: Images and settings.
         bits: `[H, ceil(W / 64)]` uint64, overwritten.
     """
-    depth, segmentation, object_uv = view.depth, view.segmentation, view.object_uv
-    object_radius, previous = view.object_radius, view.previous
-    camera_z, min_height, upright = view.camera_z, view.min_height, view.upright
+    depth, segmentation, object_uv = views.depth[b], views.segmentation[b], views.object_uv[b]
+    object_radius, previous = views.object_radius[b], views.previous[b]
+    camera_z, min_height, upright = views.camera_z, views.min_height, views.upright
     height, width = depth.shape
     u0, v0 = 0.5 * (width - 1), 0.5 * (height - 1)
     segmented = segmentation.size > 0

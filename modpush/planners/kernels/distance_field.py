@@ -6,6 +6,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from modpush._batching import BatchKernel
 from modpush._kernels import njit
 from modpush.planners.kernels.lazy_theta_star import solve_scene
 from modpush.planners.kernels.maps import MAX_CORNERS, Maps, corner_count, refresh_map
@@ -13,7 +14,7 @@ from modpush.planners.kernels.paths import PathArrays, Queries, place_ends, writ
 from modpush.planners.kernels.taut_search import length_of, stays_taut, taut_search, touches
 from modpush.planners.kernels.visibility import line_of_sight
 
-__all__ = ["Fields", "empty_fields", "plan_few", "plan_many"]
+__all__ = ["Fields", "empty_fields", "plan_all"]
 
 
 class Fields(NamedTuple):
@@ -111,15 +112,8 @@ def plan_one(b: int, maps: Maps, queries: Queries, paths: PathArrays, fields: Fi
     write_path(paths, b, queries, path_x, path_y)
 
 
-@njit(nogil=True)
-def plan_few(batch: int, maps: Maps, queries: Queries, paths: PathArrays, fields: Fields) -> None:
-    """Plan all scenes, one after the other."""
-    for b in range(batch):
-        plan_one(b, maps, queries, paths, fields)
-
-
-@njit(nogil=True, parallel=True)
-def plan_many(batch: int, maps: Maps, queries: Queries, paths: PathArrays, fields: Fields) -> None:
-    """Plan all scenes, on several threads."""
+@BatchKernel
+def plan_all(batch: int, maps: Maps, queries: Queries, paths: PathArrays, fields: Fields) -> None:
+    """Plan all scenes."""
     for b in prange(batch):
         plan_one(b, maps, queries, paths, fields)

@@ -4,6 +4,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from modpush._batching import BatchKernel
 from modpush._kernels import njit
 from modpush.planners.kernels.maps import MAX_CORNERS, Maps, corner_count, refresh_map
 from modpush.planners.kernels.paths import PathArrays, Queries, place_ends, write_path
@@ -11,7 +12,7 @@ from modpush.planners.kernels.taut_search import taut_search
 from modpush.planners.kernels.theta_search import solve_over_grid
 from modpush.planners.kernels.visibility import line_of_sight
 
-__all__ = ["plan_few", "plan_many", "solve_scene"]
+__all__ = ["plan_all", "solve_scene"]
 
 
 @njit(nogil=True)
@@ -68,15 +69,8 @@ def plan_one(b: int, maps: Maps, queries: Queries, paths: PathArrays, over_grid:
         solve_scene(b, maps, queries, x, y, over_grid, paths)
 
 
-@njit(nogil=True)
-def plan_few(batch: int, maps: Maps, queries: Queries, paths: PathArrays, over_grid: bool) -> None:
-    """Plan all scenes, one after the other."""
-    for b in range(batch):
-        plan_one(b, maps, queries, paths, over_grid)
-
-
-@njit(nogil=True, parallel=True)
-def plan_many(batch: int, maps: Maps, queries: Queries, paths: PathArrays, over_grid: bool) -> None:
-    """Plan all scenes, on several threads."""
+@BatchKernel
+def plan_all(batch: int, maps: Maps, queries: Queries, paths: PathArrays, over_grid: bool) -> None:
+    """Plan all scenes."""
     for b in prange(batch):
         plan_one(b, maps, queries, paths, over_grid)

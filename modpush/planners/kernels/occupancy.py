@@ -6,9 +6,10 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from modpush._batching import BatchKernel
 from modpush._kernels import njit
 from modpush.planners.kernels.bit_grid import (
-    View,
+    Views,
     find_blocked,
     inflate_bits,
     pack_cells,
@@ -18,39 +19,10 @@ from modpush.planners.kernels.bit_grid import (
 
 __all__ = [
     "Inflated",
-    "Views",
     "empty_inflated",
-    "inflate_few",
-    "inflate_many",
-    "observe_few",
-    "observe_many",
+    "inflate_all",
+    "observe_all",
 ]
-
-
-class Views(NamedTuple):
-    """Camera images and settings of a batch; fields as in `bit_grid.View`, arrays `[B, ...]`.
-
-    Attributes:
-        depth: `[B, H, W]` float32 [m].
-        segmentation: `[B, H, W]` uint8, or `[B, 0, 0]`.
-        object_uv: `[B, 2]` float32 [px].
-        object_radius: `[B]` float64 [px].
-        inflation: `[B]` float64, by how much blocked cells are inflated [px].
-        previous: `[B, H, ceil(W / 64)]` uint64.
-        camera_z: Height of the camera [m].
-        min_height: Lower things do not block [m].
-        upright: Draw each point where it stands on the table, rather than where it is seen.
-    """
-
-    depth: NDArray
-    segmentation: NDArray
-    object_uv: NDArray
-    object_radius: NDArray
-    inflation: NDArray
-    previous: NDArray
-    camera_z: float
-    min_height: float
-    upright: bool
 
 
 class Inflated(NamedTuple):
@@ -87,16 +59,9 @@ def inflate_one(b: int, cells: NDArray, radius: NDArray, out: NDArray) -> None:
     unpack_cells(inflated, out[b])
 
 
-@njit(nogil=True)
-def inflate_few(batch: int, cells: NDArray, radius: NDArray, out: NDArray) -> None:
-    """Inflate all scenes, one after the other."""
-    for b in range(batch):
-        inflate_one(b, cells, radius, out)
-
-
-@njit(nogil=True, parallel=True)
-def inflate_many(batch: int, cells: NDArray, radius: NDArray, out: NDArray) -> None:
-    """Inflate all scenes, on several threads."""
+@BatchKernel
+def inflate_all(batch: int, cells: NDArray, radius: NDArray, out: NDArray) -> None:
+    """Inflate all scenes."""
     for b in prange(batch):
         inflate_one(b, cells, radius, out)
 
@@ -115,17 +80,7 @@ def observe_one(
         changed: `[B]` bool, overwritten: True where the cells were inflated.
         out: `[B, H, W]` uint8, overwritten with the inflated cells.
     """
-    view = View(
-        views.depth[b],
-        views.segmentation[b],
-        views.object_uv[b],
-        views.object_radius[b],
-        views.previous[b],
-        views.camera_z,
-        views.min_height,
-        views.upright,
-    )
-    find_blocked(view, bits[b])
+    find_blocked(b, views, bits[b])
     same = last.radius[b] == views.inflation[b]
     for v in range(bits.shape[1]):
         for w in range(bits.shape[2]):
@@ -140,19 +95,10 @@ def observe_one(
     out[b] = last.cells[b]
 
 
-@njit(nogil=True)
-def observe_few(
+@BatchKernel
+def observe_all(
     batch: int, views: Views, last: Inflated, bits: NDArray, changed: NDArray, out: NDArray
 ) -> None:
-    """All scenes from depth to inflated cells, one after the other; arguments as in `observe_one`."""
-    for b in range(batch):
-        observe_one(b, views, last, bits, changed, out)
-
-
-@njit(nogil=True, parallel=True)
-def observe_many(
-    batch: int, views: Views, last: Inflated, bits: NDArray, changed: NDArray, out: NDArray
-) -> None:
-    """All scenes from depth to inflated cells, on several threads; arguments as in `observe_one`."""
+    """All scenes from depth to inflated cells; arguments as in `observe_one`."""
     for b in prange(batch):
         observe_one(b, views, last, bits, changed, out)

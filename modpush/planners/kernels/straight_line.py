@@ -3,12 +3,13 @@
 import numpy as np
 from numba import prange
 
+from modpush._batching import BatchKernel
 from modpush._kernels import njit
 from modpush.planners.kernels.maps import Maps, refresh_map
 from modpush.planners.kernels.paths import PathArrays, Queries, place_ends, write_path
 from modpush.planners.kernels.visibility import line_of_sight
 
-__all__ = ["plan_few", "plan_many"]
+__all__ = ["plan_all"]
 
 
 @njit(nogil=True)
@@ -22,15 +23,8 @@ def plan_one(b: int, maps: Maps, queries: Queries, paths: PathArrays) -> None:
         write_path(paths, b, queries, x, y)
 
 
-@njit(nogil=True)
-def plan_few(batch: int, maps: Maps, queries: Queries, paths: PathArrays) -> None:
-    """Plan all scenes, one after the other."""
-    for b in range(batch):
-        plan_one(b, maps, queries, paths)
-
-
-@njit(nogil=True, parallel=True)
-def plan_many(batch: int, maps: Maps, queries: Queries, paths: PathArrays) -> None:
-    """Plan all scenes, on several threads."""
+@BatchKernel
+def plan_all(batch: int, maps: Maps, queries: Queries, paths: PathArrays) -> None:
+    """Plan all scenes."""
     for b in prange(batch):
         plan_one(b, maps, queries, paths)

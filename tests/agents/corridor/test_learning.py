@@ -7,7 +7,6 @@ import pytest
 import torch
 from hypothesis import given, strategies as st
 from scipy import stats
-from scipy.integrate import quad
 from scipy.special import i0
 
 from modpush.agents import CorridorConfig, PushingCorridorController
@@ -156,14 +155,6 @@ def test_near_the_preferred_angle_the_deviation_is_measured_from_it():
     assert push.item() == pytest.approx(math.exp(4 * (math.cos(-0.1 - 0.3) - 1)))
     push, _ = activations(d(0.5), d(1.0), d(0.3), d(4.0))  # too far from alpha_p
     assert push.item() == pytest.approx(math.exp(4 * (math.cos(0.5 - 0.3) - 1)))
-
-
-def test_the_density_of_the_activations_integrates_to_one():
-    kappa = 3.37
-    total, _ = quad(
-        lambda a: math.exp(kappa * math.cos(a)) / (2 * math.pi * i0(kappa)), -math.pi, math.pi
-    )
-    assert total == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(("rules", "mean"), [("mended", math.pi), ("faithful", 0.0)])

@@ -20,7 +20,6 @@ from torchrl.data import (
 )
 from torchrl.envs import GymEnv, SerialEnv, TransformedEnv
 from torchrl.envs.transforms import RewardSum
-from torchrl.objectives import SoftUpdate, TQCLoss as TorchRLTQCLoss
 from torchrl.trainers.algorithms import SACTrainer
 
 from modpush.agents import TQCConfig, TQCLoss, make_tqc, make_tqc_from_specs
@@ -173,19 +172,6 @@ def test_one_optimizer_equals_three(env):
             agent.target_updater.step()
         ends.append(torch.cat([p.detach().flatten() for p in agent.loss.parameters()]))
     torch.testing.assert_close(*ends, rtol=1e-5, atol=1e-7)
-
-
-def test_our_critics_work_in_torchrls_own_loss(env):
-    agent = make_tqc(SMALL, env)
-    theirs = TorchRLTQCLoss(agent.actor, agent.critics, num_qvalue_nets=2)
-    ours = TQCLoss(agent.actor, agent.critics, num_qvalue_nets=2)
-    values = []
-    for loss in (theirs, ours):
-        loss.make_value_estimator(gamma=0.9)
-        SoftUpdate(loss, tau=0.5)
-        torch.manual_seed(0)
-        values.append(loss(make_pendulum_batch(3))["loss_qvalue"])
-    torch.testing.assert_close(*values)
 
 
 def test_sac_trainer_runs_the_agent():

@@ -149,15 +149,6 @@ def test_skipping_done_states_gives_the_same_losses():
     torch.testing.assert_close(*results)
 
 
-def test_two_runs_agree_to_the_bit():
-    ends = []
-    for _ in range(2):
-        agent = make_agent()
-        train(agent, 10)
-        ends.append(torch.cat([p.detach().flatten() for p in agent.loss.parameters()]))
-    assert torch.equal(*ends)
-
-
 def test_a_saved_agent_goes_on_as_before():
     first, second = make_agent(), make_agent()
     train(first, 5)

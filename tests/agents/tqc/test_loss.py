@@ -366,16 +366,6 @@ def test_a_missing_key_is_named(critic, key):
     assert error.value.args[0].startswith(f"key {key!r} is missing; there are [")
 
 
-@pytest.mark.slow  # test_update.py compiles it within an update
-def test_compiled_loss_equals_the_eager_one():
-    loss, batch = make_loss(TQCLoss), make_batch(4)
-    compiled = torch.compile(loss, backend="eager")
-    torch.manual_seed(0)
-    expected = loss(batch.clone())["loss_qvalue"]
-    torch.manual_seed(0)
-    torch.testing.assert_close(compiled(batch.clone())["loss_qvalue"], expected)
-
-
 @pytest.mark.gpu
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
 def test_cuda_equals_cpu():

@@ -1,17 +1,11 @@
 """The networks of actor and critics."""
 
-import pytest
 import torch
 from tensordict import TensorDict
 from torch import nn
-from torchrl.data import Bounded, Unbounded
+from torchrl.data import Bounded
 
 from modpush.agents import make_actor
-
-
-def test_unbounded_actions_are_refused():
-    with pytest.raises(ValueError, match=r"action_spec: .*instance of Bounded"):
-        make_actor(3, Unbounded((2,)), (8,))
 
 
 def test_log_standard_deviation_is_clamped():

@@ -241,6 +241,19 @@ def test_an_impossible_scene_says_which_condition_failed() -> None:
         sample_scenario(np.random.default_rng(0), ScenarioConfig(scene=full))
 
 
+def test_another_distance_is_drawn_where_a_layout_has_no_start_at_the_first() -> None:
+    """`random_1` in the diagonals has no start 0.5 m from a goal; this ended a run."""
+    config = ScenarioConfig(
+        scene="diagonal_walls",
+        pushed_object="random_1",
+        path_inflation="inscribed",
+        distance=(0.1, 0.6),
+    )
+    for seed in range(8):
+        start = sample_scenario(np.random.default_rng(seed), config)
+        assert 0.1 <= np.linalg.norm(np.subtract(start.goal_position, start.object_pose[:2])) <= 0.6
+
+
 def test_dynamics_are_drawn_only_when_asked_for() -> None:
     rng = np.random.default_rng(0)
     fixed = {sample_scenario(rng, ScenarioConfig()).dynamics for _ in range(5)}
