@@ -265,7 +265,7 @@ def test_a_missing_package_does_not_end_the_page(session, monkeypatch) -> None:
         require_extra("load_agent", "not_there")
 
     monkeypatch.setitem(EXTRAS, "not_there", "hub")
-    monkeypatch.setattr("modpush.recipes.agent_file.download_agent", download)
+    monkeypatch.setattr("modpush.recipes.hub.download_agent", download)
     session.submit(lambda: session.choose_policies("hf://owner/name"))
     session.tick()
     assert "modpush[hub]" in session.message
