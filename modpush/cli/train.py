@@ -23,6 +23,8 @@ Presets:
   refine_any_object  The same for a run of `any_object`.
   paper              The paper's configuration: 7e6 steps with one update each, which takes days on a
                      CPU.
+  paper_cpu          The paper's observation, planner, replay, curriculum and penalties, and what it
+                     takes to learn with them on two CPU cores, in an hour and a half.
   smoke              A run of a few seconds that does everything once and learns nothing.
 
 The defaults of the options that begin with `--train.` are the preset's. NAME may be "module:name",

@@ -180,6 +180,36 @@ def test_all_in_which_the_cpu_preset_departs_from_the_paper():
     }
 
 
+def test_all_in_which_paper_cpu_departs_from_the_paper():
+    """The values that are observed, the planner, sub-goals, replay, stages and weights are the paper's."""
+    assert changed(TRAIN_PRESETS["paper_cpu"][1], PAPER) == {
+        "env.num_envs": 16,
+        "env.frame": "path",
+        "env.action_frame": None,
+        "env.entries": PAPER_ENTRIES,  # which are not the default in the path's frame
+        "env.inflation": "widest",
+        "env.planner_margin": 0.02,
+        "env.reward.scale": 0.1,
+        "env.reward.clip": False,
+        "env.recovery": True,
+        "tqc.hidden_sizes": (256, 256),
+        "tqc.actor_lr": 3e-4,
+        "tqc.critic_lr": 3e-4,
+        "tqc.alpha_lr": 3e-4,
+        "tqc.alpha_init": 0.02,
+        "tqc.batch_size": 256,
+        "tqc.updates_per_step": 1 / 8,
+        "replay.batch_size": 256,
+        "replay.n_steps": 3,
+        "curriculum.window": 12,
+        "first_actions": "scripted",
+        "actor_average": 0.999,
+        "zero_init_latent": True,
+        "greedy_envs": 4,
+        "total_steps": 1_000_000,
+    }
+
+
 @pytest.mark.parametrize(
     ("name", "first"), [("refine", "cpu"), ("refine_any_object", "any_object")]
 )
