@@ -181,7 +181,7 @@ def test_all_in_which_the_cpu_preset_departs_from_the_paper():
 
 
 def test_all_in_which_paper_cpu_departs_from_the_paper():
-    """The values that are observed, the planner, sub-goals, replay, stages and weights are the paper's."""
+    """Observation, planner, sub-goals, replay, stages and weights are the paper's."""
     assert changed(TRAIN_PRESETS["paper_cpu"][1], PAPER) == {
         "env.num_envs": 16,
         "env.frame": "path",
