@@ -20,6 +20,8 @@ from paper.tables import CONTROLLERS, TABLES, table_text, verdicts, verdicts_tex
 __all__ = ["AGENTS", "BLOCKS", "replace_blocks", "write_blocks"]
 
 AGENTS = ("any_object", "small_cube")
+WITH_THE_PAPERS_VALUES = "paper"
+"""The agent that observes the 49 values of the paper; it has tables of its own."""
 SEEDS = (1, 2)
 """Further seeds of the agents, whose rows are those of `<agent>_seed_<seed>`."""
 SETS = {
@@ -218,9 +220,15 @@ BLOCKS: dict[str, Callable[[], str]] = {
     "agents": beside_paper_table,
     "stricter": stricter_table,
     "controllers": controller_table,
-    **{f"families {name}": partial(family_tables, name) for name in (*AGENTS, *CONTROLLERS)},
+    **{
+        f"families {name}": partial(family_tables, name)
+        for name in (*AGENTS, WITH_THE_PAPERS_VALUES, *CONTROLLERS)
+    },
     **{f"seeds {agent}": partial(seeds_table, agent) for agent in AGENTS},
-    **{f"verdicts {agent}": partial(verdict_table, agent) for agent in AGENTS},
+    **{
+        f"verdicts {agent}": partial(verdict_table, agent)
+        for agent in (*AGENTS, WITH_THE_PAPERS_VALUES)
+    },
     **{f"lists {agent}": partial(verdicts_text, agent) for agent in AGENTS},
     **{
         f"table {table} {agent}": partial(table_text, table, agent)

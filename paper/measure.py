@@ -11,7 +11,7 @@ from torchrl.envs import EnvBase
 from modpush.evaluation import EvaluationConfig, EvaluationSet, evaluate, load_set
 from modpush.evaluation.sets import BEHIND_SETS, EVALUATION_SETS
 from modpush.recipes.methods import Method, get_method
-from paper.blocks import AGENTS
+from paper.blocks import AGENTS, WITH_THE_PAPERS_VALUES
 from paper.provenance import add_session
 from paper.statistics import RETRAINED
 from paper.tables import CONTROLLERS
@@ -57,7 +57,7 @@ def find_method(name: str, recovery: bool | None = None) -> tuple[str, Method]:
 
 def run_methods(
     running: Running,
-    methods: tuple[str, ...] = (*AGENTS, RETRAINED, *CONTROLLERS),
+    methods: tuple[str, ...] = (*AGENTS, WITH_THE_PAPERS_VALUES, RETRAINED, *CONTROLLERS),
     sets: tuple[str, ...] = (*EVALUATION_SETS, *BEHIND_SETS),
     first: int | None = None,
 ) -> None:

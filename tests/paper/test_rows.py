@@ -85,7 +85,7 @@ def test_rows_come_back_from_the_file(tmp_path: Path, capsys: pytest.CaptureFixt
 
 
 def test_every_table_is_made_of_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    methods = (*blocks.AGENTS, "fragment", *tables.CONTROLLERS)
+    methods = (*blocks.AGENTS, blocks.WITH_THE_PAPERS_VALUES, "fragment", *tables.CONTROLLERS)
     seeds = [f"{agent}_seed_{seed}" for agent in blocks.AGENTS for seed in (1, 2)]
     sets = [f"{start}{name}" for start in blocks.STARTS for name in blocks.SETS]
     frames = [

@@ -9,17 +9,18 @@ import torch
 from modpush import load_agent, make_push_env
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import ScenarioConfig
+from modpush.evaluation import load_set
 from modpush.evaluation.episodes import run_episodes
 from modpush.recipes.agent_file import shipped_agents
 from modpush.recipes.methods import get_method
 from modpush.training import TRAIN_PRESETS
 
 
-def test_there_are_two() -> None:
-    assert sorted(shipped_agents()) == ["any_object", "small_cube"]
+def test_there_are_three() -> None:
+    assert sorted(shipped_agents()) == ["any_object", "paper", "small_cube"]
 
 
-@pytest.mark.parametrize("name", ["any_object", "small_cube"])
+@pytest.mark.parametrize("name", ["any_object", "paper", "small_cube"])
 def test_an_agent_is_a_policy_by_its_name(name: str) -> None:
     method = get_method(name)
     assert method.name == name
@@ -32,6 +33,17 @@ def test_any_object_is_of_the_preset_of_that_name() -> None:
     config = load_agent("any_object").config
     assert config.simulation.sim_freq == 120  # which the preset leaves to SAPIEN, whose own it is
     assert config.with_fields(sim_freq=None) == TRAIN_PRESETS["refine_any_object"][1].env
+
+
+def test_paper_is_of_the_preset_paper_cpu_and_solves_the_five_families() -> None:
+    agent = load_agent("paper")
+    assert agent.config == TRAIN_PRESETS["paper_cpu"][1].env
+    env = agent.make_env(8)
+    assert env.observation_spec["observation"].shape == (8, 49)
+    scenarios = load_set("tuning/small_cube").first(24).scenarios
+    episodes = list(run_episodes(env, agent.policy, enumerate(scenarios)))
+    env.close()
+    assert sum(episode.metrics.success for episode in episodes) >= 20
 
 
 def test_any_object_pushes_shapes_it_never_saw() -> None:
