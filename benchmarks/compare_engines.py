@@ -6,7 +6,7 @@
 
 For each policy and set that was run in both: share of solved episodes in either engine, share of
 episodes with the same outcome, numbers of episodes that only one of them solves, and over episodes that
-both solve the means of contact, collisions of the object and steps, and the correlation of steps.
+both solve the means of contact, collisions of object or arm, and steps, and the correlation of steps.
 """
 
 from dataclasses import dataclass

@@ -37,7 +37,7 @@ class RunConfig:
     train: TrainConfig = field(default_factory=TrainConfig)
     """Settings of the training run."""
     out: FilePath = Path("runs/train")
-    """Folder of the run."""
+    """Folder of the run; `modpush train PRESET` writes to runs/train_PRESET by default."""
     reward_term: Mapping[str, float] = field(default_factory=dict)
     """Weights of your own reward terms, each as "module:function" and a number; they are added to
     `train.env.reward.weights`."""

@@ -14,6 +14,8 @@ from torch import Tensor
 
 __all__ = ["DH_A", "DH_ALPHA", "DH_D", "planar_inverse_kinematics"]
 
+# Denavit-Hartenberg offsets d, lengths a [m] and twists alpha [rad] of the six joints, from the shoulder
+# to the flange; upper arm and forearm are the second and third lengths.
 DH_D = (0.089159, 0.0, 0.0, 0.10915, 0.09465, 0.0823)
 DH_A = (0.0, -0.425, -0.39225, 0.0, 0.0, 0.0)
 DH_ALPHA = (math.pi / 2, 0.0, 0.0, math.pi / 2, -math.pi / 2, 0.0)
