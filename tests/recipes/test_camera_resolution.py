@@ -67,6 +67,7 @@ def test_images_of_512_pixels_are_as_good_as_those_of_the_training(scene, monkey
         )
         patched.setattr(make_env, "PlannerSubgoals", partial(PlannerSubgoals, camera=FINE))
         patched.setattr(make_env, "EgocentricWindow", partial(EgocentricWindow, camera=FINE))
-        assert run(scene) == as_trained
-    assert as_trained[0] == 8
-    assert as_trained[1] <= 3  # processors round differently; without resampling there are many
+        solved, collisions = run(scene)
+    assert solved == as_trained[0] == 8
+    # Processors round differently; without resampling there are many collisions.
+    assert max(collisions, as_trained[1]) <= 3
