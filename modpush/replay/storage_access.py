@@ -1,4 +1,4 @@
-"""What the attentive sampler knows of a storage: single keys, distinct and newest entries."""
+"""Access of the attentive sampler to a storage: single keys, distinct and newest entries."""
 
 import numpy as np
 import torch

@@ -103,7 +103,7 @@ def _paper_cpu() -> TrainConfig:
         first_actions="scripted",
         actor_average=0.999,
         zero_init_latent=True,
-        # Noise frees a policy that stands still; without it the critics see that this is worth nothing.
+        # Noise frees a policy that stands still; scenes without it show the critics what that is worth.
         greedy_envs=4,
         total_steps=1_000_000,
     )

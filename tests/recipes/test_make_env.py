@@ -212,7 +212,7 @@ def test_every_episode_that_is_drawn_has_a_path():
 
 
 def test_the_inflation_that_is_given_also_decides_which_episodes_are_drawn():
-    config = RAYS.with_fields(scene="diagonal_walls", inflation="inscribed", distance=(0.5, 0.6))
+    config = RAYS.with_fields(scene="diagonal_walls", inflation="inscribed")
     env = make_push_env(config, inflation="circumscribed", seed=0)
     assert env.base_env.scenario.path_inflation == "circumscribed"
     with pytest.raises(ValueError, match="In 'diagonal_walls' a path needs path_inflation='inscr"):

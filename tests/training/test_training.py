@@ -476,7 +476,7 @@ def test_recovery_is_for_the_trained_agent_and_not_for_its_training():
 
 def test_held_out_episodes_are_solvable_on_the_map_that_is_planned_on() -> None:
     """Only the inscribed circle of the object passes through these scenes."""
-    env = SMOKE.env.with_fields(scene="diagonal_walls", inflation="inscribed", distance=(0.5, 0.6))
+    env = SMOKE.env.with_fields(scene="diagonal_walls", inflation="inscribed")
     curriculum = replace(SMOKE.curriculum, phases=(Phase(),))
     config = replace(SMOKE, env=env, curriculum=curriculum, evaluation_episodes=6)
     assert {start.scene for start in held_out_scenarios(config)} == {"diagonal_walls"}

@@ -92,7 +92,9 @@ def test_what_cannot_be_taken_over_is_refused_before_any_work(unbroken, tmp_path
         with pytest.raises(ValueError, match=message):
             begin(tmp_path / "run", **{"init_from": str(unbroken), **changes})
 
-    refused("expected a run's folder, a checkpoint, .*any_object, paper, small_cube", init_from="nobody")
+    refused(
+        "expected a run's folder, a checkpoint, .*any_object, paper, small_cube", init_from="nobody"
+    )
     refused("must be a run with a checkpoint", init_from=str(tmp_path))
     refused("another architecture", tqc=replace(SMOKE.tqc, hidden_sizes=(8,)))
     refused("trained in another environment.*edges", env=replace(SMOKE.env, leave_out=("edges",)))

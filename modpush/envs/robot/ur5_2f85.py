@@ -147,7 +147,7 @@ TOOLS: dict[ToolName, Tool] = {
 
 
 def joint_origin(index: int) -> tuple[tuple[float, float, float], float]:
-    """Where a joint's frame sits in that of the link before it: position [m] and roll [rad]."""
+    """Place of a joint's frame in that of the link before it: position [m] and roll [rad]."""
     if index == 0:
         return (0.0, 0.0, 0.0), 0.0
     return (DH_A[index - 1], 0.0, DH_D[index - 1]), DH_ALPHA[index - 1]
