@@ -150,9 +150,9 @@ class PushGymEnv(SingleSceneEnv):
     """One scene of `PushEnv`, as `gymnasium.make("ClutterPushState-v1")`.
 
     The observation is the state without the obstacles, `[17]` float32, in the order of
-    `OBSERVATION_KEYS`, or `[18]` for goal poses; the action is `[3]` float32 in [-1, 1]; the reward is 1 on success, and `info`
-    has `success`, `out_of_bounds` and the contacts as Python bools. `modpush/Push-v0` has the paper's
-    observation and reward instead.
+    `OBSERVATION_KEYS`, or `[18]` for goal poses; the action is `[3]` float32 in [-1, 1]; the reward is 1
+    on success, and `info` has `success`, `out_of_bounds` and the contacts as Python bools.
+    `modpush/Push-v0` has the paper's observation and reward instead.
 
     Args:
         render_mode: None, or `"rgb_array"` for a drawn top view, which needs no renderer.

@@ -87,8 +87,8 @@ class EvaluationSet:
         for number, scenario in enumerate(self.scenarios):
             if poses != (scenario.goal_yaw is not None):
                 raise ValueError(
-                    f"EvaluationSet: scenarios[{number}] must have {'a' if poses else 'no'} goal_yaw with "
-                    f"goal={self.conditions.goal!r} in the conditions, got {scenario.goal_yaw}."
+                    f"EvaluationSet: scenarios[{number}] must have {'a' if poses else 'no'} goal_yaw "
+                    f"with goal={self.conditions.goal!r} in the conditions, got {scenario.goal_yaw}."
                 )
         if not self.digest:
             episodes = data_hash([scenario.to_dict() for scenario in self.scenarios])

@@ -40,7 +40,9 @@ def env():
     env.close()
 
 
-def outcome(env: PushEnv, *scenarios: Scenario, steps: int = 1, yaw_tolerance=math.radians(10)):
+def outcome(
+    env: PushEnv, *scenarios: Scenario, steps: int = 1, yaw_tolerance=TIGHT["yaw_tolerance"]
+):
     """What follows some steps in which the tool stands still."""
     env.yaw_tolerance = math.radians(10)
     td = env.reset(scenarios=list(scenarios))
@@ -178,19 +180,21 @@ def test_wrong_options(options, message) -> None:
 def test_scenarios_of_the_other_kind_are_refused(env) -> None:
     with pytest.raises(ValueError, match=r"scenarios\[1\] must have a goal_yaw with goal='pose'"):
         env.reset(scenarios=[start(), replace(start(), goal_yaw=None)])
-    with pytest.raises(ValueError, match="must start more than 0.015 m from its goal or be turned"):
+    with pytest.raises(
+        ValueError, match=r"must start more than 0.015 m from its goal or be turned"
+    ):
         env.reset(scenarios=[start(), start((0.5, 0.01, 1.1))])
     plain = PushEnv(1, pushed_object="box", depth=None)
-    with pytest.raises(ValueError, match="must have no goal_yaw with goal='position', got 0.0"):
+    with pytest.raises(ValueError, match=r"must have no goal_yaw with goal='position', got 0.0"):
         plain.reset(scenarios=[start()])
     env.reset()
     plain.reset()
     with pytest.raises(
-        ValueError, match="state's goal_yaw is .*an environment with goal='position'"
+        ValueError, match=r"state's goal_yaw is .*an environment with goal='position'"
     ):
         plain.set_state(env.get_state([0]))
     plain.close()
-    with pytest.raises(ValueError, match="goal must be one of .*, got 'place'"):
+    with pytest.raises(ValueError, match=r"goal must be one of .*, got 'place'"):
         sample_scenario(np.random.default_rng(0), ScenarioConfig(), goal="place")
     with pytest.raises(ValueError, match="goal_yaw"):
         replace(start(), goal_yaw=math.nan)

@@ -130,8 +130,9 @@ def sample_scenario(
 
     Raises:
         TypeError: If the generator or the config has another type.
-        ValueError: If there is no such tool or goal; if a scene leaves the arm no room in any of its layouts; or
-            if no start is found, and then the message counts which condition failed how often.
+        ValueError: If there is no such tool or goal; if a scene leaves the arm no room in any of its
+            layouts; or if no start is found, and then the message counts which condition failed how
+            often.
     """
     check_instance("rng", rng, np.random.Generator)
     check_instance("config", config, ScenarioConfig)

@@ -97,7 +97,7 @@ class Scenario:
     """Yaw that the object is to have at the goal [rad]; None where the goal is a position."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain lists, numbers and strings, ready for JSON; no `goal_yaw` where the goal is a position."""
+        """Plain lists, numbers and strings, ready for JSON; `goal_yaw` only where the goal is a pose."""
         return {k: v for k, v in asdict(self).items() if (k, v) != ("goal_yaw", None)}
 
     @property
