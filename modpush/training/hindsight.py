@@ -149,7 +149,8 @@ class Hindsight:
             found += self._play(episodes)
         if not found:
             return {}
-        return {key: value.numpy() for key, value in torch.cat(found).items(True, True)}
+        rows: Any = torch.cat(found)
+        return {key: value.numpy() for key, value in rows.items(True, True)}
 
     def _play(self, episodes: Sequence[_Episode]) -> list[TensorDictBase]:
         """Play one episode in each scene; returns the transitions `[T]` of each."""
