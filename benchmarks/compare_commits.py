@@ -1,4 +1,4 @@
-"""What an environment's step, a reset, a plan and an update of TQC cost in two checkouts of the project, in turns.
+"""What a step, a reset, a plan and an update of TQC cost in two checkouts of the project, in turns.
 
     git worktree add ../old 2cd1fa5
     python benchmarks/compare_commits.py ../old .
