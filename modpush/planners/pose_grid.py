@@ -60,8 +60,9 @@ def make_grid(camera: Camera, stride: int, bounds: Corners | None) -> PoseGrid:
         if len(bounds) != 2 or any(len(corner) != 2 for corner in bounds):
             raise ValueError(f"PoseField: bounds must be two corners (x, y) [m], got {bounds!r}.")
         pixels = camera.project(np.array(bounds, dtype=np.float64))
-        low = np.maximum(low, np.ceil(pixels.min(0)))
-        high = np.minimum(high, np.floor(pixels.max(0)))
+        # x points up in the image, and y to the left.
+        low = np.maximum(low, np.ceil(pixels[1]))
+        high = np.minimum(high, np.floor(pixels[0]))
     if not (low <= high).all():
         raise ValueError(f"PoseField: bounds must leave a position in the image, got {bounds!r}.")
     counts = ((high - low) // stride).astype(int) + 1

@@ -96,7 +96,7 @@ def _build(b: int, fields: PoseFields, cost: NDArray, turn: float) -> None:
             count += 1
     fields.goal_moved[b] = count == 0
     if count == 0:
-        count = int(find_nearest(goal, cost, turn, corners[0], False))
+        count = int(find_nearest(goal, cost, turn, corners[0]))
     layers, height, width = cost.shape
     for i in range(count):
         row, column, layer = corners[i, 0] + 1, corners[i, 1] + 1, corners[i, 2] % layers

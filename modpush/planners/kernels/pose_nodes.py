@@ -73,8 +73,8 @@ def cost_at(cost: NDArray, node: NDArray) -> float:
 
 
 @njit(nogil=True)
-def find_nearest(pose: NDArray, cost: NDArray, turn: float, node: NDArray, reached: bool) -> bool:
-    """Find the free pose of the grid nearest to a pose; with `reached`, of those with a finite cost."""
+def find_nearest(pose: NDArray, cost: NDArray, turn: float, node: NDArray) -> bool:
+    """Find the free pose of the grid nearest to a pose; False if there is none."""
     layers, height, width = cost.shape
     best, found = np.inf, False
     at = np.empty(3)
@@ -83,8 +83,7 @@ def find_nearest(pose: NDArray, cost: NDArray, turn: float, node: NDArray, reach
         layer = k + layers * int(np.rint((pose[2] - k) / layers))
         for row in range(height - 2):
             for column in range(width - 2):
-                value = cost[k, row + 1, column + 1]
-                if value < 0.0 or (reached and value == np.inf):
+                if cost[k, row + 1, column + 1] < 0.0:
                     continue
                 at[0], at[1], at[2] = row, column, layer
                 length = move_cost(pose, at, turn)

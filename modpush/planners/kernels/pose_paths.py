@@ -62,11 +62,11 @@ def _trace(node: NDArray, cost: NDArray, turn: float, start: NDArray, goal: NDAr
 
 
 @njit(nogil=True)
-def _enter(start: NDArray, cost: NDArray, turn: float, node: NDArray) -> int:
+def _enter(start: NDArray, cost: NDArray, turn: float, node: NDArray) -> tuple[bool, bool]:
     """Find the grid's pose by which a path from a start begins.
 
     Returns:
-        0 if there is no path, 1 if there is, 2 if the start is not free.
+        True if there is a path, and True if the start is not free.
     """
     corners = np.empty((8, 3), dtype=np.int64)
     best, is_free = np.inf, False
@@ -78,8 +78,9 @@ def _enter(start: NDArray, cost: NDArray, turn: float, node: NDArray) -> int:
             best = length
             put(node, corners[i])
     if is_free:
-        return int(best < np.inf)
-    return 2 if find_nearest(start, cost, turn, node, True) else 0
+        return best < np.inf, False
+    found = find_nearest(start, cost, turn, node)
+    return found and cost_at(cost, node) < np.inf, True
 
 
 @njit(nogil=True)
@@ -96,23 +97,23 @@ def _read_path(b: int, queries: PoseQueries, fields: PoseFields, paths: PosePath
     cost = fields.cost[b, : queries.layers[b]]
     turn, start = queries.turn[b], queries.start[b]
     node = np.empty(3, dtype=np.int64)
-    entry = _enter(start, cost, turn, node)
+    found, start_moved = _enter(start, cost, turn, node)
+    goal_moved = fields.goal_moved[b]
     paths.sizes[b] = 0
     _write_from(paths, b, 0, start, 0.0)
-    paths.start_moved[b], paths.goal_moved[b] = entry == 2, fields.goal_moved[b]
+    paths.start_moved[b], paths.goal_moved[b] = start_moved, goal_moved
     if is_same(start, queries.goal[b]):
         paths.sizes[b] = 2  # also where they are blocked: they need not be left and entered again
         return
-    if entry == 0:
+    if not found:
         return
     trace = _trace(node, cost, turn, start, queries.goal[b])
     # The legs to ends that were moved stay as they are.
     first, last = 0, len(trace) - 1
-    tied_start, tied_goal = entry == 2, fields.goal_moved[b]
     length, size = 0.0, 1
     while first < last:
-        to = last - 1 if tied_goal and first < last - 1 else last
-        if first == 0 and tied_start:
+        to = last - 1 if goal_moved and first < last - 1 else last
+        if first == 0 and start_moved:
             to = 1
         while to > first + 1 and not are_joined(trace[first], trace[to], cost):
             to -= 1
