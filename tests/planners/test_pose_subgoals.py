@@ -121,7 +121,7 @@ def test_the_full_circle_takes_the_goal_s_yaw_as_it_is():
 def test_what_is_missing_is_named():
     plain = TransformedEnv(TableEnv(1), Compose(OccupancyGrid(camera=SMALL), PoseSubgoals()))
     with pytest.raises(KeyError, match=r"does not emit.*goal_pose"):
-        plain.observation_spec
+        print(plain.observation_spec)
     data = make_env(1).reset().exclude(*WRITTEN)
     with pytest.raises(KeyError, match="'object_support' is missing"):
         PoseSubgoals(PoseField(SMALL))(data.exclude("object_support"))
