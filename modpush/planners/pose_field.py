@@ -142,7 +142,8 @@ class PoseField:
         Returns:
             `[B, K, rows, columns]` float32 [m], inf where blocked or without a path. Layer k of a scene
             with n layers, n = ceil(yaws / symmetry), has yaw `2 pi k / (symmetry n)`; K is the largest
-            n, and layers beyond a scene's own are inf. The positions are `positions`.
+            n, and layers beyond a scene's own are inf. The positions are `positions`. Of a goal that is
+            not free it is the cost to the nearest free pose.
 
         Raises:
             TypeError: As `plan`.

@@ -100,7 +100,10 @@ def _build(b: int, fields: PoseFields, cost: NDArray, turn: float) -> None:
     layers, height, width = cost.shape
     for i in range(count):
         row, column, layer = corners[i, 0] + 1, corners[i, 1] + 1, corners[i, 2] % layers
-        key, at = move_cost(goal, corners[i].astype(np.float64), turn), i
+        # The way to a goal that is not free is left out: it may be longer than float32 can add to.
+        at, key = i, 0.0
+        if not fields.goal_moved[b]:
+            key = move_cost(goal, corners[i].astype(np.float64), turn)
         while at > 0 and keys[at - 1] > key:
             seeds[at], keys[at] = seeds[at - 1], keys[at - 1]
             at -= 1

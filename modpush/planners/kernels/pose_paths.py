@@ -45,7 +45,7 @@ class PosePathArrays(NamedTuple):
 def _trace(node: NDArray, cost: NDArray, turn: float, start: NDArray, goal: NDArray) -> NDArray:
     """Start, the grid's poses on the shortest path from a node, and goal, `[P, 3]` float64."""
     layers = len(cost)
-    most = int(cost_at(cost, node) / min(1.0, turn)) + 4
+    most = int(cost_at(cost, node) / min(1.0, turn)) + 4  # no move costs less
     trace = np.empty((most, 3))
     put(trace[0], start)
     put(trace[1], node)
