@@ -172,7 +172,7 @@ class PoseField:
         period = turns.layers * turns.step
         turn = np.where(turns.layers > 1, turn - period * np.rint(turn / period), 0.0)
         way = np.hypot(*(last - first)[:, :2].T)
-        return torch.from_numpy((way + turns.radius * np.abs(turn)).astype(np.float32))
+        return torch.from_numpy(way + turns.radius * np.abs(turn)).float()
 
     def _queries(
         self,
@@ -271,17 +271,20 @@ class PoseField:
         position = self.camera.unproject(np.stack([u, v], -1))
         waypoints = np.concatenate([position, yaw[..., None]], -1)
 
-        def as_tensor(values: NDArray) -> Tensor:
-            return torch.from_numpy(np.ascontiguousarray(values)).to(device)
+        def real(values: NDArray) -> Tensor:
+            return torch.from_numpy(values).to(device, torch.float32)
+
+        def whole(values: NDArray) -> Tensor:
+            return torch.from_numpy(values).to(device)
 
         return PosePaths(
-            waypoints=as_tensor(waypoints.astype(np.float32)),
-            along=as_tensor(along.astype(np.float32)),
-            count=as_tensor(arrays.sizes),
-            length=as_tensor(np.where(found, along[:, -1], np.inf).astype(np.float32)),
-            found=as_tensor(found),
-            start_moved=as_tensor(arrays.start_moved),
-            goal_moved=as_tensor(arrays.goal_moved),
+            waypoints=real(waypoints),
+            along=real(along),
+            count=whole(arrays.sizes),
+            length=real(np.where(found, along[:, -1], np.inf)),
+            found=whole(found),
+            start_moved=whole(arrays.start_moved),
+            goal_moved=whole(arrays.goal_moved),
         )
 
 
