@@ -21,7 +21,7 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCach
 from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
 
-__all__ = ["njit"]
+__all__ = ["compiled_before", "njit"]
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -36,6 +36,17 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         return kernel
 
     return compiled
+
+
+def compiled_before(kernel: Any) -> bool:
+    """True if an earlier process has compiled a kernel of `njit`, on this machine or for this package."""
+    folders = Path(kernel._cache.cache_path), _beside(kernel.py_func)
+    pattern = f"{kernel._cache._impl.filename_base}.*.kernel"
+    return any(folder.is_dir() and any(folder.glob(pattern)) for folder in folders)
+
+
+def _beside(function: Callable[..., Any]) -> Path:
+    return Path(inspect.getfile(function)).parent / "__pycache__"
 
 
 class _BesideSource(InTreeCacheLocator):
@@ -60,8 +71,7 @@ class _Cache(FunctionCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         target_context.refresh()
-        beside = Path(inspect.getfile(self._py_func)).parent / "__pycache__"
-        for folder in dict.fromkeys([Path(self.cache_path), beside]):
+        for folder in dict.fromkeys([Path(self.cache_path), _beside(self._py_func)]):
             with suppress(Exception):  # a damaged file can raise anything
                 content = self._file(folder, sig, target_context.codegen()).read_bytes()
                 seal, kernel = content[:32], content[32:]

@@ -68,6 +68,12 @@ def test_a_kernel_is_compiled_once(kernel):
     assert (again(3.5), hits(again)) == (9.0, 1)
 
 
+def test_whether_it_was_compiled_before_is_known_without_a_call(kernel):
+    assert not _kernels.compiled_before(kernel())
+    kernel()(3)
+    assert _kernels.compiled_before(kernel())
+
+
 def test_without_a_place_to_write_it_is_compiled_each_time(kernel, monkeypatch):
     monkeypatch.setattr(caching.tempfile, "TemporaryFile", no_place)
     monkeypatch.setattr(caching.IndexDataCacheFile, "_open_for_write", no_place)

@@ -46,6 +46,7 @@ from torchrl.envs import EnvBase
 from tqdm import tqdm
 
 from modpush._atomic import make_folder
+from modpush._kernels import compiled_before
 from modpush._types import AtLeastOne, Count, FilePath, Fraction, Name, Seed, Several
 from modpush._validation import checked
 from modpush.envs import (
@@ -56,6 +57,7 @@ from modpush.envs import (
     find_render_device,
     sample_scenario,
 )
+from modpush.envs.depth.ray_kernels import draw_solids
 from modpush.envs.engines.named import find_engine
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.layouts import TIGHT_SCENES
@@ -117,7 +119,8 @@ def show_demo(config: DemoConfig) -> str:
     find_engine(config.engine)
     renders = config.rendered and config.engine == "sapien"
     rendered = renders and find_render_device() is not None
-    print("The first run on a machine compiles for about a minute before the arm moves.")
+    if not compiled_before(draw_solids):
+        print("The first run compiles for about a minute before the arm moves.")
     scenarios = _draw_scenarios(config)
     runs: dict[str, list[Episode]] = {}
     arm: Frames = {}

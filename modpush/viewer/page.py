@@ -16,6 +16,8 @@ from urllib.parse import urlsplit
 import torch
 
 from modpush._extras import require_extra
+from modpush._kernels import compiled_before
+from modpush.envs.depth.ray_kernels import draw_solids
 from modpush.viewer.config import CONTROL_FREQ, PlayConfig
 from modpush.viewer.controls import Controls
 from modpush.viewer.lane_view import LaneView
@@ -228,7 +230,8 @@ def play(config: PlayConfig | None = None) -> None:
     config = config or PlayConfig()
     warnings.filterwarnings("ignore", message="Failed to find system libvulkan")
     torch.set_num_threads(1)  # the networks are small: threads would only wait for each other
-    print("The first run on a machine compiles for about a minute.")
+    if not compiled_before(draw_solids):
+        print("The first run compiles for about a minute.")
     page = Page(config)
     if config.port and page.server.get_port() != config.port:
         print(f"Port {config.port} is taken.")
