@@ -1,4 +1,4 @@
-"""`SimulationConfig`: tool, camera, rates, ends of episodes; `set_fields`: single fields of configs."""
+"""`SimulationConfig`: robot, tool, camera, rates, ends; `set_fields`: single fields of configs."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, replace
@@ -7,7 +7,7 @@ from typing import Any, Literal
 from modpush._types import Count, Frequency
 from modpush._validation import checked
 from modpush.envs.engines.named import ENGINES, check_engine
-from modpush.envs.robot.ur5_2f85 import ToolName
+from modpush.envs.robot.named import check_robot, check_tool
 from modpush.parts import part_module
 
 __all__ = ["SimulationConfig", "set_fields"]
@@ -15,13 +15,17 @@ __all__ = ["SimulationConfig", "set_fields"]
 
 @checked
 class SimulationConfig:
-    """Engine, tool, depth camera, rates and ends of episodes of a `PushEnv`."""
+    """Engine, robot, tool, depth camera, rates and ends of episodes of a `PushEnv`."""
 
     engine: Any = "sapien"
     """Physics engine: `sapien`, `mujoco` (which needs the extra `mujoco`), or your own `Engine` as
     `module:name`, class or function."""
-    tool: ToolName = "2f85"
-    """Tool of the arm: the closed gripper, or the rod of the authors' code."""
+    robot: Any = "ur5"
+    """Arm: `ur3`, `ur5`, `ur5e`, `ur10`, `panda`, or your own `Robot` as `module:name` or object. The
+    `ur3` reaches half a metre and needs a smaller workspace."""
+    tool: Any = "2f85"
+    """Tool of the arm: the closed gripper `2f85`, the `rod` of the authors' code, or your own `Tool` as
+    `module:name` or object."""
     depth: Any = "analytic"
     """Depth camera: `analytic` (rays cast at the known shapes, needs no renderer), `sapien` (rendered),
     or your own `DepthCamera` as `module:name`, class or function. None in Python: no images."""
@@ -47,6 +51,8 @@ class SimulationConfig:
     def __post_init__(self) -> None:
         """Check what depends on several fields, and the parts' names; nothing is imported."""
         check_engine("SimulationConfig", self.engine)
+        check_robot("SimulationConfig", self.robot)
+        check_tool("SimulationConfig", self.tool)
         rate = self.sim_freq
         if rate is None and self.engine in [*ENGINES]:
             rate = ENGINES[self.engine].sim_freq

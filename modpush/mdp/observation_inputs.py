@@ -21,7 +21,6 @@ _LAST = {
     "object_pose": (3,),
     "goal_position": (2,),
     "ee_pose": (3,),
-    "joint_position": (6,),
     "object_radius": (1,),
     "object_symmetry": (1,),
     "path_length": (1,),
@@ -169,7 +168,7 @@ class ObservationInputs:
 
     @property
     def joint_position(self) -> Tensor:
-        """Angles of the arm's joints, `[..., 6]` [rad]."""
+        """Angles of the arm's joints, `[..., n]` [rad]."""
         return self._read("joint_position")
 
     @property

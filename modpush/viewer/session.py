@@ -253,7 +253,7 @@ class Session:
             for policy in policies:
                 found = next((pair for pair in kept if pair[0] == policy), None)
                 if found is None:
-                    made.append(make_lane(policy, self.config.allow, self.config.engine))
+                    made.append(make_lane(policy, self.config))
                 else:
                     kept.remove(found)
                 lanes.append(made[-1] if found is None else found[1])
@@ -281,7 +281,9 @@ class Session:
         poses = [pose for shown in self.snapshots for pose in (shown.object_pose, shown.ee_pose)]
         first = self.snapshots[0]
         here = edits.continue_from(first.scenario, first.object_pose, first.ee_pose)
-        added = edits.add_obstacle(here, kind, [(pose, 0.05) for pose in poses]).obstacles
+        added = edits.add_obstacle(
+            here, kind, [(pose, 0.05) for pose in poses], first.robot
+        ).obstacles
         self._change(lambda scenario: replace(scenario, obstacles=added))
 
     @checked_arguments
@@ -296,7 +298,7 @@ class Session:
         for shown in self.snapshots:
             poses = shown.object_pose, shown.ee_pose
             changed.append(edits.continue_from(edit(shown.scenario), *poses))
-            edits.check_scene(changed[-1], *poses)
+            edits.check_scene(changed[-1], *poses, shown.robot, shown.tool)
         self._start(changed, self.seed)
 
     def _refuse_in_replay(self) -> None:

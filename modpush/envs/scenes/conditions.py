@@ -9,23 +9,26 @@ from annotated_types import Le
 from modpush._types import Count, Name
 from modpush._validation import checked, from_plain
 from modpush.envs.engines.named import check_engine
-from modpush.envs.robot.ur5_2f85 import ToolName
+from modpush.envs.robot.named import check_robot, check_tool
 from modpush.envs.scenes.objects import Circle
 
-__all__ = ["EpisodeConditions", "ToolName"]
+__all__ = ["EpisodeConditions"]
 
 
 @checked
 class EpisodeConditions:
-    """Time limit, tool, physics and map of an evaluation set, whatever a method was made with."""
+    """Time limit, robot, tool, physics and map of an evaluation set, whatever a method was made with."""
 
     engine: Name = "sapien"
     """Physics engine: `sapien`, `mujoco`, or your own as `module:name`."""
 
     max_episode_steps: Count = 200
     """Control steps after which an episode is truncated."""
-    tool: ToolName = "2f85"
-    """Tool of the arm: the closed gripper, or the rod of the authors' code."""
+    robot: Name = "ur5"
+    """Arm: its name, or your own as `module:name`."""
+    tool: Name = "2f85"
+    """Tool of the arm: the closed gripper `2f85`, the `rod` of the authors' code, or your own as
+    `module:name`."""
     sim_freq: Annotated[Count, Le(100_000)] | None = 120
     """Physics steps per second [Hz]; None for the engine's own."""
     inflation: Circle = "circumscribed"
@@ -36,12 +39,14 @@ class EpisodeConditions:
     its own."""
 
     def __post_init__(self) -> None:
-        """Check the engine's name; nothing is imported."""
+        """Check the parts' names; nothing is imported."""
+        check_robot("EpisodeConditions", self.robot)
+        check_tool("EpisodeConditions", self.tool)
         check_engine("EpisodeConditions", self.engine)
 
     @property
     def env_options(self) -> dict[str, Any]:
-        """Time limit, tool, engine and its rate, as arguments of `PushEnv`."""
+        """Time limit, robot, tool, engine and its rate, as arguments of `PushEnv`."""
         return {name: value for name, value in asdict(self).items() if name != "inflation"}
 
     def agent_options(self, inflation: str | float) -> dict[str, Any]:
@@ -66,8 +71,9 @@ class EpisodeConditions:
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for files, without the engine if it is SAPIEN: older files know no other."""
-        return {k: v for k, v in asdict(self).items() if (k, v) != ("engine", "sapien")}
+        """Plain data for files, without SAPIEN and the UR5: older files know no others."""
+        only = {("engine", "sapien"), ("robot", "ur5")}
+        return {k: v for k, v in asdict(self).items() if (k, v) not in only}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "EpisodeConditions":
