@@ -233,11 +233,20 @@ def factor(times: dict[str, list[float]], slow: str, fast: str) -> float:
 
 
 def updates(args: Args) -> str:
-    names = ["matmuls", "ours", "ours attentive", "ours in TorchRL's nets", "TorchRL", "sb3"]
+    names = [
+        "matmuls",
+        "ours",
+        "ours in bfloat16",
+        "ours attentive",
+        "ours in TorchRL's nets",
+        "TorchRL",
+        "sb3",
+    ]
     lines = [
         "| networks, batch | threads | " + " | ".join(f"{n} [ms]" for n in names) + " | sb3 / ours "
-        "| TorchRL / ours | TorchRL / ours in its nets | ours / matmuls |",
-        "|" + "---|" * (len(names) + 6),
+        "| TorchRL / ours | TorchRL / ours in its nets | ours / matmuls "
+        "| ours / ours in bfloat16 |",
+        "|" + "---|" * (len(names) + 7),
     ]
     for hidden, batch in args.sizes:
         for threads in args.threads:
@@ -245,6 +254,7 @@ def updates(args: Args) -> str:
             steps = {
                 "matmuls": matmuls(hidden, batch),
                 "ours": ours(hidden, batch, "uniform"),
+                "ours in bfloat16": ours(hidden, batch, "uniform", precision="bfloat16"),
                 "ours attentive": ours(hidden, batch, "attentive"),
                 "ours in TorchRL's nets": with_torchrls_networks(TQCLoss, hidden, batch),
                 "TorchRL": with_torchrls_networks(TorchRLTQCLoss, hidden, batch),
@@ -256,6 +266,7 @@ def updates(args: Args) -> str:
                 factor(times, "TorchRL", "ours"),
                 factor(times, "TorchRL", "ours in TorchRL's nets"),
                 factor(times, "ours", "matmuls"),
+                factor(times, "ours", "ours in bfloat16"),
             ]
             cells = [f"{list(hidden)}, {batch}", str(threads)]
             cells += [f"{statistics.median(times[n]):.1f} ({min(times[n]):.1f})" for n in names]

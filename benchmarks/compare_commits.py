@@ -1,4 +1,4 @@
-"""What an environment's step, a reset and a plan cost in two checkouts of the project, in turns.
+"""What a step, a reset, a plan and an update of TQC cost in two checkouts of the project, in turns.
 
     git worktree add ../old 2cd1fa5
     python benchmarks/compare_commits.py ../old .
@@ -23,7 +23,10 @@ warnings.filterwarnings("ignore")
 import numpy as np, torch
 torch.set_num_threads(1)
 from modpush.envs import PushEnv
+from modpush.agents import TQCConfig, make_tqc
 from modpush.planners import DistanceField, LazyThetaStar
+from modpush.recipes import PushEnvConfig, make_push_env
+from modpush.replay import ReplayConfig, make_replay_buffer
 
 jobs = {}
 for name, depth in ("step", None), ("step with depth", "analytic"):
@@ -46,6 +49,16 @@ for kind in DistanceField, LazyThetaStar:
             for query in queries:
                 planner.plan(*query)
         jobs[f"20 plans of {kind.__name__}, {batch} at once"] = plan, 2
+env = make_push_env(PushEnvConfig.preset("cpu", num_envs=8), seed=1)
+transitions = env.rollout(300, break_when_any_done=False).reshape(-1)
+for hidden, size in ((256, 256), 256), ((512, 256, 128), 512):
+    agent = make_tqc(TQCConfig(hidden_sizes=hidden, batch_size=size), env)
+    buffer = make_replay_buffer(ReplayConfig(capacity=10_000, batch_size=size))
+    buffer.extend(transitions.select("observation", "action", "done", "terminated", "truncated",
+        ("next", "observation"), ("next", "reward"), ("next", "done"), ("next", "terminated"),
+        ("next", "truncated")))
+    jobs[f"update, {'-'.join(map(str, hidden))}, batch {size}"] = (
+        lambda agent=agent, buffer=buffer: agent.update(buffer.sample())), 3
 for job, _ in jobs.values():
     for _ in range(20):
         job()
@@ -64,7 +77,12 @@ def start(checkout: Path) -> "subprocess.Popen[str]":
     return subprocess.Popen(
         [sys.executable, "-c", WORKER],
         cwd=checkout,
-        env={**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(checkout.resolve())},
+        env={
+            **os.environ,
+            "OMP_NUM_THREADS": "1",
+            "RL_LOGGING_LEVEL": "ERROR",
+            "PYTHONPATH": str(checkout.resolve()),
+        },
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,

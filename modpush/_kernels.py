@@ -17,11 +17,13 @@ from typing import Any
 
 import numba
 import numpy as np
+from numba.core import event
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCacheLocator
 from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
+from tqdm import tqdm
 
-__all__ = ["njit"]
+__all__ = ["announce_compiling", "njit"]
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -36,6 +38,24 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         return kernel
 
     return compiled
+
+
+class _CompilingAnnouncement(event.Listener):
+    _made = False
+
+    def on_start(self, event: Any) -> None:
+        if not self._made:
+            tqdm.write("Compiling kernels, once on this machine, for about a minute.", sys.stderr)
+            self._made = True
+
+    def on_end(self, event: Any) -> None:
+        pass
+
+
+@cache
+def announce_compiling() -> None:
+    """Say so on the terminal when a kernel has to be compiled, in this process or one that it forks."""
+    event.register("numba:compile", _CompilingAnnouncement())
 
 
 class _BesideSource(InTreeCacheLocator):

@@ -46,6 +46,7 @@ from torchrl.envs import EnvBase
 from tqdm import tqdm
 
 from modpush._atomic import make_folder
+from modpush._kernels import announce_compiling
 from modpush._types import AtLeastOne, Count, FilePath, Fraction, Name, Seed, Several
 from modpush._validation import checked
 from modpush.envs import (
@@ -117,7 +118,7 @@ def show_demo(config: DemoConfig) -> str:
     find_engine(config.engine)
     renders = config.rendered and config.engine == "sapien"
     rendered = renders and find_render_device() is not None
-    print("The first run on a machine compiles for about a minute before the arm moves.")
+    announce_compiling()
     scenarios = _draw_scenarios(config)
     runs: dict[str, list[Episode]] = {}
     arm: Frames = {}

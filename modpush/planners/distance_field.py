@@ -2,6 +2,7 @@
 
 from modpush.planners.grid_planner import GridPlanner
 from modpush.planners.kernels.distance_field import Fields, empty_fields, plan_all
+from modpush.planners.kernels.lazy_theta_star import plan_what_is_left
 from modpush.planners.kernels.maps import Maps
 from modpush.planners.kernels.paths import PathArrays, Queries
 from modpush.planners.per_thread import PerThread
@@ -38,3 +39,4 @@ class DistanceField(GridPlanner):
         if fields is None or len(fields.goal) != batch:
             fields = self._fields.value = empty_fields(batch)
         plan_all(batch, maps, queries, paths, fields)
+        plan_what_is_left(maps, queries, paths)

@@ -2,10 +2,16 @@
 
 from typing import Literal
 
+import numpy as np
+
 from modpush._arguments import checked_arguments
 from modpush._types import Positive
 from modpush.planners.grid_planner import GridPlanner
-from modpush.planners.kernels.lazy_theta_star import plan_all
+from modpush.planners.kernels.lazy_theta_star import (
+    plan_over_corners,
+    plan_over_grid,
+    plan_what_is_left,
+)
 from modpush.planners.kernels.maps import Maps
 from modpush.planners.kernels.paths import PathArrays, Queries
 
@@ -47,5 +53,9 @@ class LazyThetaStar(GridPlanner):
         self.nodes = nodes
 
     def _run(self, maps: Maps, queries: Queries, paths: PathArrays) -> None:
-        over_grid = self.nodes == "grid"
-        plan_all(len(queries.cells), maps, queries, paths, over_grid)
+        batch = len(queries.cells)
+        if self.nodes == "grid":
+            plan_over_grid(batch, np.arange(batch), maps, queries, paths)
+        else:
+            plan_over_corners(batch, maps, queries, paths)
+            plan_what_is_left(maps, queries, paths)

@@ -16,6 +16,7 @@ from modpush._arguments import checked_arguments
 from modpush._atomic import FolderLock
 from modpush._processes import torch_threads
 from modpush._types import Count
+from modpush.agents.tqc.update import processor_precision
 from modpush.recipes.make_env import make_push_env
 from modpush.replay.buffer import make_replay_buffer
 from modpush.training.bar import TrainingBar, quiet_torchrl
@@ -25,7 +26,7 @@ from modpush.training.learner import Learner, weights_of
 from modpush.training.log import RunLog
 from modpush.training.parts import check_parts, check_picklable, replay_parts
 from modpush.training.rollout import Rollout
-from modpush.training.run_folder import check_run_folder
+from modpush.training.run_folder import RunFolder, check_run_folder
 from modpush.training.scene_worker import EnvFactory, SceneWorker
 from modpush.training.signals import interrupts_noted, interrupts_raised
 from modpush.training.trainer_state import load_trainer_state, save_trained_agent, trainer_state
@@ -87,6 +88,7 @@ class Trainer:
                 f"Trainer: num_collectors={config.num_collectors} needs collector='ray', got "
                 f"{config.collector!r}."
             )
+        config = _with_precision(config, folder)
         parts = dict(parts or {})
         own_process = config.async_collection and start_method == "spawn"
         spawned = own_process or config.collector == "ray"
@@ -395,3 +397,13 @@ class Trainer:
         while not self.worker.wait(0.2):
             show()
         return [*self.worker.result(), *ours]
+
+
+def _with_precision(config: TrainConfig, folder: Path | str) -> TrainConfig:
+    """The config with the precision that a run in the folder has, or that is faster on this processor."""
+    if config.tqc.precision != "auto":
+        return config
+    begun = RunFolder(folder)
+    stored = begun.stored_config().tqc.precision if begun.config.exists() else "auto"
+    precision = processor_precision() if stored == "auto" else stored
+    return replace(config, tqc=replace(config.tqc, precision=precision))

@@ -52,6 +52,16 @@ def test_an_interrupted_run_continues_from_its_checkpoint(tmp_path):
     assert pd.read_csv(folder / "log.csv")["updates"].iloc[-1] == 10
 
 
+def test_a_resumed_run_keeps_its_precision_on_another_processor(tmp_path, monkeypatch):
+    auto = replace(SMOKE, tqc=replace(SMOKE.tqc, precision="auto"))
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"amx_bf16": True})
+    interrupt_after(Trainer(auto, tmp_path / "run"), 144)
+    monkeypatch.setattr(torch.cpu, "get_capabilities", dict)
+    trainer = Trainer(auto, tmp_path / "run", resume=True)
+    assert trainer.learner.agent.update.precision == "bfloat16"
+    trainer.close()
+
+
 @pytest.mark.parametrize("number", [1, 2])
 def test_an_evaluation_that_is_interrupted_is_made_up_for(tmp_path, monkeypatch, number):
     """The first one comes between two checkpoints, the second together with the last one."""

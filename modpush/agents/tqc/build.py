@@ -27,7 +27,7 @@ from modpush.agents.tqc.factories import (
     LossFactory,
 )
 from modpush.agents.tqc.specs import LearnerSpecs
-from modpush.agents.tqc.update import TQCUpdate
+from modpush.agents.tqc.update import TQCUpdate, processor_precision
 from modpush.parts import find_part
 
 __all__ = ["TQCAgent", "make_tqc", "make_tqc_from_specs"]
@@ -149,6 +149,8 @@ def make_tqc_from_specs(
         warn_experimental("The learner")
     if isinstance(loss, str):
         config = replace(config, loss=loss)  # the networks' outputs depend on it
+    precision = processor_precision() if config.precision == "auto" else config.precision
+    config = replace(config, precision=precision)
     make_actor: ActorFactory = find_part("actor", actor or config.actor_network, ACTORS)
     make_critic: CriticFactory = find_part("critic", critic or config.critic, CRITICS)
     make_loss: LossFactory = find_part("loss", loss or config.loss, LOSSES)
@@ -175,7 +177,13 @@ def make_tqc_from_specs(
         loss=loss_module,
         target_updater=target_updater,
         optimizer=optimizer,
-        update=TQCUpdate(loss_module, optimizer, target_updater, execution=config.execution),
+        update=TQCUpdate(
+            loss_module,
+            optimizer,
+            target_updater,
+            execution=config.execution,
+            precision=precision,
+        ),
     )
 
 

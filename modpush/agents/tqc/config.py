@@ -18,7 +18,7 @@ from modpush._types import (
     PositiveFraction,
 )
 from modpush._validation import checked
-from modpush.agents.tqc.update import Execution
+from modpush.agents.tqc.update import Execution, Precision
 
 __all__ = ["TQCConfig"]
 
@@ -93,6 +93,10 @@ class TQCConfig:
     """Execution of an update: operation by operation ("eager") or compiled ("compile"); see
     `TQCUpdate`."""
 
+    precision: Precision | Literal["auto"] = "float32"
+    """Precision of the matrix products of an update on the CPU: "float32"; "bfloat16", whose factors are
+    rounded to bfloat16 and summed in float32; or "auto", the one that is faster on this processor."""
+
     def __post_init__(self) -> None:
         """Check what depends on several fields."""
         if self.top_quantiles_to_drop_per_net >= self.num_quantiles:
@@ -142,5 +146,6 @@ _PRESETS: dict[str, dict[str, Any]] = {
         "alpha_init": 0.02,
         "learning_starts": 3000,
         "updates_per_step": 0.125,
+        "precision": "auto",
     },
 }

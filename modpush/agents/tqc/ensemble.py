@@ -32,7 +32,17 @@ class AnyFloatMLP(MLP):
     """TorchRL's `MLP`, whose inputs may have another floating dtype than its parameters."""
 
     def forward(self, *inputs: Tensor) -> Tensor:
-        """`[*B, d_i]` each, to `[*B, out_features]`."""
+        """`[*B, d_i]` each, to `[*B, out_features]`.
+
+        Raises:
+            ValueError: If the inputs have more or fewer values than the network was made for, such as the
+                observation of an environment with another config than the agent's.
+        """
+        if (width := sum(x.shape[-1] for x in inputs)) != self[0].in_features:
+            raise ValueError(
+                f"AnyFloatMLP: expected {self[0].in_features} input values, got {width}. An agent "
+                "needs the observation of its own environment, Agent.make_env."
+            )
         return super().forward(*(x.to(self[0].weight.dtype) for x in inputs))
 
 

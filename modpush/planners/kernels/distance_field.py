@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from modpush._batching import BatchKernel
 from modpush._kernels import njit
-from modpush.planners.kernels.lazy_theta_star import solve_scene
+from modpush.planners.kernels.lazy_theta_star import TOO_MANY_CORNERS
 from modpush.planners.kernels.maps import MAX_CORNERS, Maps, corner_count, refresh_map
 from modpush.planners.kernels.paths import PathArrays, Queries, place_ends, write_path
 from modpush.planners.kernels.taut_search import length_of, stays_taut, taut_search, touches
@@ -92,7 +92,7 @@ def plan_one(b: int, maps: Maps, queries: Queries, paths: PathArrays, fields: Fi
         return
     count = corner_count(maps, b)
     if count > MAX_CORNERS:
-        solve_scene(b, maps, queries, x, y, True, paths)
+        paths.sizes[b] = TOO_MANY_CORNERS
         return
     if fields.goal[b, 0] != x[1] or fields.goal[b, 1] != y[1]:
         _build(b, maps, fields, x[1], y[1], count)
@@ -114,6 +114,6 @@ def plan_one(b: int, maps: Maps, queries: Queries, paths: PathArrays, fields: Fi
 
 @BatchKernel
 def plan_all(batch: int, maps: Maps, queries: Queries, paths: PathArrays, fields: Fields) -> None:
-    """Plan all scenes."""
+    """Plan all scenes; `paths.sizes` is `TOO_MANY_CORNERS` where a map has more than `MAX_CORNERS`."""
     for b in prange(batch):
         plan_one(b, maps, queries, paths, fields)

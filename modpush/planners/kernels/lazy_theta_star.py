@@ -12,7 +12,9 @@ from modpush.planners.kernels.taut_search import taut_search
 from modpush.planners.kernels.theta_search import solve_over_grid
 from modpush.planners.kernels.visibility import line_of_sight
 
-__all__ = ["plan_all", "solve_scene"]
+__all__ = ["TOO_MANY_CORNERS", "plan_over_corners", "plan_over_grid", "plan_what_is_left"]
+
+TOO_MANY_CORNERS = -1
 
 
 @njit(nogil=True)
@@ -42,35 +44,44 @@ def _solve_over_corners(
 
 
 @njit(nogil=True)
-def solve_scene(
-    b: int,
-    maps: Maps,
-    queries: Queries,
-    x: NDArray,
-    y: NDArray,
-    over_grid: bool,
-    paths: PathArrays,
-) -> None:
-    """Plan scene b, with its map cached and its ends in free space."""
+def _place(b: int, maps: Maps, queries: Queries, x: NDArray, y: NDArray, paths: PathArrays) -> bool:
+    """Store scene b's map and ends, and write its path where it is straight; False if that is all."""
+    refresh_map(maps, b, queries.cells[b])
+    if not place_ends(maps, b, queries, x, y, paths):
+        return False
     if line_of_sight(maps.codes[b], x[0], y[0], x[1], y[1]):
         write_path(paths, b, queries, x, y)
-    elif over_grid or corner_count(maps, b) > MAX_CORNERS:
-        solve_over_grid(b, maps, queries, x, y, paths)
-    else:
-        _solve_over_corners(b, maps, queries, x, y, paths)
-
-
-@njit(nogil=True)
-def plan_one(b: int, maps: Maps, queries: Queries, paths: PathArrays, over_grid: bool) -> None:
-    """Plan scene b."""
-    x, y = np.empty(2, dtype=np.int64), np.empty(2, dtype=np.int64)
-    refresh_map(maps, b, queries.cells[b])
-    if place_ends(maps, b, queries, x, y, paths):
-        solve_scene(b, maps, queries, x, y, over_grid, paths)
+        return False
+    return True
 
 
 @BatchKernel
-def plan_all(batch: int, maps: Maps, queries: Queries, paths: PathArrays, over_grid: bool) -> None:
-    """Plan all scenes."""
+def plan_over_corners(batch: int, maps: Maps, queries: Queries, paths: PathArrays) -> None:
+    """Plan all scenes; `paths.sizes` is `TOO_MANY_CORNERS` where a map has more than `MAX_CORNERS`."""
     for b in prange(batch):
-        plan_one(b, maps, queries, paths, over_grid)
+        x, y = np.empty(2, dtype=np.int64), np.empty(2, dtype=np.int64)
+        if _place(b, maps, queries, x, y, paths):
+            if corner_count(maps, b) > MAX_CORNERS:
+                paths.sizes[b] = TOO_MANY_CORNERS
+            else:
+                _solve_over_corners(b, maps, queries, x, y, paths)
+
+
+# The scenes are a batch of their own, so that this search is compiled only where it is needed.
+@BatchKernel
+def plan_over_grid(
+    batch: int, scenes: NDArray, maps: Maps, queries: Queries, paths: PathArrays
+) -> None:
+    """Plan the scenes of an int64 `[batch]` array."""
+    for k in prange(batch):
+        b = scenes[k]
+        x, y = np.empty(2, dtype=np.int64), np.empty(2, dtype=np.int64)
+        if _place(b, maps, queries, x, y, paths):
+            solve_over_grid(b, maps, queries, x, y, paths)
+
+
+def plan_what_is_left(maps: Maps, queries: Queries, paths: PathArrays) -> None:
+    """Plan the scenes over the grid that have too many corners to be planned over these."""
+    scenes = np.flatnonzero(paths.sizes == TOO_MANY_CORNERS)
+    if scenes.size:
+        plan_over_grid(scenes.size, scenes, maps, queries, paths)

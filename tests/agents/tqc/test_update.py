@@ -32,6 +32,58 @@ def test_compiled_update_equals_the_eager_one(monkeypatch):
         torch.testing.assert_close(results[1][1][name], value)
 
 
+def test_an_update_in_bfloat16_is_close_to_one_in_float32():
+    losses, weights = {}, {}
+    for precision in ("float32", "bfloat16"):
+        torch.manual_seed(0)
+        agent = make_tqc(
+            TQCConfig(hidden_sizes=(64, 64), precision=precision), GymEnv("Pendulum-v1")
+        )
+        batch = make_pendulum_batch(256)
+        torch.manual_seed(1)
+        losses[precision] = agent.update(batch)
+        weights[precision] = torch.cat([p.flatten() for p in agent.loss.parameters()])
+    for key in ("loss_qvalue", "loss_actor", "loss_alpha"):
+        torch.testing.assert_close(
+            losses["bfloat16"][key], losses["float32"][key], rtol=0.02, atol=0.01
+        )
+    capabilities = torch.cpu.get_capabilities()
+    if capabilities.get("amx_bf16") or capabilities.get("avx512_bf16"):
+        assert not torch.equal(weights["bfloat16"], weights["float32"])
+
+
+def test_bfloat16_stays_inside_of_the_update():
+    loss = make_loss(TQCLoss)
+    inside = []
+
+    def note(*_):
+        inside.append(torch.get_float32_matmul_precision())
+
+    loss.register_forward_pre_hook(note)
+    optimizer = torch.optim.SGD([p for p in loss.parameters() if p.requires_grad], lr=1e-3)
+    update = TQCUpdate(loss, optimizer, SoftUpdate(loss, tau=0.1), precision="bfloat16")
+    before = torch.get_float32_matmul_precision()
+    update(make_batch(6))
+    with pytest.raises(KeyError):
+        update(make_batch(6).exclude("observation"))
+    assert inside == ["medium", "medium"]
+    assert torch.get_float32_matmul_precision() == before
+
+
+def test_an_unknown_precision_is_refused():
+    loss = make_loss(TQCLoss)
+    optimizer = torch.optim.SGD([p for p in loss.parameters() if p.requires_grad], lr=1e-3)
+    with pytest.raises(ValueError, match=r"precision must be one of .*got 'float16'"):
+        TQCUpdate(loss, optimizer, None, precision="float16")
+
+
+def test_auto_is_the_precision_that_the_processor_has_instructions_for(monkeypatch):
+    for found, expected in ({"amx_bf16": True}, "bfloat16"), ({"avx512": True}, "float32"):
+        monkeypatch.setattr(torch.cpu, "get_capabilities", lambda found=found: found)
+        agent = make_tqc(TQCConfig(precision="auto"), GymEnv("Pendulum-v1"))
+        assert (agent.config.precision, agent.update.precision) == (expected, expected)
+
+
 @pytest.mark.gpu
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
 def test_cuda_graphs_learn_like_eager_updates():
