@@ -17,6 +17,7 @@ from modpush._types import Count, Length, Point, Positive
 from modpush._validation import checked
 from modpush.envs.robot.robot import Robot, Tool
 
+_DRAWN = 50  # solutions at an episode's start
 _LARGEST_STEP = 0.5  # of a joint from one knot to the next [rad]; a UR5's are below 0.1
 
 __all__ = ["MotionConfig", "MotionPlanner", "PlannedMotion", "start_joints"]
@@ -160,7 +161,8 @@ def start_joints(
     height = tip_height + tool.length
     pose = np.array([[x - base_x, y - base_y, height - base_z, one] for one in yaws])
     count = len(starts) * len(yaws)
-    solved: Any = robot.inverse(pose.repeat(3, axis=0), np.tile(starts, (len(yaws), 1)))
+    poses = pose.repeat(len(starts), axis=0)
+    solved: Any = robot.inverse(poses, np.tile(starts, (len(yaws), 1)))
     shapes = [np.shape(part) for part in solved]
     if shapes != [(count, n), (count,)] or not np.isfinite(solved[0]).all():
         raise ValueError(
@@ -173,6 +175,9 @@ def start_joints(
             f"Scenario: tool_pose must not be out of the arm's reach, got {tuple(tool_pose)} with robot "
             f"{robot.name!r}, whose inverse kinematics finds nothing there."
         )
+    if robot.solve is None:  # draws an arm with more joints than it needs back to home, bit by bit
+        for _ in range(_DRAWN):
+            joints, found = robot.inverse(poses, joints)
     away = np.where(found, np.linalg.norm(joints - home, axis=1), np.inf)
     return joints[int(np.argmin(away))].astype(np.float32)
 

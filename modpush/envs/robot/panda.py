@@ -20,7 +20,7 @@ _LINKS = (
         name="link_0",
         mass=0.629769,
         shapes=(
-            box(0.24, 0.20, 0.05, (-0.03, 0.0, -0.025), color=_DARK),  # a plate under its foot
+            box(0.19, 0.15, 0.05, (-0.06, 0.0, -0.025), color=_DARK),  # a plate under its foot
             box(0.19, 0.15, 0.06, (-0.06, 0.0, 0.03), color=_WHITE),
             cylinder(0.075, 0.14, (0.0, 0.0, 0.07), color=_WHITE),
         ),
