@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from modpush._arguments import checked_arguments
 from modpush.envs.outcome import is_at_goal, is_out_of_bounds
-from modpush.envs.robot.control import start_joints
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.scenes.objects import get_object
 from modpush.envs.scenes.scenario import Scenario
@@ -72,6 +71,7 @@ class ReplayLane:
         self._course = load_trajectory(self.folder, number)
         item = get_object(scenario.pushed_object)
         self._tip_height = item.tool_height
+        self._joints = np.array([self._robot.home])
         return self._snapshot()
 
     def step(self) -> Snapshot:
@@ -83,7 +83,10 @@ class ReplayLane:
         k, course = self._step, self._course
         x, y, yaw = course.object_pose[k].tolist()
         tool_x, tool_y, tool_yaw = course.ee_pose[k].tolist()
-        joints = start_joints(self._robot, self._tool, course.ee_pose[k].tolist(), self._tip_height)
+        base_x, base_y, base_z = self._robot.base
+        flange = self._tip_height + self._tool.length - base_z
+        pose = np.array([[tool_x - base_x, tool_y - base_y, flange, tool_yaw]])
+        self._joints = self._robot.inverse(pose, self._joints)[0]
         last = k == len(course.contacts)
         position, goal = np.array([[x, y]]), np.array([self._scenario.goal_position])
         at_goal = bool(is_at_goal(position, goal)[0])
@@ -94,7 +97,7 @@ class ReplayLane:
             scenario=self._scenario,
             object_pose=(x, y, yaw),
             ee_pose=(tool_x, tool_y, tool_yaw),
-            joint_position=joints.astype(np.float64),
+            joint_position=self._joints[0],
             robot=self._robot,
             tool=self._tool,
             step=k,
