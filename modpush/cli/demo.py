@@ -22,6 +22,7 @@ Options:
   --pushed-object NAME ...  Objects that are pushed, one after the other; by default small_cube,
                             large_cube, small_cylinder and fragment.
   --difficulty X            Difficulty of the scenes, 0 to 1; by default 0.3.
+  --goal {position,pose}    Positions of the object's centre as goals, or poses, at 1.5 cm and 10 degrees.
   --engine NAME             Physics engine: sapien, mujoco, or module:name; by default sapien. Only SAPIEN
                             renders.
   --seed N                  Seed of the episodes; by default 0.
@@ -58,6 +59,7 @@ from modpush.envs import (
     sample_scenario,
 )
 from modpush.envs.engines.named import find_engine
+from modpush.envs.outcome import Goal
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.layouts import TIGHT_SCENES
 from modpush.evaluation.episodes import Episode, run_episodes
@@ -75,6 +77,9 @@ __all__ = ["DemoConfig", "main", "show_demo"]
 
 _DISTANCE = (0.2, 0.35)
 """Distances from start to goal [m]: short enough for large objects in nearly all families."""
+
+_POSITION_TOLERANCE = 0.015
+"""Distance from a goal pose at which an episode succeeds [m]."""
 
 Frames = dict[int, list[NDArray[np.uint8]]]
 """Pictures by number of the episode."""
@@ -97,6 +102,9 @@ class DemoConfig:
     """Difficulty of the scenes, 0 to 1."""
     seed: Seed = 0
     """Seed of the episodes."""
+    goal: Goal = "position"
+    """What the episodes ask for: a position of the object's centre, or a pose of the object, for an
+    agent that was trained for poses. Poses are reached at 1.5 cm and 10 degrees."""
     engine: Name = "sapien"
     """Physics engine: `sapien`, `mujoco`, or `module:name`. Only SAPIEN renders."""
     out: FilePath = Path("runs/demo")
@@ -160,7 +168,7 @@ def _draw_scenario(config: DemoConfig, scene: str, family: int, k: int) -> Scena
 
     def draw(name: str) -> Scenario:
         rng = np.random.default_rng([config.seed, k])
-        return sample_scenario(rng, replace(base, pushed_object=name))
+        return sample_scenario(rng, replace(base, pushed_object=name), goal=config.goal)
 
     for name in objects[:-1]:
         with contextlib.suppress(ValueError):  # mazes hardly have room for the large objects
@@ -178,6 +186,9 @@ def _run(
     # Where only the inscribed circle passes, every policy must plan with it.
     tight = any(scenario.scene in TIGHT_SCENES for scenario in scenarios)
     conditions = EpisodeConditions(inflation="inscribed") if tight else None
+    if config.goal == "pose":
+        poses = conditions or EpisodeConditions()
+        conditions = replace(poses, goal="pose", position_tolerance=_POSITION_TOLERANCE)
     if config.engine != "sapien":
         conditions = replace(conditions or EpisodeConditions(), engine=config.engine, sim_freq=None)
     env: EnvBase = method.make_env(num_envs, config.pushed_object, conditions, pictures=rendered)

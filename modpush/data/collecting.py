@@ -234,5 +234,9 @@ def _start(config: CollectConfig, number: int) -> Scenario:
     generator = np.random.default_rng(episode_seed(config.seed, number))
     simulation = config.env.simulation
     return sample_scenario(
-        generator, config.env.filled_scenario(), tool=simulation.tool, robot=simulation.robot
+        generator,
+        config.env.filled_scenario(),
+        tool=simulation.tool,
+        robot=simulation.robot,
+        goal=simulation.goal,
     )

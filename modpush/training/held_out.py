@@ -48,6 +48,7 @@ def held_out_scenarios(
             replace(base, scene=families[n % len(families)]),
             tool=config.env.simulation.tool,
             robot=config.env.simulation.robot,
+            goal=config.env.simulation.goal,
         )
         for n in range(config.evaluation_episodes)
     ]

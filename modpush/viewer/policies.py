@@ -26,26 +26,28 @@ given as well."""
 _MAX_WAYPOINTS = 32  # of the path that is shown
 
 
-def make_lane(policy: str, config: PlayConfig) -> PolicyLane:
+def make_lane(policy: str, config: PlayConfig | None = None) -> PolicyLane:
     """A policy in an environment of one scene that holds all shipped objects.
 
     Args:
         policy: One of `POLICIES`, or what `load_agent` takes.
-        config: Robot and physics engine, and the modules from which an agent's file may import its
-            author's own parts.
+        config: Robot, engine, goal, and modules from which an agent's file may import its author's own
+            parts.
 
     Raises:
         ValueError: If there is no such policy, the file is not an agent, or names modules that are not
             allowed.
     """
+    config = config or PlayConfig()
+    allow = config.allow
     options: dict[str, Any] = {
         "pushed_object": tuple(OBJECTS),
         "max_waypoints": _MAX_WAYPOINTS,
         "max_episode_steps": None,
         "keep_images": True,
+        **({} if config.goal == "position" else {"goal": config.goal}),
     }
     options |= {k: v for k in ("engine", "robot") if (v := getattr(config, k)) is not None}
-    allow = config.allow
     if policy not in POLICIES or policy == "agent":
         agent = _load(policy, allow)
         name = policy if policy == "agent" else Path(policy).stem
@@ -56,8 +58,8 @@ def make_lane(policy: str, config: PlayConfig) -> PolicyLane:
     from modpush.recipes.make_env import make_push_env
     from modpush.recipes.methods import get_method
 
-    stack = PushEnvConfig.preset("cpu", num_envs=1, action_frame="base")
-    env = make_push_env(stack, **options)
+    env_config = PushEnvConfig.preset("cpu", num_envs=1, action_frame="base")
+    env = make_push_env(env_config, **options)
     if policy == "hand":
         return PolicyLane(policy, env, HandPolicy())
     method = get_method(policy)

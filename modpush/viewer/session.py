@@ -188,6 +188,8 @@ class Session:
                 # Through the passages of these families only the inscribed circle fits.
                 path_inflation="inscribed" if self.scene in TIGHT_SCENES else None,
             ),
+            robot=self.config.robot or "ur5",
+            goal=self.config.goal,
         )
 
     def _start(self, scenarios: list[Scenario], seed: int) -> None:
@@ -265,9 +267,9 @@ class Session:
         return made
 
     @checked_arguments
-    def move_goal(self, x: Coordinate, y: Coordinate) -> None:
-        """Put the goal elsewhere [m]; object and tool stay where they are."""
-        self._change(lambda scenario: edits.move_goal(scenario, x, y))
+    def move_goal(self, x: Coordinate, y: Coordinate, yaw: Angle | None = None) -> None:
+        """Put the goal elsewhere [m], and turn a goal pose [rad]; object and tool stay where they are."""
+        self._change(lambda scenario: edits.move_goal(scenario, x, y, yaw))
 
     @checked_arguments
     def move_obstacle(

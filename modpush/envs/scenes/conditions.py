@@ -1,23 +1,37 @@
 """The conditions under which the episodes of a set are run, the same for every method."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Annotated, Any
 
 from annotated_types import Le
 
-from modpush._types import Count, Name
+from modpush._types import Count, Length, Name, YawTolerance
 from modpush._validation import checked, from_plain
 from modpush.envs.engines.named import check_engine
+from modpush.envs.outcome import GOAL_THRESHOLD, Goal
 from modpush.envs.robot.named import check_robot, check_tool
 from modpush.envs.scenes.objects import Circle
 
 __all__ = ["EpisodeConditions"]
 
 
+_LATER = (
+    "engine",
+    "robot",
+    "goal",
+    "position_tolerance",
+    "yaw_tolerance",
+    "hold_steps",
+    "full_circle",
+)
+"""Fields that were added after the first sets were written."""
+
+
 @checked
 class EpisodeConditions:
-    """Time limit, robot, tool, physics and map of an evaluation set, whatever a method was made with."""
+    """Time limit, goal, robot, tool, physics and map of a set, whatever a method was made with."""
 
     engine: Name = "sapien"
     """Physics engine: `sapien`, `mujoco`, or your own as `module:name`."""
@@ -31,6 +45,16 @@ class EpisodeConditions:
     `module:name`."""
     sim_freq: Annotated[Count, Le(100_000)] | None = 120
     """Physics steps per second [Hz]; None for the engine's own."""
+    goal: Goal = "position"
+    """What the episodes ask for: a position of the object's centre, or a pose of the object."""
+    position_tolerance: Length = GOAL_THRESHOLD
+    """Distance of the object's centre from the goal at which an episode succeeds [m]."""
+    yaw_tolerance: YawTolerance = math.radians(10)
+    """Largest difference of the object's yaw from that of a goal pose at success [rad]."""
+    hold_steps: Count = 1
+    """Number of control steps in a row at whose end the object must be at its goal."""
+    full_circle: bool = False
+    """Count yaw angles as different at which the object looks the same."""
     inflation: Circle = "circumscribed"
     """The object's circle whose radius is that by which obstacles were inflated where it was
     decided that an episode can be solved, and are for its shortest path. With `inscribed` a method plans
@@ -46,7 +70,7 @@ class EpisodeConditions:
 
     @property
     def env_options(self) -> dict[str, Any]:
-        """Time limit, robot, tool, engine and its rate, as arguments of `PushEnv`."""
+        """Time limit, goal, robot, tool, engine and its rate, as arguments of `PushEnv`."""
         return {name: value for name, value in asdict(self).items() if name != "inflation"}
 
     def agent_options(self, inflation: str | float) -> dict[str, Any]:
@@ -71,9 +95,9 @@ class EpisodeConditions:
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for files, without SAPIEN and the UR5: older files know no others."""
-        only = {("engine", "sapien"), ("robot", "ur5")}
-        return {k: v for k, v in asdict(self).items() if (k, v) not in only}
+        """Plain data for files, without what older files do not know where it is as it was then."""
+        known = {name: getattr(type(self), name) for name in _LATER}
+        return {k: v for k, v in asdict(self).items() if k not in known or v != known[k]}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "EpisodeConditions":

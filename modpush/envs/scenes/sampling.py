@@ -3,13 +3,14 @@
 import math
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import cv2
 import numpy as np
 
 from modpush._checks import check_instance
 from modpush._kernels import njit
+from modpush.envs.outcome import Goal
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scenes.arm_room import obstacle_in_arm, tool_touches
@@ -109,6 +110,7 @@ def sample_scenario(
     *,
     tool: str | Tool = "2f85",
     robot: str | Robot = "ur5",
+    goal: Goal = "position",
 ) -> Scenario:
     """Draw an episode's start.
 
@@ -121,22 +123,26 @@ def sample_scenario(
 
     With `tool_start="behind"` a generator gives the layout, start and goal that it gives with `"any"`,
     as long as the place behind the object is free; where it is not, start and goal are drawn again.
+    With `goal="pose"` it gives the start that it gives with `"position"`, and the goal's yaw on top.
 
     Args:
         rng: Source of randomness; the result depends on nothing else.
         config: Settings from which to draw.
         tool: The tool that the arm holds, see `SimulationConfig`.
         robot: The arm.
+        goal: `"position"`, or `"pose"` for goals with a yaw, which is drawn uniformly.
 
     Raises:
         TypeError: If the generator or the config has another type.
-        ValueError: If there is no such tool or robot; if a scene leaves the arm no room in any of its
-            layouts; or if no start is found, and then the message counts which condition failed how
+        ValueError: If there is no such tool, robot or goal; if a scene leaves the arm no room in any of
+            its layouts; or if no start is found, and then the message counts which condition failed how
             often.
     """
     check_instance("rng", rng, np.random.Generator)
     check_instance("config", config, ScenarioConfig)
     tool, robot = find_tool(tool), find_robot(robot)
+    if goal not in get_args(Goal):
+        raise ValueError(f"sample_scenario: goal must be one of {get_args(Goal)}, got {goal!r}.")
     scenes, objects = config.scenes, config.objects
     failed: Counter[str] = Counter()
     distance = float(rng.uniform(*config.distance))
@@ -174,6 +180,7 @@ def sample_scenario(
                 goal_position=(goal_x, goal_y),
                 tool_pose=(tool_x, tool_y, tool_yaw),
                 dynamics=_sample_dynamics(rng, config, item),
+                goal_yaw=float(rng.uniform(-np.pi, np.pi)) if goal == "pose" else None,
             )
     reasons = ", ".join(f"{reason}: {n}" for reason, n in failed.most_common())
     layouts = _LAYOUTS + others
