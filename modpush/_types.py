@@ -44,6 +44,7 @@ __all__ = [
     "Seed",
     "Several",
     "Size",
+    "StepSpan",
 ]
 
 T = TypeVar("T")
@@ -121,6 +122,9 @@ LengthSpan = Annotated[tuple[Length, Length], Strict(False)]
 """Lower and upper end of a range of lengths [m]."""
 FractionSpan = Annotated[tuple[Fraction, Fraction], Strict(False)]
 """Lower and upper end of a range within [0, 1]."""
+_Steps = Annotated[int, Field(ge=0, le=1000)]
+StepSpan = Annotated[tuple[_Steps, _Steps], Strict(False), ONE_NUMBER]
+"""Lowest and highest of a number of steps, both included; or one number."""
 Several = Annotated[tuple[T, ...], Strict(False)]
 """Any number of something."""
 AtLeastOne = Annotated[tuple[T, ...], Strict(False), Field(min_length=1)]
