@@ -1,7 +1,8 @@
 """The conditions under which the episodes of a set are run, the same for every method."""
 
+import json
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, field
 from typing import Annotated, Any
 
 from annotated_types import Le
@@ -11,6 +12,7 @@ from modpush._validation import checked, from_plain
 from modpush.envs.engines.named import check_engine
 from modpush.envs.robot.ur5_2f85 import ToolName
 from modpush.envs.scenes.objects import Circle
+from modpush.envs.scenes.sensing import SensingConfig
 
 __all__ = ["EpisodeConditions", "ToolName"]
 
@@ -34,6 +36,8 @@ class EpisodeConditions:
     on a map inflated so, since there may be no way on another, unless it chooses the widest inflation
     that leaves a path; with `circumscribed` there is a way on either map, and a method plans on a map of
     its own."""
+    sensing: SensingConfig = field(default_factory=SensingConfig)
+    """Delays and noise between policy and world; only for agents."""
 
     def __post_init__(self) -> None:
         """Check the engine's name; nothing is imported."""
@@ -42,16 +46,18 @@ class EpisodeConditions:
     @property
     def env_options(self) -> dict[str, Any]:
         """Time limit, tool, engine and its rate, as arguments of `PushEnv`."""
-        return {name: value for name, value in asdict(self).items() if name != "inflation"}
+        own = ("inflation", "sensing")
+        return {name: value for name, value in asdict(self).items() if name not in own}
 
     def agent_options(self, inflation: str | float) -> dict[str, Any]:
-        """`env_options` and, where the set asks for a certain map, `inflation` of `make_push_env`.
+        """Arguments of `make_push_env`: `env_options`, `sensing` and, for a certain map, `inflation`.
 
         Args:
             inflation: The agent's own, `PushEnvConfig.inflation`; `"widest"` finds a path on every set.
         """
         own_map = self.inflation == "circumscribed" or inflation == "widest"
-        return self.env_options if own_map else {**self.env_options, "inflation": self.inflation}
+        options = {**self.env_options, "sensing": self.sensing}
+        return options if own_map else {**options, "inflation": self.inflation}
 
     def differences(self, simulation: Any) -> dict[str, tuple[Any, Any]]:
         """Differences of an environment: `(there, of the set)` by field.
@@ -66,8 +72,11 @@ class EpisodeConditions:
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for files, without the engine if it is SAPIEN: older files know no other."""
-        return {k: v for k, v in asdict(self).items() if (k, v) != ("engine", "sapien")}
+        """Plain data for files, without what older files do not know unless it is another."""
+        usual = {"engine": "sapien", "sensing": asdict(SensingConfig())}
+        changed = {k: v for k, v in asdict(self).items() if usual.get(k) != v}
+        plain: dict[str, Any] = json.loads(json.dumps(changed))  # as it is read back
+        return plain
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "EpisodeConditions":
