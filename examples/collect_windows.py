@@ -29,7 +29,8 @@ from tqdm import tqdm
 
 from modpush.encoders import WindowData, egocentric_window
 from modpush.encoders.window import WINDOW_SIZE
-from modpush.envs import OBJECTS, OBSTACLE_SCENES, PushEnv
+from modpush.envs import OBSTACLE_SCENES, PushEnv
+from modpush.envs.scenes.objects import PAPER_OBJECTS
 from modpush.geometry import WORKSPACE
 
 _FREE_RADIUS_PX = 7  # of the disc that the small cube needs, 2.5 cm
@@ -45,7 +46,7 @@ class Config:
     """Number of windows."""
     families: tuple[str, ...] = OBSTACLE_SCENES
     """Scene families, drawn from uniformly."""
-    objects: tuple[str, ...] = tuple(OBJECTS)
+    objects: tuple[str, ...] = PAPER_OBJECTS
     """Pushed objects, drawn from uniformly."""
     blank: float = 0.1
     """Share of windows that show an empty table."""

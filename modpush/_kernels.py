@@ -17,11 +17,13 @@ from typing import Any
 
 import numba
 import numpy as np
+from numba.core import event
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCacheLocator
 from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
+from tqdm import tqdm
 
-__all__ = ["compiled_before", "njit"]
+__all__ = ["announce_compiling", "njit"]
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -38,15 +40,22 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     return compiled
 
 
-def compiled_before(kernel: Any) -> bool:
-    """True if an earlier process has compiled a kernel of `njit`, on this machine or for this package."""
-    folders = Path(kernel._cache.cache_path), _beside(kernel.py_func)
-    pattern = f"{kernel._cache._impl.filename_base}.*.kernel"
-    return any(folder.is_dir() and any(folder.glob(pattern)) for folder in folders)
+class _CompilingAnnouncement(event.Listener):
+    _made = False
+
+    def on_start(self, event: Any) -> None:
+        if not self._made:
+            tqdm.write("Compiling kernels, once on this machine, for about a minute.", sys.stderr)
+            self._made = True
+
+    def on_end(self, event: Any) -> None:
+        pass
 
 
-def _beside(function: Callable[..., Any]) -> Path:
-    return Path(inspect.getfile(function)).parent / "__pycache__"
+@cache
+def announce_compiling() -> None:
+    """Say so on the terminal when a kernel has to be compiled, in this process or one that it forks."""
+    event.register("numba:compile", _CompilingAnnouncement())
 
 
 class _BesideSource(InTreeCacheLocator):
@@ -71,7 +80,8 @@ class _Cache(FunctionCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         target_context.refresh()
-        for folder in dict.fromkeys([Path(self.cache_path), _beside(self._py_func)]):
+        beside = Path(inspect.getfile(self._py_func)).parent / "__pycache__"
+        for folder in dict.fromkeys([Path(self.cache_path), beside]):
             with suppress(Exception):  # a damaged file can raise anything
                 content = self._file(folder, sig, target_context.codegen()).read_bytes()
                 seal, kernel = content[:32], content[32:]

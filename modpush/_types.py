@@ -45,6 +45,7 @@ __all__ = [
     "Several",
     "Size",
     "StepSpan",
+    "YawTolerance",
 ]
 
 T = TypeVar("T")
@@ -70,6 +71,8 @@ PositiveFraction = Annotated[float, Field(allow_inf_nan=False, gt=0, le=1)]
 """A number in (0, 1]."""
 HalfTurn = Annotated[float, Field(allow_inf_nan=False, gt=0, lt=math.pi)]
 """An angle in (0, pi) [rad]."""
+YawTolerance = Annotated[float, Field(allow_inf_nan=False, gt=0, le=math.pi)]
+"""An angle in (0, pi] [rad]."""
 Coordinate = Annotated[float, Field(allow_inf_nan=False, ge=-100, le=100)]
 """A coordinate on the table [m]; nothing is farther than 100 m."""
 Length = Annotated[float, Field(allow_inf_nan=False, gt=0, le=100)]

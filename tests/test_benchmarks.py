@@ -14,6 +14,7 @@ SMALL = {  # arguments, and a row that the table must have
     "bench_learner.py": (["--rounds", "2", "--no-replay"], "| sb3 / ours |"),
     "bench_planners.py": (["--queries", "16"], "LazyThetaStar.plan, 8 scenes"),
     "bench_play.py": ([], "| agent + corridor | all |"),
+    "bench_poses.py": (["--maps", "1"], "scipy dijkstra"),
     "bench_scale.py": (["--steps", "6000", "--collectors", "1"], "success"),
     "bench_training.py": (["--seconds", "1"], "| taking turns |"),
 }

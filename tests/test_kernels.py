@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from numba.core import caching
+from numba.core import caching, event
 
 import modpush
 from modpush import _kernels
@@ -68,10 +68,17 @@ def test_a_kernel_is_compiled_once(kernel):
     assert (again(3.5), hits(again)) == (9.0, 1)
 
 
-def test_whether_it_was_compiled_before_is_known_without_a_call(kernel):
-    assert not _kernels.compiled_before(kernel())
+def test_compiling_is_announced_once_and_loading_is_not(kernel, monkeypatch):
+    told = []
+    monkeypatch.setattr(_kernels.tqdm, "write", lambda text, file: told.append(text))
+    monkeypatch.setattr(event, "_registered", event.defaultdict(list))
+    _kernels.announce_compiling.__wrapped__()
     kernel()(3)
-    assert _kernels.compiled_before(kernel())
+    kernel(added=2)(3)
+    assert len(told) == 1
+    _kernels.announce_compiling.__wrapped__()  # another process
+    kernel(added=2)(3)
+    assert len(told) == 1, "the kernel was on disk"
 
 
 def test_without_a_place_to_write_it_is_compiled_each_time(kernel, monkeypatch):

@@ -22,6 +22,7 @@ Options:
   --pushed-object NAME ...  Objects that are pushed, one after the other; by default small_cube,
                             large_cube, small_cylinder and fragment.
   --difficulty X            Difficulty of the scenes, 0 to 1; by default 0.3.
+  --goal {position,pose}    Positions of the object's centre as goals, or poses, at 1.5 cm and 10 degrees.
   --engine NAME             Physics engine: sapien, mujoco, or module:name; by default sapien. Only SAPIEN
                             renders.
   --seed N                  Seed of the episodes; by default 0.
@@ -46,7 +47,7 @@ from torchrl.envs import EnvBase
 from tqdm import tqdm
 
 from modpush._atomic import make_folder
-from modpush._kernels import compiled_before
+from modpush._kernels import announce_compiling
 from modpush._types import AtLeastOne, Count, FilePath, Fraction, Name, Seed, Several
 from modpush._validation import checked
 from modpush.envs import (
@@ -57,8 +58,8 @@ from modpush.envs import (
     find_render_device,
     sample_scenario,
 )
-from modpush.envs.depth.ray_kernels import draw_solids
 from modpush.envs.engines.named import find_engine
+from modpush.envs.outcome import Goal
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.layouts import TIGHT_SCENES
 from modpush.evaluation.episodes import Episode, run_episodes
@@ -76,6 +77,9 @@ __all__ = ["DemoConfig", "main", "show_demo"]
 
 _DISTANCE = (0.2, 0.35)
 """Distances from start to goal [m]: short enough for large objects in nearly all families."""
+
+_POSITION_TOLERANCE = 0.015
+"""Distance from a goal pose at which an episode succeeds [m]."""
 
 Frames = dict[int, list[NDArray[np.uint8]]]
 """Pictures by number of the episode."""
@@ -98,6 +102,9 @@ class DemoConfig:
     """Difficulty of the scenes, 0 to 1."""
     seed: Seed = 0
     """Seed of the episodes."""
+    goal: Goal = "position"
+    """What the episodes ask for: a position of the object's centre, or a pose of the object, for an
+    agent that was trained for poses. Poses are reached at 1.5 cm and 10 degrees."""
     engine: Name = "sapien"
     """Physics engine: `sapien`, `mujoco`, or `module:name`. Only SAPIEN renders."""
     out: FilePath = Path("runs/demo")
@@ -119,8 +126,7 @@ def show_demo(config: DemoConfig) -> str:
     find_engine(config.engine)
     renders = config.rendered and config.engine == "sapien"
     rendered = renders and find_render_device() is not None
-    if not compiled_before(draw_solids):
-        print("The first run compiles for about a minute before the arm moves.")
+    announce_compiling()
     scenarios = _draw_scenarios(config)
     runs: dict[str, list[Episode]] = {}
     arm: Frames = {}
@@ -162,7 +168,7 @@ def _draw_scenario(config: DemoConfig, scene: str, family: int, k: int) -> Scena
 
     def draw(name: str) -> Scenario:
         rng = np.random.default_rng([config.seed, k])
-        return sample_scenario(rng, replace(base, pushed_object=name))
+        return sample_scenario(rng, replace(base, pushed_object=name), goal=config.goal)
 
     for name in objects[:-1]:
         with contextlib.suppress(ValueError):  # mazes hardly have room for the large objects
@@ -180,6 +186,9 @@ def _run(
     # Where only the inscribed circle passes, every policy must plan with it.
     tight = any(scenario.scene in TIGHT_SCENES for scenario in scenarios)
     conditions = EpisodeConditions(inflation="inscribed") if tight else None
+    if config.goal == "pose":
+        poses = conditions or EpisodeConditions()
+        conditions = replace(poses, goal="pose", position_tolerance=_POSITION_TOLERANCE)
     if config.engine != "sapien":
         conditions = replace(conditions or EpisodeConditions(), engine=config.engine, sim_freq=None)
     env: EnvBase = method.make_env(num_envs, config.pushed_object, conditions, pictures=rendered)

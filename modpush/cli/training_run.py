@@ -7,10 +7,10 @@ from dataclasses import asdict, field, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
+import pandas as pd
 import tyro
-from numba.core import event
-from tqdm import tqdm
 
+from modpush._kernels import announce_compiling
 from modpush._types import Count, FilePath
 from modpush._validation import checked, from_plain
 from modpush.files import parse_yaml, reading
@@ -49,20 +49,6 @@ class RunConfig:
     another number."""
 
 
-class _CompilingAnnouncement(event.Listener):
-    """Says so when a kernel has to be compiled, in this process or in one that it forks."""
-
-    _made = False
-
-    def on_start(self, event: Any) -> None:
-        if not self._made:
-            tqdm.write("Compiling kernels, once on this machine, for a minute or two.", sys.stderr)
-            self._made = True
-
-    def on_end(self, event: Any) -> None:
-        pass
-
-
 def train_agent(run: RunConfig) -> dict[str, float]:
     """Train, and draw the learning curve. Ctrl-C, SIGTERM and SIGHUP end it with a checkpoint.
 
@@ -75,7 +61,7 @@ def train_agent(run: RunConfig) -> dict[str, float]:
     Raises:
         KeyboardInterrupt: After an interrupt, once the checkpoint is written.
     """
-    event.register("numba:compile", _CompilingAnnouncement())
+    announce_compiling()
     # Nothing has run in this process yet, so that the worker may share its libraries' memory.
     start_method: Literal["fork", "spawn"] = "fork" if sys.platform == "linux" else "spawn"
     config = run.train
@@ -98,9 +84,17 @@ def train_agent(run: RunConfig) -> dict[str, float]:
     print(
         f"Best on the held-out episodes: success {best['success']:.3f}, SPL {best['spl']:.3f}, contact "
         f"{best['contact_rate']:.3f}, collisions {best['collision_rate']:.3f}, after {best['step']} "
-        f"steps. Wrote {folder.best_agent} and {folder.curve}."
+        f"steps. {_when_passed(folder)}Wrote {folder.best_agent} and {folder.curve}."
     )
     return best
+
+
+def _when_passed(folder: RunFolder) -> str:
+    """Minutes of training after which the held-out success was first 0.95 and 0.98."""
+    table = pd.read_csv(folder.evaluations)
+    first = {level: table[table["success"] >= level]["minutes"] for level in (0.95, 0.98)}
+    passed = [f"{level:.2f} after {m.iloc[0]:.1f}" for level, m in first.items() if len(m)]
+    return f"Success reached {' and '.join(passed)} minutes. " if passed else ""
 
 
 def run_preset(arguments: Sequence[str]) -> None:

@@ -232,5 +232,6 @@ class _Runner:
 def _start(config: CollectConfig, number: int) -> Scenario:
     """The start that `reset(seed=...)` of the recorded environment draws."""
     generator = np.random.default_rng(episode_seed(config.seed, number))
-    tool = config.env.simulation.tool
-    return sample_scenario(generator, config.env.filled_scenario(), tool=tool)
+    simulation = config.env.simulation
+    scenario = config.env.filled_scenario()
+    return sample_scenario(generator, scenario, tool=simulation.tool, goal=simulation.goal)

@@ -1,7 +1,6 @@
 """Checks of the arguments that users give to the environments."""
 
 import inspect
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
@@ -11,11 +10,11 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from modpush._checks import check_dtype
-from modpush.envs.outcome import GOAL_THRESHOLD, is_out_of_bounds
-from modpush.envs.robot.ur5_2f85 import ToolName
+from modpush.envs.outcome import is_out_of_bounds, pose_errors
 from modpush.envs.scenes.arm_room import check_arm_is_free
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.scenario import Scenario
+from modpush.envs.simulation_config import SimulationConfig
 from modpush.envs.specs import ACTION_SIZE
 from modpush.geometry.workspace import Rectangle
 
@@ -113,7 +112,8 @@ def check_scenarios(
     scenarios: Sequence[Scenario],
     count: int,
     bounds: Rectangle,
-    tool: ToolName,
+    simulation: SimulationConfig,
+    yaw_tolerance: float,
     objects: Mapping[str, PushedObject],
 ) -> None:
     """Check the episodes' starts that a reset is given.
@@ -122,7 +122,8 @@ def check_scenarios(
         scenarios: Must hold a `Scenario` for each scene being reset, which is not solved already.
         count: Number of scenes being reset.
         bounds: Lower and upper corner of where the object may be [m].
-        tool: Name of the tool.
+        simulation: Tool and goal.
+        yaw_tolerance: Present yaw tolerance of goal poses [rad].
         objects: The objects by name; a scenario with another one is refused elsewhere.
 
     Raises:
@@ -138,12 +139,7 @@ def check_scenarios(
     for index, scenario in enumerate(scenarios):
         if not isinstance(scenario, Scenario):
             raise TypeError(f"scenarios[{index}] must be a Scenario, got {scenario!r}.")
-        distance = math.dist(scenario.object_pose[:2], scenario.goal_position)
-        if distance <= GOAL_THRESHOLD:
-            raise ValueError(
-                f"scenarios[{index}] must start more than {GOAL_THRESHOLD} m from its goal, "
-                f"got {distance:.3g} m: it would have ended before its first step."
-            )
+        _check_goal(f"scenarios[{index}]", scenario, simulation, yaw_tolerance, objects)
         position = np.array([scenario.object_pose[:2]])
         if is_out_of_bounds(position, bounds)[0]:
             raise ValueError(
@@ -152,7 +148,35 @@ def check_scenarios(
             )
         if scenario.pushed_object in objects:
             tip_height = objects[scenario.pushed_object].tool_height
-            check_arm_is_free(f"scenarios[{index}]", scenario, tip_height, tool)
+            check_arm_is_free(f"scenarios[{index}]", scenario, tip_height, simulation.tool)
+
+
+def _check_goal(
+    name: str,
+    scenario: Scenario,
+    simulation: SimulationConfig,
+    yaw_tolerance: float,
+    objects: Mapping[str, PushedObject],
+) -> None:
+    """Refuse a goal of another kind than the environment's, and a start at the goal."""
+    poses = simulation.goal == "pose"
+    if poses != (scenario.goal_yaw is not None):
+        raise ValueError(
+            f"{name} must have {'a' if poses else 'no'} goal_yaw with goal={simulation.goal!r}, got "
+            f"{scenario.goal_yaw}."
+        )
+    pose, goal = scenario.object_pose, (*scenario.goal_position, scenario.goal_yaw or 0.0)
+    item = objects.get(scenario.pushed_object)
+    symmetry = 1 if simulation.full_circle or item is None else item.symmetry
+    errors = pose_errors(np.array([pose]), np.array([goal]), np.array([symmetry]))
+    distance, turn = np.abs(errors[0]).tolist()
+    if distance > simulation.position_tolerance or (poses and turn > yaw_tolerance):
+        return
+    turned = f" or be turned by more than {yaw_tolerance:.3g} rad," if poses else ","
+    raise ValueError(
+        f"{name} must start more than {simulation.position_tolerance} m from its goal{turned} "
+        f"got {distance:.3g} m: it would have ended before its first step."
+    )
 
 
 def check_alone(**others: Any) -> None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from modpush.envs.engines.base import CONTACT_KEYS
@@ -12,14 +13,18 @@ __all__ = ["state_entries"]
 
 
 def state_entries(
-    batch: SceneBatch, measured: Measurement, status: EpisodeStatus
+    batch: SceneBatch,
+    measured: Measurement,
+    status: EpisodeStatus,
+    pose_error: NDArray[np.float64] | None,
 ) -> dict[str, Tensor]:
-    """The entries that need no option of `PushEnv`, on the CPU.
+    """The entries that describe the state of the scenes, on the CPU.
 
     Args:
         batch: The scenes, for what stays the same throughout an episode.
         measured: Their present state.
         status: How their episodes stand.
+        pose_error: Their distances and turns from goal poses, `[B, 2]`; None for goal positions.
 
     Returns:
         Flags `[B, 1]` bool and numbers `[B, n]` float32, see the table of `PushEnv`.
@@ -38,7 +43,7 @@ def state_entries(
     }
     numbers = {
         "object_pose": measured.object_pose,
-        "goal_position": batch.goal_position,
+        "goal_position": batch.goal_pose[:, :2],
         "ee_pose": measured.ee_pose,
         "joint_position": measured.joint_position,
         "object_radius": batch.object_radius,
@@ -46,6 +51,8 @@ def state_entries(
         "object_symmetry": batch.object_symmetry,
         "object_support": batch.object_support,
     }
+    if pose_error is not None:
+        numbers |= {"goal_pose": batch.goal_pose, "pose_error": pose_error}
     entries = {key: torch.from_numpy(value[:, None].copy()) for key, value in flags.items()}
     for key, value in numbers.items():
         entries[key] = torch.from_numpy(value.astype(np.float32))

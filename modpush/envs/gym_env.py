@@ -29,7 +29,8 @@ OBSERVATION_KEYS = (
     "obstacle_contact",
     "tool_obstacle_contact",
 )
-"""Keys of `PushEnv` that make up the observation, of 3 + 2 + 3 + 6 + 1 + 1 + 1 numbers."""
+"""Keys of `PushEnv` that make up the observation, of 3 + 2 + 3 + 6 + 1 + 1 + 1 numbers. With
+`goal="pose"`, `goal_pose` takes the place of `goal_position`."""
 _INFO_KEYS = (
     "success",
     "out_of_bounds",
@@ -149,9 +150,9 @@ class PushGymEnv(SingleSceneEnv):
     """One scene of `PushEnv`, as `gymnasium.make("ClutterPushState-v1")`.
 
     The observation is the state without the obstacles, `[17]` float32, in the order of
-    `OBSERVATION_KEYS`; the action is `[3]` float32 in [-1, 1]; the reward is 1 on success, and `info`
-    has `success`, `out_of_bounds` and the contacts as Python bools. `modpush/Push-v0` has the paper's
-    observation and reward instead.
+    `OBSERVATION_KEYS`, or `[18]` for goal poses; the action is `[3]` float32 in [-1, 1]; the reward is 1
+    on success, and `info` has `success`, `out_of_bounds` and the contacts as Python bools.
+    `modpush/Push-v0` has the paper's observation and reward instead.
 
     Args:
         render_mode: None, or `"rgb_array"` for a drawn top view, which needs no renderer.
@@ -164,14 +165,19 @@ class PushGymEnv(SingleSceneEnv):
 
     def __init__(self, render_mode: str | None = None, **kwargs: Any) -> None:
         check_arguments("ClutterPushState-v1", render_mode, kwargs)
+        env = PushEnv(1, **{"depth": None, **kwargs})
         yaw, joint = math.pi + 1e-6, 2 * math.pi + 0.1
-        high = np.array([2, 2, yaw, 2, 2, 2, 2, yaw, *[joint] * 6, 1, 1, 1], dtype=np.float32)
+        poses = env.simulation.goal == "pose"
+        goal = [2, 2, yaw] if poses else [2, 2]
+        high = np.array([2, 2, yaw, *goal, 2, 2, yaw, *[joint] * 6, 1, 1, 1], dtype=np.float32)
         low = -high
         low[-3:] = 0
         self._bounds = (low, high)
-        space = spaces.Box(low, high, dtype=np.float32)
-        super().__init__(PushEnv(1, **{"depth": None, **kwargs}), space, render_mode)
+        self._keys = [
+            "goal_pose" if poses and key == "goal_position" else key for key in OBSERVATION_KEYS
+        ]
+        super().__init__(env, spaces.Box(low, high, dtype=np.float32), render_mode)
 
     def _observation(self, state: TensorDictBase) -> NDArray[np.float32]:
-        values = torch.cat([state[key][0].float() for key in OBSERVATION_KEYS]).cpu().numpy()
+        values = torch.cat([state[key][0].float() for key in self._keys]).cpu().numpy()
         return np.clip(values, *self._bounds)

@@ -9,10 +9,21 @@ from torch import Tensor
 
 from modpush.geometry.workspace import Rectangle
 
-__all__ = ["GOAL_THRESHOLD", "EpisodeStatus", "episode_status", "is_at_goal", "is_out_of_bounds"]
+__all__ = [
+    "GOAL_THRESHOLD",
+    "EpisodeStatus",
+    "Goal",
+    "episode_status",
+    "is_at_goal",
+    "is_out_of_bounds",
+    "pose_errors",
+]
+
+Goal = Literal["position", "pose"]
+"""What an episode asks for: a position of the object's centre, or a pose of the object."""
 
 GOAL_THRESHOLD = 0.05
-"""An episode succeeds when the object's centre is this near to the goal [m]."""
+"""By default an episode succeeds when the object's centre is this near to the goal [m]."""
 
 Array = TypeVar("Array", NDArray[Any], Tensor)
 
@@ -31,6 +42,26 @@ def is_at_goal(position: Array, goal: Array, threshold: float = GOAL_THRESHOLD) 
     x, y = (position - goal).T
     hypot = torch.hypot if isinstance(position, Tensor) else np.hypot
     return hypot(x, y) <= threshold
+
+
+def pose_errors(
+    pose: NDArray[np.float64], goal: NDArray[np.float64], symmetry: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """How far objects are from their goal poses.
+
+    Args:
+        pose: Poses (x, y, yaw) of the objects, `[B, 3]` [m, rad].
+        goal: Their goals, `[B, 3]` [m, rad].
+        symmetry: Number of yaw angles at which each object looks the same, 0 for all angles, `[B]`.
+
+    Returns:
+        `[B, 2]`: the distance [m], and the angle by which the object is to be turned, counter-clockwise,
+        in [-pi / symmetry, pi / symmetry) [rad].
+    """
+    (x, y), turn = (goal - pose)[:, :2].T, goal[:, 2] - pose[:, 2]
+    period = 2 * np.pi / np.maximum(symmetry, 1)
+    turn = (turn + period / 2) % period - period / 2
+    return np.stack([np.hypot(x, y), np.where(symmetry > 0, turn, 0.0)], -1)
 
 
 def is_out_of_bounds(position: Array, bounds: Rectangle) -> Array:
@@ -52,7 +83,7 @@ class EpisodeStatus(NamedTuple):
     """Status of the episodes of a batch, `[B]` bool each; the fields are keys of `PushEnv`."""
 
     success: NDArray[np.bool_]
-    """The object is at its goal."""
+    """The object is at its goal, and has been there for the number of steps that was asked for."""
     out_of_bounds: NDArray[np.bool_]
     """The object has left the workspace."""
     terminated: NDArray[np.bool_]
@@ -64,8 +95,8 @@ class EpisodeStatus(NamedTuple):
 
 
 def episode_status(
+    success: NDArray[np.bool_],
     position: NDArray[np.float64],
-    goal: NDArray[np.float64],
     bounds: Rectangle,
     step_count: NDArray[np.int64],
     max_episode_steps: int | None,
@@ -76,14 +107,14 @@ def episode_status(
     In numpy, which on a few numbers is several times faster than torch.
 
     Args:
+        success: Whether each has succeeded, `[B]`.
         position: The object's centre, `[B, 2]` [m].
-        goal: The goal, `[B, 2]` [m].
         bounds: Lower and upper corner, see `is_out_of_bounds` [m].
         step_count: Number of steps since the reset, `[B]`.
         max_episode_steps: Number of steps after which an episode is truncated; None for no limit.
         oob: Whether being out of bounds truncates or terminates.
     """
-    success, outside = is_at_goal(position, goal), is_out_of_bounds(position, bounds)
+    outside = is_out_of_bounds(position, bounds)
     terminated = success | outside if oob == "terminate" else success
     truncated = outside
     if max_episode_steps is not None:

@@ -26,7 +26,7 @@ from modpush.envs.depth.cameras import find_depth_camera
 from modpush.envs.engines.base import SceneSpec
 from modpush.envs.engines.named import default_sim_freq, find_engine
 from modpush.envs.entries import state_entries
-from modpush.envs.outcome import episode_status
+from modpush.envs.outcome import episode_status, is_at_goal, pose_errors
 from modpush.envs.push_state import PushState, check_state, object_digest
 from modpush.envs.robot.ur5_2f85 import TOOLS
 from modpush.envs.scene_batch import SceneBatch
@@ -62,6 +62,10 @@ class PushEnv(EnvBase):
                                      uint8              object, 2 obstacle, 3 robot
         object_pose                  `[B, 3]` float32   pose of the pushed object
         goal_position                `[B, 2]` float32   goal of the object's centre
+        goal_pose                    `[B, 3]` float32   goal of the object (only with `goal="pose"`)
+        pose_error                   `[B, 2]` float32   distance of the object from that goal [m], and
+                                                        the angle by which it is to be turned, modulo
+                                                        its symmetry (only with `goal="pose"`)
         ee_pose                      `[B, 3]` float32   pose of the tool's tip
         joint_position               `[B, 6]` float32   angles of the arm's joints
         object_radius                `[B, 1]` float32   circumscribed radius of the object's footprint
@@ -83,7 +87,10 @@ class PushEnv(EnvBase):
                                                         pose
         obstacle_displacement        `[B, 24]` float32  how far each obstacle has moved since reset
                                                         (only with `dynamic_obstacles=True`)
-        success                      `[B, 1]` bool      the object's centre is within 5 cm of the goal
+        success                      `[B, 1]` bool      the object's centre is within
+                                                        `position_tolerance` of the goal, 5 cm by
+                                                        default, and with `goal="pose"` its yaw within
+                                                        `yaw_tolerance`, for `hold_steps` steps
         out_of_bounds                `[B, 1]` bool      that centre is more than 5 cm outside the
                                                         workspace
         reward                       `[B, 1]` float32   1 on success, else 0
@@ -103,14 +110,14 @@ class PushEnv(EnvBase):
         num_envs: Number of scenes.
         scenario: Settings from which episodes are drawn. It may be replaced (`env.scenario = ...`),
             which takes effect at the next reset.
-        simulation: Engine, tool, depth camera, rates and ends of episodes.
+        simulation: Engine, tool, goal, depth camera, rates and ends of episodes.
         pictures: Build the scenes with a renderer, so that `render` shows the arm from the side.
         seed: Seed of the first scene; scene `i` gets `seed + i`, so that it draws the same episodes
             in a batch of any size, and seeds less than `num_envs` apart have episodes in common. None
             for unpredictable episodes.
         device: `"cpu"` or a CUDA device.
         **fields: Fields of `scenario` and `simulation` to set differently (`scene="slot"`,
-            `pushed_object="fragment"`, `depth=None`, ...).
+            `pushed_object="fragment"`, `depth=None`, `goal="pose"`, ...).
 
     Raises:
         TypeError: For unknown arguments; the message lists the known ones.
@@ -154,9 +161,15 @@ class PushEnv(EnvBase):
         self.is_closed = False  # TorchRL says True, and would not close it then
         self._digests = {name: object_digest(item) for name, item in self.pushed_objects.items()}
         self._step_count, self._started = np.zeros(num_envs, dtype=np.int64), False
+        self._steps_at_goal = np.zeros(num_envs, dtype=np.int64)
+        self.yaw_tolerance = self._simulation.yaw_tolerance
+        """Largest difference of the object's yaw from a goal pose's at success [rad]: that of
+        `simulation`, unless a curriculum sets another one."""
+        self._check_tolerance(self._scenario)
         self._set_seed(seed)
         images, movable = self._simulation.depth is not None, self._simulation.dynamic_obstacles
-        for name, spec in make_specs(num_envs, self.device, images, movable).items():
+        specs = make_specs(num_envs, self.device, images, movable, self._simulation.goal)
+        for name, spec in specs.items():
             setattr(self, name, spec)
 
     def _build_batch(self, pictures: bool) -> SceneBatch:
@@ -175,7 +188,8 @@ class PushEnv(EnvBase):
             from modpush.envs.engines.sapien.cuda_batch import CudaBatch
 
             return CudaBatch(self.batch_size[0], spec, camera, config.arm_in_depth)
-        return SceneBatch(self.batch_size[0], self._make_engine, spec, camera, config.arm_in_depth)
+        seen = camera, config.arm_in_depth, config.full_circle
+        return SceneBatch(self.batch_size[0], self._make_engine, spec, *seen)
 
     @property
     def scenario(self) -> ScenarioConfig:
@@ -197,6 +211,7 @@ class PushEnv(EnvBase):
                 "PushEnv: scenario must keep low and high, the running episodes' workspace, "
                 f"{self._scenario.low} and {self._scenario.high}, got {config.low} and {config.high}."
             )
+        self._check_tolerance(config)
         if config.pushed_object == self._scenario.pushed_object:
             return
         digests = {item.name: object_digest(item) for item in config.objects}
@@ -204,6 +219,14 @@ class PushEnv(EnvBase):
             raise ValueError(
                 f"PushEnv: scenario must have objects of {sorted(self._digests)}, as they were when "
                 f"the environment was made, got {other}."
+            )
+
+    def _check_tolerance(self, config: ScenarioConfig) -> None:
+        """Refuse distances at which an episode would have ended before its first step."""
+        if config.distance[0] < (tolerance := self._simulation.position_tolerance):
+            raise ValueError(
+                f"PushEnv: distance must be at least position_tolerance, {tolerance} m, at which an "
+                f"episode succeeds, got {config.distance}."
             )
 
     def _set_seed(self, seed: int | None) -> None:
@@ -227,16 +250,18 @@ class PushEnv(EnvBase):
             check_alone(scenarios=scenarios, seed=seed)
             return self.set_state(state, indices)
         if scenarios is not None:
-            check_scenarios(
-                scenarios, len(indices), self.bounds, self._simulation.tool, self.pushed_objects
-            )
+            goals = self._simulation, self.yaw_tolerance
+            check_scenarios(scenarios, len(indices), self.bounds, *goals, self.pushed_objects)
         restart_generators(self._rngs, indices, seed)
         if scenarios is None:
-            tool = self._simulation.tool
-            scenarios = [sample_scenario(self._rngs[i], self.scenario, tool=tool) for i in indices]
+            config = self._simulation
+            scenarios = [
+                sample_scenario(self._rngs[i], self.scenario, tool=config.tool, goal=config.goal)
+                for i in indices
+            ]
         self._batch.start(indices, scenarios)
         self._started = True
-        self._step_count[indices] = 0
+        self._step_count[indices] = self._steps_at_goal[indices] = 0
         return self._observe()
 
     def _check_open(self, what: str, started: bool = False) -> None:
@@ -256,16 +281,24 @@ class PushEnv(EnvBase):
     def _observe(self, after_step: bool = False) -> TensorDictBase:
         """All keys of the present state; the reward only after a step."""
         batch, config = self._batch, self._simulation
-        measured = batch.measure()
+        measured, pose_error = batch.measure(), None
+        position = measured.object_pose[:, :2]
+        at_goal = is_at_goal(position, batch.goal_pose[:, :2], config.position_tolerance)
+        if config.goal == "pose":
+            symmetry = batch.object_symmetry[:, 0]
+            pose_error = pose_errors(measured.object_pose, batch.goal_pose, symmetry)
+            at_goal &= np.abs(pose_error[:, 1]) <= self.yaw_tolerance
+        steps_at_goal = np.maximum(self._steps_at_goal + after_step, 1)
+        self._steps_at_goal = np.where(at_goal, steps_at_goal, 0)
         status = episode_status(
-            measured.object_pose[:, :2],
-            batch.goal_position,
+            self._steps_at_goal >= config.hold_steps,
+            position,
             self.bounds,
             self._step_count,
             config.max_episode_steps,
             config.oob,
         )
-        entries = state_entries(batch, measured, status)
+        entries = state_entries(batch, measured, status, pose_error)
         if config.dynamic_obstacles:
             entries["obstacle_displacement"] = batch.obstacle_displacement()
         if after_step:
@@ -282,7 +315,7 @@ class PushEnv(EnvBase):
 
     @property
     def simulation(self) -> SimulationConfig:
-        """Engine, tool, depth camera, rates and ends of episodes; `sim_freq` is never None here."""
+        """Engine, tool, goal, camera, rates and ends of episodes; `sim_freq` is never None here."""
         return self._simulation
 
     @property
@@ -317,7 +350,7 @@ class PushEnv(EnvBase):
         """A picture of a scene, `[H, W, 3]` uint8: drawn from above, or rendered with `pictures`."""
         self._check_open("render", started=True)
         check_scene(index, self.batch_size[0])
-        return self._batch.render(index)
+        return self._batch.render(index, self._simulation.position_tolerance)
 
     def get_state(self, indices: Sequence[int] | None = None) -> PushState:
         """A copy of the state of some scenes (default: all), for `set_state` and `reset`."""
@@ -326,6 +359,7 @@ class PushEnv(EnvBase):
         return PushState(
             scenes=tuple(self._batch.get_state(i) for i in chosen),
             step_count=tuple(self._step_count[chosen].tolist()),
+            steps_at_goal=tuple(self._steps_at_goal[chosen].tolist()),
             rngs=tuple(self._rngs[i].bit_generator.state for i in chosen),
             config=self._state_config,
             objects=self._digests,
@@ -345,14 +379,17 @@ class PushEnv(EnvBase):
         chosen = chosen_scenes(indices, self.batch_size[0])
         if not self._started and len(chosen) != self.batch_size[0]:
             raise RuntimeError("PushEnv.set_state: reset or set all scenes first.")
-        check_state(state, len(chosen), self._state_config, self._digests)
-        rows = list(zip(chosen, state.scenes, state.step_count, state.rngs, strict=True))
-        for i, scene, _, _ in rows:
+        check_state(state, len(chosen), self._state_config, self._digests, self._simulation.goal)
+        for i, scene in zip(chosen, state.scenes, strict=True):
             self._batch.check_state(i, scene)
         self._started = True
-        for i, scene, steps, rng in rows:
+        for i, scene, rng in zip(chosen, state.scenes, state.rngs, strict=True):
             self._batch.set_state(i, scene)
-            self._step_count[i], self._rngs[i].bit_generator.state = steps, rng
+            self._rngs[i].bit_generator.state = rng
+        self._step_count[chosen], self._steps_at_goal[chosen] = (
+            state.step_count,
+            state.steps_at_goal,
+        )
         return self._observe()
 
     def close(self, *, raise_if_closed: bool = True) -> None:

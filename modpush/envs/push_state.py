@@ -8,6 +8,7 @@ import numpy as np
 
 from modpush._checks import check_keys
 from modpush._weights import data_hash
+from modpush.envs.outcome import Goal
 from modpush.envs.scene_state import SceneState
 from modpush.envs.scenes.objects import PushedObject
 
@@ -25,6 +26,8 @@ class PushState:
     """Physics, layout and controller of each scene."""
     step_count: tuple[int, ...]
     """Number of steps since the reset of each scene."""
+    steps_at_goal: tuple[int, ...]
+    """Number of steps in a row at whose end the object of each scene has been at its goal."""
     rngs: tuple[Mapping[str, Any], ...]
     """State of the random number generator of each scene."""
     config: Mapping[str, Any]
@@ -38,6 +41,7 @@ class PushState:
         return {
             "scenes": [scene.to_dict() for scene in self.scenes],
             "step_count": list(self.step_count),
+            "steps_at_goal": list(self.steps_at_goal),
             "rngs": [dict(rng) for rng in self.rngs],
             "config": dict(self.config),
             "objects": dict(self.objects),
@@ -50,8 +54,11 @@ class PushState:
         Raises:
             ValueError: If a field is missing, unknown or malformed.
         """
+        if "steps_at_goal" not in data and isinstance(data.get("step_count"), list):  # an older one
+            data = {**data, "steps_at_goal": [0] * len(data["step_count"])}
         check_keys(data, [field.name for field in fields(cls)])
-        kinds = {"scenes": list, "step_count": list, "rngs": list, "config": dict, "objects": dict}
+        lists = dict.fromkeys(("scenes", "step_count", "steps_at_goal", "rngs"), list)
+        kinds = {**lists, "config": dict, "objects": dict}
         for name, kind in kinds.items():
             if not isinstance(data[name], kind):
                 raise ValueError(
@@ -60,6 +67,7 @@ class PushState:
         return cls(
             scenes=tuple(SceneState.from_dict(scene) for scene in data["scenes"]),
             step_count=tuple(data["step_count"]),
+            steps_at_goal=tuple(data["steps_at_goal"]),
             rngs=tuple(data["rngs"]),
             config=data["config"],
             objects=data["objects"],
@@ -72,7 +80,11 @@ def object_digest(item: PushedObject) -> str:
 
 
 def check_state(
-    state: PushState, count: int, config: Mapping[str, Any], objects: Mapping[str, str]
+    state: PushState,
+    count: int,
+    config: Mapping[str, Any],
+    objects: Mapping[str, str],
+    goal: Goal,
 ) -> None:
     """Check that a state can be restored in an environment.
 
@@ -81,6 +93,7 @@ def check_state(
         count: Number of scenes that are to be put into it.
         config: The environment's options that a state belongs to.
         objects: Digests of the environment's objects, by name.
+        goal: What the environment's episodes ask for.
 
     Raises:
         TypeError: If it is not a `PushState`.
@@ -99,7 +112,11 @@ def check_state(
         ]
         raise ValueError(f"the state is of an environment with {', '.join(differences)}.")
     for scene in state.scenes:
-        name = scene.scenario.pushed_object
+        name, goal_yaw = scene.scenario.pushed_object, scene.scenario.goal_yaw
+        if (goal == "pose") != (goal_yaw is not None):
+            raise ValueError(
+                f"the state's goal_yaw is {goal_yaw}, which is not of an environment with goal={goal!r}."
+            )
         if name not in objects:
             raise ValueError(
                 f"the state's object {name!r} is not in this environment, which has "
@@ -110,14 +127,17 @@ def check_state(
                 f"the state's object {name!r} must be this environment's of that name, got "
                 f"{state.objects.get(name)!r} for {objects[name]!r}."
             )
-    _check_counts_and_rngs(state.step_count, state.rngs, count)
+    for name in ("step_count", "steps_at_goal"):
+        _check_counts(name, getattr(state, name), count)
+    _check_rngs(state.rngs, count)
 
 
-def _check_counts_and_rngs(
-    steps: Sequence[Any], rngs: Sequence[Mapping[str, Any]], count: int
-) -> None:
+def _check_counts(name: str, steps: Sequence[Any], count: int) -> None:
     if len(steps) != count or not all(type(n) is int and n >= 0 for n in steps):
-        raise ValueError(f"step_count must be {count} integers >= 0, got {steps!r}.")
+        raise ValueError(f"{name} must be {count} integers >= 0, got {steps!r}.")
+
+
+def _check_rngs(rngs: Sequence[Mapping[str, Any]], count: int) -> None:
     if len(rngs) != count:
         raise ValueError(f"the state holds {len(rngs)} random states, expected {count}.")
     for rng in rngs:

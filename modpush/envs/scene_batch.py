@@ -48,7 +48,8 @@ class SceneBatch:
     would only wait for each other. More cores are used by several processes, each stepping a whole batch
     (`MultiSyncCollector`).
 
-    What stays the same throughout an episode is kept in `goal_position` `[B, 2]` [m],
+    What stays the same throughout an episode is kept in `goal_pose` `[B, 3]` [m, m, rad], whose yaw is 0
+    where the goal is a position,
     `object_radius` and `object_inscribed_radius` `[B, 1]` [m], `object_symmetry` `[B, 1]`, and
     `object_support` `[B, SUPPORT_DIRECTIONS]` [m]. A batch is the `SceneView` of its cameras.
 
@@ -58,6 +59,7 @@ class SceneBatch:
         spec: The properties of every scene.
         depth: What makes the depth camera, or None.
         arm_in_depth: Whether the depth camera sees the arm.
+        full_circle: Whether yaw angles count as different at which an object looks the same.
     """
 
     def __init__(
@@ -67,11 +69,13 @@ class SceneBatch:
         spec: SceneSpec,
         depth: DepthCameraFactory | None,
         arm_in_depth: bool,
+        full_circle: bool = False,
     ) -> None:
+        self._full_circle = full_circle
         self.engines: list[Engine] = [make_engine(spec) for _ in range(num_envs)]
         self.num_envs, self._spec = num_envs, spec
         self.scenarios: list[Scenario] = []
-        self.goal_position = np.zeros((num_envs, 2))
+        self.goal_pose = np.zeros((num_envs, 3))
         self.object_radius = np.zeros((num_envs, 1))
         self.object_inscribed_radius = np.zeros((num_envs, 1))
         self.object_symmetry = np.zeros((num_envs, 1))
@@ -122,10 +126,10 @@ class SceneBatch:
             self.scenarios = [scenario] * self.num_envs
         self.scenarios[i] = scenario
         item = get_object_of(self._spec.objects, scenario.pushed_object)
-        self.goal_position[i] = scenario.goal_position
+        self.goal_pose[i] = (*scenario.goal_position, scenario.goal_yaw or 0.0)
         self.object_radius[i] = item.radius
         self.object_inscribed_radius[i] = item.inscribed_radius
-        self.object_symmetry[i] = item.symmetry
+        self.object_symmetry[i] = 1 if self._full_circle else item.symmetry
         self.object_support[i] = item.support
         self._target[i] = target
         self._flange_height[i] = item.tool_height + self._spec.tool.length
@@ -225,8 +229,13 @@ class SceneBatch:
                 moved[i, : len(start)] = np.linalg.norm(now - start, axis=-1)
         return torch.from_numpy(moved.astype(np.float32))
 
-    def render(self, index: int) -> np.ndarray:
-        """A picture of one scene, `[H, W, 3]` uint8: rendered from the side, or the drawn top view."""
+    def render(self, index: int, position_tolerance: float) -> np.ndarray:
+        """A picture of one scene, `[H, W, 3]` uint8: rendered from the side, or the drawn top view.
+
+        Args:
+            index: Number of the scene.
+            position_tolerance: Radius of the disc that is drawn around the goal [m].
+        """
         picture = self.engines[index].picture()
         if picture is not None:
             return picture
@@ -239,6 +248,7 @@ class SceneBatch:
             obstacle_poses=planar_poses(self.obstacle_transforms_of(index)),
             tool=self.tool.name,
             objects={name: get_object_of(self._spec.objects, name)},
+            position_tolerance=position_tolerance,
         )
 
     @property

@@ -1,12 +1,14 @@
-"""`SimulationConfig`: tool, camera, rates, ends of episodes; `set_fields`: single fields of configs."""
+"""`SimulationConfig`: tool, goal, camera, rates, ends of episodes; `set_fields`: fields of configs."""
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, replace
 from typing import Any, Literal
 
-from modpush._types import Count, Frequency
+from modpush._types import Count, Frequency, Length, YawTolerance
 from modpush._validation import checked
 from modpush.envs.engines.named import ENGINES, check_engine
+from modpush.envs.outcome import GOAL_THRESHOLD, Goal
 from modpush.envs.robot.ur5_2f85 import ToolName
 from modpush.parts import part_module
 
@@ -15,13 +17,25 @@ __all__ = ["SimulationConfig", "set_fields"]
 
 @checked
 class SimulationConfig:
-    """Engine, tool, depth camera, rates and ends of episodes of a `PushEnv`."""
+    """Engine, tool, goal, depth camera, rates and ends of episodes of a `PushEnv`."""
 
     engine: Any = "sapien"
     """Physics engine: `sapien`, `mujoco` (which needs the extra `mujoco`), or your own `Engine` as
     `module:name`, class or function."""
     tool: ToolName = "2f85"
     """Tool of the arm: the closed gripper, or the rod of the authors' code."""
+    goal: Goal = "position"
+    """What an episode asks for: a position of the object's centre (the paper), or a pose of the object,
+    at any yaw."""
+    position_tolerance: Length = GOAL_THRESHOLD
+    """Distance of the object's centre from the goal at which the episode succeeds [m]."""
+    yaw_tolerance: YawTolerance = math.radians(10)
+    """Largest difference of the object's yaw from that of a goal pose at success [rad]."""
+    hold_steps: Count = 1
+    """Number of control steps in a row at whose end the object must be at its goal."""
+    full_circle: bool = False
+    """Count yaw angles as different at which the object looks the same. By default a goal pose's yaw
+    is met at any of them."""
     depth: Any = "analytic"
     """Depth camera: `analytic` (rays cast at the known shapes, needs no renderer), `sapien` (rendered),
     or your own `DepthCamera` as `module:name`, class or function. None in Python: no images."""

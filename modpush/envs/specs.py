@@ -6,6 +6,7 @@ import torch
 from torchrl.data import Binary, Bounded, Composite, Unbounded, UnboundedDiscrete
 
 from modpush.envs.engines.base import CONTACT_KEYS
+from modpush.envs.outcome import Goal
 from modpush.envs.scenes.objects import SUPPORT_DIRECTIONS
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES
 from modpush.geometry.camera import CAMERA
@@ -17,7 +18,11 @@ ACTION_SIZE = 3
 
 
 def make_specs(
-    num_envs: int, device: torch.device, images: bool, dynamic_obstacles: bool
+    num_envs: int,
+    device: torch.device,
+    images: bool,
+    dynamic_obstacles: bool,
+    goal: Goal = "position",
 ) -> dict[str, Bounded | Composite]:
     """Specs of a batch of scenes, by the name of `EnvBase`'s attribute.
 
@@ -26,6 +31,7 @@ def make_specs(
         device: Device of the environment.
         images: Whether there are `depth` and `segmentation`.
         dynamic_obstacles: Whether there is `obstacle_displacement`.
+        goal: What episodes ask for; with poses there are `goal_pose` and `pose_error`.
     """
     shape: dict[str, Any] = {"shape": (num_envs,), "device": device}
     single: Any = {"device": device, "dtype": torch.float32}
@@ -39,6 +45,7 @@ def make_specs(
         "object_inscribed_radius": 1,
         "object_symmetry": 1,
         "object_support": SUPPORT_DIRECTIONS,
+        **({"goal_pose": 3, "pose_error": 2} if goal == "pose" else {}),
         **({"obstacle_displacement": MAX_OBSTACLES} if dynamic_obstacles else {}),
     }
     flags = (*CONTACT_KEYS, "target_reachable", "success", "out_of_bounds")

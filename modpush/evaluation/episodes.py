@@ -111,6 +111,7 @@ class _Log:
         self.rewards: list[float] = []
         self.targets: list[list[float]] = []
         self.path: NDArray[np.float32] | None = None
+        self.yaw_error: float | None = None
 
     def finish(self, success: bool, out_of_bounds: bool) -> Episode:
         corners, shortest = shortest_path(
@@ -129,6 +130,7 @@ class _Log:
             success=success,
             out_of_bounds=out_of_bounds,
             shortest_length=shortest,
+            final_yaw_error=self.yaw_error,
         )
         trajectory = Trajectory(
             **{key: value.astype(np.float32) for key, value in poses.items()},
@@ -275,6 +277,7 @@ def _record(
     ends = torch.cat([after[key] for key in _ENDS], -1).tolist()
     rewards = after["reward"].reshape(len(logs)).tolist()
     targets = read_key(td, target_key).tolist() if target_key is not None else None
+    errors = after["pose_error"].tolist() if "pose_error" in after.keys() else None
     ended = []
     for i, log in enumerate(logs):
         if log is None:
@@ -287,6 +290,8 @@ def _record(
         log.rewards.append(rewards[i])
         if targets is not None:
             log.targets.append(targets[i])
+        if errors is not None:
+            log.yaw_error = abs(errors[i][1])
         if on_step is not None:
             on_step(i, log.number)
         success, outside, done = ends[i]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modpush._arguments import checked_arguments
-from modpush._types import Positive
+from modpush._types import NonNegative, Positive
 
 __all__ = [
     "EpisodeMetrics",
@@ -30,7 +30,7 @@ class EpisodeMetrics:
     """Metrics of one episode."""
 
     success: bool
-    """The object's centre came within 5 cm of the goal."""
+    """The object reached the goal, by default when its centre came within 5 cm of it."""
     steps: int
     """Number of control steps."""
     episode_return: float
@@ -64,10 +64,13 @@ class EpisodeMetrics:
     """Mean jerk of the tool's tip, see `mean_jerk` [m/s^3]."""
     reversal_rate: float
     """Share of the tip's moves against the one before, see `reversal_rate`."""
+    final_yaw_error: float | None = None
+    """Angle by which the object's yaw differs from that of its goal pose at the end, modulo its symmetry
+    [rad]; None where the goal is a position."""
 
     def to_dict(self) -> dict[str, float | int | bool]:
-        """The metrics by name."""
-        return asdict(self)
+        """The metrics by name, those that are None left out."""
+        return {name: value for name, value in asdict(self).items() if value is not None}
 
 
 def contact_rate(contact: Flags) -> float:
@@ -176,6 +179,7 @@ def episode_metrics(
     success: bool,
     out_of_bounds: bool,
     shortest_length: Positive,
+    final_yaw_error: NonNegative | None = None,
 ) -> EpisodeMetrics:
     """All metrics of an episode of T control steps.
 
@@ -191,6 +195,7 @@ def episode_metrics(
         success: Whether the goal was reached.
         out_of_bounds: Whether the object left the workspace.
         shortest_length: See `shortest_path` [m].
+        final_yaw_error: Angle that is missing to a goal pose at the end [rad].
 
     Raises:
         TypeError: If an argument is not an array, or has another dtype.
@@ -224,6 +229,7 @@ def episode_metrics(
         out_of_bounds=bool(out_of_bounds),
         mean_jerk=mean_jerk(ee_position, control_freq),
         reversal_rate=reversal_rate(ee_position),
+        final_yaw_error=final_yaw_error,
     )
 
 

@@ -43,7 +43,7 @@ def draw_episode(
         step: Number of control steps since reset; None for the last.
         caption: Text at the top.
         objects: Your own objects by name, as in `PushEnv.pushed_objects`.
-        conditions: Tool and map that are drawn; by default the 2F-85, and the circumscribed circle.
+        conditions: Tool, tolerance and map that are drawn; by default those of `EpisodeConditions`.
 
     Returns:
         `[H, W, 3]` uint8 RGB.
@@ -67,6 +67,7 @@ def draw_episode(
         caption=caption,
         tool=conditions.tool,
         objects=objects,
+        position_tolerance=conditions.position_tolerance,
     )
 
 

@@ -40,9 +40,10 @@ COLUMNS = (
     "pushed_object",
     "difficulty",
     "policy",
-    *(field.name for field in fields(EpisodeMetrics)),
+    *(field.name for field in fields(EpisodeMetrics) if field.name != "final_yaw_error"),
 )
-"""Columns of `episodes.csv`. `policy` is the `policy_hash` of the policy."""
+"""Columns of `episodes.csv`, after which `final_yaw_error` follows where the goals are poses. `policy` is
+the `policy_hash` of the policy."""
 _TEXTS = ("scene", "pushed_object", "policy")
 
 
@@ -90,7 +91,13 @@ class ResultStore:
         self._claim(about)
         text, whole = self._read()
         if whole != text or not whole:
-            write_text(self.csv, whole or ",".join(COLUMNS) + "\n")
+            write_text(self.csv, whole or ",".join(self.columns) + "\n")
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns of `episodes.csv`."""
+        poses = self.evaluation_set.conditions.goal == "pose"
+        return (*COLUMNS, "final_yaw_error") if poses else COLUMNS
 
     @property
     def csv(self) -> Path:
@@ -139,7 +146,7 @@ class ResultStore:
         }
         with self.csv.open("a", encoding="utf-8", newline="") as file:
             row = about | episode.metrics.to_dict()
-            csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow(row)
+            csv.DictWriter(file, self.columns, lineterminator="\n").writerow(row)
             file.flush()
             os.fsync(file.fileno())
 
@@ -154,7 +161,7 @@ class ResultStore:
                 io.StringIO(self._read()[1]),
                 dtype=dict.fromkeys(_TEXTS, str),  # text also where it looks like a number
                 keep_default_na=False,
-                na_values={name: ["", "nan"] for name in COLUMNS if name not in _TEXTS},
+                na_values={name: ["", "nan"] for name in self.columns if name not in _TEXTS},
             )
         numbers = rows["episode"]
         if len(rows) and (numbers.dtype.kind != "i" or (numbers < 0).any()):
@@ -167,8 +174,8 @@ class ResultStore:
         """Text of the CSV file, and its whole lines: a kill may have cut off the last one."""
         text = self.csv.read_text(encoding="utf-8") if self.csv.exists() else ""
         whole = text[: text.rfind("\n") + 1]
-        if whole and (found := whole.partition("\n")[0].split(",")) != list(COLUMNS):
-            raise ValueError(f"{self.csv} must have the columns {list(COLUMNS)}, got {found}.")
+        if whole and (found := whole.partition("\n")[0].split(",")) != list(self.columns):
+            raise ValueError(f"{self.csv} must have the columns {list(self.columns)}, got {found}.")
         return text, whole
 
     def missing(self) -> list[int]:

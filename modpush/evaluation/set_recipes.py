@@ -13,7 +13,7 @@ from modpush.envs.scenes.layouts import (
     HARD_WIDE_SCENES,
     OBSTACLE_SCENES,
 )
-from modpush.envs.scenes.objects import OBJECTS
+from modpush.envs.scenes.objects import PAPER_OBJECTS
 
 __all__ = ["RECIPES", "SetRecipe"]
 
@@ -47,7 +47,7 @@ _RECIPES = {
         seed=1,
         count=20,
         scenes=("free", *OBSTACLE_SCENES, "zigzag", "random_clutter", *HARD_WIDE_SCENES),
-        objects=tuple(OBJECTS),
+        objects=PAPER_OBJECTS,
     ),
     "free/small_cube": SetRecipe(seed=2, count=500, scenes=("free",)),
     **{
@@ -61,7 +61,14 @@ _RECIPES = {
     "hard_wide/small_cube": SetRecipe(seed=8, count=200, scenes=HARD_WIDE_SCENES),
     "tuning/small_cube": SetRecipe(seed=101, count=200, scenes=OBSTACLE_SCENES),
     "tuning/all_objects": SetRecipe(
-        seed=102, count=200, scenes=("free", *OBSTACLE_SCENES), objects=tuple(OBJECTS)
+        seed=102, count=200, scenes=("free", *OBSTACLE_SCENES), objects=PAPER_OBJECTS
+    ),
+    "pose/free/box": SetRecipe(
+        seed=9,
+        count=200,
+        scenes=("free",),
+        objects=("box",),
+        conditions=EpisodeConditions(goal="pose", position_tolerance=0.015),
     ),
     "tuning/hard": SetRecipe(seed=103, count=100, scenes=HARD_TUNING_SCENES, conditions=_TIGHT),
 }

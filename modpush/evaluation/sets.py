@@ -31,6 +31,7 @@ from modpush.parts import check_allowed
 __all__ = [
     "BEHIND_SETS",
     "EVALUATION_SETS",
+    "POSE_SETS",
     "SET_NAMES",
     "SET_VERSION",
     "TUNING_SETS",
@@ -53,10 +54,12 @@ TUNING_SETS = tuple(name for name in SET_NAMES if name.startswith("tuning/"))
 BEHIND_SETS = tuple(name for name in SET_NAMES if name.startswith("behind/"))
 """Names of the sets of the paper in which the tool starts straight behind the object, as in the code of
 its authors. Nothing is chosen on them."""
+POSE_SETS = tuple(name for name in SET_NAMES if name.startswith("pose/"))
+"""Names of the sets whose goals are poses. Nothing is chosen on them."""
 EVALUATION_SETS = tuple(
-    n for n in SET_NAMES if n != "smoke" and n not in (*TUNING_SETS, *BEHIND_SETS)
+    n for n in SET_NAMES if n != "smoke" and n not in (*TUNING_SETS, *BEHIND_SETS, *POSE_SETS)
 )
-"""Names of the sets that methods are evaluated on. Nothing is chosen on them."""
+"""Names of the sets with goal positions that methods are evaluated on. Nothing is chosen on them."""
 
 
 @checked
@@ -81,6 +84,13 @@ class EvaluationSet:
                 "EvaluationSet: name must be letters, digits and _.+- in parts separated by '/', "
                 f"none of which begins with a dot, got {self.name!r}."
             )
+        poses = self.conditions.goal == "pose"
+        for number, scenario in enumerate(self.scenarios):
+            if poses != (scenario.goal_yaw is not None):
+                raise ValueError(
+                    f"EvaluationSet: scenarios[{number}] must have {'a' if poses else 'no'} goal_yaw "
+                    f"with goal={self.conditions.goal!r} in the conditions, got {scenario.goal_yaw}."
+                )
         if not self.digest:
             episodes = data_hash([scenario.to_dict() for scenario in self.scenarios])
             object.__setattr__(self, "digest", episodes)
@@ -225,7 +235,8 @@ def _draw(recipe: SetRecipe, number: int) -> Scenario:
         tool_start=recipe.tool_start,
     )
     rng = np.random.default_rng([recipe.seed, number])
-    drawn = sample_scenario(rng, config, tool=recipe.conditions.tool)
+    conditions = recipe.conditions
+    drawn = sample_scenario(rng, config, tool=conditions.tool, goal=conditions.goal)
     return Scenario.from_dict(_rounded(drawn.to_dict()))
 
 

@@ -69,6 +69,9 @@ _MEANINGS = {
     "ee_pose": "tip of the tool, (x, y, yaw) [m, rad], base frame",
     "object_pose": "centre of the object, (x, y, yaw) [m, rad], base frame",
     "goal_position": "goal, (x, y) [m], base frame",
+    "goal_pose": "goal of the object, (x, y, yaw) [m, rad], base frame",
+    "pose_error": "distance of the object from that goal [m], and angle by which it is to be turned, "
+    "counterclockwise, modulo its symmetry [rad]",
     "subgoal": "point of the path to push towards, (x, y) [m], base frame",
     "subgoal_past": "earlier sub-goals, by the ages `planning.subgoals.lags` [steps], (x, y) [m], base "
     "frame; in an episode's first steps the first one",

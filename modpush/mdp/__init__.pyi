@@ -16,6 +16,7 @@ from .observation_entries import (
     PAPER_ENTRIES as PAPER_ENTRIES,
     PATH_AHEAD_ENTRIES as PATH_AHEAD_ENTRIES,
     PATH_ENTRIES as PATH_ENTRIES,
+    POSE_ENTRIES as POSE_ENTRIES,
     Entry as Entry,
 )
 from .observation_inputs import (

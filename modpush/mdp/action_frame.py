@@ -79,12 +79,20 @@ class ActionFrame(DescribedTransform):
         turned = torch.cat([planar, action[..., 2:]], -1).clamp(-1.0, 1.0)
         return tensordict.set(self.action_key, turned)
 
+    def to_base(self, tensordict: TensorDictBase) -> Tensor:
+        """The agent's action in the base frame, as the environment takes it, `[..., 3]`.
+
+        Raises:
+            KeyError: If a key is missing.
+        """
+        action = read_key(tensordict, self.action_key, 3)
+        return action if self.frame == "base" else turn_action(action, self._yaw(tensordict))
+
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
         self._check_place()
         if self.frame == "base":
             return tensordict
-        action = read_key(tensordict, self.action_key, 3)
-        turned = turn_action(action, self._yaw(tensordict))
+        action, turned = read_key(tensordict, self.action_key, 3), self.to_base(tensordict)
         tensordict.set(_AGENT_ACTION, action)
         return tensordict.set(self.action_key, turned)
 

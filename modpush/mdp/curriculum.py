@@ -14,6 +14,7 @@ from modpush._types import (
     NonNegativeInteger,
     PositiveFraction,
     Several,
+    YawTolerance,
 )
 from modpush._validation import check_value, checked
 from modpush.envs.outcome import GOAL_THRESHOLD
@@ -62,6 +63,10 @@ class CurriculumConfig:
     phases: AtLeastOne[Phase] = (Phase(),)
     """Phases, one after the other; each ends with the last stage. By default there is one, with the
     environment's own scenes."""
+    yaw_tolerances: Several[YawTolerance] = ()
+    """Yaw tolerances for goal poses [rad], through which the last stage of the last phase goes: the next
+    one follows as soon as `threshold` of the last `window` episodes have succeeded. Empty for the
+    environment's own."""
     promotion: Literal["success", "steps", "off"] = "success"
     """Event that begins the next stage: "success" (enough episodes of this stage succeeded), "steps"
     (after given numbers of environment steps, as in the authors' code), or "off" (no curriculum:
@@ -86,6 +91,11 @@ class CurriculumConfig:
             raise ValueError(
                 f"CurriculumConfig: distances must be greater than {GOAL_THRESHOLD} m, where an "
                 f"episode has succeeded already, got {self.distances[0]}."
+            )
+        pairs = zip(self.yaw_tolerances, self.yaw_tolerances[1:], strict=False)
+        if not all(a > b for a, b in pairs):
+            raise ValueError(
+                f"CurriculumConfig: yaw_tolerances must be descending, got {self.yaw_tolerances}."
             )
         if not self.final_distance[0] <= self.final_distance[1]:
             raise ValueError(
@@ -128,6 +138,8 @@ class Curriculum:
         """Index of the present stage within all stages of distance."""
         if self.config.promotion == "off":
             self.phase, self.stage = len(self.config.phases) - 1, len(self.config.distances) - 1
+        self.narrowings = 0
+        """Index of the present yaw tolerance within all of them."""
         self.steps = 0
         """Environment steps so far."""
         self._successes: deque[bool] = deque(maxlen=self.config.window)
@@ -135,10 +147,16 @@ class Curriculum:
 
     @property
     def level(self) -> int:
-        """Number of stages passed, through all phases."""
+        """Number of stages and yaw tolerances passed, through all phases."""
         before = self.config.phases[: self.phase]
         passed = sum(len(self.config.distances) - phase.first_stage for phase in before)
-        return passed + self.stage - self.config.phases[self.phase].first_stage
+        return passed + self.stage - self.config.phases[self.phase].first_stage + self.narrowings
+
+    @property
+    def yaw_tolerance(self) -> float | None:
+        """The present yaw tolerance for goal poses [rad]; None for the environment's own."""
+        tolerances = self.config.yaw_tolerances
+        return tolerances[self.narrowings] if tolerances else None
 
     @property
     def warming_up(self) -> bool:
@@ -147,7 +165,7 @@ class Curriculum:
 
     @property
     def finished(self) -> bool:
-        """True in the last stage of the last phase."""
+        """True in the last stage of the last phase, whatever the yaw tolerance."""
         last = len(self.config.distances) - 1
         return self.phase == len(self.config.phases) - 1 and self.stage == last
 
@@ -189,11 +207,11 @@ class Curriculum:
         if not evaluated:
             return
         self._successes.append(success)
-        if (
-            self.config.promotion == "success"
-            and len(self._successes) == self.config.window
-            and self.success_rate >= self.config.threshold
-        ):
+        if len(self._successes) < self.config.window or self.success_rate < self.config.threshold:
+            return
+        if self.finished:
+            self._narrow()
+        elif self.config.promotion == "success":
             self._advance()
 
     def count_steps(self, steps: int) -> None:
@@ -216,6 +234,11 @@ class Curriculum:
             self.stage = self.config.phases[self.phase].first_stage
         self._successes.clear()
 
+    def _narrow(self) -> None:
+        if self.narrowings < len(self.config.yaw_tolerances) - 1:
+            self.narrowings += 1
+            self._successes.clear()
+
     @property
     def success_rate(self) -> float:
         """Success rate of the last `window` evaluated episodes of this stage; 0 before the first."""
@@ -231,6 +254,7 @@ class Curriculum:
         return {
             "phase": self.phase,
             "stage": self.stage,
+            "narrowings": self.narrowings,
             "steps": self.steps,
             "successes": list(self._successes),
             "scene_successes": {name: list(last) for name, last in self._scene_successes.items()},
@@ -243,8 +267,9 @@ class Curriculum:
             ValueError: If a field is missing or malformed, or the state is of a curriculum with other
                 phases or stages.
         """
+        state = {"narrowings": 0, **state}  # older states have none
         check_keys(state, self.state_dict())
-        for name in ("phase", "stage", "steps"):
+        for name in ("phase", "stage", "narrowings", "steps"):
             check_value(name, state.get(name), NonNegativeInteger)
         check_value("successes", state.get("successes"), list[bool])
         check_value("scene_successes", state.get("scene_successes"), dict[str, list[bool]])
@@ -259,7 +284,13 @@ class Curriculum:
                 f"stage must be at least {first}, the first one of phase {state['phase']}, got "
                 f"{state['stage']}."
             )
+        if state["narrowings"] > (last := max(0, len(self.config.yaw_tolerances) - 1)):
+            raise ValueError(
+                f"narrowings must be at most {last}, the last of this curriculum's yaw tolerances, got "
+                f"{state['narrowings']}."
+            )
         self.phase, self.stage, self.steps = state["phase"], state["stage"], state["steps"]
+        self.narrowings = state["narrowings"]
         self._successes = deque(state["successes"], maxlen=self.config.window)
         self._scene_successes = {
             name: deque(last, maxlen=_SCENE_WINDOW)

@@ -24,7 +24,8 @@ class CurriculumScenes(DescribedTransform):
     An episode that began before the present stage does not count for it, and no episode counts twice if
     its scene is reset later than it ends. The curriculum replaces scenes, difficulty and distance of the
     environment's `scenario`; the other fields are kept, also when a new `scenario` is set later. The
-    curriculum's state is part of the environment's `state_dict`.
+    environment's `yaw_tolerance` is replaced for all scenes at once. The curriculum's state is part of
+    the environment's `state_dict`.
 
     Args:
         curriculum: Curriculum that is read at each reset and receives the result of each episode.
@@ -82,6 +83,8 @@ class CurriculumScenes(DescribedTransform):
         if env.scenario is not self._drawn_from:  # the environment's first one, or set since then
             self._base = env.scenario
         env.scenario = self._drawn_from = self.curriculum.scenario(self._base)
+        if self.curriculum.yaw_tolerance is not None:
+            env.yaw_tolerance = self.curriculum.yaw_tolerance
         scenes = range(env.batch_size[0])
         if tensordict is not None and "_reset" in tensordict.keys():
             mask = tensordict["_reset"].reshape(env.batch_size[0], -1).any(-1)

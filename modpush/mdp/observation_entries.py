@@ -19,6 +19,7 @@ __all__ = [
     "PAPER_ENTRIES",
     "PATH_AHEAD_ENTRIES",
     "PATH_ENTRIES",
+    "POSE_ENTRIES",
     "Entry",
     "EntryLike",
 ]
@@ -89,6 +90,20 @@ def _goal_distance(inputs: ObservationInputs) -> Tensor:
     return inputs.goal.norm(dim=-1, keepdim=True)
 
 
+def _goal_distance_fine(inputs: ObservationInputs) -> Tensor:
+    return torch.tanh(_FINE * _goal_distance(inputs))
+
+
+def _yaw_error(inputs: ObservationInputs) -> Tensor:
+    angle = inputs.object_symmetry.clamp_min(1) * inputs.yaw_error
+    return torch.cat([angle.cos(), angle.sin()], -1)
+
+
+def _goal_axis(inputs: ObservationInputs) -> Tensor:
+    angle = inputs.object_symmetry * inputs.goal_yaw
+    return torch.cat([angle.cos(), angle.sin()], -1)
+
+
 def _object_axis(inputs: ObservationInputs) -> Tensor:
     angle = inputs.object_symmetry * inputs.object_yaw
     return torch.cat([angle.cos(), angle.sin()], -1)
@@ -151,6 +166,9 @@ def _mirrored_object_support(inputs: ObservationInputs) -> Tensor:
 _HOME = (0.2, -1.75, -1.9, -1.05, math.pi / 2, -1.35)
 _JOINT_SCALE = (1.5, 2.0, 1.5, 5.0, 1.0, 1.0)
 
+# Inverse of the distance from the goal over which the entry `goal_distance_fine` resolves [1/m].
+_FINE = 25.0
+
 # Distance at which the edge of the workspace begins to show [m].
 _EDGE_RANGE = 0.15
 
@@ -168,6 +186,9 @@ ENTRIES: dict[str, Entry] = {
     "path_ahead": Entry(_path_ahead, 5.0, mirrored=_mirrored_path_ahead),
     "contact": Entry(_contact, mirrored=_contact),
     "goal_distance": Entry(_goal_distance, 3.0, mirrored=_goal_distance),
+    "goal_distance_fine": Entry(_goal_distance_fine, mirrored=_goal_distance_fine),
+    "goal_axis": Entry(_goal_axis, mirrored=_with_signs(_goal_axis, 1, -1)),
+    "yaw_error": Entry(_yaw_error, mirrored=_with_signs(_yaw_error, 1, -1)),
     "object_axis": Entry(_object_axis, mirrored=_with_signs(_object_axis, 1, -1)),
     "goal": Entry(_goal, 3.0, mirrored=_with_signs(_goal, 1, -1)),
     "subgoal": Entry(_subgoal, 5.0, mirrored=_with_signs(_subgoal, 1, -1)),
@@ -179,7 +200,10 @@ ENTRIES: dict[str, Entry] = {
     "last_action": Entry(_last_action, mirrored=_with_signs(_last_action, 1, -1, -1)),
 }
 """The entries that the library brings, by name. `ee_pose` is (x, y, yaw, pitch, roll). `ee_axis` and
-`object_axis` are the cosine and sine of the yaw times the symmetry of gripper and object. `edges`
+`object_axis` are the cosine and sine of the yaw times the symmetry of gripper and object. `goal_axis`
+and `yaw_error` are the same of a goal pose's yaw and of the angle by which the object is to be turned,
+for environments with `goal="pose"`. `goal_distance_fine` is the hyperbolic tangent of the distance in
+units of 4 cm. `edges`
 says by how much the edge of the workspace, past which an episode ends, is nearer than 15 cm, straight
 ahead, left, behind and right of the object: 0 to 0.15 m. `object_support` is how far the object reaches
 in eight directions, the first along the frame's x: its shape, size and yaw, whatever its symmetry.
@@ -216,3 +240,6 @@ PATH_AHEAD_ENTRIES = (
 )
 """The same without the arm's joints, so that the observation can be mirrored, and with points farther
 along the path, which show where it turns; 55 values with a latent of 32 and three points."""
+
+POSE_ENTRIES = (*PATH_AHEAD_ENTRIES, "goal_distance_fine", "goal_axis", "yaw_error")
+"""The same for goal poses; 60 values with a latent of 32 and three points."""

@@ -20,6 +20,8 @@ __all__ = ["ObservationInputs", "ObservationKeys"]
 _LAST = {
     "object_pose": (3,),
     "goal_position": (2,),
+    "goal_pose": (3,),
+    "pose_error": (2,),
     "ee_pose": (3,),
     "joint_position": (6,),
     "object_radius": (1,),
@@ -39,6 +41,10 @@ class ObservationKeys:
     """`[..., 3]` (x, y, yaw)."""
     goal_position: Key = "goal_position"
     """`[..., 2]`."""
+    goal_pose: Key = "goal_pose"
+    """`[..., 3]` (x, y, yaw)."""
+    pose_error: Key = "pose_error"
+    """`[..., 2]`: distance of the object from its goal pose, and angle by which it is to be turned."""
     ee_pose: Key = "ee_pose"
     """`[..., 3]` (x, y, yaw) of the tool's tip."""
     joint_position: Key = "joint_position"
@@ -149,6 +155,16 @@ class ObservationInputs:
     def goal(self) -> Tensor:
         """The goal's position, `[..., 2]` [m]."""
         return self.to_frame(self._read("goal_position"))
+
+    @property
+    def goal_yaw(self) -> Tensor:
+        """Yaw of the goal pose, not wrapped, `[..., 1]` [rad]."""
+        return self._read("goal_pose")[..., 2:] - self.frame_yaw
+
+    @property
+    def yaw_error(self) -> Tensor:
+        """Angle by which the object is to be turned, modulo its symmetry, `[..., 1]` [rad]."""
+        return self._read("pose_error")[..., 1:]
 
     @property
     def subgoal(self) -> Tensor:

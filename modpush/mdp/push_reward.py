@@ -20,6 +20,10 @@ from modpush.parts import find_part
 __all__ = ["PushReward", "RewardConfig"]
 
 
+_READ_BY_SOME_TERMS = ("action", "pose_error", "object_radius")
+"""Names of keys that need not be there."""
+
+
 def _paper_weights() -> dict[str, float]:
     return {
         "goal": 50.0,
@@ -101,7 +105,7 @@ class PushReward(DescribedTransform):
         group = (terms_key,) if isinstance(terms_key, str) else terms_key
         self._term_keys = {name: (*group, name) for name in self.terms}
         super().__init__(
-            in_keys=[key for name, key in self._keys.items() if name != "action"],
+            in_keys=[key for name, key in self._keys.items() if name not in _READ_BY_SOME_TERMS],
             out_keys=[reward_key, start_key, *self._term_keys.values()],
         )
 

@@ -72,6 +72,17 @@ def detour(outcome: StepOutcome) -> Tensor:
     return -(moved - progress).clamp(0.0, 0.05)
 
 
+def pose_progress(outcome: StepOutcome) -> Tensor:
+    """How much nearer to its goal pose the object has come [m]; the last 4 cm count three times.
+
+    The way is `pose_length`: path and turn. Not in the paper.
+    """
+    before, after = outcome.pose_length_before, outcome.pose_length
+    return before - after + 2 * (before.clamp_max(_NEAR) - after.clamp_max(_NEAR))
+
+
+_NEAR = 0.04  # way to a goal pose that counts as near [m]
+
 REWARD_TERMS: dict[str, RewardTerm] = {
     "goal": goal,
     "distance": distance,
@@ -83,5 +94,6 @@ REWARD_TERMS: dict[str, RewardTerm] = {
     "window": window,
     "no_contact": no_contact,
     "detour": detour,
+    "pose_progress": pose_progress,
 }
 """The terms that the library brings, by name; `RewardConfig.weights` says what each counts."""

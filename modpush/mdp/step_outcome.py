@@ -11,7 +11,7 @@ from modpush._keys import read_key
 from modpush._types import Key
 from modpush._validation import checked
 
-__all__ = ["RewardKeys", "StateBefore", "StepOutcome", "measure_lengths"]
+__all__ = ["RewardKeys", "StateBefore", "StepOutcome", "measure_lengths", "pose_length"]
 
 
 @checked
@@ -24,6 +24,10 @@ class RewardKeys:
     """`[..., 3]` (x, y, yaw) of the tool's tip."""
     path_length: Key = "path_length"
     """`[..., 1]`."""
+    pose_error: Key = "pose_error"
+    """`[..., 2]`: distance from the goal pose, and angle to it; read by `pose_progress` alone."""
+    object_radius: Key = "object_radius"
+    """`[..., 1]`; read by `pose_progress` alone."""
     success: Key = "success"
     """`[..., 1]` bool."""
     object_contact: Key = "object_contact"
@@ -126,6 +130,21 @@ class StepOutcome:
         """Length of the planned path to the goal before the step, `[..., 1]` [m]."""
         return self.before[self._keys["path_length"]]
 
+    @property
+    def pose_length(self) -> Tensor:
+        """Way to the goal pose after the step, `[..., 1]` [m], see `pose_length`."""
+        return self._pose_length(self)
+
+    @property
+    def pose_length_before(self) -> Tensor:
+        """Way to the goal pose before the step, `[..., 1]` [m], see `pose_length`."""
+        return self._pose_length(self.before)
+
+    def _pose_length(self, state: "StepOutcome | StateBefore") -> Tensor:
+        names = ("path_length", "pose_error", "object_radius")
+        path_length, error, radius = (state[self._keys[name]] for name in names)
+        return pose_length(path_length, error[..., 1:], radius)
+
     @cached_property
     def lengths(self) -> Tensor:
         """Path length, and distance from tip to object, after the step, `[..., 2]` [m]."""
@@ -179,6 +198,20 @@ class StepOutcome:
     def outside_window(self) -> Tensor:
         """True where the tip is farther from the object than the window's edge, `[..., 1]` bool."""
         return self.lengths[..., 1:] > self._window_radius
+
+
+def pose_length(path_length: Tensor, turn: Tensor, radius: Tensor) -> Tensor:
+    """Way to a goal pose: along the path and, at a right angle to it, of the object's outermost point.
+
+    Args:
+        path_length: Length of the path to the goal's position, `[..., 1]` [m].
+        turn: Angle by which the object is to be turned, `[..., 1]` [rad].
+        radius: Radius of the circle around the object's footprint, `[..., 1]` [m].
+
+    Returns:
+        `hypot(path_length, 2 radius sin(turn / 2))`, `[..., 1]` [m].
+    """
+    return torch.hypot(path_length, 2 * radius * torch.sin(turn / 2))
 
 
 def measure_lengths(tensordict: TensorDictBase, keys: Mapping[str, NestedKey]) -> Tensor:

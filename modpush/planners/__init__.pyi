@@ -1,6 +1,7 @@
 from .a_star import AStar as AStar
 from .base import Planner as Planner
 from .distance_field import DistanceField as DistanceField
+from .footprint_support import polygon_support as polygon_support
 from .inflation import inflate as inflate
 from .lazy_theta_star import LazyThetaStar as LazyThetaStar
 from .named import PLANNERS as PLANNERS, make_planner as make_planner
@@ -13,6 +14,9 @@ from .path_points import (
     points_ahead as points_ahead,
 )
 from .paths import Paths as Paths, check_paths as check_paths
+from .pose_field import PoseField as PoseField
+from .pose_paths import PosePaths as PosePaths, poses_along as poses_along
+from .pose_subgoals import PoseSubgoals as PoseSubgoals
 from .straight_line import StraightLine as StraightLine
 from .subgoals import PlannerSubgoals as PlannerSubgoals
 from .warm_up import warmup as warmup

@@ -10,6 +10,7 @@ from modpush.planners.distance_field import DistanceField
 from modpush.planners.inflation import inflate
 from modpush.planners.lazy_theta_star import LazyThetaStar
 from modpush.planners.occupancy_map import OccupancyMap
+from modpush.planners.pose_field import PoseField
 from modpush.planners.straight_line import StraightLine
 
 __all__ = ["warmup"]
@@ -29,6 +30,7 @@ def warmup(height: PixelCount = 256, width: PixelCount = 256) -> None:
     """
     planners = [AStar(), DistanceField(), LazyThetaStar(nodes="grid"), LazyThetaStar()]
     camera, cpu = Camera(height=height, width=width), torch.device("cpu")
+    pose_field = PoseField(camera)
     for batch in (1, 2):  # one scene and several run through different kernels
         occupancy = torch.zeros(batch, height, width, dtype=torch.bool, device=cpu)
         occupancy[:, height // 2, : width // 2 + 1] = True
@@ -39,3 +41,5 @@ def warmup(height: PixelCount = 256, width: PixelCount = 256) -> None:
         inflate(occupancy, 1.0)
         depth = torch.full(occupancy.shape, camera.z, dtype=torch.float32, device=cpu)
         OccupancyMap(camera)(depth, 0.035)
+        pose = torch.tensor([[camera.x, camera.y, 0.0]], device=cpu).repeat(batch, 1)
+        pose_field.plan(occupancy, torch.full((batch, 48), 0.035, device=cpu), pose, pose)

@@ -153,11 +153,12 @@ def observed_symmetry(config: PushEnvConfig, pushed_object: Any = None) -> int |
         pushed_object: The object or objects, if they are others than the config's.
 
     Returns:
-        The config's `symmetry`, else the object's own; None for several objects with their own each.
+        The config's `symmetry`, else the object's own; None for several objects with their own each, and
+        where the environment itself says that no two yaw angles look the same.
     """
     trained = config.scenario.pushed_object if pushed_object is None else pushed_object
     several = trained if isinstance(trained, list | tuple) else (trained,)
-    if config.symmetry is not None or len(several) > 1:
+    if config.symmetry is not None or len(several) > 1 or config.simulation.full_circle:
         return config.symmetry
     return get_object(several[0]).symmetry
 

@@ -54,6 +54,10 @@ class TrainConfig:
     """Learn from mirror images: a random half of each batch is mirrored at the x axis of the
     agent's frame (with `env.frame="path"`, the line from the object to the sub-goal). It needs
     entries that can be mirrored; `joint_position` cannot."""
+    hindsight: bool = False
+    """Learn from hindsight goals as well: each episode that has ended is stored once more, with the
+    object's last pose as its goal. What the agent observes is computed again for this goal, from
+    recorded poses, which takes nearly as long as the episode did."""
     init_from: Name | None = None
     """Start from trained weights, and act with them from the first step. A shipped agent, given by
     its name, or an agent's file provides the weights of the actor. A run's folder or one of its
@@ -121,6 +125,7 @@ class TrainConfig:
                 "TrainConfig: mirror must be False with env.encoder='end_to_end', whose windows are not "
                 "mirrored, got True."
             )
+        self._check_goals()
         if self.replay.batch_size != self.tqc.batch_size:
             raise ValueError(
                 "TrainConfig: replay.batch_size must be tqc.batch_size "
@@ -136,6 +141,28 @@ class TrainConfig:
                 "TrainConfig: env.scenario.distance, of the held-out episodes, must go as far as "
                 "curriculum.final_distance, of the last episodes of training, "
                 f"{self.curriculum.final_distance}, got {self.env.scenario.distance}. Set both."
+            )
+
+    def _check_goals(self) -> None:
+        tolerances, simulation = self.curriculum.yaw_tolerances, self.env.simulation
+        if tolerances and (simulation.goal, simulation.yaw_tolerance) != ("pose", tolerances[-1]):
+            raise ValueError(
+                "TrainConfig: curriculum.yaw_tolerances must end with env.simulation.yaw_tolerance and "
+                f"goal='pose', got {tolerances[-1]:.4g} rad, {simulation.yaw_tolerance:.4g} rad and "
+                f"goal={simulation.goal!r}."
+            )
+        if not self.hindsight:
+            return
+        for name, value in (("arm_in_depth", False), ("dynamic_obstacles", False)):
+            if getattr(simulation, name) != value:
+                raise ValueError(
+                    f"TrainConfig: hindsight needs env.simulation.{name}={value}, since images are drawn "
+                    f"again from recorded poses, got {getattr(simulation, name)}."
+                )
+        if simulation.depth != "analytic" or self.collector != "local":
+            raise ValueError(
+                "TrainConfig: hindsight needs env.simulation.depth='analytic' and collector='local', got "
+                f"{simulation.depth!r} and {self.collector!r}."
             )
 
     @property

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from tensordict import TensorDict, TensorDictBase
+from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule
 from torch import Tensor
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
@@ -129,19 +129,25 @@ class Learner:
 
     def store(self, rollout: Rollout) -> int:
         """Put a rollout's transitions into the buffer; returns how many there were."""
-        count = len(rollout.transitions["action"])
-        transitions = TensorDict({}, batch_size=[count])
-        for key, value in rollout.transitions.items():
-            transitions.set(key, torch.from_numpy(value))
-        transitions = transitions.to(self.config.replay.device)
+        transitions = self._transitions(rollout.transitions)
+        count = len(transitions)
         self._turn_to(rollout)
         extend_rollout(self.buffer, transitions, self.config.env.num_envs)
+        if rollout.hindsight:
+            self.buffer.extend(self._transitions(rollout.hindsight))
         if self.config.replay.num_queries is None and isinstance(
             self.buffer.sampler, AttentiveSampler
         ):
             self._present[rollout.source] = torch.from_numpy(rollout.last_observation)
             self.buffer.sampler.set_query(torch.cat([*self._present.values()]))
         return count
+
+    def _transitions(self, arrays: Mapping[NestedKey, NDArray]) -> TensorDict:
+        """Transitions `[N]` of arrays by key."""
+        transitions = TensorDict({}, batch_size=[len(arrays["action"])])
+        for key, value in arrays.items():
+            transitions.set(key, torch.from_numpy(value))
+        return transitions.to(self.config.replay.device)
 
     def _turn_to(self, rollout: Rollout) -> None:
         """Have the transitions that wait for their n-step returns be those of a rollout's collector."""

@@ -1,10 +1,11 @@
 """Named training configurations."""
 
+import math
 from dataclasses import replace
 
 from modpush.agents.tqc.config import TQCConfig
 from modpush.mdp.curriculum import CurriculumConfig, Phase
-from modpush.mdp.observation_entries import PAPER_ENTRIES
+from modpush.mdp.observation_entries import PAPER_ENTRIES, POSE_ENTRIES
 from modpush.recipes.config import PushEnvConfig
 from modpush.replay.config import ReplayConfig
 from modpush.training.config import TrainConfig
@@ -109,6 +110,47 @@ def _paper_cpu() -> TrainConfig:
     )
 
 
+_YAW_TOLERANCES = (*(math.radians(95) * 0.88**k for k in range(18)), math.radians(10))
+"""From 95 degrees, where any yaw of an object with two sides alike is good, to 10."""
+
+
+def _pose() -> TrainConfig:
+    """Goal poses in free space, for an oblong object. docs/results/poses.md says what each part does."""
+    cpu = _cpu()
+    weights = {
+        "goal": 50.0,
+        "pose_progress": 250.0,
+        "approach": 1.0,
+        "touch": 1.0,
+        "out_of_bounds": 50.0,
+    }
+    return replace(
+        cpu,
+        env=cpu.env.with_fields(
+            scene=("free",),
+            pushed_object="box",
+            goal="pose",
+            position_tolerance=0.015,
+            yaw_tolerance=_YAW_TOLERANCES[-1],
+            entries=POSE_ENTRIES,
+            reward=replace(cpu.env.reward, weights=weights),
+        ),
+        tqc=TQCConfig.preset(
+            "cpu", hidden_sizes=(128, 128), updates_per_step=1 / 10, learning_starts=8000
+        ),
+        replay=ReplayConfig(batch_size=256, n_steps=3, sampler="uniform"),
+        # A policy that stands still is found by noise, so that all scenes count.
+        greedy_envs=0,
+        curriculum=CurriculumConfig(
+            promotion="off", yaw_tolerances=_YAW_TOLERANCES, threshold=0.6, window=60
+        ),
+        hindsight=True,
+        total_steps=200_000,
+        evaluate_every=25_000,
+        evaluation_episodes=100,
+    )
+
+
 def _smoke() -> TrainConfig:
     cpu = _cpu()
     return replace(
@@ -161,6 +203,11 @@ TRAIN_PRESETS: dict[str, tuple[str, TrainConfig]] = {
         "The paper's observation, planner, replay, curriculum and penalties, and what it takes to learn "
         "with them on two CPU cores, in an hour and a half.",
         _paper_cpu(),
+    ),
+    "pose": (
+        "Goals with orientation in free space, for a box of 10 x 5 cm, in some twenty minutes of one "
+        "core.",
+        _pose(),
     ),
     "smoke": ("A run of a few seconds that does everything once and learns nothing.", _smoke()),
 }

@@ -54,6 +54,8 @@ class Rollout:
     """The curriculum's level."""
     success_by_family: dict[str, float]
     """Success of recent episodes, by scene family."""
+    hindsight: dict[NestedKey, NDArray] = field(default_factory=dict)
+    """Further transitions `[N, ...]`, of episodes with another goal, see `Hindsight`."""
     source: int = 0
     """Number of the collector."""
     begins: bool = False

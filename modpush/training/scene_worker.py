@@ -19,6 +19,7 @@ from modpush.recipes.make_env import env_parts, make_push_env
 from modpush.training.config import TrainConfig
 from modpush.training.first_actions import FirstActions
 from modpush.training.held_out import EvaluationProgress, HeldOutEpisodes
+from modpush.training.hindsight import Hindsight
 from modpush.training.parts import learner_parts
 from modpush.training.rollout import Rollout, WorkerSpecs
 
@@ -78,6 +79,10 @@ class SceneWorker:
             ("next", "reward"),
             *(("next", key) for key in (*observed, *_FLAGS)),
         ]
+        self._hindsight: Hindsight | None = None
+        if config.hindsight:
+            own = env_parts(config.env, parts)
+            self._hindsight = Hindsight(config, own, make_env, self._stored)
         self._td: TensorDictBase | None = None
         self._sums = torch.zeros(num_envs, 4)  # steps, return, contact, collision of the episode
 
@@ -97,6 +102,8 @@ class SceneWorker:
         torch.manual_seed(seed)
         self._td = self.env.reset()
         self._sums.zero_()
+        if self._hindsight is not None:
+            self._hindsight.restart()
 
     def load_policy(self, weights: dict[str, NDArray]) -> None:
         """Take over the actor's `state_dict`, given as arrays."""
@@ -122,7 +129,10 @@ class SceneWorker:
         td, rows, episodes = self._td, [], []
         for _ in range(steps):
             td = self._first_action(td) if random else self._act(td)
+            scenarios = self._simulator.scenarios if self._hindsight is not None else []
             td, following = self.env.step_and_maybe_reset(td)
+            if self._hindsight is not None:
+                self._hindsight.add(td, scenarios, self._simulator.yaw_tolerance)
             rows.append(td.select(*self._stored))
             episodes += self._ended_episodes(td["next"], random)
             td = following
@@ -134,7 +144,15 @@ class SceneWorker:
             episodes=episodes,
             level=self.curriculum.level,
             success_by_family=self.curriculum.scene_success_rates,
+            hindsight=self._hindsight.transitions(self._simulator.yaw_tolerance)
+            if self._hindsight is not None
+            else {},
         )
+
+    @property
+    def _simulator(self) -> Any:
+        """The `PushEnv` without the transforms."""
+        return self.env.base_env
 
     def _first_action(self, td: TensorDictBase) -> TensorDictBase:
         return self.env.rand_action(td) if self._first_policy is None else self._first_policy(td)
@@ -196,5 +214,7 @@ class SceneWorker:
     def close(self) -> None:
         """Free the simulators."""
         self._held_out.close()
+        if self._hindsight is not None:
+            self._hindsight.close()
         if not self.env.is_closed:
             self.env.close()

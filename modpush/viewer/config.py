@@ -9,6 +9,7 @@ from pydantic import Field, Strict
 from modpush._types import Fraction, Name, NonNegativeInteger, Several
 from modpush._validation import checked
 from modpush.envs.engines.named import check_engine
+from modpush.envs.outcome import Goal
 from modpush.envs.scenes.layouts import SCENES, TIGHT_SCENES
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.parts import part_module
@@ -35,6 +36,8 @@ class PlayConfig:
     """Name of the pushed object."""
     difficulty: Fraction = 0.3
     """Difficulty of the scenes, 0 to 1."""
+    goal: Goal = "position"
+    """What the episodes ask for: a position of the object's centre, or a pose of the object."""
     engine: Name | None = None
     """Physics engine: `sapien`, `mujoco`, or `module:name`; by default that in which an agent was
     trained, and SAPIEN for other policies."""

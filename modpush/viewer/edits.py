@@ -50,12 +50,25 @@ def continue_from(
     return replace(scenario, object_pose=(x, y, yaw), tool_pose=(tool_x, tool_y, tool_yaw))
 
 
-def move_goal(scenario: Scenario, x: float, y: float) -> Scenario:
-    """The goal put elsewhere, at the nearest place in the workspace and within reach [m]."""
+def move_goal(scenario: Scenario, x: float, y: float, yaw: float | None = None) -> Scenario:
+    """The goal put elsewhere, at the nearest place in the workspace and within reach.
+
+    Args:
+        scenario: The scene.
+        x: Position [m].
+        y: Position [m].
+        yaw: Yaw of a goal pose [rad]; as it was if not given.
+
+    Raises:
+        ValueError: If a yaw is given and the goal is a position.
+    """
+    if yaw is not None and scenario.goal_yaw is None:
+        raise ValueError("The goal is a position, which has no yaw: play with goal='pose'.")
     (x0, y0), (x1, y1) = WORKSPACE
     x, y = min(max(x, x0), x1), min(max(y, y0), y1)
     shrink = min(1.0, ScenarioConfig().max_goal_radius / math.hypot(x, y))
-    return replace(scenario, goal_position=(x * shrink, y * shrink))
+    turned = scenario.goal_yaw if yaw is None else yaw
+    return replace(scenario, goal_position=(x * shrink, y * shrink), goal_yaw=turned)
 
 
 def move_obstacle(
@@ -160,12 +173,14 @@ def check_scene(
 
     Raises:
         ValueError: If an obstacle stands where object or tool are or where the arm's shoulder turns, or
-            the object is at the goal or out of bounds.
+            the object is at a goal position or out of bounds.
     """
     position = np.array([object_pose[:2]])
     if is_out_of_bounds(position, WORKSPACE.bounds())[0]:
         raise ValueError("The object is out of bounds: begin another episode.")
-    if is_at_goal(position, np.array([scenario.goal_position]))[0]:
+    # At the place of a goal pose the object may still have to be turned: the reset checks that.
+    at_goal = is_at_goal(position, np.array([scenario.goal_position]))[0]
+    if at_goal and scenario.goal_yaw is None:
         raise ValueError("The object is at the goal: move the goal away from it.")
     item = get_object(scenario.pushed_object)
     points = np.array([object_pose[:2], tool_pose[:2]])

@@ -75,7 +75,7 @@ class LaneView:
             self._body(f"arm/{i}", shapes)
             for i, shapes in enumerate([*(link.shapes for link in LINKS), TOOLS["2f85"].shapes])
         ]
-        self._goal = self._body("goal", (_GOAL,), drag=self._drag_goal)
+        self._goal: Any = None
         self._object: Any = None
         self._obstacles: list[Any] = []
         empty = path_segments(None, 0.0)
@@ -116,15 +116,22 @@ class LaneView:
         return frame
 
     def _drag_goal(self, handle: Any) -> None:
-        def center() -> tuple[float, float, float]:
-            x, y = self._session.snapshots[0].scenario.goal_position
-            return x, y + self._offset, 0.0
+        def pose() -> tuple[float, float, float]:
+            scenario = self._session.snapshots[0].scenario
+            x, y = scenario.goal_position
+            return x, y + self._offset, scenario.goal_yaw or 0.0
 
         def move(x: float, y: float) -> None:
             move_goal = functools.partial(self._session.move_goal, x, y - self._offset)
             self._session.submit(move_goal, "goal")
 
-        make_draggable(handle, center, move)
+        def turn(yaw: float) -> None:
+            scenario = self._session.snapshots[0].scenario
+            if scenario.goal_yaw is not None:
+                turned = functools.partial(self._session.move_goal, *scenario.goal_position, yaw)
+                self._session.submit(turned, "goal")
+
+        make_draggable(handle, pose, move, turn)
 
     def _drag_obstacle(self, handle: Any, index: int) -> None:
         session = self._session
@@ -161,7 +168,7 @@ class LaneView:
         ):
             _place_matrix(frame, transform)
         _place(self._object, *shown.object_pose[:2], item.height / 2, shown.object_pose[2])
-        _place(self._goal, *shown.scenario.goal_position, 0.0, 0.0)
+        _place(self._goal, *shown.scenario.goal_position, 0.0, shown.scenario.goal_yaw or 0.0)
         hit = _hit_obstacles(shown) if overlays.flags else set()
         for i, handle in enumerate(self._obstacles):
             obstacle = shown.scenario.obstacles[i]
@@ -179,6 +186,10 @@ class LaneView:
                 self._object.remove()
             parts = get_object(now.pushed_object).parts
             self._object = self._body("object", tuple(replace(p, color=_OBJECT) for p in parts))
+            if self._goal is not None:
+                self._goal.remove()
+            goal = (_GOAL,) if now.goal_yaw is None else tuple(_flat(part) for part in parts)
+            self._goal = self._body("goal", goal, drag=self._drag_goal)
         sizes = [o.size for o in now.obstacles]
         if before is None or [o.size for o in before.obstacles] != sizes:
             for handle in self._obstacles:
@@ -212,6 +223,16 @@ class LaneView:
     def remove(self) -> None:
         """Take the lane off the page."""
         self._scene.remove_by_name(self._root)
+
+
+def _flat(part: Primitive) -> Primitive:
+    """A part of an object as a flat mark on the table, in the goal's colour."""
+    x, y, _ = part.position
+    half = _GOAL.size[1]
+    place: dict[str, Any] = {"position": (x, y, half), "color": _GOAL.color}
+    if part.kind in ("cylinder", "capsule"):
+        return replace(part, kind="cylinder", size=(part.size[0], half, 0.0), **place)
+    return replace(part, size=(*part.size[:2], half), **place)
 
 
 def _hit_obstacles(shown: Snapshot) -> set[int]:

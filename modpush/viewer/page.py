@@ -16,8 +16,7 @@ from urllib.parse import urlsplit
 import torch
 
 from modpush._extras import require_extra
-from modpush._kernels import compiled_before
-from modpush.envs.depth.ray_kernels import draw_solids
+from modpush._kernels import announce_compiling
 from modpush.viewer.config import CONTROL_FREQ, PlayConfig
 from modpush.viewer.controls import Controls
 from modpush.viewer.lane_view import LaneView
@@ -230,8 +229,7 @@ def play(config: PlayConfig | None = None) -> None:
     config = config or PlayConfig()
     warnings.filterwarnings("ignore", message="Failed to find system libvulkan")
     torch.set_num_threads(1)  # the networks are small: threads would only wait for each other
-    if not compiled_before(draw_solids):
-        print("The first run compiles for about a minute.")
+    announce_compiling()
     page = Page(config)
     if config.port and page.server.get_port() != config.port:
         print(f"Port {config.port} is taken.")

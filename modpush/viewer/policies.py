@@ -9,6 +9,7 @@ from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 
 from modpush.envs.scenes.objects import OBJECTS
+from modpush.viewer.config import PlayConfig
 from modpush.viewer.lane import PolicyLane
 
 if TYPE_CHECKING:
@@ -25,24 +26,26 @@ given as well."""
 _MAX_WAYPOINTS = 32  # of the path that is shown
 
 
-def make_lane(policy: str, allow: Collection[str] = (), engine: str | None = None) -> PolicyLane:
+def make_lane(policy: str, config: PlayConfig | None = None) -> PolicyLane:
     """A policy in an environment of one scene that holds all shipped objects.
 
     Args:
         policy: One of `POLICIES`, or what `load_agent` takes.
-        allow: Modules from which an agent's file may import its author's own parts.
-        engine: Physics engine, as in `SimulationConfig`; None for the agent's own, or SAPIEN.
+        config: Engine, goal, and modules from which an agent's file may import its author's own parts.
 
     Raises:
         ValueError: If there is no such policy, the file is not an agent, or names modules that are not
             allowed.
     """
+    config = config or PlayConfig()
+    engine, allow = config.engine, config.allow
     options: dict[str, Any] = {
         "pushed_object": tuple(OBJECTS),
         "max_waypoints": _MAX_WAYPOINTS,
         "max_episode_steps": None,
         "keep_images": True,
         **({} if engine is None else {"engine": engine}),
+        **({} if config.goal == "position" else {"goal": config.goal}),
     }
     if policy not in POLICIES or policy == "agent":
         agent = _load(policy, allow)
@@ -54,8 +57,8 @@ def make_lane(policy: str, allow: Collection[str] = (), engine: str | None = Non
     from modpush.recipes.make_env import make_push_env
     from modpush.recipes.methods import get_method
 
-    config = PushEnvConfig.preset("cpu", num_envs=1, action_frame="base")
-    env = make_push_env(config, **options)
+    env_config = PushEnvConfig.preset("cpu", num_envs=1, action_frame="base")
+    env = make_push_env(env_config, **options)
     if policy == "hand":
         return PolicyLane(policy, env, HandPolicy())
     method = get_method(policy)

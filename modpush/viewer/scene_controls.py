@@ -66,7 +66,8 @@ class SceneControls:
         """The obstacle that was clicked last."""
         with panel.gui.add_folder("Goal and obstacles"):
             panel.gui.add_markdown(
-                "Drag the goal and the obstacles. Shift-drag turns an obstacle, a click selects it."
+                "Drag the goal and the obstacles. Shift-drag turns an obstacle or a goal pose, a click "
+                "selects an obstacle."
             )
             self._goal = panel.field(
                 panel.gui.add_vector2("Goal [m]", self._goal_now(), step=0.01),

@@ -188,6 +188,7 @@ class Session:
                 # Through the passages of these families only the inscribed circle fits.
                 path_inflation="inscribed" if self.scene in TIGHT_SCENES else None,
             ),
+            goal=self.config.goal,
         )
 
     def _start(self, scenarios: list[Scenario], seed: int) -> None:
@@ -253,7 +254,7 @@ class Session:
             for policy in policies:
                 found = next((pair for pair in kept if pair[0] == policy), None)
                 if found is None:
-                    made.append(make_lane(policy, self.config.allow, self.config.engine))
+                    made.append(make_lane(policy, self.config))
                 else:
                     kept.remove(found)
                 lanes.append(made[-1] if found is None else found[1])
@@ -265,9 +266,9 @@ class Session:
         return made
 
     @checked_arguments
-    def move_goal(self, x: Coordinate, y: Coordinate) -> None:
-        """Put the goal elsewhere [m]; object and tool stay where they are."""
-        self._change(lambda scenario: edits.move_goal(scenario, x, y))
+    def move_goal(self, x: Coordinate, y: Coordinate, yaw: Angle | None = None) -> None:
+        """Put the goal elsewhere [m], and turn a goal pose [rad]; object and tool stay where they are."""
+        self._change(lambda scenario: edits.move_goal(scenario, x, y, yaw))
 
     @checked_arguments
     def move_obstacle(

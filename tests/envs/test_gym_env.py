@@ -51,3 +51,12 @@ def test_torchrls_gym_env() -> None:
     check_env_specs(env)
     assert env.rollout(3)["next", "observation"].shape == (3, 17)
     env.close()
+
+
+def test_goal_poses_are_observed_with_their_yaw() -> None:
+    env = gym.make("ClutterPushState-v1", goal="pose", pushed_object="box")
+    observation, _ = env.reset(seed=3)
+    assert observation.shape == (18,)
+    assert observation[5] == pytest.approx(env.unwrapped.simulator.scenarios[0].goal_yaw, abs=1e-6)
+    check_env(env.unwrapped)
+    env.close()

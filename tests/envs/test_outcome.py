@@ -27,13 +27,13 @@ def test_the_object_is_out_of_bounds_beyond_the_margin_on_each_side(array) -> No
 def test_how_an_episode_ends(oob) -> None:
     # At the goal; out of bounds; at the step limit; going on; at the goal and at the limit.
     position = np.array([[0.5, 0.0], [0.9, 0.0], [0.3, 0.0], [0.3, 0.0], [0.5, 0.0]])
-    goal = np.tile([0.5, 0.0], (5, 1))
+    success = np.array([True, False, False, False, True])
     steps = np.array([1, 1, 7, 6, 7])
-    status = episode_status(position, goal, ScenarioConfig().bounds(), steps, 7, oob)
+    status = episode_status(success, position, ScenarioConfig().bounds(), steps, 7, oob)
     assert status.success.tolist() == [True, False, False, False, True]
     assert status.out_of_bounds.tolist() == [False, True, False, False, False]
     assert status.terminated.tolist() == [True, oob == "terminate", False, False, True]
     assert status.truncated.tolist() == [False, True, True, False, True]
     assert status.done.tolist() == [True, True, True, False, True]
-    unlimited = episode_status(position, goal, ScenarioConfig().bounds(), steps, None, oob)
+    unlimited = episode_status(success, position, ScenarioConfig().bounds(), steps, None, oob)
     assert unlimited.truncated.tolist() == [False, True, False, False, False]

@@ -125,6 +125,7 @@ def test_reset_of_some_scenes_takes_a_state_of_these(pushed) -> None:
     one = PushState(
         scenes=state.scenes[1:],
         step_count=state.step_count[1:],
+        steps_at_goal=state.steps_at_goal[1:],
         rngs=state.rngs[1:],
         config=state.config,
         objects=state.objects,

@@ -14,6 +14,7 @@ from modpush.evaluation import sets
 from modpush.evaluation.sets import (
     BEHIND_SETS,
     EVALUATION_SETS,
+    POSE_SETS,
     SET_NAMES,
     TUNING_SETS,
     EvaluationSet,
@@ -32,6 +33,7 @@ COUNTS = {
     "hard/small_cube": 50,
     "hard200/small_cube": 200,
     "hard_wide/small_cube": 200,
+    "pose/free/box": 200,
     "tuning/small_cube": 200,
     "tuning/all_objects": 200,
     "tuning/hard": 100,
@@ -113,12 +115,25 @@ def test_a_set_says_under_which_conditions_it_is_run(tmp_path: Path) -> None:
     assert hard.first(3).conditions == hard.conditions
 
 
+def test_a_set_of_poses_says_so_and_holds_no_positions(tmp_path: Path) -> None:
+    poses = load_set("pose/free/box")
+    assert poses.conditions == EpisodeConditions(goal="pose", position_tolerance=0.015)
+    poses.first(2).save(tmp_path / "set.json.gz")
+    assert load_set(tmp_path / "set.json.gz") == poses.first(2)
+    with pytest.raises(
+        ValueError, match=r"scenarios\[0\] must have no goal_yaw with goal='position'"
+    ):
+        replace(poses, conditions=EpisodeConditions())
+    with pytest.raises(ValueError, match=r"scenarios\[0\] must have a goal_yaw with goal='pose'"):
+        replace(load_set("smoke"), conditions=poses.conditions)
+
+
 def test_the_larger_hard_set_begins_with_the_paper_s_number_of_episodes() -> None:
     assert load_set("hard200/small_cube").scenarios[:50] == load_set("hard/small_cube").scenarios
 
 
 def test_nothing_that_is_tuned_on_is_evaluated_on() -> None:
-    evaluated = (*EVALUATION_SETS, *BEHIND_SETS)
+    evaluated = (*EVALUATION_SETS, *BEHIND_SETS, *POSE_SETS)
     assert set(TUNING_SETS) | set(evaluated) | {"smoke"} == set(SET_NAMES)
     tuned = {(s.object_pose, s.goal_position) for name in TUNING_SETS for s in load_set(name)}
     assert len(tuned) == 500

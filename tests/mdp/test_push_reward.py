@@ -171,7 +171,11 @@ def test_detours_cost_nothing_unless_weighted():
 def test_every_term_has_its_sign():
     after = {"object_contact": True, **dict.fromkeys(FLAGS[1:], True), "apart": 0.2, "path": 0.4}
     weights = dict.fromkeys(REWARD_TERMS, 1.0)
-    terms = reward_of(RewardConfig(scale=1.0, weights=weights), **after)["reward_terms"]
+    td = transition(**after)
+    for state, turn in ((td, 0.3), (td["next"], 0.2)):
+        state["pose_error"] = torch.tensor([[0.0, turn]])
+        state["object_radius"] = torch.tensor([[1.0]])
+    terms = PushReward(RewardConfig(scale=1.0, weights=weights))(td)["next", "reward_terms"]
     # Distance and approach count for nothing once the goal is reached.
     assert {name: terms[name].sign().item() for name in terms.keys()} == {
         "goal": 1,
@@ -184,6 +188,7 @@ def test_every_term_has_its_sign():
         "window": -1,
         "no_contact": 0,
         "detour": -1,
+        "pose_progress": -1,  # turned a little nearer, but 10 cm farther away
     }
 
 

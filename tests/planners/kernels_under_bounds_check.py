@@ -6,7 +6,7 @@ import torch
 
 from modpush.encoders import egocentric_window
 from modpush.geometry import Camera
-from modpush.planners import PLANNERS, AStar, OccupancyMap, inflate
+from modpush.planners import PLANNERS, AStar, OccupancyMap, PoseField, inflate
 
 SHAPES = [(1, 1), (1, 9), (9, 1), (7, 65), (40, 64)]
 FAR = 3e38
@@ -81,9 +81,28 @@ def look_everywhere() -> None:
     egocentric_window(many, None, torch.rand(64, 3), size=8)
 
 
+def plan_poses_everywhere() -> None:
+    """Pose fields on grids of all sizes, of footprints larger than the image and smaller than a pixel."""
+    for height, width in SHAPES:
+        camera = Camera(height=height, width=width)
+        extent = camera.cell_size * torch.tensor([[0.3], [3.0], [500.0]]).expand(3, 5)
+        for resolution in (1e-6, 3.0 * camera.cell_size, 1e3):
+            field = PoseField(camera, resolution=resolution, yaws=6)
+            for grid in grids(height, width):
+                for start in ends(height, width):
+                    for goal in ends(height, width):
+                        poses = [
+                            torch.cat([camera.unproject(end.double()), end[:, :1].double()], 1)
+                            for end in (start, goal)
+                        ]
+                        field.plan(grid, extent, *poses, torch.tensor([0.0, 1.0, 2.0]))
+                        field.plan(grid[:1], extent[:1], *(pose[:1] for pose in poses))
+
+
 for threads in (1, 2):
     torch.manual_seed(threads)
     torch.set_num_threads(threads)
     plan_everywhere()
     look_everywhere()
+    plan_poses_everywhere()
 print("no index was out of bounds")

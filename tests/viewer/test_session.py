@@ -11,12 +11,13 @@ import pytest
 
 from modpush._extras import EXTRAS, require_extra
 from modpush.envs import Obstacle
+from modpush.envs.scenes.objects import get_object
 from modpush.evaluation import evaluate, load_set
 from modpush.evaluation.results import load_trajectory
 from modpush.recipes import load_agent
-from modpush.viewer import PlayConfig, Session
+from modpush.viewer import Page, PlayConfig, Session
 from modpush.viewer.lane import PolicyLane
-from modpush.viewer.lane_view import _hit_obstacles
+from modpush.viewer.lane_view import _flat, _hit_obstacles
 
 
 @pytest.fixture(scope="module")
@@ -359,3 +360,45 @@ def test_only_the_obstacle_that_is_hit_turns_red(session) -> None:
     tool = {"obstacle_contact": True, "tool_obstacle_contact": True}
     assert _hit_obstacles(replace(shown, ee_pose=(0.5, -0.06, 0.0), flags=tool)) == {0, 1}
     assert _hit_obstacles(replace(shown, flags=dict.fromkeys(hit, False))) == set()
+
+
+def test_goal_poses_are_drawn_moved_and_turned() -> None:
+    config = PlayConfig(policy=("hand",), goal="pose", scene="free", pushed_object="box")
+    session = Session(config)
+    session.paused = True
+    first = session.snapshots[0].scenario
+    assert first.goal_yaw is not None
+    session.submit(lambda: session.move_goal(0.5, 0.1))
+    session.tick()
+    assert session.snapshots[0].scenario.goal_yaw == first.goal_yaw
+    x, y, yaw = session.snapshots[0].object_pose
+    session.submit(lambda: session.move_goal(x, y, yaw + 1.0))  # there, but turned
+    session.tick()
+    assert not session.message
+    assert session.snapshots[0].scenario.goal_yaw == pytest.approx(yaw + 1.0)
+    session.submit(lambda: session.move_goal(x, y, yaw))
+    session.tick()
+    assert "or be turned by more than" in session.message
+    assert session.snapshots[0].scenario.goal_yaw == pytest.approx(yaw + 1.0)
+    session.close()
+
+
+def test_a_goal_position_cannot_be_turned(session) -> None:
+    session.submit(lambda: session.move_goal(0.5, 0.1, 0.3))
+    session.tick()
+    assert "The goal is a position, which has no yaw" in session.message
+
+
+def test_the_page_shows_a_goal_pose_as_the_object() -> None:
+    page = Page(
+        PlayConfig(policy=("hand",), goal="pose", scene="free", pushed_object="box", port=0)
+    )
+    try:
+        view, session = page._views[0], page.session
+        yaw = session.snapshots[0].scenario.goal_yaw
+        assert view._goal.wxyz == pytest.approx((np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)), abs=1e-6)
+        part = _flat(get_object("box").parts[0])
+        assert part.size == pytest.approx((0.05, 0.025, 0.002))
+        assert _flat(get_object("small_cylinder").parts[0]).size == pytest.approx((0.03, 0.002, 0))
+    finally:
+        page.close()

@@ -149,8 +149,8 @@ def make_tqc_from_specs(
         warn_experimental("The learner")
     if isinstance(loss, str):
         config = replace(config, loss=loss)  # the networks' outputs depend on it
-    if config.precision == "auto":
-        config = replace(config, precision=processor_precision())
+    precision = processor_precision() if config.precision == "auto" else config.precision
+    config = replace(config, precision=precision)
     make_actor: ActorFactory = find_part("actor", actor or config.actor_network, ACTORS)
     make_critic: CriticFactory = find_part("critic", critic or config.critic, CRITICS)
     make_loss: LossFactory = find_part("loss", loss or config.loss, LOSSES)
@@ -182,7 +182,7 @@ def make_tqc_from_specs(
             optimizer,
             target_updater,
             execution=config.execution,
-            precision=config.precision,
+            precision=precision,
         ),
     )
 

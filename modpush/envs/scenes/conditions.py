@@ -1,15 +1,17 @@
 """The conditions under which the episodes of a set are run, the same for every method."""
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, field
 from typing import Annotated, Any
 
 from annotated_types import Le
 
-from modpush._types import Count, Name
+from modpush._types import Count, Length, Name, YawTolerance
 from modpush._validation import checked, from_plain
 from modpush.envs.engines.named import check_engine
+from modpush.envs.outcome import GOAL_THRESHOLD, Goal
 from modpush.envs.robot.ur5_2f85 import ToolName
 from modpush.envs.scenes.objects import Circle
 from modpush.envs.scenes.sensing import SensingConfig
@@ -17,9 +19,21 @@ from modpush.envs.scenes.sensing import SensingConfig
 __all__ = ["EpisodeConditions", "ToolName"]
 
 
+_LATER = (
+    "engine",
+    "goal",
+    "position_tolerance",
+    "yaw_tolerance",
+    "hold_steps",
+    "full_circle",
+    "sensing",
+)
+"""Fields that were added after the first sets were written."""
+
+
 @checked
 class EpisodeConditions:
-    """Time limit, tool, physics and map of an evaluation set, whatever a method was made with."""
+    """Time limit, goal, tool, physics and map of a set, whatever a method was made with."""
 
     engine: Name = "sapien"
     """Physics engine: `sapien`, `mujoco`, or your own as `module:name`."""
@@ -30,6 +44,16 @@ class EpisodeConditions:
     """Tool of the arm: the closed gripper, or the rod of the authors' code."""
     sim_freq: Annotated[Count, Le(100_000)] | None = 120
     """Physics steps per second [Hz]; None for the engine's own."""
+    goal: Goal = "position"
+    """What the episodes ask for: a position of the object's centre, or a pose of the object."""
+    position_tolerance: Length = GOAL_THRESHOLD
+    """Distance of the object's centre from the goal at which an episode succeeds [m]."""
+    yaw_tolerance: YawTolerance = math.radians(10)
+    """Largest difference of the object's yaw from that of a goal pose at success [rad]."""
+    hold_steps: Count = 1
+    """Number of control steps in a row at whose end the object must be at its goal."""
+    full_circle: bool = False
+    """Count yaw angles as different at which the object looks the same."""
     inflation: Circle = "circumscribed"
     """The object's circle whose radius is that by which obstacles were inflated where it was
     decided that an episode can be solved, and are for its shortest path. With `inscribed` a method plans
@@ -45,7 +69,7 @@ class EpisodeConditions:
 
     @property
     def env_options(self) -> dict[str, Any]:
-        """Time limit, tool, engine and its rate, as arguments of `PushEnv`."""
+        """Time limit, goal, tool, engine and its rate, as arguments of `PushEnv`."""
         own = ("inflation", "sensing")
         return {name: value for name, value in asdict(self).items() if name not in own}
 
@@ -72,9 +96,9 @@ class EpisodeConditions:
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for files, without what older files do not know unless it is another."""
-        usual = {"engine": "sapien", "sensing": asdict(SensingConfig())}
-        changed = {k: v for k, v in asdict(self).items() if usual.get(k) != v}
+        """Plain data for files, without what older files do not know where it is as it was then."""
+        usual = asdict(type(self)())
+        changed = {k: v for k, v in asdict(self).items() if k not in _LATER or v != usual[k]}
         plain: dict[str, Any] = json.loads(json.dumps(changed))  # as it is read back
         return plain
 

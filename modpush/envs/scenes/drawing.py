@@ -63,6 +63,7 @@ def draw_top_view(
     caption: str = "",
     tool: ToolName = "2f85",
     objects: Mapping[str, PushedObject] | None = None,
+    position_tolerance: float = GOAL_THRESHOLD,
 ) -> NDArray[np.uint8]:
     """Draw a moment of an episode: start red, goal green, object blue, tool black (as in the paper).
 
@@ -79,6 +80,8 @@ def draw_top_view(
         caption: Lines at the top; with them goes a legend of the colours at the bottom.
         tool: What the arm holds.
         objects: Your own objects by name, as in `PushEnv.pushed_objects`.
+        position_tolerance: Radius of the disc around the goal [m]. A goal pose is drawn as the object's
+            outline there.
 
     Returns:
         `[H, W, 3]` uint8 RGB.
@@ -97,10 +100,12 @@ def draw_top_view(
             _outline(image, outline, "inflated", thickness)
     for outline in outlines:
         _fill(image, outline, "obstacle")
-    _disc(image, scenario.goal_position, GOAL_THRESHOLD, "goal", thickness=2)
+    _disc(image, scenario.goal_position, position_tolerance, "goal", thickness=2)
     _disc(image, scenario.goal_position, 0.006, "goal")
     footprints = get_object(scenario.pushed_object, objects).footprints()
     for part in footprints:
+        if scenario.goal_yaw is not None:
+            _outline(image, _placed(part, (*scenario.goal_position, scenario.goal_yaw)), "goal", 2)
         _outline(image, _placed(part, scenario.object_pose), "start", 2)
     for path, color in ((planned_path, "planned"), (ee_path, "tool"), (object_path, "object")):
         if path is not None and len(path) > 1:

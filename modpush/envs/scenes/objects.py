@@ -26,6 +26,7 @@ from modpush.parts import find_part
 
 __all__ = [
     "OBJECTS",
+    "PAPER_OBJECTS",
     "SUPPORT_DIRECTIONS",
     "Circle",
     "PushedObject",
@@ -186,9 +187,16 @@ OBJECTS: dict[str, PushedObject] = {
             parts=(cylinder(0.03, 0.06, color=(0.10, 0.25, 0.80)),),
         ),
         _fragment(),
+        PushedObject(
+            name="box",
+            parts=(box(0.10, 0.05, 0.05, color=(0.85, 0.55, 0.10)),),
+        ),
     )
 }
-"""The shipped objects by name. Source: paper Sec. V; sizes and mass as in the authors' code."""
+"""The shipped objects by name."""
+
+PAPER_OBJECTS = ("small_cube", "large_cube", "small_cylinder", "fragment")
+"""Those of the paper. Source: Sec. V; sizes and mass as in the authors' code."""
 
 
 _RANDOM = re.compile(r"random_(0|[1-9]\d{0,8})")

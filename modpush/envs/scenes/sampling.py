@@ -3,13 +3,14 @@
 import math
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import cv2
 import numpy as np
 
 from modpush._checks import check_instance
 from modpush._kernels import njit
+from modpush.envs.outcome import Goal
 from modpush.envs.robot.control import MotionConfig
 from modpush.envs.robot.ur5_2f85 import TOOLS, ToolName
 from modpush.envs.scenes.arm_room import obstacle_in_arm, tool_touches
@@ -102,7 +103,11 @@ class _FreeSpace(NamedTuple):
 
 
 def sample_scenario(
-    rng: np.random.Generator, config: ScenarioConfig, *, tool: ToolName = "2f85"
+    rng: np.random.Generator,
+    config: ScenarioConfig,
+    *,
+    tool: ToolName = "2f85",
+    goal: Goal = "position",
 ) -> Scenario:
     """Draw an episode's start.
 
@@ -115,21 +120,26 @@ def sample_scenario(
 
     With `tool_start="behind"` a generator gives the layout, start and goal that it gives with `"any"`,
     as long as the place behind the object is free; where it is not, start and goal are drawn again.
+    With `goal="pose"` it gives the start that it gives with `"position"`, and the goal's yaw on top.
 
     Args:
         rng: Source of randomness; the result depends on nothing else.
         config: Settings from which to draw.
         tool: Name of the tool that the arm holds.
+        goal: `"position"`, or `"pose"` for goals with a yaw, which is drawn uniformly.
 
     Raises:
         TypeError: If the generator or the config has another type.
-        ValueError: If there is no such tool; if a scene leaves the arm no room in any of its layouts; or
-            if no start is found, and then the message counts which condition failed how often.
+        ValueError: If there is no such tool or goal; if a scene leaves the arm no room in any of its
+            layouts; or if no start is found, and then the message counts which condition failed how
+            often.
     """
     check_instance("rng", rng, np.random.Generator)
     check_instance("config", config, ScenarioConfig)
     if not isinstance(tool, str) or tool not in TOOLS:
         raise ValueError(f"sample_scenario: tool must be one of {sorted(TOOLS)}, got {tool!r}.")
+    if goal not in get_args(Goal):
+        raise ValueError(f"sample_scenario: goal must be one of {get_args(Goal)}, got {goal!r}.")
     scenes, objects = config.scenes, config.objects
     failed: Counter[str] = Counter()
     distance = float(rng.uniform(*config.distance))
@@ -167,6 +177,7 @@ def sample_scenario(
                 goal_position=(goal_x, goal_y),
                 tool_pose=(tool_x, tool_y, tool_yaw),
                 dynamics=_sample_dynamics(rng, config, item),
+                goal_yaw=float(rng.uniform(-np.pi, np.pi)) if goal == "pose" else None,
             )
     reasons = ", ".join(f"{reason}: {n}" for reason, n in failed.most_common())
     layouts = _LAYOUTS + others

@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, Strict
 
 from modpush._types import (
     ONE_NUMBER,
+    Angle,
     AtLeastOne,
     Fraction,
     FractionSpan,
@@ -92,10 +93,12 @@ class Scenario:
     """x and y of the tool's tip, and its yaw [m, m, rad]."""
     dynamics: Dynamics = field(default_factory=Dynamics)
     """Mass, friction and centre of mass of the object, which the agent does not observe."""
+    goal_yaw: Angle | None = None
+    """Yaw that the object is to have at the goal [rad]; None where the goal is a position."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain lists, numbers and strings, ready for JSON."""
-        return asdict(self)
+        """Plain lists, numbers and strings, ready for JSON; `goal_yaw` only where the goal is a pose."""
+        return {k: v for k, v in asdict(self).items() if (k, v) != ("goal_yaw", None)}
 
     @property
     def layout_code(self) -> tuple[float, float, float]:

@@ -8,7 +8,7 @@ from scipy.stats import kstest
 
 from modpush.envs.scenes import sampling
 from modpush.envs.scenes.layouts import SCENES, TIGHT_SCENES, get_scene
-from modpush.envs.scenes.objects import OBJECTS, PushedObject
+from modpush.envs.scenes.objects import OBJECTS, PAPER_OBJECTS, PushedObject
 from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.rectangles import obstacle_distance, rectangles, turned_rectangles
 from modpush.envs.scenes.sampling import sample_scenario
@@ -36,7 +36,7 @@ def assert_same(drawn, golden) -> None:
 
 
 def test_a_seed_gives_the_scenario_that_it_always_gave() -> None:
-    names = list(OBJECTS)
+    names = list(PAPER_OBJECTS)
     drawn = [
         (
             np.random.default_rng([k, j]),

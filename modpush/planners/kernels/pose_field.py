@@ -1,0 +1,144 @@
+"""Cost-to-go over (x, y, yaw), kept from call to call."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import prange
+from numpy.typing import NDArray
+
+from modpush._batching import BatchKernel
+from modpush._kernels import njit
+from modpush.planners.kernels.footprint_poses import BLOCKED, PoseGrid, mark_poses
+from modpush.planners.kernels.pose_nodes import (
+    corners_around,
+    cost_at,
+    find_nearest,
+    is_same,
+    move_cost,
+    put,
+)
+from modpush.planners.kernels.pose_search import search_poses
+
+__all__ = ["PoseFields", "PoseQueries", "empty_fields", "refresh_fields"]
+
+
+class PoseQueries(NamedTuple):
+    """Maps, objects and ends of a batch; poses are (row, column, layer) of the grid, not rounded.
+
+    Attributes:
+        bits: `[B, H, ceil(W / 64)]` uint64, blocked pixels.
+        reach: `[B, N]` float64, extent of the footprint in N directions of its own [px].
+        layers: `[B]` int64, number of yaws K.
+        yaw_step: `[B]` float64, yaw between two layers [rad].
+        turn: `[B]` float64, cost of a turn by one layer [steps].
+        start: `[B, 3]` float64, finite.
+        goal: `[B, 3]` float64, finite.
+        width: W.
+    """
+
+    bits: NDArray
+    reach: NDArray
+    layers: NDArray
+    yaw_step: NDArray
+    turn: NDArray
+    start: NDArray
+    goal: NDArray
+    width: int
+
+
+class PoseFields(NamedTuple):
+    """The last field of each scene, and what it was computed from.
+
+    Attributes:
+        bits: As in `PoseQueries`.
+        reach: As in `PoseQueries`.
+        sizes: `[B, 3]` float64, `layers`, `yaw_step` and `turn` of the query; 0 before the first.
+        goal: `[B, 3]` float64, NaN before the first.
+        goal_moved: `[B]` bool.
+        cost: `[B, K, rows + 2, columns + 2]` float32 [steps], see `search_poses`.
+        builds: `[B]` int64, number of fields built.
+    """
+
+    bits: NDArray
+    reach: NDArray
+    sizes: NDArray
+    goal: NDArray
+    goal_moved: NDArray
+    cost: NDArray
+    builds: NDArray
+
+
+def empty_fields(queries: PoseQueries, grid: PoseGrid, layers: int) -> PoseFields:
+    """An empty cache for queries like these, with room for so many layers."""
+    batch = len(queries.bits)
+    shape = (batch, layers, grid.rows + 2, grid.columns + 2)
+    return PoseFields(
+        bits=np.zeros_like(queries.bits),
+        reach=np.zeros_like(queries.reach),
+        sizes=np.zeros((batch, 3)),
+        goal=np.full((batch, 3), np.nan),
+        goal_moved=np.zeros(batch, dtype=np.bool_),
+        cost=np.full(shape, BLOCKED, dtype=np.float32),
+        builds=np.zeros(batch, dtype=np.int64),
+    )
+
+
+@njit(nogil=True)
+def _build(b: int, fields: PoseFields, cost: NDArray, turn: float) -> None:
+    """Search from scene b's goal; `cost` is infinite where free."""
+    goal = fields.goal[b]
+    corners = np.empty((8, 3), dtype=np.int64)
+    seeds, keys = np.empty(8, dtype=np.int64), np.empty(8)
+    count = 0
+    for i in range(corners_around(goal, cost, corners)):
+        if cost_at(cost, corners[i]) >= 0.0:
+            put(corners[count], corners[i])
+            count += 1
+    fields.goal_moved[b] = count == 0
+    if count == 0:
+        count = int(find_nearest(goal, cost, turn, corners[0]))
+    layers, height, width = cost.shape
+    for i in range(count):
+        row, column, layer = corners[i, 0] + 1, corners[i, 1] + 1, corners[i, 2] % layers
+        # The way to a goal that is not free is left out: it may be longer than float32 can add to.
+        at, key = i, 0.0
+        if not fields.goal_moved[b]:
+            key = move_cost(goal, corners[i].astype(np.float64), turn)
+        while at > 0 and keys[at - 1] > key:
+            seeds[at], keys[at] = seeds[at - 1], keys[at - 1]
+            at -= 1
+        seeds[at], keys[at] = (layer * height + row) * width + column, key
+    search_poses(cost, turn, seeds[:count], keys[:count])
+
+
+@njit(nogil=True)
+def _refresh(b: int, queries: PoseQueries, grid: PoseGrid, fields: PoseFields) -> None:
+    """Build scene b's field if its map, object or goal differ from the last."""
+    sizes = np.array((float(queries.layers[b]), queries.yaw_step[b], queries.turn[b]))
+    same_map = (
+        is_same(sizes, fields.sizes[b])
+        and is_same(queries.reach[b], fields.reach[b])
+        and is_same(queries.bits[b], fields.bits[b])
+    )
+    cost = fields.cost[b, : queries.layers[b]]
+    if same_map and is_same(queries.goal[b], fields.goal[b]):
+        return
+    if same_map:
+        flat = cost.reshape(-1)
+        for i in range(flat.size):
+            flat[i] = np.inf if flat[i] >= 0.0 else flat[i]
+    else:
+        put(fields.sizes[b], sizes)
+        put(fields.reach[b], queries.reach[b])
+        put(fields.bits[b], queries.bits[b])
+        mark_poses(queries.bits[b], queries.width, queries.reach[b], sizes[1], grid, cost)
+    put(fields.goal[b], queries.goal[b])
+    _build(b, fields, cost, queries.turn[b])
+    fields.builds[b] += 1
+
+
+@BatchKernel
+def refresh_fields(batch: int, queries: PoseQueries, grid: PoseGrid, fields: PoseFields) -> None:
+    """Build the fields of the scenes in which something differs from the last query."""
+    for b in prange(batch):
+        _refresh(b, queries, grid, fields)

@@ -1,0 +1,76 @@
+"""The grid of poses on which `PoseField` searches: positions on pixels, and yaws."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from modpush.geometry.camera import Camera
+from modpush.planners.inflation import radius_per_scene
+from modpush.planners.kernels.footprint_poses import PoseGrid
+from modpush.planners.occupancy import Corners
+
+__all__ = ["Turns", "make_grid", "make_turns"]
+
+
+class Turns(NamedTuple):
+    """Number of yaws, yaw between two of them [rad] and turning radius [m] of each scene, `[B]`."""
+
+    layers: NDArray[np.int64]
+    step: NDArray[np.float64]
+    radius: NDArray[np.float64]
+
+
+def make_turns(
+    yaws: int,
+    turning_radius: float | None,
+    extents: NDArray[np.float64],
+    symmetry: float | Tensor,
+) -> Turns:
+    """The yaws that are searched.
+
+    Args:
+        yaws: Number of yaws in a full circle.
+        turning_radius: Cost of turning [m/rad]; None for the greatest extent of each scene's object.
+        extents: `[B, N]`, the footprints' extents [m].
+        symmetry: Number of yaw angles at which the object looks the same, one number or `[B]`; 0 for
+            any number.
+
+    Raises:
+        TypeError: If the symmetry is neither a number nor a tensor of real numbers.
+        ValueError: If it is not a whole number >= 0.
+    """
+    order = radius_per_scene(symmetry, len(extents), "symmetry")
+    if (order != np.rint(order)).any():
+        raise ValueError(f"symmetry must be a whole number >= 0, got {order.tolist()}.")
+    layers = np.ceil(yaws / np.maximum(order, 1.0)).astype(np.int64)
+    layers[order == 0] = 1
+    step = 2.0 * np.pi / (np.maximum(order, 1.0) * layers)
+    radius = np.full(len(extents), turning_radius or 0.0)
+    if turning_radius is None:
+        radius = extents.max(1)
+    return Turns(layers, step, radius)
+
+
+def make_grid(camera: Camera, stride: int, bounds: Corners | None) -> PoseGrid:
+    """The positions within bounds and image, in the middle of both."""
+    low, high = np.zeros(2), np.array([camera.width - 1.0, camera.height - 1.0])
+    if bounds is not None:
+        if len(bounds) != 2 or any(len(corner) != 2 for corner in bounds):
+            raise ValueError(f"PoseField: bounds must be two corners (x, y) [m], got {bounds!r}.")
+        pixels = camera.project(np.array(bounds, dtype=np.float64))
+        # x points up in the image, and y to the left.
+        low = np.maximum(low, np.ceil(pixels[1]))
+        high = np.minimum(high, np.floor(pixels[0]))
+    if not (low <= high).all():
+        raise ValueError(f"PoseField: bounds must leave a position in the image, got {bounds!r}.")
+    counts = ((high - low) // stride).astype(int) + 1
+    first = (low + (high - low - stride * (counts - 1)) // 2).astype(int)
+    return PoseGrid(
+        first_u=int(first[0]),
+        first_v=int(first[1]),
+        stride=stride,
+        rows=int(counts[1]),
+        columns=int(counts[0]),
+    )
