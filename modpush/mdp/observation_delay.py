@@ -79,7 +79,7 @@ class ObservationDelay(DescribedTransform):
 
     def describe(self) -> dict[str, Any]:
         """Lowest and highest age, and the entries that are delayed."""
-        names = [str(key) for _, key, _ in self._keys]
+        names = [key if isinstance(key, str) else "/".join(key) for _, key, _ in self._keys]
         return {"observation_delay": {"steps": self.steps, "entries": names}}
 
     def _reset(
