@@ -184,11 +184,11 @@ class PushEnv(EnvBase):
             dynamic_obstacles=config.dynamic_obstacles,
             rendered=pictures or getattr(camera, "needs_renderer", False),
         )
+        seen = camera, config.arm_in_depth, config.full_circle
         if self.device.type == "cuda":
             from modpush.envs.engines.sapien.cuda_batch import CudaBatch
 
-            return CudaBatch(self.batch_size[0], spec, camera, config.arm_in_depth)
-        seen = camera, config.arm_in_depth, config.full_circle
+            return CudaBatch(self.batch_size[0], spec, *seen)
         return SceneBatch(self.batch_size[0], self._make_engine, spec, *seen)
 
     @property
