@@ -32,3 +32,4 @@ from .scenes.scenario import (
     Scenario as Scenario,
     ScenarioConfig as ScenarioConfig,
 )
+from .scenes.sensing import SENSING as SENSING, SensingConfig as SensingConfig
