@@ -13,6 +13,7 @@ from modpush.envs.depth.analytic import AnalyticDepthCamera
 from modpush.envs.depth.base import DepthCamera, DepthCameraFactory
 from modpush.envs.depth.image_memory import ImageMemory
 from modpush.envs.engines.base import CONTACT_KEYS, Engine, EngineFactory, SceneSpec, contact_looks
+from modpush.envs.moving_obstacles import MovingObstacles
 from modpush.envs.robot.control import MotionConfig
 from modpush.envs.robot.control_cpu import plan_motion_cpu, start_joints
 from modpush.envs.robot.ur5_2f85 import Tool
@@ -51,7 +52,8 @@ class SceneBatch:
     What stays the same throughout an episode is kept in `goal_pose` `[B, 3]` [m, m, rad], whose yaw is 0
     where the goal is a position,
     `object_radius` and `object_inscribed_radius` `[B, 1]` [m], `object_symmetry` `[B, 1]`, and
-    `object_support` `[B, SUPPORT_DIRECTIONS]` [m]. A batch is the `SceneView` of its cameras.
+    `object_support` `[B, SUPPORT_DIRECTIONS]` [m]. `moving` has the obstacles that move by
+    themselves. A batch is the `SceneView` of its cameras.
 
     Args:
         num_envs: Number of scenes.
@@ -88,6 +90,7 @@ class SceneBatch:
         self._motion = MotionConfig()
         self._substeps = spec.sim_freq // spec.control_freq
         self._looks = contact_looks(self._substeps)
+        self.moving = MovingObstacles(num_envs, spec.control_freq, self._substeps)
         self._target, self._ee_pose = np.zeros((num_envs, 3)), np.zeros((num_envs, 3))
         self._flange_height = np.zeros(num_envs)
         self._contacts = [[False] * len(CONTACT_KEYS) for _ in range(num_envs)]
@@ -113,7 +116,7 @@ class SceneBatch:
         for i, scenario, angles in zip(indices, scenarios, joints, strict=True):
             self.engines[i].load(scenario, angles)
             self._contacts[i] = [False] * len(CONTACT_KEYS)
-            self._target_reachable[i] = True
+            self._target_reachable[i], self.moving.steps[i] = True, 0
             self._begin_episode(i, scenario, scenario.tool_pose)
 
     def _start_joints(self, scenario: Scenario) -> NDArray[np.float32]:
@@ -125,6 +128,7 @@ class SceneBatch:
         if not self.scenarios:  # the first reset is of all scenes
             self.scenarios = [scenario] * self.num_envs
         self.scenarios[i] = scenario
+        self.moving.begin(i, scenario.obstacles)
         item = get_object_of(self._spec.objects, scenario.pushed_object)
         self.goal_pose[i] = (*scenario.goal_position, scenario.goal_yaw or 0.0)
         self.object_radius[i] = item.radius
@@ -143,9 +147,10 @@ class SceneBatch:
         self._target, position, velocity, self._target_reachable = self._plan(action)
         targets = zip(position.tolist(), velocity.tolist(), strict=True)
         self._contacts = [
-            engine.advance(angles, rates, self._looks)
-            for engine, (angles, rates) in zip(self.engines, targets, strict=True)
+            engine.advance(angles, rates, self._looks, *self.moving.targets(i))
+            for i, (engine, (angles, rates)) in enumerate(zip(self.engines, targets, strict=True))
         ]
+        self.moving.steps += 1
         tips = [engine.link_transforms(("tip",))[0] for engine in self.engines]
         self._ee_pose = planar_poses(tips)
 
@@ -183,6 +188,7 @@ class SceneBatch:
             target=(x, y, yaw),
             contacts=tuple(self._contacts[index]),
             target_reachable=bool(self._target_reachable[index]),
+            steps=int(self.moving.steps[index]),
         )
 
     def check_state(self, index: int, state: SceneState) -> None:
@@ -199,7 +205,10 @@ class SceneBatch:
         engine.load(scenario, self._start_joints(scenario))
         engine.unpack(state.physics)
         self._contacts[index] = list(state.contacts)
-        self._target_reachable[index] = state.target_reachable
+        self._target_reachable[index], self.moving.steps[index] = (
+            state.target_reachable,
+            state.steps,
+        )
         self._begin_episode(index, scenario, state.target)
 
     def capture(self) -> tuple[Tensor, Tensor]:

@@ -20,6 +20,8 @@ __all__ = ["MAX_HEIGHT", "arm_reach", "check_arm_is_free", "obstacle_in_arm", "t
 MAX_HEIGHT = 0.15
 """Height of the tallest obstacles [m]. Forearm and wrist stay above it wherever the tool is."""
 
+_STEP = 0.005  # between the places at which a moving obstacle is looked at [m]
+
 
 def arm_reach(height: float) -> float:
     """Distance from the robot's axis up to which shoulder or upper arm come down to a height [m].
@@ -34,11 +36,16 @@ def arm_reach(height: float) -> float:
 
 
 def obstacle_in_arm(obstacles: Sequence[Obstacle]) -> str | None:
-    """The first obstacle that stands where shoulder or upper arm turn, in words; None if none does."""
+    """The first obstacle that stands where shoulder or upper arm turn, in words; None if none does.
+
+    One that moves is looked at wherever it comes.
+    """
     turned = turned_rectangles(rectangles(obstacles))
     for k, obstacle in enumerate(obstacles):
         height, (x, y, _) = obstacle.size[2], obstacle.pose
         distance = nearest_rectangle(0.0, 0.0, turned[k : k + 1])
+        if obstacle.motion is not None:
+            distance = nearest_rectangle(0.0, 0.0, turned_rectangles(_places(obstacle)))
         if height > MAX_HEIGHT:
             return (
                 f"expected heights up to {MAX_HEIGHT} m, over which the arm passes, got {height:g}"
@@ -50,6 +57,15 @@ def obstacle_in_arm(obstacles: Sequence[Obstacle]) -> str | None:
                 f"the one at ({x:.3f}, {y:.3f})"
             )
     return None
+
+
+def _places(obstacle: Obstacle) -> np.ndarray:
+    """Footprints, as `rectangles` gives them, of an obstacle at places 5 mm apart on its patrol."""
+    start, end = obstacle.ends()
+    count = math.ceil(np.linalg.norm(end - start) / _STEP) + 1
+    rows = np.repeat(rectangles([obstacle]), count, axis=0)
+    rows[:, :2] = np.linspace(start, end, count)
+    return rows
 
 
 def tool_touches(

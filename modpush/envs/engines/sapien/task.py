@@ -232,6 +232,11 @@ class ClutterPushEnv(BaseEnv):
             check_arm_is_free(
                 "ClutterPushEnv.reset: scenarios", scenario, item.tool_height, self.agent.tool_name
             )
+            if any(obstacle.motion is not None for obstacle in scenario.obstacles):
+                raise ValueError(
+                    "ClutterPushEnv.reset: obstacles must have motion=None here and on CUDA, got one "
+                    "that moves by itself; PushEnv on a CPU has such obstacles."
+                )
         joints = [] if self.engine is None else [self._start_joints(s) for s in scenarios]
         if not self.scenarios:
             self.scenarios = list(scenarios)
