@@ -6,6 +6,7 @@
     modpush evaluate --policy corridor --set smoke        # half a minute
     modpush evaluate --policy corridor --set behind/hard/small_cube --tool rod
     modpush evaluate --policy any_object --set obstacles/small_cube --engine mujoco
+    modpush evaluate --policy any_object --set obstacles/small_cube --robot ur10
     modpush evaluate --policy any_object --set hard/small_cube --recovery False
 
 For each policy and set `runs/evaluate/<policy>/<set>/` gets `episodes.csv` (a row for each episode),
@@ -20,9 +21,16 @@ Options:
   --set NAME ...     Evaluation sets by name or file; all, for all sets in which the tool starts in any
                      direction from the object, except smoke and the tuning sets; or behind/all, for
                      those in which it starts straight behind the object; by default smoke.
-  --tool {2f85,rod}  Tool to use instead of the sets' own; results are stored under SET+TOOL.
+  --robot NAME       Arm to use instead of the sets' own: ur5, ur10, ... or module:name; results are
+                     stored under SET+ROBOT.
+  --tool NAME        Tool to use instead of the sets' own: 2f85, rod, or module:name; results are stored
+                     under SET+TOOL.
   --engine NAME      Physics engine to use instead of the sets' own, at its own rate: sapien, mujoco, or
                      module:name; results are stored under SET+ENGINE.
+  --sensing {exact,noise,delay,noise_delay}
+                     Conditions of an agent's observations and actions instead of the sets' own: noise of
+                     the object's pose (up to 1.5 cm and 7.5 degrees), delay (actions 1 to 3 steps old,
+                     observations 1 step), or both; results are stored under SET+NAME.
   --recovery {True,False}
                      Use StuckRecovery, which takes over when a policy has come to rest before the
                      goal, or do not; by default as an agent's config says, and False for
@@ -50,6 +58,8 @@ from modpush import evaluation, recipes  # these import their parts, and torch, 
 from modpush._types import AtLeastOne, Count, FilePath, Name, NonNegativeInteger, Scenes, Several
 from modpush._validation import checked
 from modpush.envs.engines.named import find_engine
+from modpush.envs.robot.named import find_robot, find_tool
+from modpush.envs.scenes.sensing import SensingName
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -69,12 +79,19 @@ class EvaluateConfig:
     """Evaluation sets by name or file, `all` for all in which the tool starts in any direction from the
     object, but `smoke` and the tuning sets, or `behind/all` for those in which it starts straight behind
     the object."""
-    tool: Literal["2f85", "rod"] | None = None
+    robot: Name | None = None
+    """Arm to use instead of the sets' own: its name, or `module:name`; results are stored under
+    `<set>+<robot>`."""
+    tool: Name | None = None
     """Tool to use instead of the sets' own, for instance `rod`, the tool in the code of the paper's
     authors; results are stored under `<set>+<tool>`."""
     engine: Name | None = None
     """Physics engine to use instead of the sets' own, at its own rate: `sapien`, `mujoco`, or
     `module:name`; results are stored under `<set>+<engine>`."""
+    sensing: SensingName | None = None
+    """Conditions of the agents' observations and actions instead of the sets' own: `noise` (of the
+    object's pose, up to 1.5 cm and 7.5 degrees), `delay` (actions 1 to 3 steps old, observations 1 step),
+    or `noise_delay`; results are stored under `<set>+<sensing>`."""
     recovery: bool | None = None
     """Let `StuckRecovery` take over when a policy has come to rest before the goal. By default
     this is what an agent's config says, and no for hand-written policies; results of the other
@@ -137,13 +154,19 @@ def _load_sets(config: EvaluateConfig) -> dict[str, "evaluation.EvaluationSet"]:
     sets: dict[str, evaluation.EvaluationSet] = {}
     for asked in config.set_names:
         episodes = evaluation.load_set(asked, allow=config.allow).first(config.episodes)
+        if config.robot is not None:
+            find_robot(config.robot)
+            episodes = episodes.with_robot(config.robot)
         if config.tool is not None:
+            find_tool(config.tool)
             episodes = episodes.with_tool(config.tool)
         if config.engine is not None:
             find_engine(
                 config.engine
             )  # a package that is missing is named before an episode is run
             episodes = episodes.with_engine(config.engine)
+        if config.sensing is not None:
+            episodes = episodes.with_sensing(config.sensing)
         for other, known in sets.items():
             if known.name == episodes.name:
                 raise ValueError(

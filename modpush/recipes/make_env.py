@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import torch
+from tensordict import NestedKey
 from torch import nn
 from torchrl.envs import Compose, EnvBase, ExcludeTransform, InitTracker, Transform, TransformedEnv
 
@@ -20,7 +21,9 @@ from modpush.encoders.window import METRES_PER_PIXEL
 from modpush.encoders.window_bytes import WindowBytes
 from modpush.encoders.window_transform import EgocentricWindow
 from modpush.envs.push_env import PushEnv
+from modpush.envs.robot.robot import Robot
 from modpush.envs.scenes.scenario import ScenarioConfig
+from modpush.envs.scenes.sensing import SensingConfig
 from modpush.mdp.action_frame import ActionFrame
 from modpush.mdp.blank_latent import latent_entry
 from modpush.mdp.curriculum import Curriculum
@@ -31,11 +34,12 @@ from modpush.mdp.observation_entries import ENTRIES, Entry, EntryLike
 from modpush.mdp.push_observation import PushObservation
 from modpush.mdp.push_reward import PushReward
 from modpush.mdp.reward_terms import RewardTerm
-from modpush.mdp.stuck_recovery import StuckRecovery
+from modpush.mdp.step_outcome import RewardKeys
 from modpush.planners.base import Planner
 from modpush.planners.occupancy import OccupancyGrid
 from modpush.planners.subgoals import PlannerSubgoals
 from modpush.recipes.config import END_TO_END, PushEnvConfig
+from modpush.recipes.sensing import make_recovery, make_sensing, observation_keys, observed_keys
 
 __all__ = ["ENV_PARTS", "env_parts", "make_push_env"]
 
@@ -46,10 +50,25 @@ ENV_PARTS = (
     "pushed_object",
     "depth",
     "engine",
+    "robot",
+    "tool",
     "entries",
     "reward_terms",
 )
 """Arguments of `make_push_env` that may be given as objects."""
+
+_TRUE = "true"
+"""Group of the plan from the true state, by which the reward goes where the policy observes another."""
+_MAP_KEYS = {"occupancy": "occupancy", "blocked": "blocked_bits", "choice": "map_choice"}
+_PLAN_KEYS = {
+    "occupancy": "occupancy",
+    "path_length": "path_length",
+    "subgoal": "subgoal",
+    "subgoal_past": "subgoal_past",
+    "path_found": "path_found",
+    "history": "subgoal_history",
+    "path_ahead": "path_ahead",
+}
 
 
 def env_parts(config: PushEnvConfig, parts: Mapping[str, Any]) -> dict[str, Any]:
@@ -84,6 +103,11 @@ def make_push_env(
     `[B, 1, S, S]` uint8 instead of `latent`, for networks that encode it themselves. With `recovery` it
     emits what `StuckRecovery` writes as well.
 
+    With noise or delayed observations (`config.sensing`) the keys of `PushEnv` still hold the truth, of
+    which the reward is, with the path length `("true", "path_length")`. What the policy's
+    observation, plan, window and recovery are computed from is under `("observed", name)`. An entry of
+    your own that reads a key of its choice gets the truth.
+
     Args:
         config: Configuration of the stack; the paper's environment by default.
         encoder: Encoder of the window instead of the config's: a name, `"module:name"`, or
@@ -102,9 +126,9 @@ def make_push_env(
         pictures: Build the scenes with a renderer, see `PushEnv`.
         seed: Seed of the first scene, see `PushEnv`.
         device: Device of the environment, see `PushEnv`.
-        **fields: Fields of the config to set differently, also those of its `scenario` and `simulation`
-            (`num_envs=2`, `scene="slot"`, `tool="rod"`, ...; scenes, objects, engine and depth camera
-            also as objects of your own).
+        **fields: Fields of the config to set differently, also those of its `scenario`, `simulation`
+            and `sensing` (`num_envs=2`, `scene="slot"`, `tool="rod"`, ...; scenes, objects, engine,
+            robot, tool and depth camera also as objects of your own).
 
     Raises:
         TypeError: If an argument is neither this function's nor a field of the config.
@@ -130,14 +154,22 @@ def make_push_env(
         device=device,
     )
     module = _make_encoder(config, encoder)
-    described = _entries(config, entries, module)
+    true, observed = observed_keys(SensingConfig()), observed_keys(config.sensing)
+    planned = config, base.scenario, planner
+    true_length = "path_length" if config.sensing.exact else (_TRUE, "path_length")
+    described = _entries(config, entries, module, base.robot)
     observations = (PushObservation, MirroredObservation) if mirrored else (PushObservation,)
     transforms: list[Transform] = [
         InitTracker(),
         *([CurriculumScenes(curriculum, evaluated_envs=evaluated_envs)] if curriculum else []),
-        *_planning(config, base.scenario, planner, max_waypoints),
-        *_window(config, module, mirrored),
-        ActionFrame(config.frame if config.action_frame is None else config.action_frame),
+        *make_sensing(config.sensing),
+        *([] if config.sensing.exact else _planning(*planned, 0, true, _TRUE)),
+        *_planning(*planned, max_waypoints, observed),
+        *_window(config, module, mirrored, observed),
+        ActionFrame(
+            config.frame if config.action_frame is None else config.action_frame,
+            object_pose_key=observed["object_pose"],
+        ),
         *(
             observation(
                 config.frame,
@@ -145,15 +177,18 @@ def make_push_env(
                 bounds=base.bounds,
                 symmetry=config.symmetry,
                 raw=config.raw,
+                keys=observation_keys(observed, mirrored=observation is MirroredObservation),
             )
             for observation in observations
         ),
-        PushReward(config.reward, terms=reward_terms),
-        *([StuckRecovery()] if config.recovery else []),
+        PushReward(config.reward, terms=reward_terms, keys=RewardKeys(path_length=true_length)),
+        *([make_recovery(config.sensing)] if config.recovery else []),
     ]
     if not keep_images:
+        images = [keys[name] for keys in (true, observed) for name in ("depth", "segmentation")]
+        maps = ["occupancy"] if config.sensing.exact else ["occupancy", (_TRUE, "occupancy")]
         encoded = ["window"] if module is not None else []
-        transforms.append(ExcludeTransform("depth", "segmentation", "occupancy", *encoded))
+        transforms.append(ExcludeTransform(*dict.fromkeys(images), *maps, *encoded))
     return TransformedEnv(base, Compose(*transforms))
 
 
@@ -162,8 +197,10 @@ def _planning(
     scenario: ScenarioConfig,
     planner: str | Planner | None,
     max_waypoints: int,
+    read: Mapping[str, NestedKey],
+    group: str | None = None,
 ) -> list[Transform]:
-    """From depth image to sub-goals."""
+    """From depth image to sub-goals, which are written within a group if there is one."""
     # Where the config's distance from the workspace's edge leaves no way, the scenarios' own does: they
     # are drawn so that there is one.
     outside = config.planner_margin or 0.0
@@ -174,6 +211,10 @@ def _planning(
         inflation=config.inflation,
         bounds=None if config.planner_margin is None else (scenario.low, scenario.high),
         margin=tuple(-margin for margin in margins),
+        depth_key=read["depth"],
+        segmentation_key=read["segmentation"],
+        object_pose_key=read["object_pose"],
+        **_within(group, _MAP_KEYS),
     )
     subgoals = PlannerSubgoals(
         config.planner if planner is None else planner,
@@ -183,8 +224,15 @@ def _planning(
         lags=config.subgoal_lags,
         ahead=config.path_ahead,
         max_waypoints=max_waypoints,
+        object_pose_key=read["object_pose"],
+        **_within(group, _PLAN_KEYS),
     )
     return [occupancy, subgoals]
+
+
+def _within(group: str | None, keys: Mapping[str, str]) -> dict[str, Any]:
+    """Arguments that put a transform's own keys into a group; none without a group."""
+    return {} if group is None else {f"{own}_key": (group, name) for own, name in keys.items()}
 
 
 def _make_encoder(config: PushEnvConfig, given: Any) -> nn.Module | None:
@@ -203,7 +251,12 @@ def _make_encoder(config: PushEnvConfig, given: Any) -> nn.Module | None:
     return encoder
 
 
-def _window(config: PushEnvConfig, encoder: nn.Module | None, mirrored: bool) -> list[Transform]:
+def _window(
+    config: PushEnvConfig,
+    encoder: nn.Module | None,
+    mirrored: bool,
+    read: Mapping[str, NestedKey],
+) -> list[Transform]:
     """The local window and its latent; or its bytes, for an encoder that is trained with the agent."""
     if encoder is None and config.encoder != END_TO_END:
         return []
@@ -211,7 +264,13 @@ def _window(config: PushEnvConfig, encoder: nn.Module | None, mirrored: bool) ->
     if encoder is not None:
         _, size, scale = encoder_sizes(encoder)
     window = EgocentricWindow(
-        config.frame, size=size, outside=config.window_outside, metres_per_pixel=scale
+        config.frame,
+        size=size,
+        outside=config.window_outside,
+        metres_per_pixel=scale,
+        depth_key=read["depth"],
+        segmentation_key=read["segmentation"],
+        object_pose_key=read["object_pose"],
     )
     if encoder is None:
         return [window, WindowBytes()]
@@ -222,8 +281,9 @@ def _entries(
     config: PushEnvConfig,
     given: Sequence[EntryLike | tuple[str, EntryLike]] | None,
     encoder: nn.Module | None,
+    robot: Robot,
 ) -> dict[str, Entry]:
-    """The observation's entries, the latent relative to that of an empty window.
+    """The observation's entries, the latent relative to that of an empty window and joints to home.
 
     Without an encoder the config's have no latent.
     """
@@ -231,6 +291,9 @@ def _entries(
     entries = resolve_entries(config.frame, chosen, leave_out=config.leave_out, add=config.add)
     if encoder is not None and entries.get("latent") is ENTRIES["latent"]:
         entries["latent"] = latent_entry(encoder)
+    joints = ENTRIES["joint_position"]
+    if entries.get("joint_position") is joints and robot.home != joints.shift:
+        entries["joint_position"] = Entry(joints.read, shift=robot.home)
     if encoder is None and given is None:
         entries.pop("latent", None)
     return entries

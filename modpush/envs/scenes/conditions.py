@@ -1,8 +1,9 @@
 """The conditions under which the episodes of a set are run, the same for every method."""
 
+import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, field
 from typing import Annotated, Any
 
 from annotated_types import Le
@@ -11,27 +12,40 @@ from modpush._types import Count, Length, Name, YawTolerance
 from modpush._validation import checked, from_plain
 from modpush.envs.engines.named import check_engine
 from modpush.envs.outcome import GOAL_THRESHOLD, Goal
-from modpush.envs.robot.ur5_2f85 import ToolName
+from modpush.envs.robot.named import check_robot, check_tool
 from modpush.envs.scenes.objects import Circle
+from modpush.envs.scenes.sensing import SensingConfig
 
-__all__ = ["EpisodeConditions", "ToolName"]
+__all__ = ["EpisodeConditions"]
 
 
-_LATER = ("engine", "goal", "position_tolerance", "yaw_tolerance", "hold_steps", "full_circle")
+_LATER = (
+    "engine",
+    "robot",
+    "goal",
+    "position_tolerance",
+    "yaw_tolerance",
+    "hold_steps",
+    "full_circle",
+    "sensing",
+)
 """Fields that were added after the first sets were written."""
 
 
 @checked
 class EpisodeConditions:
-    """Time limit, goal, tool, physics and map of a set, whatever a method was made with."""
+    """Time limit, goal, robot, tool, physics and map of a set, whatever a method was made with."""
 
     engine: Name = "sapien"
     """Physics engine: `sapien`, `mujoco`, or your own as `module:name`."""
 
     max_episode_steps: Count = 200
     """Control steps after which an episode is truncated."""
-    tool: ToolName = "2f85"
-    """Tool of the arm: the closed gripper, or the rod of the authors' code."""
+    robot: Name = "ur5"
+    """Arm: its name, or your own as `module:name`."""
+    tool: Name = "2f85"
+    """Tool of the arm: the closed gripper `2f85`, the `rod` of the authors' code, or your own as
+    `module:name`."""
     sim_freq: Annotated[Count, Le(100_000)] | None = 120
     """Physics steps per second [Hz]; None for the engine's own."""
     goal: Goal = "position"
@@ -50,24 +64,30 @@ class EpisodeConditions:
     on a map inflated so, since there may be no way on another, unless it chooses the widest inflation
     that leaves a path; with `circumscribed` there is a way on either map, and a method plans on a map of
     its own."""
+    sensing: SensingConfig = field(default_factory=SensingConfig)
+    """Delays and noise between policy and world; only for agents."""
 
     def __post_init__(self) -> None:
-        """Check the engine's name; nothing is imported."""
+        """Check the parts' names; nothing is imported."""
+        check_robot("EpisodeConditions", self.robot)
+        check_tool("EpisodeConditions", self.tool)
         check_engine("EpisodeConditions", self.engine)
 
     @property
     def env_options(self) -> dict[str, Any]:
-        """Time limit, goal, tool, engine and its rate, as arguments of `PushEnv`."""
-        return {name: value for name, value in asdict(self).items() if name != "inflation"}
+        """Time limit, goal, robot, tool, engine and its rate, as arguments of `PushEnv`."""
+        own = ("inflation", "sensing")
+        return {name: value for name, value in asdict(self).items() if name not in own}
 
     def agent_options(self, inflation: str | float) -> dict[str, Any]:
-        """`env_options` and, where the set asks for a certain map, `inflation` of `make_push_env`.
+        """Arguments of `make_push_env`: `env_options`, `sensing` and, for a certain map, `inflation`.
 
         Args:
             inflation: The agent's own, `PushEnvConfig.inflation`; `"widest"` finds a path on every set.
         """
         own_map = self.inflation == "circumscribed" or inflation == "widest"
-        return self.env_options if own_map else {**self.env_options, "inflation": self.inflation}
+        options = {**self.env_options, "sensing": self.sensing}
+        return options if own_map else {**options, "inflation": self.inflation}
 
     def differences(self, simulation: Any) -> dict[str, tuple[Any, Any]]:
         """Differences of an environment: `(there, of the set)` by field.
@@ -83,8 +103,10 @@ class EpisodeConditions:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for files, without what older files do not know where it is as it was then."""
-        known = {name: getattr(type(self), name) for name in _LATER}
-        return {k: v for k, v in asdict(self).items() if k not in known or v != known[k]}
+        usual = asdict(type(self)())
+        changed = {k: v for k, v in asdict(self).items() if k not in _LATER or v != usual[k]}
+        plain: dict[str, Any] = json.loads(json.dumps(changed))  # as it is read back
+        return plain
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "EpisodeConditions":
