@@ -10,6 +10,7 @@ from .push_env import PushEnv as PushEnv
 from .push_state import PushState as PushState
 from .scenes.conditions import EpisodeConditions as EpisodeConditions
 from .scenes.layouts import (
+    ALL_SCENES as ALL_SCENES,
     HARD_SCENES as HARD_SCENES,
     HARD_WIDE_SCENES as HARD_WIDE_SCENES,
     OBSTACLE_SCENES as OBSTACLE_SCENES,
@@ -24,3 +25,4 @@ from .scenes.scenario import (
     Scenario as Scenario,
     ScenarioConfig as ScenarioConfig,
 )
+from .scenes.shape_layouts import SHAPE_SCENES as SHAPE_SCENES

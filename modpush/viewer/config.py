@@ -10,7 +10,7 @@ from modpush._types import Fraction, Name, NonNegativeInteger, Several
 from modpush._validation import checked
 from modpush.envs.engines.named import check_engine
 from modpush.envs.outcome import Goal
-from modpush.envs.scenes.layouts import SCENES, TIGHT_SCENES
+from modpush.envs.scenes.layouts import ALL_SCENES
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.parts import part_module
 
@@ -66,7 +66,7 @@ class PlayConfig:
         if self.engine is not None:
             check_engine("PlayConfig", self.engine)
         for name, value, known in (
-            ("scene", self.scene, {*SCENES, *TIGHT_SCENES}),
+            ("scene", self.scene, ALL_SCENES),
             ("pushed_object", self.pushed_object, {*OBJECTS}),
         ):
             if value not in known and (name != "scene" or part_module(value) is None):
