@@ -114,7 +114,9 @@ def main(episodes: int, out: Path, scenes: Sequence[str] = SCENES) -> pd.DataFra
                 config=EvaluationConfig(num_envs=8),
             )
             line = summarize({name: rows})
-            lines.append(line[["success", "success_without_contact", "spl", "contact_rate", "steps"]])
+            lines.append(
+                line[["success", "success_without_contact", "spl", "contact_rate", "steps"]]
+            )
     table = pd.concat(lines)
     print(format_table(table))
     return table

@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 from torchrl.envs import step_mdp
 
 from modpush.envs import OBJECTS, PushEnv, Scenario
-from modpush.envs.robot.ur5_2f85 import LINKS, TOOLS
+from modpush.envs.robot.named import ROBOTS
+from modpush.envs.robot.tools import TOOLS
 from modpush.geometry.shapes import Primitive, box
 from modpush.recipes import get_method
-from modpush.viewer.meshes import link_transforms, primitive_mesh
+from modpush.viewer.meshes import primitive_mesh
 
 PICTURE = Path(__file__).resolve().parents[1] / "docs" / "pictures" / "pushing.webp"
 EPISODES = (
@@ -117,8 +118,10 @@ def planar_transform(x: float, y: float, yaw: float, z: float) -> Vertices:
 def all_bodies(scenario: Scenario, moment: Moment) -> list[Body]:
     """Arm, tool, object and obstacles."""
     bodies: list[Body] = []
-    shapes = [*(link.shapes for link in LINKS), TOOLS["2f85"].shapes]
-    for parts, transform in zip(shapes, link_transforms(moment.joint_position), strict=True):
+    robot = ROBOTS["ur5"]
+    shapes = [*(link.shapes for link in robot.links), TOOLS["2f85"].shapes]
+    transforms = robot.link_transforms(moment.joint_position)
+    for parts, transform in zip(shapes, transforms, strict=True):
         bodies += bodies_of(parts, transform)
     pushed = OBJECTS[scenario.pushed_object]
     bodies += bodies_of(pushed.parts, planar_transform(*moment.object_pose, pushed.height / 2))

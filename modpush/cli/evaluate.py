@@ -6,6 +6,7 @@
     modpush evaluate --policy corridor --set smoke        # half a minute
     modpush evaluate --policy corridor --set behind/hard/small_cube --tool rod
     modpush evaluate --policy any_object --set obstacles/small_cube --engine mujoco
+    modpush evaluate --policy any_object --set obstacles/small_cube --robot ur10
     modpush evaluate --policy any_object --set hard/small_cube --recovery False
 
 For each policy and set `runs/evaluate/<policy>/<set>/` gets `episodes.csv` (a row for each episode),
@@ -20,7 +21,10 @@ Options:
   --set NAME ...     Evaluation sets by name or file; all, for all sets in which the tool starts in any
                      direction from the object, except smoke and the tuning sets; or behind/all, for
                      those in which it starts straight behind the object; by default smoke.
-  --tool {2f85,rod}  Tool to use instead of the sets' own; results are stored under SET+TOOL.
+  --robot NAME       Arm to use instead of the sets' own: ur5, ur10, ... or module:name; results are
+                     stored under SET+ROBOT.
+  --tool NAME        Tool to use instead of the sets' own: 2f85, rod, or module:name; results are stored
+                     under SET+TOOL.
   --engine NAME      Physics engine to use instead of the sets' own, at its own rate: sapien, mujoco, or
                      module:name; results are stored under SET+ENGINE.
   --recovery {True,False}
@@ -50,6 +54,7 @@ from modpush import evaluation, recipes  # these import their parts, and torch, 
 from modpush._types import AtLeastOne, Count, FilePath, Name, NonNegativeInteger, Scenes, Several
 from modpush._validation import checked
 from modpush.envs.engines.named import find_engine
+from modpush.envs.robot.named import find_robot, find_tool
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -69,7 +74,10 @@ class EvaluateConfig:
     """Evaluation sets by name or file, `all` for all in which the tool starts in any direction from the
     object, but `smoke` and the tuning sets, or `behind/all` for those in which it starts straight behind
     the object."""
-    tool: Literal["2f85", "rod"] | None = None
+    robot: Name | None = None
+    """Arm to use instead of the sets' own: its name, or `module:name`; results are stored under
+    `<set>+<robot>`."""
+    tool: Name | None = None
     """Tool to use instead of the sets' own, for instance `rod`, the tool in the code of the paper's
     authors; results are stored under `<set>+<tool>`."""
     engine: Name | None = None
@@ -137,7 +145,11 @@ def _load_sets(config: EvaluateConfig) -> dict[str, "evaluation.EvaluationSet"]:
     sets: dict[str, evaluation.EvaluationSet] = {}
     for asked in config.set_names:
         episodes = evaluation.load_set(asked, allow=config.allow).first(config.episodes)
+        if config.robot is not None:
+            find_robot(config.robot)
+            episodes = episodes.with_robot(config.robot)
         if config.tool is not None:
+            find_tool(config.tool)
             episodes = episodes.with_tool(config.tool)
         if config.engine is not None:
             find_engine(

@@ -56,7 +56,8 @@ Environment:
                                       random_7 has a random shape.
   --train.env.scenario.randomize-dynamics  Draw the object's mass, friction and centre of mass.
   --train.env.simulation.engine NAME  Physics engine: sapien, mujoco, or module:name.
-  --train.env.simulation.tool {2f85,rod}  Tool of the arm: the closed gripper, or a rod.
+  --train.env.simulation.robot NAME  Arm: ur5, ur10, ... or module:name.
+  --train.env.simulation.tool NAME  Tool of the arm: 2f85 (the closed gripper), rod, or module:name.
   --train.env.planner NAME            distance_field, lazy_theta_star_grid, lazy_theta_star, a_star or
                                       straight_line.
   --train.env.inflation INFLATION     How far obstacles are inflated for planning: circumscribed,

@@ -233,5 +233,10 @@ def _start(config: CollectConfig, number: int) -> Scenario:
     """The start that `reset(seed=...)` of the recorded environment draws."""
     generator = np.random.default_rng(episode_seed(config.seed, number))
     simulation = config.env.simulation
-    scenario = config.env.filled_scenario()
-    return sample_scenario(generator, scenario, tool=simulation.tool, goal=simulation.goal)
+    return sample_scenario(
+        generator,
+        config.env.filled_scenario(),
+        tool=simulation.tool,
+        robot=simulation.robot,
+        goal=simulation.goal,
+    )

@@ -8,6 +8,14 @@ from .engines.sapien.task import ClutterPushEnv as ClutterPushEnv
 from .gym_env import PushGymEnv as PushGymEnv
 from .push_env import PushEnv as PushEnv
 from .push_state import PushState as PushState
+from .robot.named import ROBOTS as ROBOTS
+from .robot.robot import (
+    Joint as Joint,
+    Link as Link,
+    Robot as Robot,
+    Tool as Tool,
+)
+from .robot.tools import TOOLS as TOOLS
 from .scenes.conditions import EpisodeConditions as EpisodeConditions
 from .scenes.layouts import (
     ALL_SCENES as ALL_SCENES,

@@ -11,9 +11,10 @@ from torch import Tensor
 
 from modpush._checks import check_dtype
 from modpush.envs.outcome import is_out_of_bounds, pose_errors
+from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scenes.arm_room import check_arm_is_free
 from modpush.envs.scenes.objects import PushedObject
-from modpush.envs.scenes.scenario import Scenario
+from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.envs.simulation_config import SimulationConfig
 from modpush.envs.specs import ACTION_SIZE
 from modpush.geometry.workspace import Rectangle
@@ -22,6 +23,7 @@ __all__ = [
     "check_action",
     "check_alone",
     "check_device",
+    "check_reach",
     "check_scenarios",
     "check_scene",
     "check_simulation",
@@ -112,6 +114,8 @@ def check_scenarios(
     scenarios: Sequence[Scenario],
     count: int,
     bounds: Rectangle,
+    tool: Tool,
+    robot: Robot,
     simulation: SimulationConfig,
     yaw_tolerance: float,
     objects: Mapping[str, PushedObject],
@@ -122,7 +126,9 @@ def check_scenarios(
         scenarios: Must hold a `Scenario` for each scene being reset, which is not solved already.
         count: Number of scenes being reset.
         bounds: Lower and upper corner of where the object may be [m].
-        simulation: Tool and goal.
+        tool: The tool.
+        robot: The arm.
+        simulation: Goal of the episodes.
         yaw_tolerance: Present yaw tolerance of goal poses [rad].
         objects: The objects by name; a scenario with another one is refused elsewhere.
 
@@ -148,7 +154,28 @@ def check_scenarios(
             )
         if scenario.pushed_object in objects:
             tip_height = objects[scenario.pushed_object].tool_height
-            check_arm_is_free(f"scenarios[{index}]", scenario, tip_height, simulation.tool)
+            check_arm_is_free(f"scenarios[{index}]", scenario, tip_height, tool, robot)
+
+
+def check_reach(robot: Robot, config: ScenarioConfig) -> None:
+    """Refuse a workspace in which the arm could not follow the object to every start.
+
+    Raises:
+        ValueError: If a place where episodes start is beyond the arm's reach.
+    """
+    (x0, y0), (x1, y1) = config.low, config.high
+    grid = np.stack(np.meshgrid(np.linspace(x0, x1, 23), np.linspace(y0, y1, 29)), -1)
+    places = grid[np.linalg.norm(grid, axis=-1) <= config.max_start_radius]
+    distance = np.linalg.norm(places - robot.base[:2], axis=-1)
+    least, most = robot.reach
+    if distance.max(initial=0.0) > most:
+        base = robot.base[:2]
+        raise ValueError(
+            f"PushEnv: robot {robot.name!r}, whose base is at {base}, reaches from {least} to {most} m; "
+            f"this does not hold the workspace from {config.low} to {config.high}, with starts up to "
+            f"{distance.max():.2f} m from the base. Expected max_start_radius (and max_goal_radius) "
+            f"around {most - 0.08:.2f}, a smaller workspace (low and high), or a robot with more reach."
+        )
 
 
 def _check_goal(

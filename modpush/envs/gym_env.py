@@ -29,7 +29,7 @@ OBSERVATION_KEYS = (
     "obstacle_contact",
     "tool_obstacle_contact",
 )
-"""Keys of `PushEnv` that make up the observation, of 3 + 2 + 3 + 6 + 1 + 1 + 1 numbers. With
+"""Keys of `PushEnv` that make up the observation: 3 + 2 + 3 + n + 1 + 1 + 1 numbers for n joints. With
 `goal="pose"`, `goal_pose` takes the place of `goal_position`."""
 _INFO_KEYS = (
     "success",
@@ -149,7 +149,7 @@ def _info(state: TensorDictBase) -> dict[str, Any]:
 class PushGymEnv(SingleSceneEnv):
     """One scene of `PushEnv`, as `gymnasium.make("ClutterPushState-v1")`.
 
-    The observation is the state without the obstacles, `[17]` float32, in the order of
+    The observation is the state without the obstacles, `[17]` float32 with six joints, in the order of
     `OBSERVATION_KEYS`, or `[18]` for goal poses; the action is `[3]` float32 in [-1, 1]; the reward is 1
     on success, and `info` has `success`, `out_of_bounds` and the contacts as Python bools.
     `modpush/Push-v0` has the paper's observation and reward instead.
@@ -167,9 +167,10 @@ class PushGymEnv(SingleSceneEnv):
         check_arguments("ClutterPushState-v1", render_mode, kwargs)
         env = PushEnv(1, **{"depth": None, **kwargs})
         yaw, joint = math.pi + 1e-6, 2 * math.pi + 0.1
+        joints = [joint] * len(env.robot.joints)
         poses = env.simulation.goal == "pose"
         goal = [2, 2, yaw] if poses else [2, 2]
-        high = np.array([2, 2, yaw, *goal, 2, 2, yaw, *[joint] * 6, 1, 1, 1], dtype=np.float32)
+        high = np.array([2, 2, yaw, *goal, 2, 2, yaw, *joints, 1, 1, 1], dtype=np.float32)
         low = -high
         low[-3:] = 0
         self._bounds = (low, high)

@@ -15,6 +15,7 @@ from modpush.envs.arguments import (
     check_action,
     check_alone,
     check_device,
+    check_reach,
     check_scenarios,
     check_scene,
     chosen_scenes,
@@ -28,7 +29,8 @@ from modpush.envs.engines.named import default_sim_freq, find_engine
 from modpush.envs.entries import state_entries
 from modpush.envs.outcome import episode_status, is_at_goal, pose_errors
 from modpush.envs.push_state import PushState, check_state, object_digest
-from modpush.envs.robot.ur5_2f85 import TOOLS
+from modpush.envs.robot.named import find_robot, find_tool
+from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scene_batch import SceneBatch
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
@@ -67,7 +69,7 @@ class PushEnv(EnvBase):
                                                         the angle by which it is to be turned, modulo
                                                         its symmetry (only with `goal="pose"`)
         ee_pose                      `[B, 3]` float32   pose of the tool's tip
-        joint_position               `[B, 6]` float32   angles of the arm's joints
+        joint_position               `[B, n]` float32   angles of the arm's joints
         object_radius                `[B, 1]` float32   circumscribed radius of the object's footprint
         object_inscribed_radius      `[B, 1]` float32   radius of the circle inside the object's
                                                         footprint
@@ -110,7 +112,7 @@ class PushEnv(EnvBase):
         num_envs: Number of scenes.
         scenario: Settings from which episodes are drawn. It may be replaced (`env.scenario = ...`),
             which takes effect at the next reset.
-        simulation: Engine, tool, goal, depth camera, rates and ends of episodes.
+        simulation: Engine, robot, tool, goal, depth camera, rates and ends of episodes.
         pictures: Build the scenes with a renderer, so that `render` shows the arm from the side.
         seed: Seed of the first scene; scene `i` gets `seed + i`, so that it draws the same episodes
             in a batch of any size, and seeds less than `num_envs` apart have episodes in common. None
@@ -148,6 +150,11 @@ class PushEnv(EnvBase):
         self._bounds = self._scenario.bounds()
         engine = self._simulation.engine
         self._make_engine = find_engine(engine)  # before any work
+        self._robot, self._tool = (
+            find_robot(self._simulation.robot),
+            find_tool(self._simulation.tool),
+        )
+        check_reach(self._robot, self._scenario)
         if self._simulation.sim_freq is None:
             rate = default_sim_freq(engine, self._make_engine)
             self._simulation = replace(self._simulation, sim_freq=rate)
@@ -168,7 +175,14 @@ class PushEnv(EnvBase):
         self._check_tolerance(self._scenario)
         self._set_seed(seed)
         images, movable = self._simulation.depth is not None, self._simulation.dynamic_obstacles
-        specs = make_specs(num_envs, self.device, images, movable, self._simulation.goal)
+        specs = make_specs(
+            num_envs,
+            self.device,
+            len(self._robot.joints),
+            images,
+            movable,
+            self._simulation.goal,
+        )
         for name, spec in specs.items():
             setattr(self, name, spec)
 
@@ -177,18 +191,19 @@ class PushEnv(EnvBase):
         assert config.sim_freq is not None
         camera = None if config.depth is None else find_depth_camera(config.depth)
         spec = SceneSpec(
-            tool=TOOLS[config.tool],
+            robot=self._robot,
+            tool=self._tool,
             objects=tuple(self.pushed_objects.values()),
             sim_freq=config.sim_freq,
             control_freq=config.control_freq,
             dynamic_obstacles=config.dynamic_obstacles,
             rendered=pictures or getattr(camera, "needs_renderer", False),
         )
+        seen = camera, config.arm_in_depth, config.full_circle
         if self.device.type == "cuda":
             from modpush.envs.engines.sapien.cuda_batch import CudaBatch
 
-            return CudaBatch(self.batch_size[0], spec, camera, config.arm_in_depth)
-        seen = camera, config.arm_in_depth, config.full_circle
+            return CudaBatch(self.batch_size[0], spec, *seen)
         return SceneBatch(self.batch_size[0], self._make_engine, spec, *seen)
 
     @property
@@ -202,6 +217,7 @@ class PushEnv(EnvBase):
             raise TypeError(f"PushEnv: scenario must be a ScenarioConfig, got {config!r}.")
         if config is not self._scenario:
             self._check_scenario(config)
+            check_reach(self._robot, config)
         self._scenario = config
 
     def _check_scenario(self, config: ScenarioConfig) -> None:
@@ -250,15 +266,12 @@ class PushEnv(EnvBase):
             check_alone(scenarios=scenarios, seed=seed)
             return self.set_state(state, indices)
         if scenarios is not None:
-            goals = self._simulation, self.yaw_tolerance
-            check_scenarios(scenarios, len(indices), self.bounds, *goals, self.pushed_objects)
+            given = self._tool, self._robot, self._simulation, self.yaw_tolerance
+            check_scenarios(scenarios, len(indices), self.bounds, *given, self.pushed_objects)
         restart_generators(self._rngs, indices, seed)
         if scenarios is None:
-            config = self._simulation
-            scenarios = [
-                sample_scenario(self._rngs[i], self.scenario, tool=config.tool, goal=config.goal)
-                for i in indices
-            ]
+            parts: Any = {"tool": self._tool, "robot": self._robot, "goal": self._simulation.goal}
+            scenarios = [sample_scenario(self._rngs[i], self.scenario, **parts) for i in indices]
         self._batch.start(indices, scenarios)
         self._started = True
         self._step_count[indices] = self._steps_at_goal[indices] = 0
@@ -315,8 +328,18 @@ class PushEnv(EnvBase):
 
     @property
     def simulation(self) -> SimulationConfig:
-        """Engine, tool, goal, camera, rates and ends of episodes; `sim_freq` is never None here."""
+        """Engine, robot, tool, goal, camera, rates and ends; `sim_freq` is never None here."""
         return self._simulation
+
+    @property
+    def robot(self) -> Robot:
+        """The arm."""
+        return self._robot
+
+    @property
+    def tool(self) -> Tool:
+        """The tool of the arm."""
+        return self._tool
 
     @property
     def engine_name(self) -> str:
@@ -330,9 +353,14 @@ class PushEnv(EnvBase):
     @property
     def _state_config(self) -> dict[str, Any]:
         """Settings that a state depends on, besides the objects."""
-        names = ("tool", "sim_freq", "control_freq", "dynamic_obstacles")
+        names = ("sim_freq", "control_freq", "dynamic_obstacles")
         engine = self._batch.engines[0]
-        about = {"device": self.device.type, "engine": f"{engine.name} {engine.version}"}
+        about = {
+            "device": self.device.type,
+            "engine": f"{engine.name} {engine.version}",
+            "robot": self._robot.name,
+            "tool": self._tool.name,
+        }
         return about | {n: getattr(self._simulation, n) for n in names}
 
     @property

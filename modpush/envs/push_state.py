@@ -31,7 +31,7 @@ class PushState:
     rngs: tuple[Mapping[str, Any], ...]
     """State of the random number generator of each scene."""
     config: Mapping[str, Any]
-    """Properties of the environment that a state belongs to: engine, kind of device, tool, movable
+    """Properties of the environment that a state belongs to: engine, kind of device, robot, tool, movable
     obstacles, frequencies."""
     objects: Mapping[str, str]
     """Digest of every object of that environment, by name."""
@@ -103,12 +103,13 @@ def check_state(
         raise TypeError(f"state must be a PushState, got {type(state).__name__}.")
     if len(state.scenes) != count:
         raise ValueError(f"the state holds {len(state.scenes)} scenes, expected {count}.")
-    if dict(state.config) != dict(config):
-        names = sorted(set(state.config) | set(config))
+    given = {"robot": "ur5", **state.config}  # older states know no other
+    if given != dict(config):
+        names = sorted(set(given) | set(config))
         differences = [
-            f"{name}={state.config.get(name)!r} (expected {config.get(name)!r})"
+            f"{name}={given.get(name)!r} (expected {config.get(name)!r})"
             for name in names
-            if state.config.get(name) != config.get(name)
+            if given.get(name) != config.get(name)
         ]
         raise ValueError(f"the state is of an environment with {', '.join(differences)}.")
     for scene in state.scenes:

@@ -1,6 +1,7 @@
 """`SceneBatch`: the scenes of a `PushEnv`, each in an engine of its own."""
 
 import gc
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -13,9 +14,13 @@ from modpush.envs.depth.analytic import AnalyticDepthCamera
 from modpush.envs.depth.base import DepthCamera, DepthCameraFactory
 from modpush.envs.depth.image_memory import ImageMemory
 from modpush.envs.engines.base import CONTACT_KEYS, Engine, EngineFactory, SceneSpec, contact_looks
-from modpush.envs.robot.control import MotionConfig
-from modpush.envs.robot.control_cpu import plan_motion_cpu, start_joints
-from modpush.envs.robot.ur5_2f85 import Tool
+from modpush.envs.robot.control import (
+    MotionConfig,
+    MotionPlanner,
+    PlannedMotion,
+    start_joints,
+)
+from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scene_state import SceneState
 from modpush.envs.scenes.arm_room import check_arm_is_free
 from modpush.envs.scenes.drawing import draw_top_view
@@ -34,7 +39,7 @@ class Measurement(NamedTuple):
     ee_pose: NDArray[np.float64]
     """x, y, yaw of the tool's tip, `[B, 3]` [m, m, rad]."""
     joint_position: NDArray[np.float64]
-    """Angles of the arm's joints, `[B, 6]` [rad]."""
+    """Angles of the arm's joints, `[B, n]` [rad]."""
     contacts: NDArray[np.bool_]
     """The contacts during the last step, `[B, 6]`, in the order of `CONTACT_KEYS`."""
     target_reachable: NDArray[np.bool_]
@@ -85,10 +90,11 @@ class SceneBatch:
         self._camera: DepthCamera = self._analytic
         if depth not in (AnalyticDepthCamera, None):
             self._camera = self._make_camera(depth, arm_in_depth)
-        self._motion = MotionConfig()
-        self._substeps = spec.sim_freq // spec.control_freq
-        self._looks = contact_looks(self._substeps)
+        substeps = spec.sim_freq // spec.control_freq
+        self._planner = MotionPlanner(spec.robot, MotionConfig(), substeps, spec.control_freq)
+        self._looks = contact_looks(substeps)
         self._target, self._ee_pose = np.zeros((num_envs, 3)), np.zeros((num_envs, 3))
+        self._joints = np.tile(spec.robot.home, (num_envs, 1))
         self._flange_height = np.zeros(num_envs)
         self._contacts = [[False] * len(CONTACT_KEYS) for _ in range(num_envs)]
         self._target_reachable = np.ones(num_envs, dtype=bool)
@@ -115,10 +121,13 @@ class SceneBatch:
             self._contacts[i] = [False] * len(CONTACT_KEYS)
             self._target_reachable[i] = True
             self._begin_episode(i, scenario, scenario.tool_pose)
+            if math.cos(self._ee_pose[i, 2] - self._target[i, 2]) < 0:
+                self._target[i, 2] += math.pi  # see `Tool.half_turn`
 
     def _start_joints(self, scenario: Scenario) -> NDArray[np.float32]:
         item = get_object_of(self._spec.objects, scenario.pushed_object)
-        return start_joints(scenario.tool_pose, item.tool_height, self._spec.tool.length)
+        spec = self._spec
+        return start_joints(spec.robot, spec.tool, scenario.tool_pose, item.tool_height)
 
     def _begin_episode(self, i: int, scenario: Scenario, target: Sequence[float]) -> None:
         """Update all that is kept of a scene that has been put into another state."""
@@ -134,42 +143,35 @@ class SceneBatch:
         self._target[i] = target
         self._flange_height[i] = item.tool_height + self._spec.tool.length
         self._ee_pose[i] = planar_poses(self.engines[i].link_transforms(("tip",)))[0]
+        self._joints[i] = self.engines[i].joint_position()
         self._analytic.reset(i)
         if self._camera is not self._analytic:
             self._camera.reset(i)
 
     def step(self, action: Tensor) -> None:
         """Take one control step in all scenes; action `[B, 3]` in [-1, 1]."""
-        self._target, position, velocity, self._target_reachable = self._plan(action)
-        targets = zip(position.tolist(), velocity.tolist(), strict=True)
+        planned = self._plan(action)
+        self._target, self._target_reachable = planned.target, planned.reachable
+        targets = zip(planned.position.tolist(), planned.velocity.tolist(), strict=True)
         self._contacts = [
             engine.advance(angles, rates, self._looks)
             for engine, (angles, rates) in zip(self.engines, targets, strict=True)
         ]
         tips = [engine.link_transforms(("tip",))[0] for engine in self.engines]
         self._ee_pose = planar_poses(tips)
+        joints = [engine.joint_position() for engine in self.engines]
+        self._joints = np.array(joints, dtype=np.float64)
 
-    def _plan(
-        self, action: Tensor
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        return plan_motion_cpu(
-            action.double().numpy(),
-            self._target,
-            self._ee_pose,
-            self._flange_height,
-            self._motion,
-            self._substeps,
-            self._spec.control_freq,
-        )
+    def _plan(self, action: Tensor) -> PlannedMotion:
+        given = self._target, self._ee_pose, self._flange_height, self._joints
+        return self._planner.plan(action.double().numpy(), *given)
 
     def measure(self) -> Measurement:
         """The present state of all scenes."""
         return Measurement(
             object_pose=planar_poses([engine.object_transform() for engine in self.engines]),
             ee_pose=self._ee_pose,
-            joint_position=np.array(
-                [engine.joint_position() for engine in self.engines], dtype=np.float64
-            ),
+            joint_position=self._joints,
             contacts=np.array(self._contacts),
             target_reachable=self._target_reachable,
         )
@@ -191,7 +193,7 @@ class SceneBatch:
         self.engines[index].check_packed(state.physics, scenario)
         self._start_joints(scenario)
         height = get_object_of(self._spec.objects, scenario.pushed_object).tool_height
-        check_arm_is_free("PushEnv.set_state", scenario, height, self.tool.name)
+        check_arm_is_free("PushEnv.set_state", scenario, height, self.tool, self.robot)
 
     def set_state(self, index: int, state: SceneState) -> None:
         """Put one scene into a state. The layout comes first, so that its bodies are there."""
@@ -246,7 +248,7 @@ class SceneBatch:
             measured.object_pose[index].tolist(),
             measured.ee_pose[index].tolist(),
             obstacle_poses=planar_poses(self.obstacle_transforms_of(index)),
-            tool=self.tool.name,
+            tool=self.tool,
             objects={name: get_object_of(self._spec.objects, name)},
             position_tolerance=position_tolerance,
         )
@@ -260,6 +262,11 @@ class SceneBatch:
     def pushed_objects(self) -> Sequence[PushedObject]:
         """See `SceneView`."""
         return self._spec.objects
+
+    @property
+    def robot(self) -> Robot:
+        """See `SceneView`."""
+        return self._spec.robot
 
     @property
     def tool(self) -> Tool:

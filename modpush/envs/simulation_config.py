@@ -1,4 +1,4 @@
-"""`SimulationConfig`: tool, goal, camera, rates, ends of episodes; `set_fields`: fields of configs."""
+"""`SimulationConfig`: robot, tool, goal, camera, rates, ends; `set_fields`: fields of configs."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -9,7 +9,7 @@ from modpush._types import Count, Frequency, Length, YawTolerance
 from modpush._validation import checked
 from modpush.envs.engines.named import ENGINES, check_engine
 from modpush.envs.outcome import GOAL_THRESHOLD, Goal
-from modpush.envs.robot.ur5_2f85 import ToolName
+from modpush.envs.robot.named import check_robot, check_tool
 from modpush.parts import part_module
 
 __all__ = ["SimulationConfig", "set_fields"]
@@ -17,13 +17,17 @@ __all__ = ["SimulationConfig", "set_fields"]
 
 @checked
 class SimulationConfig:
-    """Engine, tool, goal, depth camera, rates and ends of episodes of a `PushEnv`."""
+    """Engine, robot, tool, goal, depth camera, rates and ends of episodes of a `PushEnv`."""
 
     engine: Any = "sapien"
     """Physics engine: `sapien`, `mujoco` (which needs the extra `mujoco`), or your own `Engine` as
     `module:name`, class or function."""
-    tool: ToolName = "2f85"
-    """Tool of the arm: the closed gripper, or the rod of the authors' code."""
+    robot: Any = "ur5"
+    """Arm: `ur3`, `ur5`, `ur5e`, `ur10`, `panda`, or your own `Robot` as `module:name` or object. The
+    `ur3` reaches half a metre and needs a smaller workspace."""
+    tool: Any = "2f85"
+    """Tool of the arm: the closed gripper `2f85`, the `rod` of the authors' code, or your own `Tool` as
+    `module:name` or object."""
     goal: Goal = "position"
     """What an episode asks for: a position of the object's centre (the paper), or a pose of the object,
     at any yaw."""
@@ -61,6 +65,8 @@ class SimulationConfig:
     def __post_init__(self) -> None:
         """Check what depends on several fields, and the parts' names; nothing is imported."""
         check_engine("SimulationConfig", self.engine)
+        check_robot("SimulationConfig", self.robot)
+        check_tool("SimulationConfig", self.tool)
         rate = self.sim_freq
         if rate is None and self.engine in [*ENGINES]:
             rate = ENGINES[self.engine].sim_freq

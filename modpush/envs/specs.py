@@ -20,6 +20,7 @@ ACTION_SIZE = 3
 def make_specs(
     num_envs: int,
     device: torch.device,
+    num_joints: int,
     images: bool,
     dynamic_obstacles: bool,
     goal: Goal = "position",
@@ -29,6 +30,7 @@ def make_specs(
     Args:
         num_envs: Number of scenes, `B`.
         device: Device of the environment.
+        num_joints: Number of joints of the arm.
         images: Whether there are `depth` and `segmentation`.
         dynamic_obstacles: Whether there is `obstacle_displacement`.
         goal: What episodes ask for; with poses there are `goal_pose` and `pose_error`.
@@ -40,7 +42,7 @@ def make_specs(
         "object_pose": 3,
         "goal_position": 2,
         "ee_pose": 3,
-        "joint_position": 6,
+        "joint_position": num_joints,
         "object_radius": 1,
         "object_inscribed_radius": 1,
         "object_symmetry": 1,

@@ -20,7 +20,7 @@ from modpush._arguments import checked_arguments
 from modpush._types import Count, Name, NonNegativeInteger, Several
 from modpush._validation import checked
 from modpush._weights import data_hash
-from modpush.envs.scenes.conditions import EpisodeConditions, ToolName
+from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.evaluation.set_recipes import RECIPES, SetRecipe
@@ -72,7 +72,7 @@ class EvaluationSet:
     """Episode i starts from `scenarios[i]`. Any first part of a set holds its families and objects
     in equal shares."""
     conditions: EpisodeConditions = field(default_factory=EpisodeConditions)
-    """Time limit, tool, physics and map with which every method runs the episodes."""
+    """Time limit, robot, tool, physics and map with which every method runs the episodes."""
     version: Count = SET_VERSION
     digest: str = ""
     """Hash of all episodes of the set that this is the first part of; computed if not given."""
@@ -115,7 +115,7 @@ class EvaluationSet:
         return replace(self, scenarios=self.scenarios[:count])
 
     @checked_arguments
-    def with_tool(self, tool: ToolName) -> "EvaluationSet":
+    def with_tool(self, tool: Name) -> "EvaluationSet":
         """The same episodes, run with another tool than the set's: its name then ends with `+<tool>`.
 
         Starts and layouts stay as they were drawn, for the set's own tool.
@@ -126,7 +126,22 @@ class EvaluationSet:
         if tool == self.conditions.tool:
             return self
         conditions = replace(self.conditions, tool=tool)
-        return replace(self, name=f"{self.name}+{tool}", conditions=conditions)
+        return replace(self, name=f"{self.name}+{tool.rpartition(':')[2]}", conditions=conditions)
+
+    @checked_arguments
+    def with_robot(self, robot: Name) -> "EvaluationSet":
+        """The same episodes, run with another arm: its name then ends with `+<robot>`.
+
+        Starts and layouts stay as they were drawn, for the UR5; an arm that does not reach a start is
+        refused there.
+
+        Raises:
+            ValueError: If there is no such robot.
+        """
+        if robot == self.conditions.robot:
+            return self
+        conditions = replace(self.conditions, robot=robot)
+        return replace(self, name=f"{self.name}+{robot.rpartition(':')[2]}", conditions=conditions)
 
     @checked_arguments
     def with_engine(self, engine: Name) -> "EvaluationSet":

@@ -78,7 +78,7 @@ _MEANINGS = {
     "path_ahead": "points of the planned path after `planning.subgoals.ahead` [m] along it, also beyond "
     "corners and not past its end, (x, y) [m], base frame",
     "path_length": "length of the planned path from object to goal [m]",
-    "joint_position": "joints of the UR5, shoulder pan to third wrist joint [rad]",
+    "joint_position": "joints of the arm, from base to flange [rad]",
     "object_contact": "whether the tool touches the object",
     "object_radius": "radius of the circle around the object's footprint [m]",
     "object_inscribed_radius": "radius of the circle inside the object's footprint [m]",

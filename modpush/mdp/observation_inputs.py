@@ -23,7 +23,6 @@ _LAST = {
     "goal_pose": (3,),
     "pose_error": (2,),
     "ee_pose": (3,),
-    "joint_position": (6,),
     "object_radius": (1,),
     "object_symmetry": (1,),
     "path_length": (1,),
@@ -185,7 +184,7 @@ class ObservationInputs:
 
     @property
     def joint_position(self) -> Tensor:
-        """Angles of the arm's joints, `[..., 6]` [rad]."""
+        """Angles of the arm's joints, `[..., n]` [rad]."""
         return self._read("joint_position")
 
     @property

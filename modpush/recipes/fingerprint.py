@@ -10,6 +10,7 @@ from modpush.mdp.observation_layout import fingerprint_differences as observatio
 
 __all__ = ["describe_transforms", "environment_fingerprint", "fingerprint_differences"]
 
+_FIRST_ROBOT = "ur5"  # the only one that older files know, which do not tell it
 _SEEN_BY_POLICY = ("observation", "action_frame", "subgoals", "window", "encoder", "reward")
 
 
@@ -38,14 +39,16 @@ def environment_fingerprint(env: EnvBase) -> dict[str, Any]:
             out.
 
     Returns:
-        Plain data, ready for JSON: `engine`, `observation` (frame, and name, columns, scale and shift
-        of each entry), `action_frame`, `subgoals` (without the planner), `window`, `encoder` (class and
-        hash of its weights) and `reward`.
+        Plain data, ready for JSON: `engine`, `robot`, `observation` (frame, and name, columns, scale and
+        shift of each entry), `action_frame`, `subgoals` (without the planner), `window`, `encoder` (class
+        and hash of its weights) and `reward`.
     """
     described = describe_transforms(env)
     found = {name: described[name] for name in _SEEN_BY_POLICY if name in described}
     if engine := getattr(env, "engine_name", None):
         found = {"engine": engine, **found}
+    if robot := getattr(env, "robot", None):
+        found = {"robot": robot.name, **found}
     if "subgoals" in found:  # a policy may follow the paths of another planner
         found["subgoals"] = {k: v for k, v in found["subgoals"].items() if k != "planner"}
     return found
@@ -54,14 +57,16 @@ def environment_fingerprint(env: EnvBase) -> dict[str, Any]:
 def fingerprint_differences(stored: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     """The differences of two fingerprints, in words; empty where there are none.
 
-    The engine may be another one: a policy sees the same entries in every engine.
+    The engine may be another one: a policy sees the same entries in every engine. So may the robot,
+    unless the policy observes the angles of its joints.
     Of settings that both have under a name, those that one of them does not know are not compared: an
     older file does not know them all.
     """
     found = []
+    stored, now = ({"robot": _FIRST_ROBOT, **one} for one in (stored, now))
     for name in dict.fromkeys((*stored, *now)):
         a, b = stored.get(name), now.get(name)
-        if name == "engine":
+        if name == "engine" or (name == "robot" and not _observes_joints(stored)):
             continue
         if name == "observation" and a is not None and b is not None:
             try:
@@ -77,3 +82,10 @@ def fingerprint_differences(stored: Mapping[str, Any], now: Mapping[str, Any]) -
         if a != b:
             found.append(f"{name}: trained with {a!r}, this environment has {b!r}")
     return found
+
+
+def _observes_joints(fingerprint: Mapping[str, Any]) -> bool:
+    try:
+        return "joint_position" in [e["name"] for e in fingerprint["observation"]["entries"]]
+    except (LookupError, TypeError):  # a file may hold anything
+        return False

@@ -20,6 +20,7 @@ from modpush.encoders.window import METRES_PER_PIXEL
 from modpush.encoders.window_bytes import WindowBytes
 from modpush.encoders.window_transform import EgocentricWindow
 from modpush.envs.push_env import PushEnv
+from modpush.envs.robot.robot import Robot
 from modpush.envs.scenes.scenario import ScenarioConfig
 from modpush.mdp.action_frame import ActionFrame
 from modpush.mdp.blank_latent import latent_entry
@@ -46,6 +47,8 @@ ENV_PARTS = (
     "pushed_object",
     "depth",
     "engine",
+    "robot",
+    "tool",
     "entries",
     "reward_terms",
 )
@@ -103,8 +106,8 @@ def make_push_env(
         seed: Seed of the first scene, see `PushEnv`.
         device: Device of the environment, see `PushEnv`.
         **fields: Fields of the config to set differently, also those of its `scenario` and `simulation`
-            (`num_envs=2`, `scene="slot"`, `tool="rod"`, ...; scenes, objects, engine and depth camera
-            also as objects of your own).
+            (`num_envs=2`, `scene="slot"`, `tool="rod"`, ...; scenes, objects, engine, robot,
+            tool and depth camera also as objects of your own).
 
     Raises:
         TypeError: If an argument is neither this function's nor a field of the config.
@@ -130,7 +133,7 @@ def make_push_env(
         device=device,
     )
     module = _make_encoder(config, encoder)
-    described = _entries(config, entries, module)
+    described = _entries(config, entries, module, base.robot)
     observations = (PushObservation, MirroredObservation) if mirrored else (PushObservation,)
     transforms: list[Transform] = [
         InitTracker(),
@@ -222,8 +225,9 @@ def _entries(
     config: PushEnvConfig,
     given: Sequence[EntryLike | tuple[str, EntryLike]] | None,
     encoder: nn.Module | None,
+    robot: Robot,
 ) -> dict[str, Entry]:
-    """The observation's entries, the latent relative to that of an empty window.
+    """The observation's entries, the latent relative to that of an empty window and joints to home.
 
     Without an encoder the config's have no latent.
     """
@@ -231,6 +235,9 @@ def _entries(
     entries = resolve_entries(config.frame, chosen, leave_out=config.leave_out, add=config.add)
     if encoder is not None and entries.get("latent") is ENTRIES["latent"]:
         entries["latent"] = latent_entry(encoder)
+    joints = ENTRIES["joint_position"]
+    if entries.get("joint_position") is joints and robot.home != joints.shift:
+        entries["joint_position"] = Entry(joints.read, shift=robot.home)
     if encoder is None and given is None:
         entries.pop("latent", None)
     return entries

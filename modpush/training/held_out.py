@@ -47,6 +47,7 @@ def held_out_scenarios(
             np.random.default_rng([_HELD_OUT_SEED, n]),
             replace(base, scene=families[n % len(families)]),
             tool=config.env.simulation.tool,
+            robot=config.env.simulation.robot,
             goal=config.env.simulation.goal,
         )
         for n in range(config.evaluation_episodes)

@@ -10,6 +10,7 @@ from modpush._types import Fraction, Name, NonNegativeInteger, Several
 from modpush._validation import checked
 from modpush.envs.engines.named import check_engine
 from modpush.envs.outcome import Goal
+from modpush.envs.robot.named import check_robot
 from modpush.envs.scenes.layouts import ALL_SCENES
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.parts import part_module
@@ -41,6 +42,9 @@ class PlayConfig:
     engine: Name | None = None
     """Physics engine: `sapien`, `mujoco`, or `module:name`; by default that in which an agent was
     trained, and SAPIEN for other policies."""
+    robot: Name | None = None
+    """Arm: its name, or `module:name`; by default that with which an agent was trained, and the UR5 for
+    other policies."""
     seed: NonNegativeInteger = 0
     """Seed of the first episode; in a replay, the number of the episode."""
     replay: Annotated[
@@ -65,6 +69,8 @@ class PlayConfig:
         """Check the names."""
         if self.engine is not None:
             check_engine("PlayConfig", self.engine)
+        if self.robot is not None:
+            check_robot("PlayConfig", self.robot)
         for name, value, known in (
             ("scene", self.scene, ALL_SCENES),
             ("pushed_object", self.pushed_object, {*OBJECTS}),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from modpush._validation import check_value
 from modpush.envs.outcome import is_at_goal, is_out_of_bounds
-from modpush.envs.robot.ur5_2f85 import TOOLS
+from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scenes.arm_room import arm_reach, check_arm_is_free
 from modpush.envs.scenes.layouts import BAR_SECTION, CUBE_SIDE
 from modpush.envs.scenes.objects import get_object
@@ -37,7 +37,6 @@ OBSTACLE_SIZES: dict[ObstacleKind, tuple[float, float, float]] = {
 }
 """Length, width and height of the obstacles that can be added [m]."""
 
-_TIP_RADIUS = math.hypot(*TOOLS["2f85"].tip_half_extents)
 _NEW_CLEARANCE = 0.04  # around a new obstacle [m]
 
 
@@ -114,7 +113,10 @@ def _get(scenario: Scenario, index: int) -> Obstacle:
 
 
 def add_obstacle(
-    scenario: Scenario, kind: ObstacleKind, keep_free: Sequence[tuple[Sequence[float], float]]
+    scenario: Scenario,
+    kind: ObstacleKind,
+    keep_free: Sequence[tuple[Sequence[float], float]],
+    robot: Robot,
 ) -> Scenario:
     """One more obstacle, at the free place nearest to the middle of the way to the goal.
 
@@ -122,6 +124,7 @@ def add_obstacle(
         scenario: The scene; its object pose and goal say where the way is.
         kind: Which obstacle.
         keep_free: Further circles that it must not touch, centre (x, y) and radius [m].
+        robot: The arm, which needs room around its base.
 
     Raises:
         ValueError: If there is no such kind, or the scene is full.
@@ -138,7 +141,7 @@ def add_obstacle(
     circles = [
         (scenario.object_pose[:2], object_radius),
         (scenario.goal_position, object_radius),
-        ((0.0, 0.0), arm_reach(size[2]) - _NEW_CLEARANCE),
+        (robot.base[:2], arm_reach(robot, size[2]) - _NEW_CLEARANCE),
         *keep_free,
     ]
     centers = np.array([center[:2] for center, _ in circles])
@@ -162,7 +165,11 @@ def _nearest(places: NDArray[np.float64], wanted: NDArray[np.float64]) -> tuple[
 
 
 def check_scene(
-    scenario: Scenario, object_pose: Sequence[float], tool_pose: Sequence[float]
+    scenario: Scenario,
+    object_pose: Sequence[float],
+    tool_pose: Sequence[float],
+    robot: Robot,
+    tool: Tool,
 ) -> None:
     """Refuse a scene in which no episode can continue.
 
@@ -170,6 +177,8 @@ def check_scene(
         scenario: The scene after a change.
         object_pose: Where the object is [m, m, rad].
         tool_pose: Where the tool's tip is [m, m, rad].
+        robot: The arm.
+        tool: Its tool.
 
     Raises:
         ValueError: If an obstacle stands where object or tool are or where the arm's shoulder turns, or
@@ -186,8 +195,8 @@ def check_scene(
     points = np.array([object_pose[:2], tool_pose[:2]])
     distance = obstacle_distance(points, scenario.obstacles)
     for what, gap, least in zip(
-        ("object", "tool"), distance, (item.radius, _TIP_RADIUS), strict=True
+        ("object", "tool"), distance, (item.radius, math.hypot(*tool.tip_half_extents)), strict=True
     ):
         if gap < least:
             raise ValueError(f"An obstacle cannot stand where the {what} is.")
-    check_arm_is_free("An obstacle cannot stand there", scenario, item.tool_height, "2f85")
+    check_arm_is_free("An obstacle cannot stand there", scenario, item.tool_height, tool, robot)

@@ -14,6 +14,8 @@ from torchrl.envs.utils import ExplorationType, step_mdp
 from modpush.encoders.base import as_floats
 from modpush.encoders.encode import Encode
 from modpush.encoders.vae.model import DepthVAE
+from modpush.envs.push_env import PushEnv
+from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.episodes import Policy
 
@@ -34,7 +36,11 @@ class Snapshot:
     ee_pose: tuple[float, float, float]
     """x, y, yaw of the tool's tip."""
     joint_position: NDArray[np.float64]
-    """Angles of the arm's joints, `[6]`."""
+    """Angles of the arm's joints, `[n]`."""
+    robot: Robot
+    """The arm."""
+    tool: Tool
+    """Its tool."""
     step: int
     """Number of control steps since the episode began or the scene was changed."""
     flags: Mapping[str, bool]
@@ -99,6 +105,8 @@ class PolicyLane:
         self._path_key, self._target_key = path_key, target_key
         self._vae = _autoencoder(env)
         self._step = 0
+        simulator: PushEnv = getattr(env, "base_env", env)
+        self._robot, self._tool = simulator.robot, simulator.tool
 
     def start(self, scenario: Scenario, number: int = 0) -> Snapshot:
         """Start an episode."""
@@ -130,6 +138,8 @@ class PolicyLane:
             object_pose=(x, y, yaw),
             ee_pose=(tool_x, tool_y, tool_yaw),
             joint_position=now["joint_position"][0].double().numpy(),
+            robot=self._robot,
+            tool=self._tool,
             step=self._step,
             flags={key: bool(now[key].item()) for key in FLAGS},
             ended=bool(now["done"].item()),

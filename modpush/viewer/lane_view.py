@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from modpush.envs.outcome import GOAL_THRESHOLD
-from modpush.envs.robot.ur5_2f85 import LINKS, TOOLS
 from modpush.envs.scenes.drawing import COLORS
 from modpush.envs.scenes.objects import get_object
 from modpush.envs.scenes.rectangles import obstacle_distance
@@ -19,7 +18,7 @@ from modpush.geometry.shapes import Primitive, box, cylinder
 from modpush.geometry.workspace import WORKSPACE
 from modpush.viewer.dragging import make_draggable
 from modpush.viewer.lane import Snapshot
-from modpush.viewer.meshes import link_transforms, primitive_mesh
+from modpush.viewer.meshes import primitive_mesh
 from modpush.viewer.overlays import Overlays, map_picture, path_segments
 from modpush.viewer.panel import assign
 from modpush.viewer.session import Session
@@ -71,10 +70,7 @@ class LaneView:
         corners = np.column_stack([WORKSPACE.corners(), np.full(4, 0.001)])
         edges = np.stack([corners, np.roll(corners, -1, axis=0)], 1)
         self._scene.add_line_segments(f"{root}/workspace", edges, (190, 182, 170), thickness=0.003)
-        self._links = [
-            self._body(f"arm/{i}", shapes)
-            for i, shapes in enumerate([*(link.shapes for link in LINKS), TOOLS["2f85"].shapes])
-        ]
+        self._links: list[Any] = []
         self._goal: Any = None
         self._object: Any = None
         self._obstacles: list[Any] = []
@@ -163,9 +159,13 @@ class LaneView:
         if before is not shown.scenario:
             self._rebuild(before, shown.scenario)
         item = get_object(shown.scenario.pushed_object)
-        for frame, transform in zip(
-            self._links, link_transforms(shown.joint_position), strict=True
+        if self._shown is None or (self._shown.robot, self._shown.tool) != (
+            shown.robot,
+            shown.tool,
         ):
+            self._rebuild_arm(shown)
+        transforms = shown.robot.link_transforms(shown.joint_position)
+        for frame, transform in zip(self._links, transforms, strict=True):
             _place_matrix(frame, transform)
         _place(self._object, *shown.object_pose[:2], item.height / 2, shown.object_pose[2])
         _place(self._goal, *shown.scenario.goal_position, 0.0, shown.scenario.goal_yaw or 0.0)
@@ -178,6 +178,12 @@ class LaneView:
             assign(handle, "color", tuple(round(255 * c) for c in color))
         self._update_overlays(shown, overlays, name)
         self._shown = shown
+
+    def _rebuild_arm(self, shown: Snapshot) -> None:
+        for handle in self._links:
+            handle.remove()
+        shapes = [*(link.shapes for link in shown.robot.links), shown.tool.shapes]
+        self._links = [self._body(f"arm/{i}", parts) for i, parts in enumerate(shapes)]
 
     def _rebuild(self, before: Scenario | None, now: Scenario) -> None:
         """Make the bodies that a scenario has and the one before had not."""

@@ -1,16 +1,14 @@
-"""Triangle meshes of the primitives that physics uses, and transforms of the arm's links."""
+"""Triangle meshes of the primitives that physics uses."""
 
 import math
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
-from modpush.envs.robot.kinematics import DH_A, DH_ALPHA, DH_D
 from modpush.geometry.footprint import outline_of
-from modpush.geometry.shapes import Primitive, rpy_matrix
+from modpush.geometry.shapes import Primitive
 
-__all__ = ["link_transforms", "primitive_mesh"]
+__all__ = ["primitive_mesh"]
 
 _NUM_ARC = 32  # corners of a circle
 _NUM_CAP = 6  # rings of half a sphere
@@ -30,29 +28,3 @@ def primitive_mesh(part: Primitive) -> trimesh.Trimesh:
         [np.column_stack([scale * outline, np.full(len(outline), z)]) for z, scale in rings]
     )
     return trimesh.convex.convex_hull(points @ part.rotation().T + np.array(part.position))
-
-
-def link_transforms(joint_position: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Transforms of the arm's links and its tool.
-
-    Args:
-        joint_position: Angles of the six joints, `[6]` [rad].
-
-    Returns:
-        `[8, 4, 4]`, link to base, in the order of `LINKS`, then the tool's.
-    """
-    transform = np.eye(4)
-    found = [transform]
-    for i, angle in enumerate([*joint_position, 0.0]):  # the flange does not turn by itself
-        previous = np.eye(4)
-        if i > 0:
-            previous[:3, :3] = rpy_matrix((DH_ALPHA[i - 1], 0.0, 0.0))
-            previous[:3, 3] = DH_A[i - 1], 0.0, DH_D[i - 1]
-        turn = np.eye(4)
-        turn[:2, :2] = [
-            [math.cos(angle), -math.sin(angle)],
-            [math.sin(angle), math.cos(angle)],
-        ]
-        transform = transform @ previous @ turn
-        found.append(transform)
-    return np.stack(found)

@@ -31,22 +31,23 @@ def make_lane(policy: str, config: PlayConfig | None = None) -> PolicyLane:
 
     Args:
         policy: One of `POLICIES`, or what `load_agent` takes.
-        config: Engine, goal, and modules from which an agent's file may import its author's own parts.
+        config: Robot, engine, goal, and modules from which an agent's file may import its author's own
+            parts.
 
     Raises:
         ValueError: If there is no such policy, the file is not an agent, or names modules that are not
             allowed.
     """
     config = config or PlayConfig()
-    engine, allow = config.engine, config.allow
+    allow = config.allow
     options: dict[str, Any] = {
         "pushed_object": tuple(OBJECTS),
         "max_waypoints": _MAX_WAYPOINTS,
         "max_episode_steps": None,
         "keep_images": True,
-        **({} if engine is None else {"engine": engine}),
         **({} if config.goal == "position" else {"goal": config.goal}),
     }
+    options |= {k: v for k in ("engine", "robot") if (v := getattr(config, k)) is not None}
     if policy not in POLICIES or policy == "agent":
         agent = _load(policy, allow)
         name = policy if policy == "agent" else Path(policy).stem

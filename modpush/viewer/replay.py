@@ -5,13 +5,11 @@ from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from modpush._arguments import checked_arguments
 from modpush.envs.outcome import is_at_goal, is_out_of_bounds
-from modpush.envs.robot.kinematics import planar_inverse_kinematics
-from modpush.envs.robot.ur5_2f85 import TOOLS
+from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.scenes.objects import get_object
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.results import SET_FILE, load_trajectory
@@ -53,6 +51,8 @@ class ReplayLane:
         """The episodes that were evaluated."""
         if not own.exists() and self.set.digest != facts["episodes"]:
             raise ValueError(f"ReplayLane: {self.folder} is of other episodes than {facts['set']}.")
+        conditions = self.set.conditions
+        self._robot, self._tool = find_robot(conditions.robot), find_tool(conditions.tool)
         self.name = f"{_policy_name(self.folder, facts['set'])}, {facts['set']}"
         self.numbers = sorted(int(p.stem) for p in self.folder.glob("trajectories/*.npz"))
         """Numbers of the stored episodes."""
@@ -70,7 +70,8 @@ class ReplayLane:
         self._scenario, self._step = scenario, 0
         self._course = load_trajectory(self.folder, number)
         item = get_object(scenario.pushed_object)
-        self._flange_height = item.tool_height + TOOLS["2f85"].length
+        self._tip_height = item.tool_height
+        self._joints = np.array([self._robot.home])
         return self._snapshot()
 
     def step(self) -> Snapshot:
@@ -82,9 +83,10 @@ class ReplayLane:
         k, course = self._step, self._course
         x, y, yaw = course.object_pose[k].tolist()
         tool_x, tool_y, tool_yaw = course.ee_pose[k].tolist()
-        joints, _ = planar_inverse_kinematics(
-            torch.tensor([tool_x, tool_y, tool_yaw]).double(), self._flange_height
-        )
+        base_x, base_y, base_z = self._robot.base
+        flange = self._tip_height + self._tool.length - base_z
+        pose = np.array([[tool_x - base_x, tool_y - base_y, flange, tool_yaw]])
+        self._joints = self._robot.inverse(pose, self._joints)[0]
         last = k == len(course.contacts)
         position, goal = np.array([[x, y]]), np.array([self._scenario.goal_position])
         at_goal = bool(is_at_goal(position, goal)[0])
@@ -95,7 +97,9 @@ class ReplayLane:
             scenario=self._scenario,
             object_pose=(x, y, yaw),
             ee_pose=(tool_x, tool_y, tool_yaw),
-            joint_position=joints.numpy(),
+            joint_position=self._joints[0],
+            robot=self._robot,
+            tool=self._tool,
             step=k,
             flags=dict(zip(FLAGS, [*touched, at_goal, outside], strict=True)),
             ended=last,

@@ -188,6 +188,7 @@ class Session:
                 # Through the passages of these families only the inscribed circle fits.
                 path_inflation="inscribed" if self.scene in TIGHT_SCENES else None,
             ),
+            robot=self.config.robot or "ur5",
             goal=self.config.goal,
         )
 
@@ -282,7 +283,9 @@ class Session:
         poses = [pose for shown in self.snapshots for pose in (shown.object_pose, shown.ee_pose)]
         first = self.snapshots[0]
         here = edits.continue_from(first.scenario, first.object_pose, first.ee_pose)
-        added = edits.add_obstacle(here, kind, [(pose, 0.05) for pose in poses]).obstacles
+        added = edits.add_obstacle(
+            here, kind, [(pose, 0.05) for pose in poses], first.robot
+        ).obstacles
         self._change(lambda scenario: replace(scenario, obstacles=added))
 
     @checked_arguments
@@ -297,7 +300,7 @@ class Session:
         for shown in self.snapshots:
             poses = shown.object_pose, shown.ee_pose
             changed.append(edits.continue_from(edit(shown.scenario), *poses))
-            edits.check_scene(changed[-1], *poses)
+            edits.check_scene(changed[-1], *poses, shown.robot, shown.tool)
         self._start(changed, self.seed)
 
     def _refuse_in_replay(self) -> None:

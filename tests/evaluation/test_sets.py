@@ -219,7 +219,7 @@ def test_a_truncated_file_is_refused(tmp_path: Path) -> None:
         ),
         (
             {"name": "mine", "conditions": {"tool": "spoon"}, "episodes": []},
-            "EpisodeConditions: tool: Input should be .*got 'spoon'",
+            "EpisodeConditions: tool must be one of .*got 'spoon'",
         ),
         (
             {"name": "../mine", "conditions": {}, "episodes": []},

@@ -74,3 +74,7 @@ def test_every_example_of_a_part_is_tested_and_short() -> None:
     assert {script.stem for script in scripts} <= tested
     for script in scripts:
         assert len(script.read_text().splitlines()) < 80, script.name
+
+
+def test_robot() -> None:
+    assert load_example("extending.robot").main(4) == 1.0

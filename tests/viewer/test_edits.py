@@ -7,10 +7,14 @@ import numpy as np
 import pytest
 
 from modpush.envs import Obstacle, Scenario
+from modpush.envs.robot.named import ROBOTS
+from modpush.envs.robot.tools import TOOLS
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES
 from modpush.envs.scenes.rectangles import obstacle_distance
 from modpush.viewer import edits
 
+UR5 = ROBOTS["ur5"]
+ARM = (UR5, TOOLS["2f85"])
 CUBE = Obstacle((0.05, 0.05, 0.05), (0.5, 0.0, 0.3))
 SCENE = Scenario(
     scene="free",
@@ -51,7 +55,7 @@ def test_an_added_obstacle_touches_nothing(kind) -> None:
     scene = SCENE
     for _ in range(4):
         tool = (scene.tool_pose, 0.05)
-        scene = edits.add_obstacle(scene, kind, [tool])
+        scene = edits.add_obstacle(scene, kind, [tool], UR5)
         new = scene.obstacles[-1]
         assert new.size == edits.OBSTACLE_SIZES[kind]
         points = np.array([scene.object_pose[:2], scene.goal_position, scene.tool_pose[:2]])
@@ -64,20 +68,20 @@ def test_an_added_obstacle_touches_nothing(kind) -> None:
 def test_a_full_scene_takes_no_more_obstacles() -> None:
     full = replace(SCENE, obstacles=(CUBE,) * MAX_OBSTACLES)
     with pytest.raises(ValueError, match=f"at most {MAX_OBSTACLES} obstacles"):
-        edits.add_obstacle(full, "cube", [])
+        edits.add_obstacle(full, "cube", [], UR5)
 
 
 def test_a_scene_that_cannot_go_on_is_refused() -> None:
     free, far = (0.4, 0.2, 0.0), (0.3, 0.2, 0.0)
-    edits.check_scene(SCENE, free, far)
+    edits.check_scene(SCENE, free, far, *ARM)
     with pytest.raises(ValueError, match="where the object is"):
-        edits.check_scene(SCENE, (0.5, 0.05, 0.0), far)
+        edits.check_scene(SCENE, (0.5, 0.05, 0.0), far, *ARM)
     with pytest.raises(ValueError, match="where the tool is"):
-        edits.check_scene(SCENE, free, (0.5, 0.05, 0.0))
+        edits.check_scene(SCENE, free, (0.5, 0.05, 0.0), *ARM)
     with pytest.raises(ValueError, match="at the goal"):
-        edits.check_scene(SCENE, (0.4, -0.16, 0.0), far)
+        edits.check_scene(SCENE, (0.4, -0.16, 0.0), far, *ARM)
     with pytest.raises(ValueError, match="out of bounds"):
-        edits.check_scene(SCENE, (0.4, 0.41, 0.0), far)
+        edits.check_scene(SCENE, (0.4, 0.41, 0.0), far, *ARM)
 
 
 def test_an_obstacle_is_refused_where_the_arm_s_shoulder_turns() -> None:
@@ -85,7 +89,7 @@ def test_an_obstacle_is_refused_where_the_arm_s_shoulder_turns() -> None:
     with pytest.raises(
         ValueError, match=r"cannot stand there: expected obstacles .* at least 0.200 m"
     ):
-        edits.check_scene(moved, moved.object_pose, moved.tool_pose)
+        edits.check_scene(moved, moved.object_pose, moved.tool_pose, *ARM)
     near = replace(SCENE, object_pose=(0.2, 0.1, 0.0), goal_position=(0.2, -0.1), obstacles=())
-    (added,) = edits.add_obstacle(near, "cube", []).obstacles
+    (added,) = edits.add_obstacle(near, "cube", [], UR5).obstacles
     assert obstacle_distance(np.zeros(2), [added]) >= 0.20

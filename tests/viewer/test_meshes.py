@@ -6,9 +6,10 @@ from scipy.spatial.transform import Rotation
 
 from modpush.envs import OBJECTS, Obstacle
 from modpush.envs.engines.sapien.obstacle_bodies import obstacle_part
-from modpush.envs.robot.ur5_2f85 import LINKS, TOOLS
+from modpush.envs.robot.named import ROBOTS
+from modpush.envs.robot.tools import TOOLS
 from modpush.geometry import box, capsule, cylinder, prism
-from modpush.viewer.meshes import link_transforms, primitive_mesh
+from modpush.viewer.meshes import primitive_mesh
 
 TRIANGLE = ((0.0, 0.0), (0.3, 0.0), (0.0, 0.2))
 
@@ -36,15 +37,15 @@ def test_a_mesh_is_turned_and_placed_as_its_primitive() -> None:
     assert vertices.max(0) == pytest.approx([1.3, 2.1, 3.1])
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_the_links_are_where_physics_has_them(seed) -> None:
+@pytest.mark.parametrize(("robot", "seed"), [("ur5", 0), ("ur5", 1), ("ur10", 2)])
+def test_the_links_are_where_physics_has_them(robot, seed) -> None:
     from modpush.envs import PushEnv
 
-    env = PushEnv(1, depth=None, seed=seed)
+    env = PushEnv(1, depth=None, seed=seed, robot=robot)
     td = env.reset()
-    names = [*(link.name for link in LINKS), "tool"]
+    names = [*(link.name for link in ROBOTS[robot].links), "tool"]
     physics = env._batch.link_transforms_of(0, names)
-    found = link_transforms(td["joint_position"][0].numpy())
+    found = ROBOTS[robot].link_transforms(td["joint_position"][0].numpy())
     for transform, row in zip(found, physics, strict=True):
         assert transform[:3, 3] == pytest.approx(row[:3], abs=2e-6)
         rotation = Rotation.from_quat(row[3:], scalar_first=True).as_matrix()

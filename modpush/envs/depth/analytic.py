@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from modpush.envs.depth.base import DepthCamera, SceneView
 from modpush.envs.depth.raycast import blank_image, cast_pixels, draw, warmup
 from modpush.envs.depth.solids import Solids
-from modpush.envs.robot.ur5_2f85 import LINKS
 from modpush.geometry.camera import CAMERA
 from modpush.geometry.labels import Label
 from modpush.geometry.shapes import box
@@ -34,7 +33,9 @@ class AnalyticDepthCamera(DepthCamera):
         self._background = [blank_image() for _ in range(scenes.num_envs)]
         self._fixed: list[list[Placed]] = [[] for _ in range(scenes.num_envs)]
         if arm_in_depth:
-            shapes = {link.name: link.shapes for link in LINKS} | {"tool": scenes.tool.shapes}
+            shapes = {link.name: link.shapes for link in scenes.robot.links} | {
+                "tool": scenes.tool.shapes
+            }
             self._link_names = tuple(shapes)
             self._robot = Solids.of(part for parts in shapes.values() for part in parts)
             counts = [len(parts) for parts in shapes.values()]

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush.envs.robot.ur5_2f85 import Tool
+from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.scenario import Scenario
 
@@ -32,6 +32,10 @@ class SceneView(Protocol):
     @property
     def pushed_objects(self) -> Sequence[PushedObject]:
         """The objects that may be pushed in these scenes."""
+
+    @property
+    def robot(self) -> Robot:
+        """The arm."""
 
     @property
     def tool(self) -> Tool:

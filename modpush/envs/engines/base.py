@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush.envs.robot.ur5_2f85 import Tool
+from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.scenario import Scenario
 
@@ -39,6 +39,8 @@ def contact_looks(num_substeps: int) -> frozenset[int]:
 class SceneSpec:
     """The properties of a scene that are the same in all of its episodes."""
 
+    robot: Robot
+    """Arm."""
     tool: Tool
     """Tool of the arm."""
     objects: tuple[PushedObject, ...]
@@ -56,10 +58,10 @@ class SceneSpec:
 class Engine(ABC):
     """One scene in a physics engine. Implement all methods to run the library on another engine.
 
-    Gains, frictions, masses and the contact gap are those of `modpush.envs.robot.physics`, links and
-    tools those of `modpush.envs.robot.ur5_2f85`. A transform is a position [m] and a quaternion
-    (w, x, y, z) in the robot's base frame. Two scenes that were loaded with the same scenario and get the
-    same targets behave alike to the last bit, whatever happened in them before.
+    Frictions, masses of obstacles and the contact gap are those of `modpush.envs.robot.physics`, links
+    and drives those of the robot, which stands at `Robot.base`. A transform is a position [m] and a
+    quaternion (w, x, y, z) in the robot's base frame. Two scenes that were loaded with the same scenario
+    and get the same targets behave alike to the last bit, whatever happened in them before.
     """
 
     name: ClassVar[str]
@@ -114,7 +116,7 @@ class Engine(ABC):
 
     @abstractmethod
     def link_transforms(self, names: Sequence[str]) -> Sequence[Sequence[float]]:
-        """Transforms of links of the arm; beside `LINKS` there are `tool` and `tip`."""
+        """Transforms of links of the arm; beside the robot's there are `tool` and `tip`."""
 
     @abstractmethod
     def gaps(self) -> dict[str, float]:

@@ -1,1 +1,1 @@
-"""The UR5 with its tools: shapes, kinematics and control. Needs no simulator."""
+"""Robots and tools as data, their kinematics and control. Needs no simulator."""

@@ -1,23 +1,26 @@
-"""From a planar action to joint targets, for a batch of arms and without a simulator."""
+"""From a planar action to joint targets, for a batch of arms and without a simulator.
 
-from typing import Annotated, NamedTuple
+The loops over scenes, knots and substeps are compiled: a hundred operations on a few numbers would each
+cost 5 microseconds in torch.
+"""
 
-import torch
+import math
+from collections.abc import Sequence
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
 from annotated_types import Le
-from torch import Tensor
+from numpy.typing import NDArray
 
+from modpush._kernels import njit
 from modpush._types import Count, Length, Point, Positive
 from modpush._validation import checked
-from modpush.envs.robot.kinematics import planar_inverse_kinematics
-from modpush.geometry.angles import wrap_angle
+from modpush.envs.robot.robot import Robot, Tool
 
-__all__ = [
-    "MotionConfig",
-    "PlannedMotion",
-    "clamp_to_workspace",
-    "plan_motion",
-    "ramp",
-]
+_DRAWN = 50  # solutions at an episode's start
+_LARGEST_STEP = 0.5  # of a joint from one knot to the next [rad]; a UR5's are below 0.1
+
+__all__ = ["MotionConfig", "MotionPlanner", "PlannedMotion", "start_joints"]
 
 
 @checked
@@ -37,21 +40,12 @@ class MotionConfig:
     """Lower corner (x, y) of the tool's workspace, 12 cm outside the objects' workspace [m]."""
     high: Point = (0.87, 0.47)
     """Upper corner (x, y) of the tool's workspace [m]."""
-    min_radius: Length = 0.16
-    """Least distance of the tool from the robot's axis [m]."""
-    max_radius: Length = 0.885
-    """Largest distance of the tool from the robot's axis [m]."""
     num_knots: Annotated[Count, Le(1000)] = 4
     """Number of inverse kinematics solutions per control step; joint targets are interpolated between
     them. With one jump per step the tip would knock the object ahead instead of pushing it."""
 
     def __post_init__(self) -> None:
         """Check what depends on several fields."""
-        if not self.max_radius > self.min_radius:
-            raise ValueError(
-                f"MotionConfig: max_radius must be > min_radius = {self.min_radius}, "
-                f"got {self.max_radius}."
-            )
         if not (self.low[0] < self.high[0] and self.low[1] < self.high[1]):
             raise ValueError(f"MotionConfig: low must be < high, got {self.low} and {self.high}.")
 
@@ -59,82 +53,220 @@ class MotionConfig:
 class PlannedMotion(NamedTuple):
     """Commands of one control step."""
 
-    target: Tensor
+    target: NDArray[np.float64]
     """Planar pose of the tip at the end of the step, yaw not wrapped, `[B, 3]` [m, m, rad]."""
-    joints: Tensor
-    """Joint targets at evenly spaced knots, the start included, `[B, num_knots + 1, 6]` [rad]."""
-    reachable: Tensor
-    """False where the commanded pose has no solution and the target stays, `[B]` bool."""
+    position: NDArray[np.float64]
+    """Joint targets at the end of each physics step, `[B, S, n]` [rad]."""
+    velocity: NDArray[np.float64]
+    """Velocity targets in it, `[B, S, n]` [rad/s]. Without them the drives' damping makes the tip lag by
+    7 mm at full speed, with them by 1 mm."""
+    reachable: NDArray[np.bool_]
+    """False where the commanded pose has no solution and the target stays, `[B]`."""
 
 
-def plan_motion(
-    action: Tensor,
-    target: Tensor,
-    tip_pose: Tensor,
-    flange_height: Tensor,
-    config: MotionConfig,
-) -> PlannedMotion:
-    """Turn an action into a ramp of joint targets.
+class _Limits(NamedTuple):
+    """The numbers that the compiled functions read; see `MotionConfig` and `Robot`."""
+
+    max_step: float
+    max_turn: float
+    anchor_distance: float
+    anchor_angle: float
+    low_x: float
+    low_y: float
+    high_x: float
+    high_y: float
+    min_radius: float
+    max_radius: float
+    base_x: float
+    base_y: float
+    base_z: float
+
+
+class MotionPlanner:
+    """Turns actions into ramps of joint targets.
 
     Args:
-        action: `[B, 3]` in [-1, 1]; values beyond are clipped.
-        target: The previous step's target, `[B, 3]` [m, m, rad].
-        tip_pose: The measured pose of the tip, `[B, 3]` [m, m, rad].
-        flange_height: Height of the flange over the table, `[B]` [m].
+        robot: The arm.
         config: Step sizes, anchor and workspace.
-
-    Returns:
-        The motion, in the dtype of `target`.
-    """
-    scale = target.new_tensor([config.max_step, config.max_step, config.max_turn])
-    start = _anchor(target, tip_pose, config)
-    goal = start + action.to(target.dtype).clamp(-1.0, 1.0) * scale
-    goal = torch.cat([clamp_to_workspace(goal[:, :2], config), goal[:, 2:]], -1)
-    fraction = torch.linspace(0, 1, config.num_knots + 1, dtype=target.dtype, device=target.device)
-    way = start[:, None] + (goal - start)[:, None] * fraction[:, None]  # [B, K + 1, 3]
-    joints, valid = planar_inverse_kinematics(way, flange_height[:, None])
-    reachable = valid.all(-1)
-    goal = torch.where(reachable[:, None], goal, start)
-    joints = torch.where(reachable[:, None, None], joints, joints[:, :1])
-    return PlannedMotion(goal, joints, reachable)
-
-
-def _anchor(target: Tensor, tip_pose: Tensor, config: MotionConfig) -> Tensor:
-    """The target, pulled to within the anchor's reach of the measured tip."""
-    ahead = target[:, :2] - tip_pose[:, :2]
-    distance = torch.linalg.vector_norm(ahead, dim=-1, keepdim=True)
-    ahead = ahead * (config.anchor_distance / distance.clamp_min(1e-12)).clamp_max(1.0)
-    turn = wrap_angle(target[:, 2] - tip_pose[:, 2])
-    excess = turn - turn.clamp(-config.anchor_angle, config.anchor_angle)
-    return torch.cat([tip_pose[:, :2] + ahead, (target[:, 2] - excess)[:, None]], -1)
-
-
-def clamp_to_workspace(position: Tensor, config: MotionConfig) -> Tensor:
-    """Nearest allowed tip positions, `[..., 2]` [m]: into the box, then into the ring."""
-    low, high = position.new_tensor(config.low), position.new_tensor(config.high)
-    position = torch.minimum(torch.maximum(position, low), high)
-    radius = torch.linalg.vector_norm(position, dim=-1, keepdim=True).clamp_min(1e-12)
-    return position * (radius.clamp(config.min_radius, config.max_radius) / radius)
-
-
-def ramp(joints: Tensor, num_substeps: int, control_freq: float) -> tuple[Tensor, Tensor]:
-    """Targets of the joint drives for each substep of a control step.
-
-    Velocity targets go with the position targets: without them the drives' damping makes the tip lag
-    by 7 mm at full speed, with them by 1 mm.
-
-    Args:
-        joints: Knots, the start included, `[..., K + 1, 6]` [rad].
         num_substeps: Number of physics steps per control step, `S`.
         control_freq: Control steps per second [Hz].
-
-    Returns:
-        Positions at the end of every substep, `[..., S, 6]` [rad], and velocities in it,
-        `[..., S, 6]` [rad/s].
     """
-    num_knots = joints.shape[-2] - 1
-    at = torch.arange(1, num_substeps + 1, dtype=joints.dtype) * (num_knots / num_substeps)
-    left = (torch.ceil(at - 1e-9).long() - 1).to(joints.device)
-    start, step = joints[..., left, :], joints.diff(dim=-2)[..., left, :]
-    fraction = (at.to(joints.device) - left).unsqueeze(-1)
-    return start + fraction * step, step * (num_knots * control_freq)
+
+    def __init__(
+        self, robot: Robot, config: MotionConfig, num_substeps: int, control_freq: float
+    ) -> None:
+        self._limits = _Limits(
+            config.max_step,
+            config.max_turn,
+            config.anchor_distance,
+            config.anchor_angle,
+            *config.low,
+            *config.high,
+            *robot.reach,
+            *robot.base,
+        )
+        self._inverse, self._num_knots = robot.inverse, config.num_knots
+        self._ramp = num_substeps, control_freq
+
+    def plan(
+        self,
+        action: NDArray[np.float64],
+        target: NDArray[np.float64],
+        tip_pose: NDArray[np.float64],
+        flange_height: NDArray[np.float64],
+        joints: NDArray[np.float64],
+    ) -> PlannedMotion:
+        """Plan one control step of a batch of arms.
+
+        Args:
+            action: `[B, 3]` in [-1, 1]; values beyond are clipped.
+            target: The previous step's target, `[B, 3]` [m, m, rad].
+            tip_pose: The measured pose of the tip, `[B, 3]` [m, m, rad].
+            flange_height: Height of the flange over the table, `[B]` [m].
+            joints: The measured angles of the joints, `[B, n]` [rad].
+        """
+        rows = self._num_knots + 1
+        start, goal, way = _plan_way(
+            action, target, tip_pose, flange_height, self._limits, self._num_knots
+        )
+        knots, found = self._inverse(way, joints.repeat(rows, axis=0))
+        return PlannedMotion(*_ramp(start, goal, joints, knots, found, rows, *self._ramp))
+
+
+def start_joints(
+    robot: Robot, tool: Tool, tool_pose: Sequence[float], tip_height: float
+) -> NDArray[np.float32]:
+    """Angles of the joints that hold the tool's tip at a pose, `[n]` [rad].
+
+    Of several solutions it is that nearest to home. An arm whose last joint cannot turn all around may
+    hold a tool turned by half a turn, if that makes no difference (`Tool.half_turn`).
+
+    Args:
+        robot: The arm.
+        tool: Its tool.
+        tool_pose: x, y, yaw of the tip [m, m, rad].
+        tip_height: Height of the tip over the table [m].
+
+    Raises:
+        ValueError: If the arm cannot reach the pose, or its inverse kinematics returns something else
+            than an `InverseKinematics`.
+    """
+    (x, y, yaw), n, home = tool_pose, len(robot.joints), np.array(robot.home)
+    base_x, base_y, base_z = robot.base
+    low, high = robot.joints[-1].limits
+    # A yaw beyond the last joint's limit is that of a turn in the other direction.
+    starts = np.tile(home, (3, 1))
+    starts[1:, -1] = low, high
+    yaws = [yaw, yaw + math.pi] if tool.half_turn and high - low < 2 * math.pi else [yaw]
+    height = tip_height + tool.length
+    pose = np.array([[x - base_x, y - base_y, height - base_z, one] for one in yaws])
+    count = len(starts) * len(yaws)
+    poses = pose.repeat(len(starts), axis=0)
+    solved: Any = robot.inverse(poses, np.tile(starts, (len(yaws), 1)))
+    shapes = [np.shape(part) for part in solved]
+    if shapes != [(count, n), (count,)] or not np.isfinite(solved[0]).all():
+        raise ValueError(
+            f"Robot {robot.name!r}: solve must return finite joints [N, {n}] and found [N], got shapes "
+            f"{shapes} for N = {count}."
+        )
+    joints, found = solved
+    if not found.any():
+        raise ValueError(
+            f"Scenario: tool_pose must not be out of the arm's reach, got {tuple(tool_pose)} with robot "
+            f"{robot.name!r}, whose inverse kinematics finds nothing there."
+        )
+    if robot.solve is None:  # draws an arm with more joints than it needs back to home, bit by bit
+        for _ in range(_DRAWN):
+            joints, found = robot.inverse(poses, joints)
+    away = np.where(found, np.linalg.norm(joints - home, axis=1), np.inf)
+    return joints[int(np.argmin(away))].astype(np.float32)
+
+
+@njit()
+def _plan_way(
+    action: NDArray[np.float64],
+    target: NDArray[np.float64],
+    tip_pose: NDArray[np.float64],
+    flange_height: NDArray[np.float64],
+    limits: _Limits,
+    num_knots: int,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Start and end of a step, `[B, 3]`, and the flange's way as `InverseKinematics` takes it."""
+    B = len(action)
+    starts, goals = np.empty((B, 3)), np.empty((B, 3))
+    way = np.empty((B * (num_knots + 1), 4))
+    for b in range(B):
+        start, goal = starts[b], goals[b]
+        _start_and_goal(action[b], target[b], tip_pose[b], limits, start, goal)
+        for k in range(num_knots + 1):
+            pose = way[b * (num_knots + 1) + k]
+            pose[0] = start[0] + (goal[0] - start[0]) * k / num_knots - limits.base_x
+            pose[1] = start[1] + (goal[1] - start[1]) * k / num_knots - limits.base_y
+            pose[2] = flange_height[b] - limits.base_z
+            pose[3] = start[2] + (goal[2] - start[2]) * k / num_knots
+    return starts, goals, way
+
+
+@njit()
+def _start_and_goal(
+    action: NDArray[np.float64],
+    target: NDArray[np.float64],
+    tip_pose: NDArray[np.float64],
+    limits: _Limits,
+    start: NDArray[np.float64],
+    goal: NDArray[np.float64],
+) -> None:
+    """Write where one step starts, near the tip, and ends, in the workspace: its box, then the ring."""
+    dx, dy = target[0] - tip_pose[0], target[1] - tip_pose[1]
+    pull = min(limits.anchor_distance / max(math.hypot(dx, dy), 1e-12), 1.0)
+    turn = (target[2] - tip_pose[2] + math.pi) % (2 * math.pi) - math.pi
+    start[0], start[1] = tip_pose[0] + dx * pull, tip_pose[1] + dy * pull
+    start[2] = target[2] - (turn - min(max(turn, -limits.anchor_angle), limits.anchor_angle))
+    for i in range(2):
+        goal[i] = start[i] + min(max(action[i], -1.0), 1.0) * limits.max_step
+    goal[0] = min(max(goal[0], limits.low_x), limits.high_x)
+    goal[1] = min(max(goal[1], limits.low_y), limits.high_y)
+    goal[2] = start[2] + min(max(action[2], -1.0), 1.0) * limits.max_turn
+    dx, dy = goal[0] - limits.base_x, goal[1] - limits.base_y
+    radius = max(math.hypot(dx, dy), 1e-12)
+    scale = min(max(radius, limits.min_radius), limits.max_radius) / radius
+    goal[0] = limits.base_x + dx * scale
+    goal[1] = limits.base_y + dy * scale
+
+
+@njit()
+def _ramp(
+    start: NDArray[np.float64],
+    goal: NDArray[np.float64],
+    joints: NDArray[np.float64],
+    knots: NDArray[np.float64],
+    found: NDArray[np.bool_],
+    rows: int,
+    num_substeps: int,
+    control_freq: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """The fields of `PlannedMotion`: straight ramps from knot to knot, or a halt at the first one.
+
+    Each scene has `rows` of the knots, `[B * rows, n]`.
+    """
+    B, num_knots, n = len(goal), rows - 1, knots.shape[1]
+    position, velocity = np.empty((B, num_substeps, n)), np.empty((B, num_substeps, n))
+    reachable = np.ones(B, np.bool_)
+    for b in range(B):
+        first = b * rows
+        reachable[b] = found[first : first + rows].all()
+        for k in range(rows):  # from another branch the tip would come swinging
+            for j in range(n):
+                before = joints[b, j] if k == 0 else knots[first + k - 1, j]
+                reachable[b] &= abs(knots[first + k, j] - before) < _LARGEST_STEP
+        if not reachable[b]:
+            goal[b] = start[b]
+        for s in range(num_substeps):
+            at = (s + 1) * num_knots / num_substeps
+            left = int(math.ceil(at - 1e-9)) - 1
+            here, there = (first + left, first + left + 1) if reachable[b] else (first, first)
+            for j in range(n):
+                step = knots[there, j] - knots[here, j]
+                position[b, s, j] = knots[here, j] + (at - left) * step
+                velocity[b, s, j] = step * (num_knots * control_freq)
+    return goal, position, velocity, reachable

@@ -1,11 +1,15 @@
-"""Obstacles in the arm: in the region of shoulder and upper arm, or in the tool at a start."""
+"""Obstacles in the arm: in the region in which its links turn, or in the tool at a start."""
 
+import functools
 import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from modpush.envs.robot.ur5_2f85 import TOOLS, ToolName
+from modpush.envs.robot.control import MotionConfig
+from modpush.envs.robot.robot import Robot, Tool
+from modpush.envs.robot.urdf import extent
 from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.rectangles import (
     nearest_rectangle,
@@ -14,38 +18,88 @@ from modpush.envs.scenes.rectangles import (
     turned_rectangles,
 )
 from modpush.envs.scenes.scenario import Scenario
+from modpush.geometry.shapes import Primitive
 
 __all__ = ["MAX_HEIGHT", "arm_reach", "check_arm_is_free", "obstacle_in_arm", "tool_touches"]
 
 MAX_HEIGHT = 0.15
 """Height of the tallest obstacles [m]. Forearm and wrist stay above it wherever the tool is."""
+_FLANGE_HEIGHT = 0.175  # with the tip as low as it gets and a tool of the usual length [m]
+_ROOM = 0.01  # added to what was measured at some poses of the tool [m]
 
 
-def arm_reach(height: float) -> float:
-    """Distance from the robot's axis up to which shoulder or upper arm come down to a height [m].
+def arm_reach(robot: Robot, height: float) -> float:
+    """Distance from the robot's axis up to which links come down to a height [m].
 
-    For some pose of the tool in its workspace (`MotionConfig`). The shoulder turns within 0.2 m; of the
-    inclined upper arm more comes down to greater heights. An upper bound, up to `MAX_HEIGHT`.
+    For some pose of the tool in its workspace (`MotionConfig`). An upper bound, up to `MAX_HEIGHT`.
 
     Args:
+        robot: The arm.
         height: Height over the table [m].
     """
-    return 0.20 + 1.75 * max(0.0, height - 0.08)
+    if robot.room is not None:
+        return robot.room.distance(height)
+    heights, distances = _measured_room(robot)
+    return float(np.interp(height, heights, distances))
 
 
-def obstacle_in_arm(obstacles: Sequence[Obstacle]) -> str | None:
-    """The first obstacle that stands where shoulder or upper arm turn, in words; None if none does."""
+@functools.lru_cache(maxsize=64)
+def _measured_room(robot: Robot) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Heights `[n]`, and how far ahead the links come down to each of them, `[n]` [m].
+
+    The links are those of the poses of a grid over the tool's workspace, with the tip as low as it gets.
+    """
+    motion, base = MotionConfig(), np.array(robot.base)
+    sides = (np.linspace(motion.low[i], motion.high[i], 17) - base[i] for i in (0, 1))
+    places = np.stack(np.meshgrid(*sides), -1).reshape(-1, 2)
+    radius = np.linalg.norm(places, axis=1)
+    places = places[(radius >= robot.reach[0]) & (radius <= robot.reach[1])]
+    n = len(places)
+    pose = np.column_stack([places, np.full(n, _FLANGE_HEIGHT - base[2]), np.zeros(n)])
+    joints, found = robot.inverse(pose, np.tile(robot.home, (n, 1)))
+    transforms = robot.link_transforms(joints[found])[:, :-1]
+    points = [
+        _surface(shape) @ transforms[:, i, :3, :3].swapaxes(-1, -2) + transforms[:, i, None, :3, 3]
+        for i, link in enumerate(robot.links)
+        for shape in link.shapes
+    ]
+    x, y, z = np.concatenate([one.reshape(-1, 3) for one in points]).T
+    ahead = x >= base[0]
+    distance, z = np.hypot(x - base[0], y - base[1])[ahead], z[ahead]
+    heights = np.linspace(0.0, MAX_HEIGHT, 16)
+    room = [distance[z <= height + _ROOM].max(initial=0.0) + _ROOM for height in heights]
+    return heights, np.array(room)
+
+
+def _surface(shape: Primitive) -> NDArray[np.float64]:
+    """Points on the surface of a solid in its link's frame, `[n, 3]` [m]."""
+    a, b, c = shape.size
+    if shape.kind == "box":
+        grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 5)] * 3), -1).reshape(-1, 3)
+        points = grid[(np.abs(grid) == 1).any(-1)] * (a, b, c)
+    else:
+        angle, up = np.meshgrid(np.linspace(0, 2 * np.pi, 17), np.linspace(-1, 1, 17))
+        along = up * (b + a * (shape.kind == "capsule"))
+        beyond = np.maximum(np.abs(along) - b, 0.0)
+        across = np.sqrt(np.maximum(a**2 - beyond**2, 0.0))
+        points = np.stack([across * np.cos(angle), across * np.sin(angle), along], -1)
+    return points.reshape(-1, 3) @ shape.rotation().T + shape.position
+
+
+def obstacle_in_arm(obstacles: Sequence[Obstacle], robot: Robot) -> str | None:
+    """The first obstacle that stands where the arm's links turn, in words; None if none does."""
+    base_x, base_y, _ = robot.base
     turned = turned_rectangles(rectangles(obstacles))
     for k, obstacle in enumerate(obstacles):
         height, (x, y, _) = obstacle.size[2], obstacle.pose
-        distance = nearest_rectangle(0.0, 0.0, turned[k : k + 1])
+        distance = nearest_rectangle(base_x, base_y, turned[k : k + 1])
         if height > MAX_HEIGHT:
             return (
                 f"expected heights up to {MAX_HEIGHT} m, over which the arm passes, got {height:g}"
             )
-        if distance < arm_reach(height):
+        if distance < (reach := arm_reach(robot, height)):
             return (
-                f"expected obstacles {height:g} m high at least {arm_reach(height):.3f} m from the "
+                f"expected obstacles {height:g} m high at least {reach:.3f} m from the "
                 f"robot's axis, within which its shoulder and upper arm turn, got {distance:.3f} m for "
                 f"the one at ({x:.3f}, {y:.3f})"
             )
@@ -56,7 +110,7 @@ def tool_touches(
     pose: Sequence[float],
     tip_height: float,
     obstacles: Sequence[Obstacle],
-    tool: ToolName,
+    tool: Tool,
     gap: float = 0.0,
 ) -> bool:
     """True if a part of the tool is in an obstacle, or nearer to one than a gap.
@@ -65,35 +119,42 @@ def tool_touches(
         pose: x, y, yaw of the tool's tip [m, m, rad].
         tip_height: Height of the tip over the table [m].
         obstacles: The obstacles.
-        tool: Name of the tool.
+        tool: The tool.
         gap: Least distance [m].
     """
     x, y, yaw = pose
     rows = rectangles(obstacles)
     heights = np.array([obstacle.size[2] for obstacle in obstacles])
-    for shape in TOOLS[tool].shapes:  # boxes upright on the tool's axis
-        half_length, half_width, half_height = shape.size
-        bottom = tip_height + TOOLS[tool].length - shape.position[2] - half_height
+    for shape in tool.shapes:
+        length, width, height = extent(shape)
+        bottom = tip_height + tool.length - shape.position[2] - height / 2
         tall = rows[heights + gap > bottom]
-        row = np.array([x, y, yaw, 2 * half_length, 2 * half_width])
+        # The tool's y axis is turned over, since its z axis points down.
+        aside, ahead = shape.position[0], -shape.position[1]
+        center_x = x + aside * math.cos(yaw) - ahead * math.sin(yaw)
+        center_y = y + aside * math.sin(yaw) + ahead * math.cos(yaw)
+        row = np.array([center_x, center_y, yaw, length, width])
         if len(tall) and rectangles_touch(row, tall, gap):
             return True
     return False
 
 
-def check_arm_is_free(name: str, scenario: Scenario, tip_height: float, tool: ToolName) -> None:
+def check_arm_is_free(
+    name: str, scenario: Scenario, tip_height: float, tool: Tool, robot: Robot
+) -> None:
     """Refuse a start at which the arm stands in an obstacle, or turns into one near its shoulder.
 
     Args:
         name: Begins the error.
         scenario: The start.
         tip_height: Height of the tip over the table, `PushedObject.tool_height` [m].
-        tool: Name of the tool.
+        tool: The tool.
+        robot: The arm.
 
     Raises:
         ValueError: If it does.
     """
-    if (why := obstacle_in_arm(scenario.obstacles)) is not None:
+    if (why := obstacle_in_arm(scenario.obstacles, robot)) is not None:
         raise ValueError(f"{name}: {why}.")
     if tool_touches(scenario.tool_pose, tip_height, scenario.obstacles, tool):
         x, y, yaw = scenario.tool_pose

@@ -11,27 +11,38 @@ from modpush._types import Count, Length, Name, YawTolerance
 from modpush._validation import checked, from_plain
 from modpush.envs.engines.named import check_engine
 from modpush.envs.outcome import GOAL_THRESHOLD, Goal
-from modpush.envs.robot.ur5_2f85 import ToolName
+from modpush.envs.robot.named import check_robot, check_tool
 from modpush.envs.scenes.objects import Circle
 
-__all__ = ["EpisodeConditions", "ToolName"]
+__all__ = ["EpisodeConditions"]
 
 
-_LATER = ("engine", "goal", "position_tolerance", "yaw_tolerance", "hold_steps", "full_circle")
+_LATER = (
+    "engine",
+    "robot",
+    "goal",
+    "position_tolerance",
+    "yaw_tolerance",
+    "hold_steps",
+    "full_circle",
+)
 """Fields that were added after the first sets were written."""
 
 
 @checked
 class EpisodeConditions:
-    """Time limit, goal, tool, physics and map of a set, whatever a method was made with."""
+    """Time limit, goal, robot, tool, physics and map of a set, whatever a method was made with."""
 
     engine: Name = "sapien"
     """Physics engine: `sapien`, `mujoco`, or your own as `module:name`."""
 
     max_episode_steps: Count = 200
     """Control steps after which an episode is truncated."""
-    tool: ToolName = "2f85"
-    """Tool of the arm: the closed gripper, or the rod of the authors' code."""
+    robot: Name = "ur5"
+    """Arm: its name, or your own as `module:name`."""
+    tool: Name = "2f85"
+    """Tool of the arm: the closed gripper `2f85`, the `rod` of the authors' code, or your own as
+    `module:name`."""
     sim_freq: Annotated[Count, Le(100_000)] | None = 120
     """Physics steps per second [Hz]; None for the engine's own."""
     goal: Goal = "position"
@@ -52,12 +63,14 @@ class EpisodeConditions:
     its own."""
 
     def __post_init__(self) -> None:
-        """Check the engine's name; nothing is imported."""
+        """Check the parts' names; nothing is imported."""
+        check_robot("EpisodeConditions", self.robot)
+        check_tool("EpisodeConditions", self.tool)
         check_engine("EpisodeConditions", self.engine)
 
     @property
     def env_options(self) -> dict[str, Any]:
-        """Time limit, goal, tool, engine and its rate, as arguments of `PushEnv`."""
+        """Time limit, goal, robot, tool, engine and its rate, as arguments of `PushEnv`."""
         return {name: value for name, value in asdict(self).items() if name != "inflation"}
 
     def agent_options(self, inflation: str | float) -> dict[str, Any]:

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modpush.envs.outcome import GOAL_THRESHOLD
-from modpush.envs.robot.ur5_2f85 import TOOLS, ToolName
+from modpush.envs.robot.named import find_tool
+from modpush.envs.robot.robot import Tool
 from modpush.envs.scenes.objects import PushedObject, get_object
 from modpush.envs.scenes.scenario import Scenario
 from modpush.geometry.workspace import WORKSPACE
@@ -61,7 +62,7 @@ def draw_top_view(
     inflation: float = 0.0,
     obstacle_poses: NDArray[np.float64] | None = None,
     caption: str = "",
-    tool: ToolName = "2f85",
+    tool: str | Tool = "2f85",
     objects: Mapping[str, PushedObject] | None = None,
     position_tolerance: float = GOAL_THRESHOLD,
 ) -> NDArray[np.uint8]:
@@ -115,7 +116,7 @@ def draw_top_view(
         _disc(image, subgoal, 0.008, "planned")
     for part in footprints:
         _fill(image, _placed(part, object_pose), "object")
-    _fill(image, _placed(_rectangle(*TOOLS[tool].tip_half_extents), ee_pose), "tool")
+    _fill(image, _placed(_rectangle(*find_tool(tool).tip_half_extents), ee_pose), "tool")
     if caption:
         for k, line in enumerate(caption.splitlines()):
             _write(image, line, (10, 24 + 24 * k))

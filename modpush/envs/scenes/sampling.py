@@ -11,8 +11,8 @@ import numpy as np
 from modpush._checks import check_instance
 from modpush._kernels import njit
 from modpush.envs.outcome import Goal
-from modpush.envs.robot.control import MotionConfig
-from modpush.envs.robot.ur5_2f85 import TOOLS, ToolName
+from modpush.envs.robot.named import find_robot, find_tool
+from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scenes.arm_room import obstacle_in_arm, tool_touches
 from modpush.envs.scenes.layouts import TIGHT_SCENES, SceneFn
 from modpush.envs.scenes.objects import PushedObject
@@ -68,6 +68,8 @@ class _Limits(NamedTuple):
     max_goal_radius: float
     min_tool_radius: float
     max_tool_radius: float
+    base_x: float
+    base_y: float
     object_to_obstacle: float
     """Least distance of the object's centre, at start and goal, from obstacles."""
     tool_to_object: float
@@ -108,7 +110,8 @@ def sample_scenario(
     rng: np.random.Generator,
     config: ScenarioConfig,
     *,
-    tool: ToolName = "2f85",
+    tool: str | Tool = "2f85",
+    robot: str | Robot = "ur5",
     goal: Goal = "position",
 ) -> Scenario:
     """Draw an episode's start.
@@ -117,7 +120,7 @@ def sample_scenario(
     whatever the layout; only where four layouts have no start at this distance is another one drawn.
     Start and goal keep their distance from obstacles, a path joins them on the
     grid inflated by the object's radius (`ScenarioConfig.path_inflation` says which), and the tool
-    stands free and within reach. Layouts with an obstacle where the arm's shoulder and upper arm turn are
+    stands free and within reach. Layouts with an obstacle where the arm's links turn are
     drawn again. The number of tries is bounded.
 
     With `tool_start="behind"` a generator gives the layout, start and goal that it gives with `"any"`,
@@ -127,19 +130,19 @@ def sample_scenario(
     Args:
         rng: Source of randomness; the result depends on nothing else.
         config: Settings from which to draw.
-        tool: Name of the tool that the arm holds.
+        tool: The tool that the arm holds, see `SimulationConfig`.
+        robot: The arm.
         goal: `"position"`, or `"pose"` for goals with a yaw, which is drawn uniformly.
 
     Raises:
         TypeError: If the generator or the config has another type.
-        ValueError: If there is no such tool or goal; if a scene leaves the arm no room in any of its
-            layouts; or if no start is found, and then the message counts which condition failed how
+        ValueError: If there is no such tool, robot or goal; if a scene leaves the arm no room in any of
+            its layouts; or if no start is found, and then the message counts which condition failed how
             often.
     """
     check_instance("rng", rng, np.random.Generator)
     check_instance("config", config, ScenarioConfig)
-    if not isinstance(tool, str) or tool not in TOOLS:
-        raise ValueError(f"sample_scenario: tool must be one of {sorted(TOOLS)}, got {tool!r}.")
+    tool, robot = find_tool(tool), find_robot(robot)
     if goal not in get_args(Goal):
         raise ValueError(f"sample_scenario: goal must be one of {get_args(Goal)}, got {goal!r}.")
     scenes, objects = config.scenes, config.objects
@@ -154,12 +157,12 @@ def sample_scenario(
         name, scene = scenes[rng.integers(len(scenes))]
         item = objects[rng.integers(len(objects))]
         difficulty = float(rng.uniform(*config.difficulty))
-        obstacles = _draw_layout(rng, name, scene, difficulty)
-        free, limits = _free_space(obstacles, item, config), _limits(config, item, tool)
+        obstacles = _draw_layout(rng, name, scene, difficulty, robot)
+        free, limits = _free_space(obstacles, item, config), _limits(config, item, tool, robot)
         between = config.obstacle_between
         for _ in range(_BATCHES):
             candidates = _draw_candidates(rng, config, distance)
-            tool_poses, taken = _tool_starts(candidates, config, item, tool, obstacles)
+            tool_poses, taken = _tool_starts(candidates, config, item, tool, robot, obstacles)
             i, counts = _first_good(candidates, taken, free, limits, between)
             while i >= 0 and tool_touches(
                 tool_poses[i], item.tool_height, obstacles, tool, _TOOL_GAP
@@ -202,14 +205,14 @@ def _needs_inscribed(config: ScenarioConfig) -> bool:
 
 
 def _draw_layout(
-    rng: np.random.Generator, name: str, scene: SceneFn, difficulty: float
+    rng: np.random.Generator, name: str, scene: SceneFn, difficulty: float, robot: Robot
 ) -> list[Obstacle]:
     """The first layout in which the arm has room."""
     why: str | None = ""
     for _ in range(_REDRAWS):
         obstacles = scene(rng, difficulty)
         _check_layout(name, obstacles)
-        why = obstacle_in_arm(obstacles)
+        why = obstacle_in_arm(obstacles, robot)
         if why is None:
             return obstacles
     raise ValueError(f"scene: {name!r} leaves the arm no room in {_REDRAWS} layouts: {why}.")
@@ -224,16 +227,16 @@ def _check_layout(name: str, obstacles: Any) -> None:
         )
 
 
-def _limits(config: ScenarioConfig, item: PushedObject, tool: ToolName) -> _Limits:
+def _limits(config: ScenarioConfig, item: PushedObject, tool: Tool, robot: Robot) -> _Limits:
     """Clearances are taken from circumscribed circles: a little more than asked for, never less."""
-    tool_radius, motion = math.hypot(*TOOLS[tool].tip_half_extents), MotionConfig()
+    tool_radius = math.hypot(*tool.tip_half_extents)
     numbers = (
         *config.low,
         *config.high,
         config.max_start_radius,
         config.max_goal_radius,
-        motion.min_radius,
-        motion.max_radius,
+        *robot.reach,
+        *robot.base[:2],
         item.radius + config.clearance,
         item.radius + tool_radius + _TOOL_TO_OBJECT,
         tool_radius + _TOOL_TO_OBSTACLE,
@@ -262,7 +265,8 @@ def _tool_starts(
     candidates: _Candidates,
     config: ScenarioConfig,
     item: PushedObject,
-    tool: ToolName,
+    tool: Tool,
+    robot: Robot,
     obstacles: Sequence[Obstacle],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Poses of the tool's tip `[n, 3]`, and which of them are taken, `[n]` bool.
@@ -281,9 +285,9 @@ def _tool_starts(
     yaw = heading % np.pi - np.pi / 2
     outline = np.concatenate(item.footprints())
     object_extent = (_polar(np.ones(len(away)), heading - candidates.yaw) @ outline.T).max(1)
-    half_extents, reach = TOOLS[tool].tip_half_extents, np.linalg.norm(place, axis=1)
+    half_extents, reach = tool.tip_half_extents, np.linalg.norm(place - robot.base[:2], axis=1)
     taken = object_extent + half_extents[1] + _TOOL_TO_OBJECT > _BEHIND
-    taken |= (reach < MotionConfig.min_radius) | (reach > MotionConfig.max_radius)
+    taken |= (reach < robot.reach[0]) | (reach > robot.reach[1])
     taken |= obstacle_distance(place, obstacles) < math.hypot(*half_extents) + _TOOL_TO_OBSTACLE
     return np.column_stack([place, yaw]), taken
 
@@ -304,7 +308,8 @@ def _first_good(
     for i in range(len(candidates.start)):
         (sx, sy), (gx, gy) = candidates.start[i], candidates.goal[i]
         tx, ty = candidates.tool[i]
-        reach = math.sqrt(tx * tx + ty * ty)
+        out_x, out_y = tx - limits.base_x, ty - limits.base_y
+        reach = math.sqrt(out_x * out_x + out_y * out_y)
         if math.sqrt(sx * sx + sy * sy) > limits.max_start_radius:
             counts[0] += 1
         elif not (limits.low_x <= gx <= limits.high_x and limits.low_y <= gy <= limits.high_y):

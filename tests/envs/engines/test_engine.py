@@ -10,7 +10,8 @@ import torch
 from modpush.envs import OBJECTS, Obstacle
 from modpush.envs.engines.base import Engine, SceneSpec
 from modpush.envs.engines.named import ENGINES, find_engine
-from modpush.envs.robot.ur5_2f85 import TOOLS
+from modpush.envs.robot.named import ROBOTS
+from modpush.envs.robot.tools import TOOLS
 from modpush.envs.scene_batch import SceneBatch
 from modpush.envs.scenes.objects import PushedObject, random_object
 from modpush.envs.scenes.scenario import Dynamics
@@ -29,8 +30,11 @@ def engine_name(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
-def make_batch(engine: str, num_envs: int = 1, tool: str = "2f85", **changes: bool) -> SceneBatch:
+def make_batch(
+    engine: str, num_envs: int = 1, robot: str = "ur5", tool: str = "2f85", **changes: bool
+) -> SceneBatch:
     spec = SceneSpec(
+        robot=ROBOTS[robot],
         tool=TOOLS[tool],
         objects=tuple(KINDS.values()),
         sim_freq=ENGINES[engine].sim_freq,

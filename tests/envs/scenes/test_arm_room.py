@@ -8,9 +8,8 @@ import pytest
 import torch
 
 from modpush.envs import PushEnv
-from modpush.envs.robot.control import MotionConfig
-from modpush.envs.robot.kinematics import DH_D, planar_inverse_kinematics
-from modpush.envs.robot.ur5_2f85 import LINKS, TOOLS
+from modpush.envs.robot.named import ROBOTS
+from modpush.envs.robot.tools import TOOLS
 from modpush.envs.scenes.arm_room import MAX_HEIGHT, arm_reach, obstacle_in_arm, tool_touches
 from modpush.envs.scenes.layouts import SCENES, TIGHT_SCENES
 from modpush.envs.scenes.objects import OBJECTS, get_object
@@ -18,6 +17,7 @@ from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 
+UR5 = ROBOTS["ur5"]
 START = Scenario(
     scene="free",
     difficulty=0.0,
@@ -30,9 +30,9 @@ START = Scenario(
 
 
 def surface(shape) -> np.ndarray:
-    """Points on a cylinder's or capsule's surface in its link's frame, at most 4 mm apart, `[n, 3]`."""
+    """Points on a cylinder's or capsule's surface in its link's frame, at most 2 cm apart, `[n, 3]`."""
     radius, half_length, _ = shape.size
-    angle, up = np.meshgrid(np.linspace(0, 2 * np.pi, 97), np.linspace(-1, 1, 120))
+    angle, up = np.meshgrid(np.linspace(0, 2 * np.pi, 49), np.linspace(-1, 1, 40))
     round_end = shape.kind == "capsule"
     along = up * (half_length + radius * round_end)
     beyond = np.maximum(np.abs(along) - half_length, 0.0)
@@ -41,26 +41,32 @@ def surface(shape) -> np.ndarray:
     return points @ shape.rotation().T + shape.position
 
 
-@pytest.mark.parametrize("height", [0.02, 0.05, 0.06, 0.08, 0.10, 0.12, MAX_HEIGHT])
-def test_shoulder_and_upper_arm_stay_within_the_reach_at_every_pose_of_the_tool(height) -> None:
-    """The pan turns both about the base's axis, so that only the tool's distance matters."""
-    links = {link.name: link for link in LINKS}
-    points = np.concatenate([surface(shape) for shape in links["upper_arm"].shapes])
-    motion, farthest = MotionConfig(), 0.0
-    for tip_height in (0.0, 0.012, 0.02, 0.05):
-        for distance in np.linspace(motion.min_radius, motion.max_radius, 60):
-            pose = torch.tensor([distance, 0.0, 0.0], dtype=torch.float64)
-            joints, reachable = planar_inverse_kinematics(pose, tip_height + TOOLS["2f85"].length)
-            assert reachable
-            c, s = math.cos(joints[1]), math.sin(joints[1])
-            # The lift joint's axis is level, DH_D[0] over the table.
-            x, y = points[:, 0] * c - points[:, 1] * s, points[:, 0] * s + points[:, 1] * c
-            low = DH_D[0] + y < height
-            farthest = max(farthest, np.hypot(x, points[:, 2])[low].max(initial=0.0))
-    for name in ("base", "shoulder"):
-        assert max(shape.size[0] for shape in links[name].shapes) < farthest or height < 0.03
-    assert farthest <= arm_reach(height)
-    assert farthest > 0.19 or height < 0.05  # hardly more than there is
+@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("height", [0.02, 0.06, 0.10, 0.12, MAX_HEIGHT])
+def test_the_links_stay_within_the_reach_at_every_pose_of_the_tool(height, name) -> None:
+    robot, farthest = ROBOTS[name], 0.0
+    base = np.array(robot.base)
+    rng = np.random.default_rng(0)
+    distance, azimuth = rng.uniform(*robot.reach, 100), rng.uniform(-1.2, 1.2, 100)
+    place = base[:2] + distance[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], -1)
+    low, high = np.array([0.08, -0.47]), np.array([0.87, 0.47])
+    place = place[((place >= low) & (place <= high)).all(-1)]
+    for tip_height in (0.0, 0.02, 0.05):
+        flange = np.full(len(place), tip_height + TOOLS["2f85"].length)
+        yaw = rng.uniform(-1.5, 1.5, len(place))
+        pose = np.column_stack([place - base[:2], flange - base[2], yaw])
+        joints, found = robot.inverse(pose, np.tile(robot.home, (len(pose), 1)))
+        assert found.mean() > 0.9  # a joint of the Panda may be at its limit
+        frames = robot.link_transforms(joints[found])
+        for i, link in enumerate(robot.links):
+            points = np.concatenate([surface(shape) for shape in link.shapes])
+            x, y, z = np.moveaxis(
+                points @ frames[:, i, :3, :3].swapaxes(-1, -2) + frames[:, i, None, :3, 3], -1, 0
+            )
+            out = np.hypot(x - base[0], y - base[1])
+            farthest = max(farthest, out[(z < height) & (x >= base[0])].max(initial=0.0))
+    assert farthest <= arm_reach(robot, height)
+    assert farthest > 0.7 * arm_reach(robot, height) or height < 0.12  # hardly more than there is
 
 
 POSES = [
@@ -90,7 +96,7 @@ def test_only_an_obstacle_within_the_reach_is_touched_by_the_simulated_arm(
         return replace(START, obstacles=(block,), tool_pose=pose, object_pose=(0.7, away, 0.0))
 
     env = PushEnv(len(POSES), depth=None)
-    assert not any(touched(env, [start(pose, arm_reach(height) + 0.002) for pose in POSES]))
+    assert not any(touched(env, [start(pose, arm_reach(UR5, height) + 0.002) for pose in POSES]))
     for pose in POSES[:1]:
         with pytest.raises(ValueError, match=r"scenarios\[0\]: expected obstacles .* at least 0"):
             env.reset(scenarios=[start(pose, 0.17)] * len(POSES))
@@ -101,7 +107,7 @@ def test_only_an_obstacle_within_the_reach_is_touched_by_the_simulated_arm(
 
 def test_an_arm_can_pass_over_no_obstacle_taller_than_the_tallest() -> None:
     tall = Obstacle((0.05, 0.05, MAX_HEIGHT + 0.01), (0.6, 0.2, 0.0))
-    assert "heights up to 0.15 m" in str(obstacle_in_arm([tall]))
+    assert "heights up to 0.15 m" in str(obstacle_in_arm([tall], UR5))
     with pytest.raises(ValueError, match=r"leaves the arm no room in 100 layouts: .* to 0.15 m"):
         PushEnv(1, depth=None, scene=lambda rng, difficulty: [tall]).reset()
 
@@ -110,10 +116,10 @@ def test_a_tool_s_upper_part_counts_where_an_obstacle_is_tall_enough() -> None:
     """The gripper's linkage, 6.2 cm to each side, begins 4.5 cm over its tip."""
     bar = Obstacle((0.3, 0.06, 0.06), (0.585, 0.0, math.pi / 2))  # from 5.5 cm beside the tool on
     for tip_height, touches in ((0.0145, True), (0.0152, False)):
-        assert tool_touches((0.5, 0.0, 0.0), tip_height, [bar], "2f85") == touches
-    assert not tool_touches((0.5, 0.0, math.pi / 2), 0.0145, [bar], "2f85")
-    assert not tool_touches((0.5, 0.0, 0.0), 0.0145, [bar], "rod")
-    assert tool_touches((0.555, 0.0, 0.0), 0.02, [bar], "rod")
+        assert tool_touches((0.5, 0.0, 0.0), tip_height, [bar], TOOLS["2f85"]) == touches
+    assert not tool_touches((0.5, 0.0, math.pi / 2), 0.0145, [bar], TOOLS["2f85"])
+    assert not tool_touches((0.5, 0.0, 0.0), 0.0145, [bar], TOOLS["rod"])
+    assert tool_touches((0.555, 0.0, 0.0), 0.02, [bar], TOOLS["rod"])
 
 
 def draw(scene: str, item: str, count: int) -> list[Scenario]:
@@ -134,8 +140,8 @@ def draw(scene: str, item: str, count: int) -> list[Scenario]:
 
 def is_free(start: Scenario) -> bool:
     tip_height = get_object(start.pushed_object).tool_height
-    touching = tool_touches(start.tool_pose, tip_height, start.obstacles, "2f85")
-    return not touching and obstacle_in_arm(start.obstacles) is None
+    touching = tool_touches(start.tool_pose, tip_height, start.obstacles, TOOLS["2f85"])
+    return not touching and obstacle_in_arm(start.obstacles, UR5) is None
 
 
 @pytest.mark.parametrize("item", OBJECTS)

@@ -12,8 +12,6 @@ from modpush.envs.engines.base import CONTACT_KEYS, Engine, SceneSpec
 from modpush.envs.engines.mujoco.model import build_model
 from modpush.envs.engines.mujoco.solids import OBJECT, OBSTACLE, ROBOT, TABLE
 from modpush.envs.engines.named import ENGINES
-from modpush.envs.robot.physics import DAMPING, STIFFNESS
-from modpush.envs.robot.ur5_2f85 import JOINT_NAMES, LINKS
 from modpush.envs.scenes.objects import get_object_of
 from modpush.envs.scenes.scenario import Scenario
 
@@ -27,7 +25,6 @@ _NAME_OF_PAIR = {
     ROBOT | OBSTACLE: "robot_obstacle",
     OBJECT | TABLE: "object_table",
 }
-_JOINTS = len(JOINT_NAMES)
 _LEAST_FREQ = 240
 _LARGEST = 1e4  # of positions and velocities that a simulation can have had [m, m/s, rad/s]
 _STATE = (
@@ -63,7 +60,8 @@ class MujocoEngine(Engine):
                 "PushEnv: the engine 'mujoco' has no renderer; expected pictures=False and a depth "
                 "camera that needs none, such as 'analytic', or engine='sapien'."
             )
-        self._spec = spec
+        self._spec, self._num_joints = spec, len(spec.robot.joints)
+        self._lag = spec.robot.damping / spec.robot.stiffness
 
     def load(self, scenario: Scenario, joints: NDArray[np.float32]) -> None:
         """See `Engine`."""
@@ -71,12 +69,12 @@ class MujocoEngine(Engine):
         model = self._model = build_model(self._spec, scenario, item)
         data = self._data = mujoco.MjData(model)
         self._category = model.geom_contype.copy()
-        names = [*(link.name for link in LINKS), "tool", "tip", "object"]
+        names = [*(link.name for link in self._spec.robot.links), "tool", "tip", "object"]
         self._bodies = {name: int(model.body(name).id) for name in names}
         first = self._bodies["object"] + 1
         self._obstacles = slice(first, first + len(scenario.obstacles))
         self._ctrl = data.ctrl
-        data.qpos[:_JOINTS] = joints
+        data.qpos[: self._num_joints] = joints
         mujoco.mj_step1(model, data)
 
     def advance(
@@ -87,7 +85,7 @@ class MujocoEngine(Engine):
     ) -> list[bool]:
         """See `Engine`."""
         model, data, ctrl = self._model, self._data, self._ctrl
-        targets = np.array(position) + np.array(velocity) * (DAMPING / STIFFNESS)
+        targets = np.array(position) + np.array(velocity) * self._lag
         touched = [False] * _AT_END
         now = touched
         for substep, row in enumerate(targets, start=1):
@@ -110,7 +108,7 @@ class MujocoEngine(Engine):
 
     def joint_position(self) -> NDArray[np.float32]:
         """See `Engine`."""
-        return self._data.qpos[:_JOINTS].astype(np.float32)
+        return self._data.qpos[: self._num_joints].astype(np.float32)
 
     def object_transform(self) -> list[float]:
         """See `Engine`."""
@@ -154,8 +152,10 @@ class MujocoEngine(Engine):
     def check_packed(self, packed: NDArray[np.float32], scenario: Scenario) -> None:
         """See `Engine`."""
         free = 1 + (len(scenario.obstacles) if self._spec.dynamic_obstacles else 0)
-        moving = _JOINTS + 7 * free + _JOINTS + 6 * free  # positions and velocities
-        size = 4 * (moving + _JOINTS + 6 * free)
+        moving = (
+            self._num_joints + 7 * free + self._num_joints + 6 * free
+        )  # positions and velocities
+        size = 4 * (moving + self._num_joints + 6 * free)
         if not isinstance(packed, np.ndarray) or (packed.dtype, packed.shape) != (
             np.float32,
             (size,),
@@ -176,7 +176,7 @@ class MujocoEngine(Engine):
                 f"SceneState: physics must be finite, and positions and velocities at most {_LARGEST:g}, "
                 f"got {state[wrong][0]}."
             )
-        quaternions = state[_JOINTS : _JOINTS + 7 * free].reshape(free, 7)[:, 3:]
+        quaternions = state[self._num_joints : self._num_joints + 7 * free].reshape(free, 7)[:, 3:]
         lengths = np.linalg.norm(quaternions, axis=1)
         if (np.abs(lengths - 1) > 1e-3).any():
             raise ValueError(

@@ -16,17 +16,9 @@ from modpush.envs.engines.mujoco.solids import (
     add_solids,
     set_contact,
 )
-from modpush.envs.robot.kinematics import DH_D
-from modpush.envs.robot.physics import DAMPING, FRICTION, OBSTACLE_MASS, STIFFNESS
-from modpush.envs.robot.ur5_2f85 import (
-    FORCE_LIMIT,
-    JOINT_LIMIT,
-    JOINT_NAMES,
-    LINKS,
-    Tool,
-    joint_origin,
-    mass_properties,
-)
+from modpush.envs.robot.physics import FRICTION, OBSTACLE_MASS
+from modpush.envs.robot.robot import Robot, Tool
+from modpush.envs.robot.urdf import mass_properties
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.scenario import Scenario
@@ -50,7 +42,7 @@ _FREE = mujoco.mjtJoint.mjJNT_FREE
 def build_model(spec: SceneSpec, scenario: Scenario, item: PushedObject) -> "mujoco.MjModel":
     """Compile the model of an episode, in about a millisecond.
 
-    The bodies are named `base` to `wrist_3`, `tool`, `tip`, `object` and `obstacle_<i>`; the arm's joints
+    The bodies are named as the links, `tool`, `tip`, `object` and `obstacle_<i>`; the arm's joints
     come first in `qpos`, then the object, then obstacles that can be moved.
 
     Args:
@@ -70,7 +62,7 @@ def build_model(spec: SceneSpec, scenario: Scenario, item: PushedObject) -> "muj
     option.disableflags = mujoco.mjtDisableBit.mjDSBL_AUTORESET
     table = model.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=(3.0, 3.0, 0.1))
     set_contact([table], TABLE, OBJECT | OBSTACLE, FRICTION["table"])
-    _add_arm(model, spec.tool, scenario.dynamics.friction)
+    _add_arm(model, spec.robot, spec.tool, scenario.dynamics.friction)
     _add_object(model, item, scenario)
     for i, obstacle in enumerate(scenario.obstacles):
         _add_obstacle(model, i, obstacle, spec.dynamic_obstacles)
@@ -81,29 +73,29 @@ def _mean(a: float, b: float) -> float:
     return (a + b) / 2
 
 
-def _add_arm(model: "mujoco.MjSpec", tool: Tool, object_friction: float) -> None:
+def _add_arm(model: "mujoco.MjSpec", robot: Robot, tool: Tool, object_friction: float) -> None:
     """The arm's links from its base to the tip of its tool, and its drives."""
     friction = _mean(FRICTION["tool"], object_friction)
-    body = model.worldbody
-    for i, link in enumerate(LINKS):
-        position, roll = joint_origin(i - 1) if i else ((0.0, 0.0, 0.0), 0.0)
-        body = body.add_body(name=link.name, pos=position, quat=_roll(roll))
-        if i:
-            body.add_joint(
-                name=JOINT_NAMES[i - 1],
-                axis=(0.0, 0.0, 1.0),
-                limited=mujoco.mjtLimited.mjLIMITED_TRUE,
-                range=(-JOINT_LIMIT[i - 1], JOINT_LIMIT[i - 1]),
-                armature=_ARMATURE,
-            )
-        # The base stands on the table without touching it.
-        against = OBJECT | OBSTACLE | (TABLE if i else 0)
-        _fill_link(model, body, link.mass, link.shapes, against, friction)
-    body = body.add_body(name="tool", pos=(0.0, 0.0, DH_D[5]))
+    first, *others = robot.links
+    body = model.worldbody.add_body(name=first.name, pos=robot.base)
+    # The base stands on the table without touching it.
+    _fill_link(model, body, first.mass, first.shapes, OBJECT | OBSTACLE, friction)
+    for link, joint in zip(others, robot.joints, strict=True):
+        body = body.add_body(name=link.name, pos=joint.position, quat=_quaternion(joint.rpy))
+        body.add_joint(
+            name=joint.name,
+            axis=(0.0, 0.0, 1.0),
+            limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+            range=joint.limits,
+            armature=_ARMATURE,
+        )
+        _fill_link(model, body, link.mass, link.shapes, OBJECT | OBSTACLE | TABLE, friction)
+    place, turn = robot.flange_position, _quaternion(robot.flange_rpy)
+    body = body.add_body(name="tool", pos=place, quat=turn)
     _fill_link(model, body, tool.mass, tool.shapes, OBJECT | OBSTACLE | TABLE, friction)
     body.add_body(name="tip", pos=(0.0, 0.0, tool.length))
-    for name, limit in zip(JOINT_NAMES, FORCE_LIMIT, strict=True):
-        _add_drive(model, name, limit)
+    for joint in robot.joints:
+        _add_drive(model, robot, joint.name, joint.effort)
 
 
 def _fill_link(
@@ -116,17 +108,17 @@ def _fill_link(
 ) -> None:
     center, diagonal = mass_properties(mass, shapes)
     _set_inertia(body, mass, center, diagonal)
-    body.gravcomp = 1.0  # the drives of a UR5 compensate its weight
+    body.gravcomp = 1.0  # the drives of an arm compensate its weight
     # Above the object's, since a pair with the tool has less friction than others.
     set_contact(add_solids(model, body, shapes), ROBOT, against, friction, priority=2)
 
 
-def _add_drive(model: "mujoco.MjSpec", joint: str, limit: float) -> None:
-    """A drive with torque `STIFFNESS (q* - q) + DAMPING (v* - v)`, whose input is q* + v* d / s."""
+def _add_drive(model: "mujoco.MjSpec", robot: Robot, joint: str, limit: float) -> None:
+    """A drive with torque `stiffness (q* - q) + damping (v* - v)`, whose input is q* + v* d / s."""
     drive = model.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
     drive.gaintype, drive.biastype = mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtBias.mjBIAS_AFFINE
-    drive.gainprm[0] = STIFFNESS
-    drive.biasprm[:3] = (0.0, -STIFFNESS, -DAMPING)
+    drive.gainprm[0] = robot.stiffness
+    drive.biasprm[:3] = (0.0, -robot.stiffness, -robot.damping)
     drive.forcelimited, drive.forcerange = mujoco.mjtLimited.mjLIMITED_TRUE, (-limit, limit)
 
 
@@ -199,5 +191,12 @@ def _yaw(angle: float) -> tuple[float, float, float, float]:
     return math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)
 
 
-def _roll(angle: float) -> tuple[float, float, float, float]:
-    return math.cos(angle / 2), math.sin(angle / 2), 0.0, 0.0
+def _quaternion(rpy: tuple[float, float, float]) -> tuple[float, float, float, float]:
+    """Of fixed-axis roll, pitch and yaw [rad]."""
+    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a / 2), math.sin(a / 2)) for a in rpy)
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )

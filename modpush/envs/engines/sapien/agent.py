@@ -1,8 +1,12 @@
-"""The ManiSkill agents `ur5_2f85` and `ur5_rod`, and the planar controller that drives them."""
+"""The ManiSkill agents of an arm with a tool, and the planar controller that drives them."""
 
+import functools
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -14,27 +18,20 @@ from mani_skill.agents.registration import register_agent
 from torch import Tensor
 
 from modpush.envs.engines.sapien import bodies
-from modpush.envs.robot.control import MotionConfig, plan_motion, ramp
-from modpush.envs.robot.kinematics import planar_inverse_kinematics
-from modpush.envs.robot.physics import DAMPING, STIFFNESS
-from modpush.envs.robot.ur5_2f85 import (
-    FORCE_LIMIT,
-    JOINT_NAMES,
-    LINKS,
-    TOOLS,
-    Tool,
-    ToolName,
-    urdf_path,
-)
+from modpush.envs.robot.control import MotionConfig, MotionPlanner, start_joints
+from modpush.envs.robot.named import ROBOTS
+from modpush.envs.robot.robot import Robot, Tool
+from modpush.envs.robot.tools import TOOLS
+from modpush.envs.robot.urdf import urdf_text
 
-__all__ = ["UR5", "PlanarController", "PlanarControllerConfig", "UR5Rod"]
+__all__ = ["PlanarController", "PlanarControllerConfig", "PushArm", "agent_class"]
 
 
 class PlanarController(BaseController):
     """Moves the tip in the plane, tool down, at a constant height: `(dx, dy, dyaw)` in [-1, 1]^3.
 
-    `modpush.envs.robot.control.plan_motion` computes the joint targets; this class interpolates them
-    over the substeps and keeps the commanded pose, `target` `[B, 3]` [m, m, rad].
+    `MotionPlanner` computes the joint targets, on the CPU; this class sets them in each substep and keeps
+    the commanded pose, `target` `[B, 3]` [m, m, rad].
     """
 
     config: "PlanarControllerConfig"
@@ -46,8 +43,11 @@ class PlanarController(BaseController):
 
     def set_drive_property(self) -> None:
         """Set gains, and the force limits, which SAPIEN's URDF loader drops."""
-        for joint, limit in zip(self.joints, FORCE_LIMIT, strict=True):
-            joint.set_drive_properties(STIFFNESS, DAMPING, force_limit=limit, mode="force")
+        arm = self.config.arm
+        for joint, of in zip(self.joints, arm.joints, strict=True):
+            joint.set_drive_properties(
+                arm.stiffness, arm.damping, force_limit=of.effort, mode="force"
+            )
 
     def reset(self) -> None:
         """Make the measured pose the target in the scenes that are being reset."""
@@ -75,10 +75,16 @@ class PlanarController(BaseController):
             action: `[B, 3]` in [-1, 1].
         """
         action = self._preprocess_action(torch.as_tensor(action, device=self.device))
-        pose, _ = self._measure()
-        motion = plan_motion(action, self.target, pose, self.flange_height, self.config.motion)
-        self.target, self.reachable = motion.target, motion.reachable
-        self._ramp = ramp(motion.joints.float(), self._sim_steps, self.control_freq)
+        given = action, self.target, self._measure()[0], self.flange_height, self.qpos
+        planner = MotionPlanner(
+            self.config.arm, self.config.motion, self._sim_steps, self.control_freq
+        )
+        planned = planner.plan(*(values.double().cpu().numpy() for values in given))
+        target, position, velocity, reachable = (
+            torch.from_numpy(values).to(self.device) for values in planned
+        )
+        self.target, self.reachable = target, reachable
+        self._ramp = position.float(), velocity.float()
         self._substep = 0
         self._set_drive_targets()  # ManiSkill sends targets to a GPU once per action, right after this
 
@@ -119,30 +125,24 @@ def tip_yaw(quaternion: Tensor) -> Tensor:
 
 @dataclass
 class PlanarControllerConfig(ControllerConfig):
-    """Configuration of the controller for ManiSkill: tool length [m], and limits of the motion."""
+    """Configuration of the controller for ManiSkill: arm, tool length [m], limits of the motion."""
 
-    tool_length: float = 0.163
+    arm: Robot
+    tool_length: float
     motion: MotionConfig = field(default_factory=MotionConfig)
     controller_cls = PlanarController
 
 
-@register_agent()
-class UR5(BaseAgent):
-    """UR5 with a closed Robotiq 2F-85.
+class PushArm(BaseAgent):
+    """An arm with a tool; `agent_class` makes one of `Robot` and `Tool`.
 
     Control modes: `planar` (ours), and ManiSkill's `pd_joint_pos` and `pd_joint_delta_pos`.
     """
 
-    uid = "ur5_2f85"
-    tool_name: ToolName = "2f85"
-    urdf_path = str(urdf_path("2f85"))
+    arm: ClassVar[Robot]
+    tool: ClassVar[Tool]
     disable_self_collisions = True
     motion = MotionConfig()
-
-    @property
-    def tool(self) -> Tool:
-        """The tool on the flange."""
-        return TOOLS[self.tool_name]
 
     def place_tip(
         self, tip_pose: Sequence[tuple[float, float, float]], tip_height: Sequence[float]
@@ -156,25 +156,22 @@ class UR5(BaseAgent):
         Raises:
             ValueError: If a pose is out of the arm's reach.
         """
-        height = [z + self.tool.length for z in tip_height]
-        joints, reachable = planar_inverse_kinematics(
-            torch.tensor(tip_pose, dtype=torch.float64), torch.tensor(height, dtype=torch.float64)
-        )
-        if not reachable.all():
-            bad = tip_pose[int(torch.argmin(reachable.int()))]
-            raise ValueError(f"Scenario: tool_pose must not be out of the arm's reach, got {bad}.")
-        self.reset(joints.float().to(self.device))
+        joints = [
+            start_joints(self.arm, self.tool, pose, height)
+            for pose, height in zip(tip_pose, tip_height, strict=True)
+        ]
+        self.reset(torch.from_numpy(np.array(joints)).to(self.device))
 
     @property
     def _controller_configs(self) -> dict[str, Any]:
-        names = list(JOINT_NAMES)
+        arm, names = self.arm, [joint.name for joint in self.arm.joints]
         joint: dict[str, Any] = {
-            "stiffness": STIFFNESS,
-            "damping": DAMPING,
-            "force_limit": FORCE_LIMIT,
+            "stiffness": arm.stiffness,
+            "damping": arm.damping,
+            "force_limit": [joint.effort for joint in arm.joints],
         }
         return {
-            "planar": PlanarControllerConfig(names, self.tool.length, self.motion),
+            "planar": PlanarControllerConfig(names, arm, self.tool.length, self.motion),
             "pd_joint_pos": PDJointPosControllerConfig(
                 names, None, None, normalize_action=False, **joint
             ),
@@ -184,17 +181,35 @@ class UR5(BaseAgent):
         }
 
     def _after_loading_articulation(self) -> None:
-        shapes = {link.name: link.shapes for link in LINKS} | {"tool": self.tool.shapes}
+        shapes = {link.name: link.shapes for link in self.arm.links} | {"tool": self.tool.shapes}
         for name, parts in shapes.items():
             for raw in self.robot.links_map[name]._objs:
                 if self.scene.can_render():
                     bodies.attach_visuals(raw.entity, parts)
 
 
-@register_agent()
-class UR5Rod(UR5):
-    """UR5 with the 2 x 2 x 16 cm rod that the authors' released code pushes with."""
+def agent_class(arm: Robot, tool: Tool) -> type[PushArm]:
+    """The ManiSkill agent of an arm with a tool."""
+    uid = f"{arm.name}_{tool.name}"
+    fields = {"uid": uid, "arm": arm, "tool": tool, "urdf_path": _urdf_file(arm, tool)}
+    return type("PushArm", (PushArm,), fields)
 
-    uid = "ur5_rod"
-    tool_name: ToolName = "rod"
-    urdf_path = str(urdf_path("rod"))
+
+@functools.cache
+def _folder() -> TemporaryDirectory[str]:
+    """A folder that is deleted at the end of the process."""
+    return TemporaryDirectory(prefix="modpush_urdf_")
+
+
+def _urdf_file(arm: Robot, tool: Tool) -> str:
+    """SAPIEN reads a URDF from files only."""
+    text = urdf_text(arm, tool)
+    path = Path(_folder().name) / f"{hashlib.sha256(text.encode()).hexdigest()[:16]}.urdf"
+    if not path.exists():
+        path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+for _arm in ROBOTS.values():
+    for _tool in TOOLS.values():
+        register_agent()(agent_class(_arm, _tool))

@@ -30,18 +30,24 @@ class CudaBatch(SceneBatch):
         spec: The properties of every scene.
         depth: What makes the depth camera, or None.
         arm_in_depth: Whether the depth camera sees the arm.
+        full_circle: Whether yaw angles count as different at which an object looks the same.
 
     Raises:
         ValueError: If there is no CUDA device.
     """
 
     def __init__(
-        self, num_envs: int, spec: SceneSpec, depth: DepthCameraFactory | None, arm_in_depth: bool
+        self,
+        num_envs: int,
+        spec: SceneSpec,
+        depth: DepthCameraFactory | None,
+        arm_in_depth: bool,
+        full_circle: bool = False,
     ) -> None:
         warn_experimental("PushEnv")
         self._task = ClutterPushEnv.of_spec(spec, num_envs=num_envs, sim_backend="physx_cuda")
         scenes: Any = iter([_Scene(self._task, i) for i in range(num_envs)])
-        super().__init__(num_envs, lambda _: next(scenes), spec, depth, arm_in_depth)
+        super().__init__(num_envs, lambda _: next(scenes), spec, depth, arm_in_depth, full_circle)
 
     def start(self, indices: Sequence[int], scenarios: Sequence[Scenario]) -> None:
         """See `SceneBatch`."""

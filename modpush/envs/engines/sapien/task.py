@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 import sapien
 import torch
+from mani_skill.agents.registration import REGISTERED_AGENTS
 from mani_skill.envs.sapien_env import BaseEnv
 from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.registration import TimeLimitWrapper, register
@@ -20,7 +21,7 @@ from torch import Tensor
 
 from modpush.envs.arguments import check_simulation
 from modpush.envs.engines.base import CONTACT_KEYS, SceneSpec, contact_looks
-from modpush.envs.engines.sapien.agent import UR5, tip_yaw
+from modpush.envs.engines.sapien.agent import PushArm, agent_class, tip_yaw
 from modpush.envs.engines.sapien.builders import (
     build_goal_marker,
     build_table,
@@ -38,7 +39,9 @@ from modpush.envs.engines.sapien.object_bodies import ObjectBodies
 from modpush.envs.engines.sapien.obstacle_bodies import ObstacleSwapper
 from modpush.envs.engines.sapien.rendering import choose_render_backend
 from modpush.envs.outcome import GOAL_THRESHOLD, is_at_goal, is_out_of_bounds
-from modpush.envs.robot.control_cpu import start_joints
+from modpush.envs.robot.control import start_joints
+from modpush.envs.robot.named import ROBOTS
+from modpush.envs.robot.tools import TOOLS
 from modpush.envs.scenes.arm_room import check_arm_is_free
 from modpush.envs.scenes.objects import get_object_of
 from modpush.envs.scenes.sampling import sample_scenario
@@ -61,7 +64,7 @@ class ClutterPushEnv(BaseEnv):
         num_envs: Number of scenes; more than one needs CUDA.
         scenario: Settings from which episodes are drawn; or give its fields one by one as keywords
             (`scene="slot"`, `pushed_object="fragment"`, ...).
-        robot_uids: `ur5_2f85` or `ur5_rod`.
+        robot_uids: Arm and tool, `ur5_2f85` or `ur10_rod` for instance; or what `agent_class` makes.
         dynamic_obstacles: Make obstacles movable, 0.5 kg each.
         sim_freq: Physics steps per second.
         control_freq: Actions per second.
@@ -75,9 +78,9 @@ class ClutterPushEnv(BaseEnv):
         RuntimeError: If pictures are asked for and there is no renderer.
     """
 
-    SUPPORTED_ROBOTS: ClassVar[list[str]] = ["ur5_2f85", "ur5_rod"]
+    SUPPORTED_ROBOTS = None  # of any class of `agent_class`, which ManiSkill would warn of
     SUPPORTED_REWARD_MODES = ("sparse", "none")
-    agent: UR5
+    agent: PushArm
 
     metadata: ClassVar = {"render_modes": (*BaseEnv.SUPPORTED_RENDER_MODES, "none")}
 
@@ -86,7 +89,7 @@ class ClutterPushEnv(BaseEnv):
         num_envs: int = 1,
         *,
         scenario: ScenarioConfig | None = None,
-        robot_uids: str = "ur5_2f85",
+        robot_uids: str | type[PushArm] = "ur5_2f85",
         dynamic_obstacles: bool = False,
         sim_freq: int = 120,
         control_freq: int = 15,
@@ -95,6 +98,7 @@ class ClutterPushEnv(BaseEnv):
         render_backend: str = "auto",
         **kwargs: Any,
     ) -> None:
+        _check_arm(robot_uids)
         check_simulation(num_envs, kwargs.get("sim_backend", "auto"), sim_freq, control_freq)
         fields = {k: kwargs.pop(k) for k in list(kwargs) if k in ScenarioConfig.__annotations__}
         (self.scenario_config,) = set_fields("ClutterPushEnv", fields, scenario or ScenarioConfig())
@@ -131,7 +135,7 @@ class ClutterPushEnv(BaseEnv):
         return cls(
             obs_mode="none",
             scenario=ScenarioConfig(pushed_object=spec.objects),
-            robot_uids=f"ur5_{spec.tool.name}",
+            robot_uids=agent_class(spec.robot, spec.tool),
             dynamic_obstacles=spec.dynamic_obstacles,
             sim_freq=spec.sim_freq,
             control_freq=spec.control_freq,
@@ -166,11 +170,14 @@ class ClutterPushEnv(BaseEnv):
         self._hidden_objects: list[Any] = []
 
     def _load_agent(self, options: dict[str, Any], *args: Any, **kwargs: Any) -> None:
-        super()._load_agent(options, Pose.create_from_pq(), *args, **kwargs)
+        found = self.robot_uids
+        arm = REGISTERED_AGENTS[found].agent_cls if isinstance(found, str) else found
+        pose = Pose.create_from_pq(torch.tensor([arm.arm.base]))
+        super()._load_agent(options, pose, *args, **kwargs)
 
     def _load_scene(self, options: dict[str, Any]) -> None:
         scene, robot = self.scene, self.agent.robot
-        build_table(scene, robot.links_map["base"], make_material("table"))
+        build_table(scene, robot.links_map[self.agent.arm.links[0].name], make_material("table"))
         set_material(robot, make_material("tool"))
         self.objects = ObjectBodies(scene, self.pushed_objects, make_material("object"))
         self.marker = build_goal_marker(scene, self.goal_threshold) if scene.can_render() else None
@@ -214,9 +221,10 @@ class ClutterPushEnv(BaseEnv):
         indices = env_idx.tolist()
         scenarios = options.get("scenarios")
         if scenarios is None:
-            tool = self.agent.tool_name
+            arm, tool = self.agent.arm, self.agent.tool
             scenarios = [
-                sample_scenario(self._rngs[i], self.scenario_config, tool=tool) for i in indices
+                sample_scenario(self._rngs[i], self.scenario_config, tool=tool, robot=arm)
+                for i in indices
             ]
         if (
             not isinstance(scenarios, Sequence)
@@ -230,7 +238,11 @@ class ClutterPushEnv(BaseEnv):
         for scenario in scenarios:
             item = get_object_of(self.pushed_objects, scenario.pushed_object)
             check_arm_is_free(
-                "ClutterPushEnv.reset: scenarios", scenario, item.tool_height, self.agent.tool_name
+                "ClutterPushEnv.reset: scenarios",
+                scenario,
+                item.tool_height,
+                self.agent.tool,
+                self.agent.arm,
             )
         joints = [] if self.engine is None else [self._start_joints(s) for s in scenarios]
         if not self.scenarios:
@@ -246,7 +258,7 @@ class ClutterPushEnv(BaseEnv):
 
     def _start_joints(self, scenario: Scenario) -> np.ndarray:
         height = self.objects.item(scenario.pushed_object).tool_height
-        return start_joints(scenario.tool_pose, height, self.agent.tool.length)
+        return start_joints(self.agent.arm, self.agent.tool, scenario.tool_pose, height)
 
     def _place_on_cuda(self, env_idx: Tensor, scenarios: Sequence[Scenario]) -> None:
         """Move the bodies of a running GPU simulation, to which none can be added."""
@@ -378,6 +390,17 @@ class ClutterPushEnv(BaseEnv):
         super().set_state_dict(state, env_idx)
         if "controller" in state:
             self.agent.controller.set_state(state["controller"])
+
+
+def _check_arm(robot_uids: Any) -> None:
+    """Refuse what is no arm of `agent_class`."""
+    known = [f"{arm}_{tool}" for arm in ROBOTS for tool in TOOLS]
+    own = isinstance(robot_uids, type) and issubclass(robot_uids, PushArm)
+    if not (own or robot_uids in known):
+        raise ValueError(
+            f"ClutterPushEnv: robot_uids must be one of {known} or made by agent_class, "
+            f"got {robot_uids!r}."
+        )
 
 
 class EpisodeEnd(TimeLimitWrapper):

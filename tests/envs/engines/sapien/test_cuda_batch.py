@@ -7,10 +7,15 @@ from modpush._experimental import warn_experimental
 from modpush.envs import OBJECTS
 from modpush.envs.engines.base import SceneSpec
 from modpush.envs.engines.sapien.cuda_batch import CudaBatch
-from modpush.envs.robot.ur5_2f85 import TOOLS
+from modpush.envs.robot.named import ROBOTS
+from modpush.envs.robot.tools import TOOLS
 
 SPEC = SceneSpec(
-    tool=TOOLS["2f85"], objects=(OBJECTS["small_cube"],), sim_freq=120, control_freq=15
+    robot=ROBOTS["ur5"],
+    tool=TOOLS["2f85"],
+    objects=(OBJECTS["small_cube"],),
+    sim_freq=120,
+    control_freq=15,
 )
 
 
