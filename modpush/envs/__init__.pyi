@@ -18,6 +18,7 @@ from .robot.robot import (
 from .robot.tools import TOOLS as TOOLS
 from .scenes.conditions import EpisodeConditions as EpisodeConditions
 from .scenes.layouts import (
+    ALL_SCENES as ALL_SCENES,
     HARD_SCENES as HARD_SCENES,
     HARD_WIDE_SCENES as HARD_WIDE_SCENES,
     OBSTACLE_SCENES as OBSTACLE_SCENES,
@@ -36,3 +37,4 @@ from .scenes.scenario import (
     ScenarioConfig as ScenarioConfig,
 )
 from .scenes.sensing import SENSING as SENSING, SensingConfig as SensingConfig
+from .scenes.shape_layouts import SHAPE_SCENES as SHAPE_SCENES

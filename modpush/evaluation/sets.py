@@ -247,6 +247,7 @@ def _draw(recipe: SetRecipe, number: int) -> Scenario:
         difficulty=recipe.difficulty,
         distance=recipe.distance,
         path_inflation=recipe.conditions.inflation,
+        obstacle_between=recipe.obstacle_between,
         tool_start=recipe.tool_start,
     )
     rng = np.random.default_rng([recipe.seed, number])

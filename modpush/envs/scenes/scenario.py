@@ -148,6 +148,8 @@ class ScenarioConfig:
     """Largest distance of a goal from the robot's axis [m]."""
     clearance: NonNegativeLength = 0.06
     """Smallest distance of start and goal from obstacles, surface to surface [m]."""
+    obstacle_between: bool = False
+    """Draw only episodes in which an obstacle stands in the straight way from start to goal."""
     path_margin: NonNegativeLength = 0.04
     """Largest distance by which the object's path to the goal may leave the workspace [m]; at 5 cm an
     episode ends."""
