@@ -109,6 +109,17 @@ class Obstacle:
             return np.broadcast_to((*self.pose[:2], 0.0, 0.0), (*np.shape(time), 4))
         return self.motion.at(time) + np.array([*self.pose[:2], 0.0, 0.0])
 
+    def after(self, time: float) -> "Obstacle":
+        """The obstacle of an episode that starts at a time [s] of this one's episode."""
+        if self.motion is None:
+            return self
+        x, y, vx, vy = self.at(time).tolist()
+        way = self.motion.ahead + self.motion.behind
+        behind, _ = self.ends() if (vx, vy) == self.motion.velocity else self.ends()[::-1]
+        passed = min(math.hypot(x - behind[0], y - behind[1]), way)
+        patrol = Patrol(velocity=(vx, vy), ahead=way - passed, behind=passed)
+        return Obstacle(self.size, (x, y, self.pose[2]), patrol)
+
     def standing(self, time: float) -> "Obstacle":
         """The obstacle as it is at a time [s] since the episode's start, without its motion."""
         if self.motion is None:
