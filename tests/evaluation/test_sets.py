@@ -42,6 +42,8 @@ COUNTS = {
     "pose/one_t/box": 500,
     "pose/one_l/box": 500,
     "pose/two_rectangles/box": 500,
+    "pose/moving_bar/box": 500,
+    "moving/small_cube": 200,
     "tuning/small_cube": 200,
     "tuning/all_objects": 200,
     "tuning/hard": 100,
