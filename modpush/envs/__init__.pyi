@@ -18,6 +18,7 @@ from .robot.robot import (
 from .robot.tools import TOOLS as TOOLS
 from .scenes.conditions import EpisodeConditions as EpisodeConditions
 from .scenes.layouts import (
+    ALL_SCENES as ALL_SCENES,
     HARD_SCENES as HARD_SCENES,
     HARD_WIDE_SCENES as HARD_WIDE_SCENES,
     OBSTACLE_SCENES as OBSTACLE_SCENES,
@@ -25,7 +26,10 @@ from .scenes.layouts import (
     TIGHT_SCENES as TIGHT_SCENES,
 )
 from .scenes.objects import OBJECTS as OBJECTS, PushedObject as PushedObject
-from .scenes.obstacle import Obstacle as Obstacle
+from .scenes.obstacle import (
+    Obstacle as Obstacle,
+    Patrol as Patrol,
+)
 from .scenes.sampling import sample_scenario as sample_scenario
 from .scenes.scenario import (
     Dynamics as Dynamics,
@@ -33,3 +37,4 @@ from .scenes.scenario import (
     ScenarioConfig as ScenarioConfig,
 )
 from .scenes.sensing import SENSING as SENSING, SensingConfig as SensingConfig
+from .scenes.shape_layouts import SHAPE_SCENES as SHAPE_SCENES

@@ -3,6 +3,7 @@
 Source: paper Sec. V (numbers of episodes, scenes, objects, distances).
 """
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -14,6 +15,7 @@ from modpush.envs.scenes.layouts import (
     OBSTACLE_SCENES,
 )
 from modpush.envs.scenes.objects import PAPER_OBJECTS
+from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
 
 __all__ = ["RECIPES", "SetRecipe"]
 
@@ -34,6 +36,8 @@ class SetRecipe:
     """Range of the distance from start to goal, which is uniform [m]."""
     difficulty: tuple[float, float] = (0.0, 1.0)
     """Range of the scenes' difficulty, which is uniform."""
+    obstacle_between: bool = False
+    """An obstacle stands in the straight way from start to goal."""
     tool_start: Literal["any", "behind"] = "any"
     """Start of the tool, see `ScenarioConfig`."""
     conditions: EpisodeConditions = field(default_factory=EpisodeConditions)
@@ -41,6 +45,9 @@ class SetRecipe:
 
 
 _TIGHT = EpisodeConditions(inflation="inscribed")
+_SUCCESSOR = EpisodeConditions(  # those of arXiv 2403.17667
+    goal="pose", position_tolerance=0.015, yaw_tolerance=math.radians(30)
+)
 
 _RECIPES = {
     "smoke": SetRecipe(
@@ -69,6 +76,25 @@ _RECIPES = {
         scenes=("free",),
         objects=("box",),
         conditions=EpisodeConditions(goal="pose", position_tolerance=0.015),
+    ),
+    **{
+        f"pose/{scene}/box": SetRecipe(
+            seed=10 + k,
+            count=500,
+            scenes=(scene,),
+            objects=("box",),
+            distance=(0.35, 0.6),
+            obstacle_between=True,
+            conditions=_SUCCESSOR,
+        )
+        for k, scene in enumerate(SHAPE_SCENES)
+    },
+    "moving/small_cube": SetRecipe(
+        seed=17,
+        count=200,
+        scenes=("moving_bar",),
+        distance=(0.35, 0.6),
+        obstacle_between=True,
     ),
     "tuning/hard": SetRecipe(seed=103, count=100, scenes=HARD_TUNING_SCENES, conditions=_TIGHT),
 }

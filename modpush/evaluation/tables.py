@@ -12,6 +12,7 @@ from modpush.evaluation.stats import bootstrap_interval, paired_t_test
 __all__ = ["LEGEND", "METRICS", "check_rows", "compare", "format_table", "summarize", "to_display"]
 
 _OVER_ALL = ("success", "spl")
+_WITHOUT_CONTACT = "success_without_contact"
 _OVER_SOLVED = (
     "contact_rate",
     "contact_rate_at_end",
@@ -45,7 +46,9 @@ def summarize(rows: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
 
     Returns:
         By method: `episodes`; `success` and `spl` with `_low` and `_high` of their 95 % bootstrap
-        intervals, over all episodes; `solved`, the number of episodes that all methods solved, and
+        intervals, over all episodes, and on sets of goal poses `success_without_contact`, the share of
+        episodes that succeeded and in which neither object, tool nor arm ever touched an obstacle, in
+        the same way; `solved`, the number of episodes that all methods solved, and
         over these alone the other metrics with their standard deviation, `_std` (NaN where there
         is none).
 
@@ -57,8 +60,11 @@ def summarize(rows: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     lines = []
     for method, frame in rows.items():
         line: dict[str, object] = {"method": method, "episodes": len(frame)}
-        for name in _OVER_ALL:
-            values = frame[name].to_numpy(dtype=float)
+        over_all = {name: frame[name] for name in _OVER_ALL}
+        if "final_yaw_error" in frame:
+            over_all[_WITHOUT_CONTACT] = frame["success"] & (frame["collision_rate"] == 0)
+        for name, column in over_all.items():
+            values = column.to_numpy(dtype=float)
             low, high = bootstrap_interval(values)
             line |= {name: values.mean(), f"{name}_low": low, f"{name}_high": high}
         line["solved"] = int(solved.sum())
@@ -159,9 +165,12 @@ def to_display(summary: pd.DataFrame) -> pd.DataFrame:
     if missing := sorted({"episodes", "solved", *_OVER_ALL, *_OVER_SOLVED} - set(summary.columns)):
         raise ValueError(f"to_display: summary must have the columns {missing}, got none of them.")
     columns: dict[str, Sequence[str]] = {"episodes": [str(int(n)) for n in summary["episodes"]]}
-    for name in _OVER_ALL:
+    for name in (*_OVER_ALL, *([_WITHOUT_CONTACT] if _WITHOUT_CONTACT in summary else [])):
         parts = zip(*(summary[key] for key in (name, f"{name}_low", f"{name}_high")), strict=True)
-        columns[name] = [f"{mean:.3f} [{low:.3f}, {high:.3f}]" for mean, low, high in parts]
+        columns[name] = [
+            "–" if np.isnan(mean) else f"{mean:.3f} [{low:.3f}, {high:.3f}]"
+            for mean, low, high in parts
+        ]
     columns["solved"] = [str(int(n)) for n in summary["solved"]]
     for name in _OVER_SOLVED:
         digits = 1 if name == "steps" else 3

@@ -18,7 +18,7 @@ from modpush._types import (
 )
 from modpush._validation import check_value, checked
 from modpush.envs.outcome import GOAL_THRESHOLD
-from modpush.envs.scenes.layouts import SCENES, TIGHT_SCENES
+from modpush.envs.scenes.layouts import ALL_SCENES
 from modpush.envs.scenes.scenario import GoalDistance, GoalDistances, ScenarioConfig
 from modpush.parts import check_part_name
 
@@ -41,9 +41,8 @@ class Phase:
 
     def __post_init__(self) -> None:
         """Check the names, so that nothing fails when the phase begins; no module is imported."""
-        known = {*SCENES, *TIGHT_SCENES}
         for name in self.scenes:
-            check_part_name("Phase: scenes", name, known)
+            check_part_name("Phase: scenes", name, ALL_SCENES)
 
 
 @checked

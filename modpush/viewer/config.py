@@ -11,7 +11,7 @@ from modpush._validation import checked
 from modpush.envs.engines.named import check_engine
 from modpush.envs.outcome import Goal
 from modpush.envs.robot.named import check_robot
-from modpush.envs.scenes.layouts import SCENES, TIGHT_SCENES
+from modpush.envs.scenes.layouts import ALL_SCENES
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.parts import part_module
 
@@ -72,7 +72,7 @@ class PlayConfig:
         if self.robot is not None:
             check_robot("PlayConfig", self.robot)
         for name, value, known in (
-            ("scene", self.scene, {*SCENES, *TIGHT_SCENES}),
+            ("scene", self.scene, ALL_SCENES),
             ("pushed_object", self.pushed_object, {*OBJECTS}),
         ):
             if value not in known and (name != "scene" or part_module(value) is None):

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from modpush.envs.scenes.layouts import SCENES, TIGHT_SCENES
+from modpush.envs.scenes.layouts import ALL_SCENES
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.viewer.panel import Panel, assign
 from modpush.viewer.session import Session
@@ -14,7 +14,7 @@ _SPEEDS = ("0.25", "0.5", "1", "2", "4")
 
 def _scenes(session: Session) -> tuple[str, ...]:
     """Names of the scene families, with one's own if the page was started with one."""
-    return tuple(dict.fromkeys((*SCENES, *TIGHT_SCENES, session.scene)))
+    return tuple(dict.fromkeys((*ALL_SCENES, session.scene)))
 
 
 class TimeControls:

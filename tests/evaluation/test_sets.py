@@ -11,9 +11,11 @@ from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.objects import get_object
 from modpush.envs.scenes.rectangles import obstacle_distance
 from modpush.evaluation import sets
+from modpush.evaluation.set_recipes import RECIPES
 from modpush.evaluation.sets import (
     BEHIND_SETS,
     EVALUATION_SETS,
+    MOVING_SETS,
     POSE_SETS,
     SET_NAMES,
     TUNING_SETS,
@@ -34,6 +36,14 @@ COUNTS = {
     "hard200/small_cube": 200,
     "hard_wide/small_cube": 200,
     "pose/free/box": 200,
+    "pose/one_rectangle/box": 500,
+    "pose/one_circle/box": 500,
+    "pose/one_cross/box": 500,
+    "pose/one_t/box": 500,
+    "pose/one_l/box": 500,
+    "pose/two_rectangles/box": 500,
+    "pose/moving_bar/box": 500,
+    "moving/small_cube": 200,
     "tuning/small_cube": 200,
     "tuning/all_objects": 200,
     "tuning/hard": 100,
@@ -100,7 +110,17 @@ def test_distances_are_uniform_in_a_set_and_in_its_families(name: str) -> None:
     distance = np.array([math.dist(s.object_pose[:2], s.goal_position) for s in loaded])
     scenes = np.array([s.scene for s in loaded])
     for chosen in (distance, *(distance[scenes == scene] for scene in {*scenes})):
-        assert kstest(chosen, "uniform", (0.2, 0.4)).pvalue > 0.001
+        least = 0.35 if RECIPES[name].obstacle_between else 0.2
+        assert kstest(chosen, "uniform", (least, 0.6 - least)).pvalue > 0.001
+
+
+@pytest.mark.parametrize("name", [n for n in SET_NAMES if RECIPES[n].obstacle_between])
+def test_an_obstacle_always_stands_between_object_and_goal(name: str) -> None:
+    for s in load_set(name):
+        ends = np.array([s.object_pose[:2], s.goal_position])
+        way = ends[0] + np.linspace(0, 1, 601)[:, None] * (ends[1] - ends[0])
+        assert obstacle_distance(way, s.obstacles).min() < 1e-3
+    assert generate_set(name, [1999]).scenarios[0].scene == s.scene  # more can be drawn
 
 
 def test_a_set_says_under_which_conditions_it_is_run(tmp_path: Path) -> None:
@@ -133,7 +153,7 @@ def test_the_larger_hard_set_begins_with_the_paper_s_number_of_episodes() -> Non
 
 
 def test_nothing_that_is_tuned_on_is_evaluated_on() -> None:
-    evaluated = (*EVALUATION_SETS, *BEHIND_SETS, *POSE_SETS)
+    evaluated = (*EVALUATION_SETS, *BEHIND_SETS, *POSE_SETS, *MOVING_SETS)
     assert set(TUNING_SETS) | set(evaluated) | {"smoke"} == set(SET_NAMES)
     tuned = {(s.object_pose, s.goal_position) for name in TUNING_SETS for s in load_set(name)}
     assert len(tuned) == 500

@@ -37,6 +37,17 @@ def test_success_is_over_all_and_the_rest_over_what_both_solved() -> None:
     assert table.loc["a", "success_low"] < 0.75 < table.loc["a", "success_high"]
 
 
+def test_goal_poses_also_count_without_contact() -> None:
+    more = {"final_yaw_error": [0.1] * 4, "collision_rate": [0.0, 0.01, 0.0, 0.0]}
+    columns = {"contact_rate": [0.5] * 4, "path_length": [0.5] * 4}
+    table = summarize({"a": rows([1, 1, 1, 0], **columns, **more)})
+    assert table.loc["a", "success_without_contact"] == pytest.approx(0.5)
+    assert to_display(table)["success_without_contact"].item().startswith("0.500 [")
+    assert "success_without_contact" not in summarize({"a": A})
+    both = pd.concat([table, summarize({"b": A})])
+    assert to_display(both).loc["b", "success_without_contact"] == "–"
+
+
 def test_alone_a_method_is_measured_over_what_it_solved() -> None:
     assert summarize({"a": A}).loc["a", "contact_rate"] == pytest.approx(0.5)
     nothing = summarize({"a": rows([0, 0], contact_rate=[1.0, 1.0], path_length=[1.0, 1.0])})

@@ -10,10 +10,12 @@ from collections.abc import Callable
 import numpy as np
 
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
+from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
 from modpush.geometry.workspace import WORKSPACE
 from modpush.parts import find_part, part_name
 
 __all__ = [
+    "ALL_SCENES",
     "BAR_SECTION",
     "CUBE_SIDE",
     "HARD_SCENES",
@@ -276,6 +278,9 @@ TIGHT_SCENES: dict[str, SceneFn] = {
 """The families by name through whose passages only the inscribed circle of a small object fits: episodes
 are drawn with `ScenarioConfig.path_inflation` `inscribed`, and planned with the same inflation."""
 
+ALL_SCENES: dict[str, SceneFn] = {**SCENES, **TIGHT_SCENES, **SHAPE_SCENES}
+"""All families by name."""
+
 OBSTACLE_SCENES = ("bar_across", "bar_along", "slot", "posts", "corridor")
 """The paper's five families for training and testing (Sec. V)."""
 HARD_SCENES = ("diagonal_walls", "maze")
@@ -296,15 +301,14 @@ def get_scene(scene: str | SceneFn) -> tuple[str, SceneFn]:
     Raises:
         ValueError: If there is no such family (the known ones are listed), or if it is not a function.
     """
-    known = {**SCENES, **TIGHT_SCENES}
-    if isinstance(scene, str) and scene in known:
-        return scene, known[scene]
-    found = find_part("scene", scene, known)
+    if isinstance(scene, str) and scene in ALL_SCENES:
+        return scene, ALL_SCENES[scene]
+    found = find_part("scene", scene, ALL_SCENES)
     if not callable(found):
         raise ValueError(
             f"scene: {scene!r} is not a function (rng, difficulty) -> list[Obstacle], got {found!r}."
         )
     try:
-        return part_name("scene", scene, known), found
+        return part_name("scene", scene, ALL_SCENES), found
     except ValueError:
         return getattr(found, "__name__", type(found).__name__), found

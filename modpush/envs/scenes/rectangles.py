@@ -9,6 +9,7 @@ from modpush._kernels import njit
 from modpush.envs.scenes.obstacle import Obstacle
 
 __all__ = [
+    "crosses_rectangle",
     "nearest_rectangle",
     "obstacle_distance",
     "rectangles",
@@ -69,6 +70,26 @@ def nearest_rectangle(x: float, y: float, turned: np.ndarray) -> float:
         v = max(abs(dy * c - dx * s) - turned[k, 5], 0.0)
         least = min(least, u * u + v * v)
     return math.sqrt(least)
+
+
+@njit()
+def crosses_rectangle(start: np.ndarray, end: np.ndarray, turned: np.ndarray) -> bool:
+    """True if the straight way between two points `[2]` leads through a rectangle."""
+    for k in range(len(turned)):
+        x, y, c, s, half_length, half_width = turned[k]
+        enter, leave = 0.0, 1.0  # as fractions of the way
+        for axis_x, axis_y, half in ((c, s, half_length), (-s, c, half_width)):
+            first = (start[0] - x) * axis_x + (start[1] - y) * axis_y
+            way = (end[0] - start[0]) * axis_x + (end[1] - start[1]) * axis_y
+            if way == 0.0:
+                if abs(first) > half:
+                    leave = -1.0
+            else:
+                one, other = (-half - first) / way, (half - first) / way
+                enter, leave = max(enter, min(one, other)), min(leave, max(one, other))
+        if enter <= leave:
+            return True
+    return False
 
 
 @njit()

@@ -18,6 +18,7 @@ from modpush.envs.scenes.layouts import TIGHT_SCENES, SceneFn
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
 from modpush.envs.scenes.rectangles import (
+    crosses_rectangle,
     nearest_rectangle,
     obstacle_distance,
     rectangles,
@@ -51,6 +52,7 @@ _CONDITIONS = (
     "tool touches an obstacle",
     "no path",
     "place of the tool taken",
+    "no obstacle between start and goal",
 )
 """Reasons against a candidate, in the order in which they are checked."""
 
@@ -157,15 +159,16 @@ def sample_scenario(
         difficulty = float(rng.uniform(*config.difficulty))
         obstacles = _draw_layout(rng, name, scene, difficulty, robot)
         free, limits = _free_space(obstacles, item, config), _limits(config, item, tool, robot)
+        between = config.obstacle_between
         for _ in range(_BATCHES):
             candidates = _draw_candidates(rng, config, distance)
             tool_poses, taken = _tool_starts(candidates, config, item, tool, robot, obstacles)
-            i, counts = _first_good(candidates, taken, free, limits)
+            i, counts = _first_good(candidates, taken, free, limits, between)
             while i >= 0 and tool_touches(
                 tool_poses[i], item.tool_height, obstacles, tool, _TOOL_GAP
             ):
                 taken[i] = True
-                i, counts = _first_good(candidates, taken, free, limits)
+                i, counts = _first_good(candidates, taken, free, limits, between)
             if i < 0:
                 failed.update(dict(zip(_CONDITIONS, counts.tolist(), strict=True)))
                 continue
@@ -291,13 +294,17 @@ def _tool_starts(
 
 @njit()
 def _first_good(
-    candidates: _Candidates, taken: np.ndarray, free: _FreeSpace, limits: _Limits
+    candidates: _Candidates,
+    taken: np.ndarray,
+    free: _FreeSpace,
+    limits: _Limits,
+    between: bool,
 ) -> tuple[int, np.ndarray]:
     """Index of the first candidate that meets every condition, or -1.
 
     With it how many failed which condition first, in the order of `_CONDITIONS`.
     """
-    counts = np.zeros(10, np.int64)
+    counts = np.zeros(11, np.int64)
     for i in range(len(candidates.start)):
         (sx, sy), (gx, gy) = candidates.start[i], candidates.goal[i]
         tx, ty = candidates.tool[i]
@@ -323,6 +330,10 @@ def _first_good(
             counts[8] += 1
         elif taken[i]:
             counts[9] += 1
+        elif between and not crosses_rectangle(
+            candidates.start[i], candidates.goal[i], free.turned
+        ):
+            counts[10] += 1
         else:
             return i, counts
     return -1, counts
