@@ -17,6 +17,7 @@ __all__ = [
     "check_keys",
     "check_real",
     "check_shape",
+    "check_span",
 ]
 
 _NO_NUMBERS = {torch.bool, torch.complex32, torch.complex64, torch.complex128}
@@ -39,6 +40,12 @@ def check_shape(name: str, value: Tensor, letters: str, expected: Sequence[int])
     """Raise a ValueError unless a tensor has a shape; `letters` name its dimensions, `"B, H, W"`."""
     if value.shape != tuple(expected):
         raise ValueError(f"{name} must be [{letters}] = {list(expected)}, got {list(value.shape)}.")
+
+
+def check_span(name: str, span: tuple[float, float]) -> None:
+    """Raise a ValueError unless the lower end of a range comes first."""
+    if span[0] > span[1]:
+        raise ValueError(f"{name} must be (lowest, highest), got {span}.")
 
 
 def check_instance(name: str, value: Any, kind: type) -> None:

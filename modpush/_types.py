@@ -5,7 +5,7 @@ They are checked by `modpush._validation`; a type checker sees float, int, str a
 
 import math
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, TypeVar
 
 import numpy as np
 from pydantic import BeforeValidator, Field, Strict, StringConstraints
@@ -44,6 +44,7 @@ __all__ = [
     "Seed",
     "Several",
     "Size",
+    "StepSpan",
     "YawTolerance",
 ]
 
@@ -124,6 +125,12 @@ LengthSpan = Annotated[tuple[Length, Length], Strict(False)]
 """Lower and upper end of a range of lengths [m]."""
 FractionSpan = Annotated[tuple[Fraction, Fraction], Strict(False)]
 """Lower and upper end of a range within [0, 1]."""
+_Steps = Annotated[int, Field(ge=0, le=1000)]
+if TYPE_CHECKING:  # type checkers know of no conversion
+    StepSpan: TypeAlias = Any
+else:
+    StepSpan = Annotated[tuple[_Steps, _Steps], Strict(False), ONE_NUMBER]
+"""Lowest and highest of a number of steps, both included; or one number."""
 Several = Annotated[tuple[T, ...], Strict(False)]
 """Any number of something."""
 AtLeastOne = Annotated[tuple[T, ...], Strict(False), Field(min_length=1)]

@@ -26,7 +26,7 @@ from torch import Tensor, nn
 
 import modpush
 from modpush._arguments import checked_arguments
-from modpush._types import Count, Point
+from modpush._types import ONE_NUMBER, Count, Point
 from modpush._validation import check_value, from_plain
 from modpush._yaml import dump_yaml, load_yaml
 from modpush.agents.tqc.config import TQCConfig
@@ -105,6 +105,8 @@ def wrong_values(kind: Any) -> list[Any]:
         if any(isinstance(item, Callable) for item in kind.__metadata__):  # type: ignore[arg-type]
             return [ANYTHING]
         wrong = wrong_values(inner[0])
+        if ONE_NUMBER in kind.__metadata__:  # it is a range, too
+            wrong.remove(3)
         return wrong and [*wrong, *_beyond(inner[0], kind.__metadata__)]
     if kind in (int, float):
         return [True, "3", None, [1], ANYTHING, *([1.5, math.nan] if kind is int else [])]

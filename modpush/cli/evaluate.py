@@ -27,6 +27,10 @@ Options:
                      under SET+TOOL.
   --engine NAME      Physics engine to use instead of the sets' own, at its own rate: sapien, mujoco, or
                      module:name; results are stored under SET+ENGINE.
+  --sensing {exact,noise,delay,noise_delay}
+                     Conditions of an agent's observations and actions instead of the sets' own: noise of
+                     the object's pose (up to 1.5 cm and 7.5 degrees), delay (actions 1 to 3 steps old,
+                     observations 1 step), or both; results are stored under SET+NAME.
   --recovery {True,False}
                      Use StuckRecovery, which takes over when a policy has come to rest before the
                      goal, or do not; by default as an agent's config says, and False for
@@ -55,6 +59,7 @@ from modpush._types import AtLeastOne, Count, FilePath, Name, NonNegativeInteger
 from modpush._validation import checked
 from modpush.envs.engines.named import find_engine
 from modpush.envs.robot.named import find_robot, find_tool
+from modpush.envs.scenes.sensing import SensingName
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -83,6 +88,10 @@ class EvaluateConfig:
     engine: Name | None = None
     """Physics engine to use instead of the sets' own, at its own rate: `sapien`, `mujoco`, or
     `module:name`; results are stored under `<set>+<engine>`."""
+    sensing: SensingName | None = None
+    """Conditions of the agents' observations and actions instead of the sets' own: `noise` (of the
+    object's pose, up to 1.5 cm and 7.5 degrees), `delay` (actions 1 to 3 steps old, observations 1 step),
+    or `noise_delay`; results are stored under `<set>+<sensing>`."""
     recovery: bool | None = None
     """Let `StuckRecovery` take over when a policy has come to rest before the goal. By default
     this is what an agent's config says, and no for hand-written policies; results of the other
@@ -156,6 +165,8 @@ def _load_sets(config: EvaluateConfig) -> dict[str, "evaluation.EvaluationSet"]:
                 config.engine
             )  # a package that is missing is named before an episode is run
             episodes = episodes.with_engine(config.engine)
+        if config.sensing is not None:
+            episodes = episodes.with_sensing(config.sensing)
         for other, known in sets.items():
             if known.name == episodes.name:
                 raise ValueError(

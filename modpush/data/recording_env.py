@@ -79,8 +79,8 @@ class RecordingEnv(EnvBase):
         self._env, self._base, self._images = env, base, images
         self._note = _NoteCommand()
         env.insert_transform(0, self._note)
-        frames = [t.frame for t in env.transform if isinstance(t, ActionFrame)]
-        self._frame = frames[0] if frames else "base"
+        turns = [t for t in env.transform if isinstance(t, ActionFrame)]
+        self._turn = turns[0] if turns else None
         for name in ("observation_spec", "action_spec", "reward_spec", "done_spec"):
             setattr(self, name, getattr(base, name).clone())
         self._keys = [*base.observation_spec.keys(True, True), *base.done_spec.keys(True, True)]
@@ -131,10 +131,10 @@ class RecordingEnv(EnvBase):
 
     def _turned(self, command: Tensor) -> Tensor:
         """An action in the base frame in the axes of the recorded stack, `[B, 3]`."""
-        if self._frame == "base":
+        if self._turn is None or self._turn.frame == "base":
             return command.clone()
-        yaw = frame_yaw(self._frame, self._state["object_pose"], self._state.get("subgoal", None))
-        return turn_action(command, -yaw)
+        pose, subgoal = self._state[self._turn.object_pose_key], self._state.get("subgoal", None)
+        return turn_action(command, -frame_yaw(self._turn.frame, pose, subgoal))
 
     def _emitted(self, td: TensorDictBase) -> TensorDictBase:
         """The entries of `PushEnv` among the stack's."""

@@ -34,3 +34,4 @@ from .scenes.scenario import (
     ScenarioConfig as ScenarioConfig,
 )
 from .scenes.shape_layouts import SHAPE_SCENES as SHAPE_SCENES
+from .scenes.sensing import SENSING as SENSING, SensingConfig as SensingConfig

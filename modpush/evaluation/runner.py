@@ -25,6 +25,7 @@ from modpush._types import Count, Key, Scenes, Seed
 from modpush._validation import checked
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.scenario import Scenario
+from modpush.envs.scenes.sensing import SensingConfig
 from modpush.evaluation.episodes import Episode, Policy, run_episodes
 from modpush.evaluation.results import SET_FILE, ResultStore, describe_policy
 from modpush.evaluation.sets import SET_NAMES, EvaluationSet, load_set
@@ -208,6 +209,11 @@ def _make_env(
 ) -> EnvBase:
     """The environment that a factory makes, if it is as the set says."""
     takes = "conditions" in inspect.signature(factory).parameters
+    if not takes and conditions.sensing != SensingConfig():
+        raise ValueError(
+            "evaluate: make_env must have a parameter `conditions`, in which sensing is "
+            f"{conditions.sensing}."
+        )
     env = factory(num_envs, objects, **({"conditions": conditions} if takes else {}))
     simulation = getattr(env, "simulation", None)
     if simulation is None or not (differences := conditions.differences(simulation)):

@@ -23,6 +23,7 @@ from modpush._weights import data_hash
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
+from modpush.envs.scenes.sensing import SENSING, SensingName
 from modpush.evaluation.set_recipes import RECIPES, SetRecipe
 from modpush.files import read_packed_json, reading, write_packed_json
 from modpush.parts import check_allowed
@@ -159,6 +160,18 @@ class EvaluationSet:
             return self
         conditions = replace(self.conditions, engine=engine, sim_freq=None)
         return replace(self, name=f"{self.name}+{engine.rpartition(':')[2]}", conditions=conditions)
+
+    @checked_arguments
+    def with_sensing(self, sensing: SensingName) -> "EvaluationSet":
+        """The same episodes, with delays or noise, for agents: the name then ends with `+<sensing>`.
+
+        Raises:
+            ValueError: If there are no such conditions in `SENSING`.
+        """
+        if SENSING[sensing] == self.conditions.sensing:
+            return self
+        conditions = replace(self.conditions, sensing=SENSING[sensing])
+        return replace(self, name=f"{self.name}+{sensing}", conditions=conditions)
 
     def save(self, path: Path) -> None:
         """Write the set as gzip-compressed JSON; the same set always gives the same bytes."""

@@ -24,6 +24,7 @@ from modpush.encoders.named import names_a_file
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES
 from modpush.envs.scenes.objects import Circle
 from modpush.envs.scenes.scenario import ScenarioConfig
+from modpush.envs.scenes.sensing import SensingConfig
 from modpush.envs.simulation_config import SimulationConfig, set_fields
 from modpush.geometry.frames import Frame
 from modpush.mdp.observation_entries import PATH_AHEAD_ENTRIES
@@ -41,11 +42,15 @@ END_TO_END = "end_to_end"
 
 
 def _accept_single_fields(cls: type[T]) -> type[T]:
-    """Let the constructor take fields of `scenario` and `simulation` one by one."""
+    """Let the constructor take fields of `scenario`, `simulation` and `sensing` one by one."""
     as_any: Any = cls
     init, own = as_any.__init__, {field.name for field in fields(as_any)}
     nested: dict[str, Callable[[], Any]]
-    nested = {"scenario": _default_scenario, "simulation": SimulationConfig}
+    nested = {
+        "scenario": _default_scenario,
+        "simulation": SimulationConfig,
+        "sensing": SensingConfig,
+    }
 
     @functools.wraps(init)
     def init_with_fields(self: Any, **given: Any) -> None:
@@ -71,8 +76,8 @@ class PushEnvConfig:
 
     The defaults are the paper's. Where the paper gives no value, or a default differs from it, the
     field's description says so. Your own parts are given as `"module:name"`, or as objects to
-    `make_push_env`. The constructor and `dataclasses.replace` also take fields of `scenario` and
-    `simulation` one by one: `PushEnvConfig(scene="slot", tool="rod")`.
+    `make_push_env`. The constructor and `dataclasses.replace` also take fields of `scenario`,
+    `simulation` and `sensing` one by one: `PushEnvConfig(scene="slot", tool="rod")`.
     """
 
     num_envs: Scenes = 8
@@ -82,6 +87,8 @@ class PushEnvConfig:
     """Settings from which episodes are drawn: scenes, objects, difficulty, distance, ..."""
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
     """Tool, depth camera, physics and ends of episodes."""
+    sensing: SensingConfig = field(default_factory=SensingConfig)
+    """Delays and noise between policy and world; none by default."""
     frame: Frame = "object"
     """Axes of the observation and of the local window."""
     action_frame: Frame | None = "base"
@@ -187,7 +194,7 @@ class PushEnvConfig:
         return replace(self.scenario, path_inflation=self.path_inflation)
 
     def with_fields(self, **changes: Any) -> "PushEnvConfig":
-        """The same with single fields replaced, also those of `scenario` and `simulation`.
+        """The same with single fields replaced, also those of `scenario`, `simulation` and `sensing`.
 
         Raises:
             TypeError: If there is no such field; the message lists those that there are.

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import torch
+from tensordict import NestedKey
 from torch import nn
 from torchrl.envs import Compose, EnvBase, ExcludeTransform, InitTracker, Transform, TransformedEnv
 
@@ -22,6 +23,7 @@ from modpush.encoders.window_transform import EgocentricWindow
 from modpush.envs.push_env import PushEnv
 from modpush.envs.robot.robot import Robot
 from modpush.envs.scenes.scenario import ScenarioConfig
+from modpush.envs.scenes.sensing import SensingConfig
 from modpush.mdp.action_frame import ActionFrame
 from modpush.mdp.blank_latent import latent_entry
 from modpush.mdp.curriculum import Curriculum
@@ -32,13 +34,14 @@ from modpush.mdp.observation_entries import ENTRIES, Entry, EntryLike
 from modpush.mdp.push_observation import PushObservation
 from modpush.mdp.push_reward import PushReward
 from modpush.mdp.reward_terms import RewardTerm
-from modpush.mdp.stuck_recovery import StuckRecovery
+from modpush.mdp.step_outcome import RewardKeys
 from modpush.planners.base import Planner
 from modpush.planners.occupancy import OccupancyGrid
 from modpush.planners.pose_field import PoseField
 from modpush.planners.pose_subgoals import PoseSubgoals
 from modpush.planners.subgoals import PlannerSubgoals
 from modpush.recipes.config import END_TO_END, PushEnvConfig
+from modpush.recipes.sensing import make_recovery, make_sensing, observation_keys, observed_keys
 
 __all__ = ["ENV_PARTS", "env_parts", "make_push_env"]
 
@@ -55,6 +58,19 @@ ENV_PARTS = (
     "reward_terms",
 )
 """Arguments of `make_push_env` that may be given as objects."""
+
+_TRUE = "true"
+"""Group of the plan from the true state, by which the reward goes where the policy observes another."""
+_MAP_KEYS = {"occupancy": "occupancy", "blocked": "blocked_bits", "choice": "map_choice"}
+_PLAN_KEYS = {
+    "occupancy": "occupancy",
+    "path_length": "path_length",
+    "subgoal": "subgoal",
+    "subgoal_past": "subgoal_past",
+    "path_found": "path_found",
+    "history": "subgoal_history",
+    "path_ahead": "path_ahead",
+}
 
 
 def env_parts(config: PushEnvConfig, parts: Mapping[str, Any]) -> dict[str, Any]:
@@ -90,6 +106,11 @@ def make_push_env(
     emits what `PoseSubgoals` writes, and with `recovery` it
     emits what `StuckRecovery` writes as well.
 
+    With noise or delayed observations (`config.sensing`) the keys of `PushEnv` still hold the truth, of
+    which the reward is, with the path length `("true", "path_length")`. What the policy's
+    observation, plan, window and recovery are computed from is under `("observed", name)`. An entry of
+    your own that reads a key of its choice gets the truth.
+
     Args:
         config: Configuration of the stack; the paper's environment by default.
         encoder: Encoder of the window instead of the config's: a name, `"module:name"`, or
@@ -108,9 +129,9 @@ def make_push_env(
         pictures: Build the scenes with a renderer, see `PushEnv`.
         seed: Seed of the first scene, see `PushEnv`.
         device: Device of the environment, see `PushEnv`.
-        **fields: Fields of the config to set differently, also those of its `scenario` and `simulation`
-            (`num_envs=2`, `scene="slot"`, `tool="rod"`, ...; scenes, objects, engine, robot,
-            tool and depth camera also as objects of your own).
+        **fields: Fields of the config to set differently, also those of its `scenario`, `simulation`
+            and `sensing` (`num_envs=2`, `scene="slot"`, `tool="rod"`, ...; scenes, objects, engine,
+            robot, tool and depth camera also as objects of your own).
 
     Raises:
         TypeError: If an argument is neither this function's nor a field of the config.
@@ -136,14 +157,22 @@ def make_push_env(
         device=device,
     )
     module = _make_encoder(config, encoder)
+    true, observed = observed_keys(SensingConfig()), observed_keys(config.sensing)
+    planned = config, base.scenario, planner
+    true_length = "path_length" if config.sensing.exact else (_TRUE, "path_length")
     described = _entries(config, entries, module, base.robot)
     observations = (PushObservation, MirroredObservation) if mirrored else (PushObservation,)
     transforms: list[Transform] = [
         InitTracker(),
         *([CurriculumScenes(curriculum, evaluated_envs=evaluated_envs)] if curriculum else []),
-        *_planning(config, base.scenario, planner, max_waypoints),
-        *_window(config, module, mirrored),
-        ActionFrame(config.frame if config.action_frame is None else config.action_frame),
+        *make_sensing(config.sensing),
+        *([] if config.sensing.exact else _planning(*planned, 0, true, _TRUE)),
+        *_planning(*planned, max_waypoints, observed),
+        *_window(config, module, mirrored, observed),
+        ActionFrame(
+            config.frame if config.action_frame is None else config.action_frame,
+            object_pose_key=observed["object_pose"],
+        ),
         *(
             observation(
                 config.frame,
@@ -151,15 +180,18 @@ def make_push_env(
                 bounds=base.bounds,
                 symmetry=config.symmetry,
                 raw=config.raw,
+                keys=observation_keys(observed, mirrored=observation is MirroredObservation),
             )
             for observation in observations
         ),
-        PushReward(config.reward, terms=reward_terms),
-        *([StuckRecovery()] if config.recovery else []),
+        PushReward(config.reward, terms=reward_terms, keys=RewardKeys(path_length=true_length)),
+        *([make_recovery(config.sensing)] if config.recovery else []),
     ]
     if not keep_images:
+        images = [keys[name] for keys in (true, observed) for name in ("depth", "segmentation")]
+        maps = ["occupancy"] if config.sensing.exact else ["occupancy", (_TRUE, "occupancy")]
         encoded = ["window"] if module is not None else []
-        transforms.append(ExcludeTransform("depth", "segmentation", "occupancy", *encoded))
+        transforms.append(ExcludeTransform(*dict.fromkeys(images), *maps, *encoded))
     return TransformedEnv(base, Compose(*transforms))
 
 
@@ -168,8 +200,10 @@ def _planning(
     scenario: ScenarioConfig,
     planner: str | Planner | None,
     max_waypoints: int,
+    read: Mapping[str, NestedKey],
+    group: str | None = None,
 ) -> list[Transform]:
-    """From depth image to sub-goals."""
+    """From depth image to sub-goals, which are written within a group if there is one."""
     # Where the config's distance from the workspace's edge leaves no way, the scenarios' own does: they
     # are drawn so that there is one.
     outside = config.planner_margin or 0.0
@@ -180,6 +214,10 @@ def _planning(
         inflation=config.inflation,
         bounds=None if config.planner_margin is None else (scenario.low, scenario.high),
         margin=tuple(-margin for margin in margins),
+        depth_key=read["depth"],
+        segmentation_key=read["segmentation"],
+        object_pose_key=read["object_pose"],
+        **_within(group, _MAP_KEYS),
     )
     subgoals = PlannerSubgoals(
         config.planner if planner is None else planner,
@@ -189,6 +227,8 @@ def _planning(
         lags=config.subgoal_lags,
         ahead=config.path_ahead,
         max_waypoints=max_waypoints,
+        object_pose_key=read["object_pose"],
+        **_within(group, _PLAN_KEYS),
     )
     return [occupancy, subgoals, *([_pose_planning(config, scenario)] if config.plan_poses else [])]
 
@@ -203,6 +243,11 @@ def _pose_planning(config: PushEnvConfig, scenario: ScenarioConfig) -> Transform
         ahead=config.path_ahead,
         symmetry_key=None if config.simulation.full_circle else "object_symmetry",
     )
+
+
+def _within(group: str | None, keys: Mapping[str, str]) -> dict[str, Any]:
+    """Arguments that put a transform's own keys into a group; none without a group."""
+    return {} if group is None else {f"{own}_key": (group, name) for own, name in keys.items()}
 
 
 def _make_encoder(config: PushEnvConfig, given: Any) -> nn.Module | None:
@@ -221,7 +266,12 @@ def _make_encoder(config: PushEnvConfig, given: Any) -> nn.Module | None:
     return encoder
 
 
-def _window(config: PushEnvConfig, encoder: nn.Module | None, mirrored: bool) -> list[Transform]:
+def _window(
+    config: PushEnvConfig,
+    encoder: nn.Module | None,
+    mirrored: bool,
+    read: Mapping[str, NestedKey],
+) -> list[Transform]:
     """The local window and its latent; or its bytes, for an encoder that is trained with the agent."""
     if encoder is None and config.encoder != END_TO_END:
         return []
@@ -229,7 +279,13 @@ def _window(config: PushEnvConfig, encoder: nn.Module | None, mirrored: bool) ->
     if encoder is not None:
         _, size, scale = encoder_sizes(encoder)
     window = EgocentricWindow(
-        config.frame, size=size, outside=config.window_outside, metres_per_pixel=scale
+        config.frame,
+        size=size,
+        outside=config.window_outside,
+        metres_per_pixel=scale,
+        depth_key=read["depth"],
+        segmentation_key=read["segmentation"],
+        object_pose_key=read["object_pose"],
     )
     if encoder is None:
         return [window, WindowBytes()]

@@ -14,6 +14,7 @@ from modpush._arguments import checked_arguments
 from modpush.agents import PushingCorridorController, ScriptedPusher, faithful_config
 from modpush.envs import PushEnv
 from modpush.envs.scenes.conditions import EpisodeConditions
+from modpush.envs.scenes.sensing import SensingConfig
 from modpush.mdp import StuckRecovery, recovering
 from modpush.planners import DistanceField, OccupancyGrid, PlannerSubgoals
 from modpush.recipes.agent_file import BEST_AGENT, HUB_PREFIX, load_agent, shipped_agents
@@ -73,10 +74,11 @@ def get_method(
         method, default = _hand_written(policy), False
     else:
         method, default = _trained(policy, allow)
-    if recovery is None or recovery == default:
-        return _with_recovery(method) if default else method
-    name = f"{method.name}{'+recovery' if recovery else '_without_recovery'}"
-    return replace(_with_recovery(method) if recovery else method, name=name)
+    recovers = default if recovery is None else recovery
+    if recovers != default:
+        suffix = "+recovery" if recovers else "_without_recovery"
+        method = replace(method, name=f"{method.name}{suffix}")
+    return _with_recovery(method) if recovers else method
 
 
 @checked_arguments
@@ -140,18 +142,8 @@ def _with_recovery(method: Method) -> Method:
     return replace(
         method,
         make_policy=lambda: recovering(method.make_policy()),
-        make_env=functools.partial(_recovery_env, method.make_env),
+        make_env=functools.partial(method.make_env, recovery=True),
     )
-
-
-def _recovery_env(
-    make_env: Callable[..., EnvBase],
-    num_envs: int,
-    objects: Sequence[str],
-    conditions: EpisodeConditions | None = None,
-    **options: Any,
-) -> EnvBase:
-    return make_env(num_envs, objects, conditions, **options).append_transform(StuckRecovery())
 
 
 def _find_agent(policy: str) -> tuple[str, str]:
@@ -180,10 +172,16 @@ def _plain_env(
     conditions: EpisodeConditions | None = None,
     *,
     planner: bool,
+    recovery: bool = False,
     **options: Any,
 ) -> EnvBase:
     """`PushEnv`, with the planner's sub-goals for those that follow them."""
     conditions = conditions or EpisodeConditions()
+    if conditions.sensing != SensingConfig():
+        raise ValueError(
+            "conditions: sensing must be exact for a hand-written policy, since delays and noise are for "
+            f"agents, got {conditions.sensing}."
+        )
     transforms: list[Any] = [InitTracker()]
     if planner:
         grid = OccupancyGrid(
@@ -196,6 +194,8 @@ def _plain_env(
         keys = ["object_inscribed_radius"], ["touch_radius"]
         transforms.append(RenameTransform(*keys, create_copy=True))
     options = {**conditions.env_options, **options}
+    if recovery:
+        transforms.append(StuckRecovery())
     env = PushEnv(num_envs, pushed_object=tuple(objects), **options)
     return TransformedEnv(env, Compose(*transforms))
 
@@ -207,12 +207,13 @@ def _agent_env(
     *,
     agent: str,
     allow: Sequence[str],
+    recovery: bool = False,
     **options: Any,
 ) -> EnvBase:
-    """The environment that an agent was trained in without recovery, with the objects of a set."""
+    """The environment that an agent was trained in, with the objects of a set."""
     found = load_agent(agent, allow=allow)
     given = {} if conditions is None else conditions.agent_options(found.config.inflation)
-    return replace(found, config=replace(found.config, recovery=False)).make_env(
+    return replace(found, config=replace(found.config, recovery=recovery)).make_env(
         num_envs,
         **{
             "pushed_object": tuple(objects),

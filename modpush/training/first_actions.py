@@ -6,6 +6,7 @@ from tensordict import TensorDictBase
 from modpush.agents.scripted import ScriptedPusher
 from modpush.mdp.action_frame import ActionFrame
 from modpush.recipes.config import PushEnvConfig
+from modpush.recipes.sensing import observed_keys
 
 __all__ = ["FirstActions"]
 
@@ -19,7 +20,8 @@ class FirstActions:
     def __init__(self, config: PushEnvConfig) -> None:
         self._pusher = ScriptedPusher(target_key="subgoal")
         frame = config.frame if config.action_frame is None else config.action_frame
-        self._frame = ActionFrame(frame)
+        pose_key = observed_keys(config.sensing)["object_pose"]
+        self._frame = ActionFrame(frame, object_pose_key=pose_key)
 
     def __call__(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write the action, `[B, 3]` in [-1, 1]."""

@@ -22,6 +22,7 @@ from modpush.envs.outcome import is_out_of_bounds, pose_errors
 from modpush.envs.scenes.scenario import Scenario
 from modpush.mdp.action_frame import ActionFrame
 from modpush.recipes.config import PushEnvConfig
+from modpush.recipes.sensing import observed_keys
 from modpush.training.config import TrainConfig
 
 __all__ = ["Hindsight", "n_step_returns"]
@@ -62,7 +63,8 @@ class Hindsight:
         stored: Sequence[NestedKey],
     ) -> None:
         self._config, self._stored = config, list(stored)
-        self._frame = ActionFrame(_action_frame(config.env))
+        pose_key = observed_keys(config.env.sensing)["object_pose"]
+        self._frame = ActionFrame(_action_frame(config.env), object_pose_key=pose_key)
         self._workspace = config.env.scenario.bounds(0.0)
         self._engines: list[RecordedEngine] = []
         env = replace(config.env, num_envs=min(_ENVS, config.env.num_envs), recovery=False)

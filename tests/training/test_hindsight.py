@@ -8,7 +8,7 @@ import torch
 from tensordict import TensorDict
 from torchrl.envs.utils import step_mdp
 
-from modpush.envs import PushEnv
+from modpush.envs import SENSING, PushEnv
 from modpush.envs.engines.base import CONTACT_KEYS
 from modpush.envs.engines.recorded import RecordedEngine, Recording
 from modpush.mdp import CurriculumConfig
@@ -78,6 +78,25 @@ def test_a_recorded_episode_looks_as_it_did(recorded) -> None:
     for row, rest in zip(before, played, strict=True):
         for key in KEYS:
             torch.testing.assert_close(row[key][: len(rest)], rest[key], atol=1e-5, rtol=1e-5)
+
+
+def test_an_episode_is_played_again_with_its_own_noise_and_delays() -> None:
+    """Axes of the actions are those that were observed, and the same start gives the same noise."""
+    env = SMALL.env.with_fields(sensing=SENSING["noise_delay"], recovery=False)
+    config = replace(SMALL, env=env, replay=replace(SMALL.replay, n_steps=1))
+    recorded = make_push_env(env, mirrored=True, seed=5)
+    steps, scenarios = episodes(recorded, 12), recorded.scenarios
+    hindsight = Hindsight(config, {}, make_push_env, KEYS)
+    for step in steps:
+        hindsight.add(step, scenarios, 0.0)  # a yaw that no episode meets from the start
+    waiting = zip(hindsight._waiting, scenarios, strict=True)
+    played = hindsight._play([replace(episode, scenario=start) for episode, start in waiting])
+    before = TensorDict.stack(steps, 1).select(*KEYS)
+    for row, rest in zip(before, played, strict=True):
+        for key in KEYS:
+            torch.testing.assert_close(row[key][: len(rest)], rest[key], atol=1e-5, rtol=1e-5)
+    recorded.close()
+    hindsight.close()
 
 
 def test_with_its_last_pose_as_the_goal_an_episode_succeeds(recorded) -> None:

@@ -1,8 +1,9 @@
 """The conditions under which the episodes of a set are run, the same for every method."""
 
+import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, field
 from typing import Annotated, Any
 
 from annotated_types import Le
@@ -13,6 +14,7 @@ from modpush.envs.engines.named import check_engine
 from modpush.envs.outcome import GOAL_THRESHOLD, Goal
 from modpush.envs.robot.named import check_robot, check_tool
 from modpush.envs.scenes.objects import Circle
+from modpush.envs.scenes.sensing import SensingConfig
 
 __all__ = ["EpisodeConditions"]
 
@@ -25,6 +27,7 @@ _LATER = (
     "yaw_tolerance",
     "hold_steps",
     "full_circle",
+    "sensing",
 )
 """Fields that were added after the first sets were written."""
 
@@ -61,6 +64,8 @@ class EpisodeConditions:
     on a map inflated so, since there may be no way on another, unless it chooses the widest inflation
     that leaves a path; with `circumscribed` there is a way on either map, and a method plans on a map of
     its own."""
+    sensing: SensingConfig = field(default_factory=SensingConfig)
+    """Delays and noise between policy and world; only for agents."""
 
     def __post_init__(self) -> None:
         """Check the parts' names; nothing is imported."""
@@ -71,16 +76,18 @@ class EpisodeConditions:
     @property
     def env_options(self) -> dict[str, Any]:
         """Time limit, goal, robot, tool, engine and its rate, as arguments of `PushEnv`."""
-        return {name: value for name, value in asdict(self).items() if name != "inflation"}
+        own = ("inflation", "sensing")
+        return {name: value for name, value in asdict(self).items() if name not in own}
 
     def agent_options(self, inflation: str | float) -> dict[str, Any]:
-        """`env_options` and, where the set asks for a certain map, `inflation` of `make_push_env`.
+        """Arguments of `make_push_env`: `env_options`, `sensing` and, for a certain map, `inflation`.
 
         Args:
             inflation: The agent's own, `PushEnvConfig.inflation`; `"widest"` finds a path on every set.
         """
         own_map = self.inflation == "circumscribed" or inflation == "widest"
-        return self.env_options if own_map else {**self.env_options, "inflation": self.inflation}
+        options = {**self.env_options, "sensing": self.sensing}
+        return options if own_map else {**options, "inflation": self.inflation}
 
     def differences(self, simulation: Any) -> dict[str, tuple[Any, Any]]:
         """Differences of an environment: `(there, of the set)` by field.
@@ -96,8 +103,10 @@ class EpisodeConditions:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for files, without what older files do not know where it is as it was then."""
-        known = {name: getattr(type(self), name) for name in _LATER}
-        return {k: v for k, v in asdict(self).items() if k not in known or v != known[k]}
+        usual = asdict(type(self)())
+        changed = {k: v for k, v in asdict(self).items() if k not in _LATER or v != usual[k]}
+        plain: dict[str, Any] = json.loads(json.dumps(changed))  # as it is read back
+        return plain
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "EpisodeConditions":

@@ -1,11 +1,13 @@
 """The ManiSkill agents of an arm with a tool, and the planar controller that drives them."""
 
+import atexit
 import functools
 import hashlib
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import mkdtemp
 from typing import Any, ClassVar
 
 import numpy as np
@@ -196,15 +198,17 @@ def agent_class(arm: Robot, tool: Tool) -> type[PushArm]:
 
 
 @functools.cache
-def _folder() -> TemporaryDirectory[str]:
+def _folder() -> Path:
     """A folder that is deleted at the end of the process."""
-    return TemporaryDirectory(prefix="modpush_urdf_")
+    folder = mkdtemp(prefix="modpush_urdf_")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
 
 
 def _urdf_file(arm: Robot, tool: Tool) -> str:
     """SAPIEN reads a URDF from files only."""
     text = urdf_text(arm, tool)
-    path = Path(_folder().name) / f"{hashlib.sha256(text.encode()).hexdigest()[:16]}.urdf"
+    path = _folder() / f"{hashlib.sha256(text.encode()).hexdigest()[:16]}.urdf"
     if not path.exists():
         path.write_text(text, encoding="utf-8")
     return str(path)
