@@ -33,5 +33,5 @@ from .scenes.scenario import (
     Scenario as Scenario,
     ScenarioConfig as ScenarioConfig,
 )
-from .scenes.shape_layouts import SHAPE_SCENES as SHAPE_SCENES
 from .scenes.sensing import SENSING as SENSING, SensingConfig as SensingConfig
+from .scenes.shape_layouts import SHAPE_SCENES as SHAPE_SCENES
