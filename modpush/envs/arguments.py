@@ -1,6 +1,7 @@
 """Checks of the arguments that users give to the environments."""
 
 import inspect
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
@@ -170,11 +171,13 @@ def check_reach(robot: Robot, config: ScenarioConfig) -> None:
     least, most = robot.reach
     if distance.max(initial=0.0) > most:
         base = robot.base[:2]
+        radius = np.linalg.norm(places[distance > most], axis=-1).min() - 0.01
         raise ValueError(
             f"PushEnv: robot {robot.name!r}, whose base is at {base}, reaches from {least} to {most} m; "
             f"this does not hold the workspace from {config.low} to {config.high}, with starts up to "
-            f"{distance.max():.2f} m from the base. Expected max_start_radius (and max_goal_radius) "
-            f"around {most - 0.08:.2f}, a smaller workspace (low and high), or a robot with more reach."
+            f"{distance.max():.2f} m from the base. Expected max_start_radius (and max_goal_radius) of "
+            f"at most {math.floor(100 * radius) / 100:.2f}, a smaller workspace (low and high), or a "
+            "robot with more reach."
         )
 
 
