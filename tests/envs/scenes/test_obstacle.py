@@ -44,7 +44,9 @@ def test_an_obstacle_at_a_time_stands() -> None:
 
 
 def test_an_obstacle_continues_from_any_time_as_it_would_have() -> None:
-    times = np.linspace(0.0137, 7.0, 29)  # at no reversal, where the velocity is that of either side
+    times = np.linspace(
+        0.0137, 7.0, 29
+    )  # at no reversal, where the velocity is that of either side
     for start in (0.0, 0.4, 1.7, 3.3, 4.1):
         np.testing.assert_allclose(
             MOVING.after(start).at(times), MOVING.at(start + times), atol=1e-9
