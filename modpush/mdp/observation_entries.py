@@ -66,6 +66,9 @@ _contact = attrgetter("contact")
 _goal = attrgetter("goal")
 _subgoal = attrgetter("subgoal")
 _path_length = attrgetter("path_length")
+_subgoal_pose = attrgetter("subgoal_pose")
+_turns_ahead = attrgetter("turns_ahead")
+_pose_path_length = attrgetter("pose_path_length")
 _object_radius = attrgetter("object_radius")
 _object_symmetry = attrgetter("object_symmetry")
 _last_action = attrgetter("last_action")
@@ -154,6 +157,10 @@ def _mirrored_path_ahead(inputs: ObservationInputs) -> Tensor:
     return _mirrored_points(inputs.path_ahead)
 
 
+def _mirrored_turns_ahead(inputs: ObservationInputs) -> Tensor:
+    return -inputs.turns_ahead
+
+
 def _mirrored_edges(inputs: ObservationInputs) -> Tensor:
     return _edges(inputs)[..., [0, 3, 2, 1]]  # left and right change places
 
@@ -194,6 +201,11 @@ ENTRIES: dict[str, Entry] = {
     "goal": Entry(_goal, 3.0, mirrored=_with_signs(_goal, 1, -1)),
     "subgoal": Entry(_subgoal, 5.0, mirrored=_with_signs(_subgoal, 1, -1)),
     "path_length": Entry(_path_length, 3.0, mirrored=_path_length),
+    "subgoal_pose": Entry(
+        _subgoal_pose, (5.0, 5.0, 1.0), mirrored=_with_signs(_subgoal_pose, 1, -1, -1)
+    ),
+    "turns_ahead": Entry(_turns_ahead, mirrored=_mirrored_turns_ahead),
+    "pose_path_length": Entry(_pose_path_length, 3.0, mirrored=_pose_path_length),
     "edges": Entry(_edges, 1.0 / _EDGE_RANGE, mirrored=_mirrored_edges),
     "object_radius": Entry(_object_radius, 100.0, 0.04, mirrored=_object_radius),
     "object_symmetry": Entry(_object_symmetry, 0.5, 2.0, mirrored=_object_symmetry),
@@ -214,7 +226,8 @@ says by how much the edge of the workspace, past which an episode ends, is neare
 ahead, left, behind and right of the object: 0 to 0.15 m. `object_support` is how far the object reaches
 in eight directions, the first along the frame's x: its shape, size and yaw, whatever its symmetry.
 `path_ahead` needs `PlannerSubgoals(ahead=...)`, and `obstacle_motion`, place and velocity of the nearest
-obstacle that moves by itself, `PushEnv(obstacle_motion=True)`."""
+obstacle that moves by itself, `PushEnv(obstacle_motion=True)`. `subgoal_pose` (x, y and the turn to it),
+`turns_ahead` and `pose_path_length` are of the planned path of poses, `PoseSubgoals(ahead=...)`."""
 
 PAPER_ENTRIES = (
     "latent",

@@ -27,6 +27,8 @@ _LAST = {
     "object_symmetry": (1,),
     "path_length": (1,),
     "subgoal": (2,),
+    "subgoal_pose": (3,),
+    "pose_path_length": (1,),
     "last_action": (3,),
     "obstacle_motion": (4,),
 }
@@ -67,6 +69,12 @@ class ObservationKeys:
     """`[..., n, 2]`: points along the planned path."""
     obstacle_motion: Key = "obstacle_motion"
     """`[..., 4]`: place and velocity of an obstacle, zeros for none."""
+    subgoal_pose: Key = "subgoal_pose"
+    """`[..., 3]` (x, y, yaw) on the planned path of the object's pose; the yaw continues the object's."""
+    pose_path_ahead: Key = "pose_path_ahead"
+    """`[..., n, 3]`: poses along that path."""
+    pose_path_length: Key = "pose_path_length"
+    """`[..., 1]`: cost of that path [m]."""
     latent: Key = "latent"
     """`[..., d]`."""
     last_action: Key = "last_action"
@@ -184,6 +192,24 @@ class ObservationInputs:
         """Points farther along the planned path, `[..., n, 2]` [m]."""
         ahead = self._read("path_ahead") - self.object_position.unsqueeze(-2)
         return rotate(ahead, -self.frame_yaw.unsqueeze(-2))
+
+    @property
+    def subgoal_pose(self) -> Tensor:
+        """Sub-goal on the planned path of poses: position, and turn from here, `[..., 3]` [m, rad]."""
+        pose = self._read("subgoal_pose")
+        return torch.cat(
+            [self.to_frame(pose[..., :2]), pose[..., 2:] - self.object_pose[..., 2:]], -1
+        )
+
+    @property
+    def turns_ahead(self) -> Tensor:
+        """Turns from here to poses along the planned path of poses, `[..., n]` [rad]."""
+        return self._read("pose_path_ahead")[..., 2] - self.object_pose[..., 2:]
+
+    @property
+    def pose_path_length(self) -> Tensor:
+        """Cost of the planned path of poses to the goal pose, `[..., 1]` [m]."""
+        return self._read("pose_path_length")
 
     @property
     def joint_position(self) -> Tensor:

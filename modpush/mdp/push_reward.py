@@ -20,7 +20,7 @@ from modpush.parts import find_part
 __all__ = ["PushReward", "RewardConfig"]
 
 
-_READ_BY_SOME_TERMS = ("action", "pose_error", "object_radius")
+_READ_BY_SOME_TERMS = ("action", "pose_error", "object_radius", "pose_path_length")
 """Names of keys that need not be there."""
 
 

@@ -75,7 +75,7 @@ def detour(outcome: StepOutcome) -> Tensor:
 def pose_progress(outcome: StepOutcome) -> Tensor:
     """How much nearer to its goal pose the object has come [m]; the last 4 cm count three times.
 
-    The way is `pose_length`: path and turn. Not in the paper.
+    The way is path and turn, planned together (`PoseSubgoals`) or `pose_length`. Not in the paper.
     """
     before, after = outcome.pose_length_before, outcome.pose_length
     return before - after + 2 * (before.clamp_max(_NEAR) - after.clamp_max(_NEAR))

@@ -28,6 +28,8 @@ class RewardKeys:
     """`[..., 2]`: distance from the goal pose, and angle to it; read by `pose_progress` alone."""
     object_radius: Key = "object_radius"
     """`[..., 1]`; read by `pose_progress` alone."""
+    pose_path_length: Key = "pose_path_length"
+    """`[..., 1]`; read by `pose_progress` alone, where a planner of poses provides it."""
     success: Key = "success"
     """`[..., 1]` bool."""
     object_contact: Key = "object_contact"
@@ -132,15 +134,21 @@ class StepOutcome:
 
     @property
     def pose_length(self) -> Tensor:
-        """Way to the goal pose after the step, `[..., 1]` [m], see `pose_length`."""
+        """Way to the goal pose after the step, `[..., 1]` [m].
+
+        It is `pose_path_length` of a planner of poses where there is one, otherwise `pose_length`.
+        """
         return self._pose_length(self)
 
     @property
     def pose_length_before(self) -> Tensor:
-        """Way to the goal pose before the step, `[..., 1]` [m], see `pose_length`."""
+        """The same before the step, `[..., 1]` [m]."""
         return self._pose_length(self.before)
 
     def _pose_length(self, state: "StepOutcome | StateBefore") -> Tensor:
+        planned = self._keys["pose_path_length"]
+        if self._after.get(planned, None) is not None:
+            return state[planned]
         names = ("path_length", "pose_error", "object_radius")
         path_length, error, radius = (state[self._keys[name]] for name in names)
         return pose_length(path_length, error[..., 1:], radius)

@@ -94,7 +94,7 @@ class PoseSubgoals(DescribedTransform):
                 "yaws": planner.yaws,
                 "turning_radius": planner.turning_radius,
                 "clearance": planner.clearance,
-                "bounds": planner.bounds,
+                "bounds": None if planner.bounds is None else [list(c) for c in planner.bounds],
                 "full_circle": self.symmetry_key is None,
                 "fraction": self.fraction,
                 "ahead": list(self.ahead),

@@ -116,6 +116,11 @@ class PushEnvConfig:
     """Distance by which planned paths may leave the workspace [m]. Where this leaves no path, the limit
     is `scenario.path_margin`, within which every drawn episode has one. None lets paths lead
     wherever the camera sees (the paper), also where an episode ends."""
+    plan_poses: bool = False
+    """Also plan the object's pose to a goal pose, on its footprint (`PoseField`), and emit
+    `pose_path_length`, `subgoal_pose`, `pose_path_found` and, at the distances `path_ahead`,
+    `pose_path_ahead`, see `PoseSubgoals`. Only for `goal="pose"`. The axes of the path's frame stay those
+    of `planner`, whose path has no yaw."""
     subgoal_lags: AtLeastOne[NonNegativeInteger] = (1, 5)
     """Ages of the past sub-goals that are observed [steps]. The paper's table of observations has 1
     and 5, its text 0 and 1; its authors' code follows the table."""
@@ -164,6 +169,10 @@ class PushEnvConfig:
         if self.encoder == "conv" or not names_a_file(self.encoder):
             other = "'module:name' or a file"
             check_part_name("PushEnvConfig: encoder", self.encoder, names, other)
+        if self.plan_poses and self.simulation.goal != "pose":
+            raise ValueError(
+                f"PushEnvConfig: plan_poses needs goal='pose', got {self.simulation.goal!r}."
+            )
         if self.latent_dim is not None and self.encoder != "rays":
             raise ValueError(
                 f"PushEnvConfig: latent_dim is for the encoder 'rays', got {self.latent_dim} with "

@@ -11,7 +11,15 @@ from modpush.mdp.observation_layout import fingerprint_differences as observatio
 __all__ = ["describe_transforms", "environment_fingerprint", "fingerprint_differences"]
 
 _FIRST_ROBOT = "ur5"  # the only one that older files know, which do not tell it
-_SEEN_BY_POLICY = ("observation", "action_frame", "subgoals", "window", "encoder", "reward")
+_SEEN_BY_POLICY = (
+    "observation",
+    "action_frame",
+    "subgoals",
+    "pose_subgoals",
+    "window",
+    "encoder",
+    "reward",
+)
 
 
 def describe_transforms(env: EnvBase) -> dict[str, Any]:
@@ -40,8 +48,8 @@ def environment_fingerprint(env: EnvBase) -> dict[str, Any]:
 
     Returns:
         Plain data, ready for JSON: `engine`, `robot`, `observation` (frame, and name, columns, scale and
-        shift of each entry), `action_frame`, `subgoals` (without the planner), `window`, `encoder` (class
-        and hash of its weights) and `reward`.
+        shift of each entry), `action_frame`, `subgoals` (without the planner), `pose_subgoals`, `window`,
+        `encoder` (class and hash of its weights) and `reward`.
     """
     described = describe_transforms(env)
     found = {name: described[name] for name in _SEEN_BY_POLICY if name in described}

@@ -37,6 +37,8 @@ from modpush.mdp.reward_terms import RewardTerm
 from modpush.mdp.step_outcome import RewardKeys
 from modpush.planners.base import Planner
 from modpush.planners.occupancy import OccupancyGrid
+from modpush.planners.pose_field import PoseField
+from modpush.planners.pose_subgoals import PoseSubgoals
 from modpush.planners.subgoals import PlannerSubgoals
 from modpush.recipes.config import END_TO_END, PushEnvConfig
 from modpush.recipes.sensing import make_recovery, make_sensing, observation_keys, observed_keys
@@ -100,7 +102,8 @@ def make_push_env(
     It emits what `PushEnv` does, without the images, and `path_length`, `subgoal`, `subgoal_past`,
     `path_found` (see `PlannerSubgoals`), `latent` `[B, d]`, `observation` `[B, n]` float32,
     `reward` `[B, 1]` and its terms under `reward_terms`. With `encoder="end_to_end"` it emits `window`
-    `[B, 1, S, S]` uint8 instead of `latent`, for networks that encode it themselves. With `recovery` it
+    `[B, 1, S, S]` uint8 instead of `latent`, for networks that encode it themselves. With `plan_poses` it
+    emits what `PoseSubgoals` writes, and with `recovery` it
     emits what `StuckRecovery` writes as well.
 
     With noise or delayed observations (`config.sensing`) the keys of `PushEnv` still hold the truth, of
@@ -227,7 +230,19 @@ def _planning(
         object_pose_key=read["object_pose"],
         **_within(group, _PLAN_KEYS),
     )
-    return [occupancy, subgoals]
+    return [occupancy, subgoals, *([_pose_planning(config, scenario)] if config.plan_poses else [])]
+
+
+def _pose_planning(config: PushEnvConfig, scenario: ScenarioConfig) -> Transform:
+    """Sub-goals with a yaw, on the map of `OccupancyGrid`."""
+    bounds = None
+    if config.planner_margin is not None:
+        bounds = scenario.bounds(max(config.planner_margin, scenario.path_margin))
+    return PoseSubgoals(
+        PoseField(bounds=bounds),
+        ahead=config.path_ahead,
+        symmetry_key=None if config.simulation.full_circle else "object_symmetry",
+    )
 
 
 def _within(group: str | None, keys: Mapping[str, str]) -> dict[str, Any]:
