@@ -89,8 +89,21 @@ def move_obstacle(
     (x0, y0), (x1, y1) = WORKSPACE.bounds(0.1)
     pose = (min(max(x, x0), x1), min(max(y, y0), y1), old.pose[2] if yaw is None else yaw)
     obstacles = list(scenario.obstacles)
-    obstacles[index] = replace(old, pose=pose)  # its patrol moves along
+    obstacles[index] = _with_patrol(old, pose)
     return replace(scenario, obstacles=tuple(obstacles))
+
+
+def _with_patrol(old: Obstacle, pose: tuple[float, float, float]) -> Obstacle:
+    """An obstacle at another pose. One that moves stays between its ends, and its line moves sideways."""
+    motion = old.motion
+    if motion is None:
+        return Obstacle(old.size, pose)
+    direction = np.array(motion.velocity) / math.hypot(*motion.velocity)
+    way = np.array(pose[:2]) - old.pose[:2]
+    along = float(np.clip(way @ direction, -motion.behind, motion.ahead))
+    x, y = np.array(pose[:2]) + (along - way @ direction) * direction
+    patrol = replace(motion, ahead=motion.ahead - along, behind=motion.behind + along)
+    return Obstacle(old.size, (float(x), float(y), pose[2]), patrol)
 
 
 def remove_obstacle(scenario: Scenario, index: int) -> Scenario:

@@ -12,6 +12,7 @@ from torchrl.envs import TransformedEnv
 from torchrl.envs.utils import check_env_specs
 
 from modpush.envs import ClutterPushEnv, Obstacle, Patrol, PushEnv, PushState, Scenario
+from modpush.envs.engines.recorded import RecordedEngine, Recording
 from modpush.mdp import PushObservation
 from modpush.planners import OccupancyGrid, PlannerSubgoals
 from tests.envs.engines.sapien.test_agent import scenario
@@ -133,6 +134,28 @@ def test_the_entry_is_in_the_agents_frame_and_zero_without_a_moving_obstacle(env
     assert own["observation"][0].tolist() == pytest.approx([0.1, -0.125, 0.1, 0.0], abs=1e-3)
     td = observe(env.reset(scenarios=[standing(0.0)]))
     assert td["observation"].tolist() == [[0.0] * 4]
+
+
+def test_an_episode_that_is_played_again_shows_the_obstacles_of_its_time(env) -> None:
+    steps = [env.reset(scenarios=[START])]
+    for _ in range(20):
+        steps.append(env.step(steps[-1].clone().set("action", STILL))["next"])
+    keys = "object_pose", "ee_pose", "joint_position"
+    course = {key: torch.cat([td[key] for td in steps]).numpy() for key in keys}
+    made: list[RecordedEngine] = []
+
+    def recorded(spec) -> RecordedEngine:
+        made.append(RecordedEngine(spec))
+        return made[-1]
+
+    again = PushEnv(1, obstacle_motion=True, engine=recorded, sim_freq=15)
+    made[0].recording = Recording(contacts=np.zeros((20, 6), bool), **course)
+    td = again.reset(scenarios=[START])
+    for _ in range(20):
+        td = again.step(td.set("action", STILL))["next"]
+    assert torch.equal(td["obstacle_motion"], steps[-1]["obstacle_motion"])
+    torch.testing.assert_close(td["depth"], steps[-1]["depth"], atol=1e-5, rtol=0.0)
+    again.close()
 
 
 def test_the_task_of_maniskill_refuses_moving_obstacles() -> None:

@@ -70,8 +70,12 @@ def test_a_moving_obstacle_goes_on_from_where_it_is_when_the_scene_is_changed(se
     np.testing.assert_allclose(shown.present.obstacles[0].at(0.0), start.at(1.0), atol=1e-9)
     simulated = session.lanes[0].env.base_env._batch.obstacle_transforms_of(0)[0, :2]
     np.testing.assert_allclose(simulated, start.at(1.0)[:2], atol=1e-6)
-    session.move_obstacle(0, 0.5, 0.0)
-    assert session.snapshots[0].scenario.obstacles[0].motion is not None
+    ends = start.ends()
+    x, _ = ends[0]
+    session.move_obstacle(0, x + 0.02, 0.5)  # beyond its end
+    moved = session.snapshots[0].scenario.obstacles[0]
+    assert moved.pose[:2] == pytest.approx((x + 0.02, 0.35), abs=1e-6)
+    assert sorted(moved.ends()[:, 1]) == pytest.approx(sorted(ends[:, 1]), abs=1e-6)
 
 
 def test_a_session_runs_in_another_engine() -> None:
