@@ -21,6 +21,7 @@ def env():
         plan_poses=True,
         pushed_object="box",
         scene="one_l",
+        tool_start="behind",
         encoder="none",
         entries=(*(name for name in POSE_ENTRIES if name != "latent"), *OWN),
         raw=True,
@@ -36,7 +37,10 @@ def test_it_is_an_environment(env) -> None:
 
 
 def test_a_planned_path_is_observed_and_its_cost_rewarded(env) -> None:
-    td = env.rollout(30, break_when_any_done=False)
+    def ahead_along_the_path(td):
+        return td.set("action", torch.tensor([[1.0, 0.0, 0.0]]).expand(2, 3))
+
+    td = env.rollout(15, ahead_along_the_path, break_when_any_done=False)
     before, after = td.exclude("next"), td["next"]
     assert after["pose_path_found"].all()
     length = after["pose_path_length"]
