@@ -13,6 +13,8 @@ Options:
                         or hf://owner/name; by default agent.
   --scene NAME          Scene family from which episodes are drawn; by default slot.
   --pushed-object NAME  Object that is pushed; by default small_cube.
+  --goal {position,pose}
+                        Goals of the episodes: positions or poses of the object; by default position.
   --difficulty X        Difficulty of the scenes, 0 to 1; by default 0.3.
   --engine NAME         Physics engine: sapien, mujoco, or module:name; by default an agent's own.
   --robot NAME          Arm: ur5, ur10, ... or module:name; by default an agent's own.

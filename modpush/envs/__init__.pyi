@@ -26,7 +26,10 @@ from .scenes.layouts import (
     TIGHT_SCENES as TIGHT_SCENES,
 )
 from .scenes.objects import OBJECTS as OBJECTS, PushedObject as PushedObject
-from .scenes.obstacle import Obstacle as Obstacle
+from .scenes.obstacle import (
+    Obstacle as Obstacle,
+    Patrol as Patrol,
+)
 from .scenes.sampling import sample_scenario as sample_scenario
 from .scenes.scenario import (
     Dynamics as Dynamics,

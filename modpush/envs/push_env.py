@@ -89,6 +89,10 @@ class PushEnv(EnvBase):
                                                         pose
         obstacle_displacement        `[B, 24]` float32  how far each obstacle has moved since reset
                                                         (only with `dynamic_obstacles=True`)
+        obstacle_motion              `[B, 4]` float32   place of the centre (x, y) and velocity (x, y)
+                                                        [m/s] of the obstacle nearest to the object of
+                                                        those that move by themselves, zeros where none
+                                                        does (only with `obstacle_motion=True`)
         success                      `[B, 1]` bool      the object's centre is within
                                                         `position_tolerance` of the goal, 5 cm by
                                                         default, and with `goal="pose"` its yaw within
@@ -182,6 +186,7 @@ class PushEnv(EnvBase):
             images,
             movable,
             self._simulation.goal,
+            self._simulation.obstacle_motion,
         )
         for name, spec in specs.items():
             setattr(self, name, spec)
@@ -314,6 +319,8 @@ class PushEnv(EnvBase):
         entries = state_entries(batch, measured, status, pose_error)
         if config.dynamic_obstacles:
             entries["obstacle_displacement"] = batch.obstacle_displacement()
+        if config.obstacle_motion:
+            entries["obstacle_motion"] = batch.moving.nearest(position)
         if after_step:
             entries["reward"] = entries["success"].float()
         if config.depth is not None:

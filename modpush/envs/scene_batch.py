@@ -14,6 +14,7 @@ from modpush.envs.depth.analytic import AnalyticDepthCamera
 from modpush.envs.depth.base import DepthCamera, DepthCameraFactory
 from modpush.envs.depth.image_memory import ImageMemory
 from modpush.envs.engines.base import CONTACT_KEYS, Engine, EngineFactory, SceneSpec, contact_looks
+from modpush.envs.moving_obstacles import MovingObstacles
 from modpush.envs.robot.control import (
     MotionConfig,
     MotionPlanner,
@@ -56,7 +57,8 @@ class SceneBatch:
     What stays the same throughout an episode is kept in `goal_pose` `[B, 3]` [m, m, rad], whose yaw is 0
     where the goal is a position,
     `object_radius` and `object_inscribed_radius` `[B, 1]` [m], `object_symmetry` `[B, 1]`, and
-    `object_support` `[B, SUPPORT_DIRECTIONS]` [m]. A batch is the `SceneView` of its cameras.
+    `object_support` `[B, SUPPORT_DIRECTIONS]` [m]. `moving` has the obstacles that move by
+    themselves. A batch is the `SceneView` of its cameras.
 
     Args:
         num_envs: Number of scenes.
@@ -93,6 +95,7 @@ class SceneBatch:
         substeps = spec.sim_freq // spec.control_freq
         self._planner = MotionPlanner(spec.robot, MotionConfig(), substeps, spec.control_freq)
         self._looks = contact_looks(substeps)
+        self.moving = MovingObstacles(num_envs, spec.control_freq, substeps)
         self._target, self._ee_pose = np.zeros((num_envs, 3)), np.zeros((num_envs, 3))
         self._joints = np.tile(spec.robot.home, (num_envs, 1))
         self._flange_height = np.zeros(num_envs)
@@ -119,7 +122,7 @@ class SceneBatch:
         for i, scenario, angles in zip(indices, scenarios, joints, strict=True):
             self.engines[i].load(scenario, angles)
             self._contacts[i] = [False] * len(CONTACT_KEYS)
-            self._target_reachable[i] = True
+            self._target_reachable[i], self.moving.steps[i] = True, 0
             self._begin_episode(i, scenario, scenario.tool_pose)
             if math.cos(self._ee_pose[i, 2] - self._target[i, 2]) < 0:
                 self._target[i, 2] += math.pi  # see `Tool.half_turn`
@@ -134,6 +137,7 @@ class SceneBatch:
         if not self.scenarios:  # the first reset is of all scenes
             self.scenarios = [scenario] * self.num_envs
         self.scenarios[i] = scenario
+        self.moving.begin(i, scenario.obstacles)
         item = get_object_of(self._spec.objects, scenario.pushed_object)
         self.goal_pose[i] = (*scenario.goal_position, scenario.goal_yaw or 0.0)
         self.object_radius[i] = item.radius
@@ -154,9 +158,10 @@ class SceneBatch:
         self._target, self._target_reachable = planned.target, planned.reachable
         targets = zip(planned.position.tolist(), planned.velocity.tolist(), strict=True)
         self._contacts = [
-            engine.advance(angles, rates, self._looks)
-            for engine, (angles, rates) in zip(self.engines, targets, strict=True)
+            engine.advance(angles, rates, self._looks, *self.moving.targets(i))
+            for i, (engine, (angles, rates)) in enumerate(zip(self.engines, targets, strict=True))
         ]
+        self.moving.steps += 1
         tips = [engine.link_transforms(("tip",))[0] for engine in self.engines]
         self._ee_pose = planar_poses(tips)
         joints = [engine.joint_position() for engine in self.engines]
@@ -185,6 +190,7 @@ class SceneBatch:
             target=(x, y, yaw),
             contacts=tuple(self._contacts[index]),
             target_reachable=bool(self._target_reachable[index]),
+            steps=int(self.moving.steps[index]),
         )
 
     def check_state(self, index: int, state: SceneState) -> None:
@@ -201,7 +207,10 @@ class SceneBatch:
         engine.load(scenario, self._start_joints(scenario))
         engine.unpack(state.physics)
         self._contacts[index] = list(state.contacts)
-        self._target_reachable[index] = state.target_reachable
+        self._target_reachable[index], self.moving.steps[index] = (
+            state.target_reachable,
+            state.steps,
+        )
         self._begin_episode(index, scenario, state.target)
 
     def capture(self) -> tuple[Tensor, Tensor]:

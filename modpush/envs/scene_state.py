@@ -32,6 +32,8 @@ class SceneState:
     """Contacts during the last step, in the order of `CONTACT_KEYS`."""
     target_reachable: bool
     """False where the commanded pose had no solution."""
+    steps: int = 0
+    """Number of control steps since the episode's start, by which obstacles that move are placed."""
 
     def __post_init__(self) -> None:
         """Check what is not checked against an environment."""
@@ -44,6 +46,8 @@ class SceneState:
             raise ValueError(
                 f"SceneState: target_reachable must be a boolean, got {self.target_reachable!r}."
             )
+        if type(self.steps) is not int or not 0 <= self.steps < 2**31:
+            raise ValueError(f"SceneState: steps must be an integer >= 0, got {self.steps!r}.")
 
     def to_dict(self) -> dict[str, Any]:
         """Plain lists, numbers and strings, ready for JSON, from which every bit comes back."""
@@ -53,6 +57,7 @@ class SceneState:
             "target": list(self.target),
             "contacts": list(self.contacts),
             "target_reachable": self.target_reachable,
+            "steps": self.steps,
         }
 
     @classmethod
@@ -62,6 +67,7 @@ class SceneState:
         Raises:
             ValueError: If a field is missing, unknown or malformed.
         """
+        data = {"steps": 0, **data}  # an older one has none
         check_keys(data, [field.name for field in fields(cls)])
         try:
             return cls(
@@ -70,6 +76,7 @@ class SceneState:
                 target=tuple(float(x) for x in data["target"]),  # type: ignore[arg-type]  # checked
                 contacts=tuple(data["contacts"]),
                 target_reachable=data["target_reachable"],
+                steps=data["steps"],
             )
         except TypeError as error:
             raise ValueError(f"SceneState: a value is malformed ({error}).") from error

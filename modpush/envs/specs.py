@@ -24,6 +24,7 @@ def make_specs(
     images: bool,
     dynamic_obstacles: bool,
     goal: Goal = "position",
+    obstacle_motion: bool = False,
 ) -> dict[str, Bounded | Composite]:
     """Specs of a batch of scenes, by the name of `EnvBase`'s attribute.
 
@@ -34,6 +35,7 @@ def make_specs(
         images: Whether there are `depth` and `segmentation`.
         dynamic_obstacles: Whether there is `obstacle_displacement`.
         goal: What episodes ask for; with poses there are `goal_pose` and `pose_error`.
+        obstacle_motion: Whether there is `obstacle_motion`.
     """
     shape: dict[str, Any] = {"shape": (num_envs,), "device": device}
     single: Any = {"device": device, "dtype": torch.float32}
@@ -49,6 +51,7 @@ def make_specs(
         "object_support": SUPPORT_DIRECTIONS,
         **({"goal_pose": 3, "pose_error": 2} if goal == "pose" else {}),
         **({"obstacle_displacement": MAX_OBSTACLES} if dynamic_obstacles else {}),
+        **({"obstacle_motion": 4} if obstacle_motion else {}),
     }
     flags = (*CONTACT_KEYS, "target_reachable", "success", "out_of_bounds")
     observation: dict[str, Any] = {

@@ -23,6 +23,7 @@ __all__ = [
     "write_video",
 ]
 
+_CONTROL_FREQ = 15  # control steps per second of all evaluations [Hz]
 Picture = NDArray[np.uint8]
 
 
@@ -55,6 +56,7 @@ def draw_episode(
     tool_poses = trajectory.ee_pose[: step + 1]
     targets = trajectory.target
     conditions = conditions or EpisodeConditions()
+    time = step / _CONTROL_FREQ
     return draw_top_view(
         scenario,
         object_poses[-1].tolist(),
@@ -63,6 +65,7 @@ def draw_episode(
         ee_path=tool_poses.astype(np.float64),
         planned_path=trajectory.planned_path.astype(np.float64),
         subgoal=targets[min(step, len(targets) - 1)].tolist() if len(targets) else None,
+        obstacle_poses=np.reshape([o.standing(time).pose for o in scenario.obstacles], (-1, 3)),
         inflation=get_object(scenario.pushed_object, objects).radius_of(conditions.inflation),
         caption=caption,
         tool=conditions.tool,

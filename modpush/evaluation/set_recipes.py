@@ -89,6 +89,13 @@ _RECIPES = {
         )
         for k, scene in enumerate(SHAPE_SCENES)
     },
+    "moving/small_cube": SetRecipe(
+        seed=17,
+        count=200,
+        scenes=("moving_bar",),
+        distance=(0.35, 0.6),
+        obstacle_between=True,
+    ),
     "tuning/hard": SetRecipe(seed=103, count=100, scenes=HARD_TUNING_SCENES, conditions=_TIGHT),
 }
 _PAPER_SETS = ("free/", "obstacles/", "hard/", "hard200/")

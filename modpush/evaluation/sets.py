@@ -31,6 +31,7 @@ from modpush.parts import check_allowed
 __all__ = [
     "BEHIND_SETS",
     "EVALUATION_SETS",
+    "MOVING_SETS",
     "POSE_SETS",
     "SET_NAMES",
     "SET_VERSION",
@@ -54,12 +55,18 @@ TUNING_SETS = tuple(name for name in SET_NAMES if name.startswith("tuning/"))
 BEHIND_SETS = tuple(name for name in SET_NAMES if name.startswith("behind/"))
 """Names of the sets of the paper in which the tool starts straight behind the object, as in the code of
 its authors. Nothing is chosen on them."""
+MOVING_SETS = tuple(name for name in SET_NAMES if name.startswith("moving/"))
+"""Names of the sets with goal positions in which an obstacle moves. Nothing is chosen on them."""
 POSE_SETS = tuple(name for name in SET_NAMES if name.startswith("pose/"))
 """Names of the sets whose goals are poses. Nothing is chosen on them."""
 EVALUATION_SETS = tuple(
-    n for n in SET_NAMES if n != "smoke" and n not in (*TUNING_SETS, *BEHIND_SETS, *POSE_SETS)
+    name
+    for name in SET_NAMES
+    if name not in ("smoke", *TUNING_SETS, *BEHIND_SETS, *POSE_SETS, *MOVING_SETS)
 )
-"""Names of the sets with goal positions that methods are evaluated on. Nothing is chosen on them."""
+"""Names of the sets with goal positions, past obstacles that stand, that methods are evaluated on.
+
+Nothing is chosen on them."""
 
 
 @checked

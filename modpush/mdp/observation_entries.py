@@ -72,6 +72,7 @@ _pose_path_length = attrgetter("pose_path_length")
 _object_radius = attrgetter("object_radius")
 _object_symmetry = attrgetter("object_symmetry")
 _last_action = attrgetter("last_action")
+_obstacle_motion = attrgetter("obstacle_motion")
 
 
 def _ee_pose(inputs: ObservationInputs) -> Tensor:
@@ -210,6 +211,11 @@ ENTRIES: dict[str, Entry] = {
     "object_symmetry": Entry(_object_symmetry, 0.5, 2.0, mirrored=_object_symmetry),
     "object_support": Entry(_object_support, 50.0, 0.035, mirrored=_mirrored_object_support),
     "last_action": Entry(_last_action, mirrored=_with_signs(_last_action, 1, -1, -1)),
+    "obstacle_motion": Entry(
+        _obstacle_motion,
+        (5.0, 5.0, 10.0, 10.0),
+        mirrored=_with_signs(_obstacle_motion, 1, -1, 1, -1),
+    ),
 }
 """The entries that the library brings, by name. `ee_pose` is (x, y, yaw, pitch, roll). `ee_axis` and
 `object_axis` are the cosine and sine of the yaw times the symmetry of gripper and object. `goal_axis`
@@ -219,7 +225,8 @@ units of 4 cm. `edges`
 says by how much the edge of the workspace, past which an episode ends, is nearer than 15 cm, straight
 ahead, left, behind and right of the object: 0 to 0.15 m. `object_support` is how far the object reaches
 in eight directions, the first along the frame's x: its shape, size and yaw, whatever its symmetry.
-`path_ahead` needs `PlannerSubgoals(ahead=...)`. `subgoal_pose` (x, y and the turn to it),
+`path_ahead` needs `PlannerSubgoals(ahead=...)`, and `obstacle_motion`, place and velocity of the nearest
+obstacle that moves by itself, `PushEnv(obstacle_motion=True)`. `subgoal_pose` (x, y and the turn to it),
 `turns_ahead` and `pose_path_length` are of the planned path of poses, `PoseSubgoals(ahead=...)`."""
 
 PAPER_ENTRIES = (

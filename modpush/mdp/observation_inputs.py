@@ -30,6 +30,7 @@ _LAST = {
     "subgoal_pose": (3,),
     "pose_path_length": (1,),
     "last_action": (3,),
+    "obstacle_motion": (4,),
 }
 """Last dimensions of the quantities that have always the same."""
 
@@ -66,6 +67,8 @@ class ObservationKeys:
     """`[..., lags, 2]`."""
     path_ahead: Key = "path_ahead"
     """`[..., n, 2]`: points along the planned path."""
+    obstacle_motion: Key = "obstacle_motion"
+    """`[..., 4]`: place and velocity of an obstacle, zeros for none."""
     subgoal_pose: Key = "subgoal_pose"
     """`[..., 3]` (x, y, yaw) on the planned path of the object's pose; the yaw continues the object's."""
     pose_path_ahead: Key = "pose_path_ahead"
@@ -250,6 +253,13 @@ class ObservationInputs:
         above = torch.remainder(below + 1, known.shape[-1])
         near, far = (known.gather(-1, index.long()) for index in (below, above))
         return near + (place - below) * (far - near)
+
+    @property
+    def obstacle_motion(self) -> Tensor:
+        """Place [m] and velocity [m/s] of the nearest moving obstacle, `[..., 4]`; zeros for none."""
+        place, velocity = self._read("obstacle_motion").split(2, -1)
+        moves = velocity.any(-1, keepdim=True)
+        return torch.cat([self.to_frame(place), rotate(velocity, -self.frame_yaw)], -1) * moves
 
     @property
     def latent(self) -> Tensor:

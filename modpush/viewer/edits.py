@@ -89,7 +89,7 @@ def move_obstacle(
     (x0, y0), (x1, y1) = WORKSPACE.bounds(0.1)
     pose = (min(max(x, x0), x1), min(max(y, y0), y1), old.pose[2] if yaw is None else yaw)
     obstacles = list(scenario.obstacles)
-    obstacles[index] = Obstacle(old.size, pose)
+    obstacles[index] = replace(old, pose=pose)  # its patrol moves along
     return replace(scenario, obstacles=tuple(obstacles))
 
 

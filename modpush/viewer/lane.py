@@ -1,7 +1,7 @@
 """One policy in one scene: what is simulated, and what there is to show of it."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -18,6 +18,7 @@ from modpush.envs.push_env import PushEnv
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.episodes import Policy
+from modpush.viewer.config import CONTROL_FREQ
 
 __all__ = ["FLAGS", "Lane", "PolicyLane", "Snapshot"]
 
@@ -57,6 +58,14 @@ class Snapshot:
     """The local window, `[S, S]` in [0, 1]."""
     value: float | None = None
     """The return that the critics expected of the last step's action, in units of the training reward."""
+
+    @property
+    def present(self) -> Scenario:
+        """The scenario with the obstacles that move by themselves where they are now."""
+        if all(obstacle.motion is None for obstacle in self.scenario.obstacles):
+            return self.scenario
+        now = (obstacle.after(self.step / CONTROL_FREQ) for obstacle in self.scenario.obstacles)
+        return replace(self.scenario, obstacles=tuple(now))
 
 
 class Lane(Protocol):

@@ -76,6 +76,10 @@ class LaneView:
         self._obstacles: list[Any] = []
         empty = path_segments(None, 0.0)
         self._path = self._scene.add_line_segments(f"{root}/path", empty, _MAGENTA, thickness=0.006)
+        color = tuple(round(255 * c) for c in _OBSTACLE)
+        self._patrols = self._scene.add_line_segments(
+            f"{root}/patrols", empty, color, thickness=0.004
+        )
         self._subgoal = self._scene.add_icosphere(f"{root}/subgoal", 0.012, _MAGENTA)
         side = CAMERA.width * CAMERA.cell_size
         self._map = self._scene.add_image(
@@ -133,7 +137,7 @@ class LaneView:
         session = self._session
 
         def pose() -> tuple[float, float, float]:
-            obstacles = session.snapshots[0].scenario.obstacles
+            obstacles = session.snapshots[0].present.obstacles
             x, y, yaw = obstacles[index].pose if index < len(obstacles) else (0.0, 0.0, 0.0)
             return x, y + self._offset, yaw
 
@@ -169,9 +173,10 @@ class LaneView:
             _place_matrix(frame, transform)
         _place(self._object, *shown.object_pose[:2], item.height / 2, shown.object_pose[2])
         _place(self._goal, *shown.scenario.goal_position, 0.0, shown.scenario.goal_yaw or 0.0)
+        obstacles = shown.present.obstacles
         hit = _hit_obstacles(shown) if overlays.flags else set()
         for i, handle in enumerate(self._obstacles):
-            obstacle = shown.scenario.obstacles[i]
+            obstacle = obstacles[i]
             x, y, yaw = obstacle.pose
             _place(handle, x, y, obstacle.size[2] / 2, yaw)
             color = _SELECTED if i == selected else _HIT if i in hit else _OBSTACLE
@@ -196,6 +201,9 @@ class LaneView:
                 self._goal.remove()
             goal = (_GOAL,) if now.goal_yaw is None else tuple(_flat(part) for part in parts)
             self._goal = self._body("goal", goal, drag=self._drag_goal)
+        patrols = [o.ends() for o in now.obstacles if o.motion is not None]
+        lines = [path_segments(ends, 0.003) for ends in patrols] or [path_segments(None, 0.0)]
+        self._patrols.points = np.concatenate(lines)
         sizes = [o.size for o in now.obstacles]
         if before is None or [o.size for o in before.obstacles] != sizes:
             for handle in self._obstacles:
@@ -248,7 +256,7 @@ def _hit_obstacles(shown: Snapshot) -> set[int]:
     for flag, pose in touching.items():
         if shown.flags[flag] and shown.scenario.obstacles:
             place = np.array([pose[:2]])
-            gaps = [float(obstacle_distance(place, [o])[0]) for o in shown.scenario.obstacles]
+            gaps = [float(obstacle_distance(place, [o])[0]) for o in shown.present.obstacles]
             found.add(int(np.argmin(gaps)))
     return found
 

@@ -282,7 +282,7 @@ class Session:
         """Add an obstacle where it touches nothing in any lane."""
         poses = [pose for shown in self.snapshots for pose in (shown.object_pose, shown.ee_pose)]
         first = self.snapshots[0]
-        here = edits.continue_from(first.scenario, first.object_pose, first.ee_pose)
+        here = edits.continue_from(first.present, first.object_pose, first.ee_pose)
         added = edits.add_obstacle(
             here, kind, [(pose, 0.05) for pose in poses], first.robot
         ).obstacles
@@ -299,7 +299,7 @@ class Session:
         changed = []
         for shown in self.snapshots:
             poses = shown.object_pose, shown.ee_pose
-            changed.append(edits.continue_from(edit(shown.scenario), *poses))
+            changed.append(edits.continue_from(edit(shown.present), *poses))
             edits.check_scene(changed[-1], *poses, shown.robot, shown.tool)
         self._start(changed, self.seed)
 

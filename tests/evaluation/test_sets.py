@@ -15,6 +15,7 @@ from modpush.evaluation.set_recipes import RECIPES
 from modpush.evaluation.sets import (
     BEHIND_SETS,
     EVALUATION_SETS,
+    MOVING_SETS,
     POSE_SETS,
     SET_NAMES,
     TUNING_SETS,
@@ -41,6 +42,8 @@ COUNTS = {
     "pose/one_t/box": 500,
     "pose/one_l/box": 500,
     "pose/two_rectangles/box": 500,
+    "pose/moving_bar/box": 500,
+    "moving/small_cube": 200,
     "tuning/small_cube": 200,
     "tuning/all_objects": 200,
     "tuning/hard": 100,
@@ -150,7 +153,7 @@ def test_the_larger_hard_set_begins_with_the_paper_s_number_of_episodes() -> Non
 
 
 def test_nothing_that_is_tuned_on_is_evaluated_on() -> None:
-    evaluated = (*EVALUATION_SETS, *BEHIND_SETS, *POSE_SETS)
+    evaluated = (*EVALUATION_SETS, *BEHIND_SETS, *POSE_SETS, *MOVING_SETS)
     assert set(TUNING_SETS) | set(evaluated) | {"smoke"} == set(SET_NAMES)
     tuned = {(s.object_pose, s.goal_position) for name in TUNING_SETS for s in load_set(name)}
     assert len(tuned) == 500

@@ -38,6 +38,9 @@ def make_state(batch=2, seed=0):
             "path_ahead": draw(3, 2),
             "latent": draw(32),
             "last_action": draw(3),
+            "goal_pose": draw(3),
+            "pose_error": draw(2),
+            "obstacle_motion": draw(4),
         },
         [batch],
     )
@@ -51,7 +54,9 @@ def moved(state, angle, shift):
         state[key] = rotate(state[key], turn) + shift
     for key in ("subgoal_past", "path_ahead"):
         state[key] = rotate(state[key], turn.unsqueeze(-2)) + shift
-    for key in ("object_pose", "ee_pose"):
+    place, velocity = state["obstacle_motion"].split(2, -1)
+    state["obstacle_motion"] = torch.cat([rotate(place, turn) + shift, rotate(velocity, turn)], -1)
+    for key in ("object_pose", "ee_pose", "goal_pose"):
         position = rotate(state[key][:, :2], turn) + shift
         state[key] = torch.cat([position, state[key][:, 2:] + angle], -1)
     return state

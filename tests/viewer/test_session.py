@@ -56,6 +56,24 @@ def test_the_agent_reaches_the_goal_and_then_time_stands_still(session) -> None:
     assert session.snapshots[0] is shown
 
 
+def test_a_moving_obstacle_goes_on_from_where_it_is_when_the_scene_is_changed(session) -> None:
+    session.choose_scene("moving_bar", 0.5)
+    start = session.snapshots[0].scenario.obstacles[0]
+    run(session, 9)
+    np.testing.assert_allclose(
+        session.snapshots[0].present.obstacles[0].at(0.0), start.at(0.6), atol=1e-9
+    )
+    session.move_goal(*session.snapshots[0].scenario.goal_position)
+    run(session, 6)
+    shown = session.snapshots[0]
+    assert shown.step == 6
+    np.testing.assert_allclose(shown.present.obstacles[0].at(0.0), start.at(1.0), atol=1e-9)
+    simulated = session.lanes[0].env.base_env._batch.obstacle_transforms_of(0)[0, :2]
+    np.testing.assert_allclose(simulated, start.at(1.0)[:2], atol=1e-6)
+    session.move_obstacle(0, 0.5, 0.0)
+    assert session.snapshots[0].scenario.obstacles[0].motion is not None
+
+
 def test_a_session_runs_in_another_engine() -> None:
     session = Session(PlayConfig(policy=("agent", "scripted"), engine="mujoco"))
     run(session, 5)

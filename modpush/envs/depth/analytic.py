@@ -19,7 +19,7 @@ Placed = tuple[Solids, NDArray[np.float64], int]
 
 
 class AnalyticDepthCamera(DepthCamera):
-    """Casts rays at the known shapes. Fixed obstacles are drawn once per episode.
+    """Casts rays at the known shapes. Obstacles that cannot move are drawn once per episode.
 
     Args:
         scenes: Scenes that the camera sees.
@@ -32,6 +32,7 @@ class AnalyticDepthCamera(DepthCamera):
         self._objects = {item.name: Solids.of(item.parts) for item in scenes.pushed_objects}
         self._background = [blank_image() for _ in range(scenes.num_envs)]
         self._fixed: list[list[Placed]] = [[] for _ in range(scenes.num_envs)]
+        self._movable: list[tuple[Solids, NDArray[np.int64]] | None] = [None] * scenes.num_envs
         if arm_in_depth:
             shapes = {link.name: link.shapes for link in scenes.robot.links} | {
                 "tool": scenes.tool.shapes
@@ -42,11 +43,18 @@ class AnalyticDepthCamera(DepthCamera):
             self._link_of_part = np.repeat(np.arange(len(shapes)), counts)
 
     def reset(self, index: int) -> None:
-        """Draw the table and, if they are fixed, the obstacles."""
+        """Draw the table and the obstacles that cannot move."""
         depth, labels = self._background[index]
         depth.fill(CAMERA.z)
         labels.fill(Label.TABLE)
-        self._fixed[index] = [] if self.scenes.dynamic_obstacles else [self._obstacles(index)]
+        obstacles, any_moves = self.scenes.scenarios[index].obstacles, self.scenes.dynamic_obstacles
+        moves = np.array([any_moves or o.motion is not None for o in obstacles], dtype=bool)
+        movable, fixed = np.flatnonzero(moves), np.flatnonzero(~moves)
+        self._movable[index] = (self._boxes(index, movable), movable) if len(movable) else None
+        self._fixed[index] = []
+        if len(fixed):
+            poses = self.scenes.obstacle_transforms_of(index)[fixed]
+            self._fixed[index] = [(self._boxes(index, fixed), poses, Label.OBSTACLE)]
         for solids, poses, label in self._fixed[index]:
             draw(depth, labels, solids, poses, label)
 
@@ -105,14 +113,14 @@ class AnalyticDepthCamera(DepthCamera):
         name = scenes.scenarios[index].pushed_object
         pose = scenes.object_transform_of(index)[None]
         groups: list[Placed] = [(self._objects[name], pose, Label.OBJECT)]
-        if scenes.dynamic_obstacles:
-            groups.append(self._obstacles(index))
+        if (movable := self._movable[index]) is not None:
+            solids, rows = movable
+            groups.append((solids, scenes.obstacle_transforms_of(index)[rows], Label.OBSTACLE))
         if self.arm_in_depth:
             poses = scenes.link_transforms_of(index, self._link_names)[self._link_of_part]
             groups.append((self._robot, poses, Label.ROBOT))
         return groups
 
-    def _obstacles(self, index: int) -> Placed:
+    def _boxes(self, index: int, rows: NDArray[np.int64]) -> Solids:
         obstacles = self.scenes.scenarios[index].obstacles
-        solids = Solids.of(box(*obstacle.size) for obstacle in obstacles)
-        return solids, self.scenes.obstacle_transforms_of(index), Label.OBSTACLE
+        return Solids.of(box(*obstacles[i].size) for i in rows)

@@ -27,7 +27,10 @@ class SceneView(Protocol):
 
     @property
     def dynamic_obstacles(self) -> bool:
-        """True if obstacles can be moved; if not, they stay where an episode's layout has them."""
+        """True if obstacles can be moved; if not, they stay where an episode's layout has them.
+
+        Those with an `Obstacle.motion` move in any case.
+        """
 
     @property
     def pushed_objects(self) -> Sequence[PushedObject]:

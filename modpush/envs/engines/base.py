@@ -73,7 +73,7 @@ class Engine(ABC):
 
     @abstractmethod
     def load(self, scenario: Scenario, joints: NDArray[np.float32]) -> None:
-        """Begin an episode: place object, obstacles and arm, all at rest.
+        """Begin an episode: place object, obstacles and arm, at rest but for `Obstacle.motion`.
 
         Args:
             scenario: Layout, object and goal.
@@ -89,6 +89,7 @@ class Engine(ABC):
         position: Sequence[Sequence[float]],
         velocity: Sequence[Sequence[float]],
         looks: Collection[int],
+        obstacles: NDArray[np.float64] | None = None,
     ) -> list[bool]:
         """Take one control step.
 
@@ -96,6 +97,9 @@ class Engine(ABC):
             position: Targets of the joint drives for each of `S` physics steps, `[S][n]` [rad].
             velocity: Velocity targets in the same form [rad/s].
             looks: Physics steps, counted from 1, after which contacts are read; the last one is `S`.
+            obstacles: Place of the centre (x, y) [m] and velocity (x, y) [m/s] at the end of each physics
+                step of the `m` obstacles that move by themselves, `[S, m, 4]`; not given where none does.
+                They push what is in their way and are not stopped by it.
 
         Returns:
             The contacts, in the order of `CONTACT_KEYS`: the first three at any look, the others at the

@@ -35,14 +35,14 @@ class RecordedEngine(Engine):
     """Moves object and arm as they moved in a recording, whatever the targets of the drives.
 
     Assign `recording` before each reset of the scene; after its last step the scene stays as it is. The
-    object stands upright, obstacles stay where they are, and of the arm only joints and tip are known,
-    so that a camera cannot see it.
+    object stands upright, obstacles are where the layout has them at that time, and of the arm only
+    joints and tip are known, so that a camera cannot see it.
     """
 
     name, version, default_sim_freq = "recorded", "1", 120
 
     def __init__(self, spec: SceneSpec) -> None:
-        self._objects = spec.objects
+        self._objects, self._control_freq = spec.objects, spec.control_freq
         self._step = 0
         self.recording: Recording | None = None
         """The episode that is played from the next reset on."""
@@ -60,6 +60,7 @@ class RecordedEngine(Engine):
         position: Sequence[Sequence[float]],
         velocity: Sequence[Sequence[float]],
         looks: Collection[int],
+        obstacles: NDArray[np.float64] | None = None,
     ) -> list[bool]:
         """See `Engine`."""
         if self._step == len(self._played):
@@ -77,7 +78,11 @@ class RecordedEngine(Engine):
 
     def obstacle_transforms(self) -> NDArray[np.float64]:
         """See `Engine`."""
-        rows = [_upright(o.pose, o.size[2] / 2) for o in self._scenario.obstacles]
+        time = self._step / self._control_freq
+        rows = [
+            _upright((*o.at(time)[:2].tolist(), o.pose[2]), o.size[2] / 2)
+            for o in self._scenario.obstacles
+        ]
         return np.array(rows).reshape(-1, 7)
 
     def link_transforms(self, names: Sequence[str]) -> Sequence[Sequence[float]]:

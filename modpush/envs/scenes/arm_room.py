@@ -26,6 +26,7 @@ MAX_HEIGHT = 0.15
 """Height of the tallest obstacles [m]. Forearm and wrist stay above it wherever the tool is."""
 _FLANGE_HEIGHT = 0.175  # with the tip as low as it gets and a tool of the usual length [m]
 _ROOM = 0.01  # added to what was measured at some poses of the tool [m]
+_STEP = 0.005  # between the places at which a moving obstacle is looked at [m]
 
 
 def arm_reach(robot: Robot, height: float) -> float:
@@ -87,12 +88,17 @@ def _surface(shape: Primitive) -> NDArray[np.float64]:
 
 
 def obstacle_in_arm(obstacles: Sequence[Obstacle], robot: Robot) -> str | None:
-    """The first obstacle that stands where the arm's links turn, in words; None if none does."""
+    """The first obstacle that stands where the arm's links turn, in words; None if none does.
+
+    One that moves is looked at wherever it comes.
+    """
     base_x, base_y, _ = robot.base
     turned = turned_rectangles(rectangles(obstacles))
     for k, obstacle in enumerate(obstacles):
         height, (x, y, _) = obstacle.size[2], obstacle.pose
         distance = nearest_rectangle(base_x, base_y, turned[k : k + 1])
+        if obstacle.motion is not None:
+            distance = nearest_rectangle(base_x, base_y, turned_rectangles(_places(obstacle)))
         if height > MAX_HEIGHT:
             return (
                 f"expected heights up to {MAX_HEIGHT} m, over which the arm passes, got {height:g}"
@@ -104,6 +110,15 @@ def obstacle_in_arm(obstacles: Sequence[Obstacle], robot: Robot) -> str | None:
                 f"the one at ({x:.3f}, {y:.3f})"
             )
     return None
+
+
+def _places(obstacle: Obstacle) -> np.ndarray:
+    """Footprints, as `rectangles` gives them, of an obstacle at places 5 mm apart on its patrol."""
+    start, end = obstacle.ends()
+    count = math.ceil(np.linalg.norm(end - start) / _STEP) + 1
+    rows = np.repeat(rectangles([obstacle]), count, axis=0)
+    rows[:, :2] = np.linspace(start, end, count)
+    return rows
 
 
 def tool_touches(

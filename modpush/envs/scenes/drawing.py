@@ -99,6 +99,11 @@ def draw_top_view(
         thickness = round(2 * inflation * _PIXELS_PER_METRE)
         for outline in outlines:
             _outline(image, outline, "inflated", thickness)
+    for obstacle in scenario.obstacles:
+        if obstacle.motion is not None:
+            _outline(image, obstacle.ends(), "obstacle", 2)  # the line of its patrol
+            for end in obstacle.ends():
+                _disc(image, end.tolist(), 0.008, "obstacle")
     for outline in outlines:
         _fill(image, outline, "obstacle")
     _disc(image, scenario.goal_position, position_tolerance, "goal", thickness=2)

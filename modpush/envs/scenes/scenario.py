@@ -98,7 +98,8 @@ class Scenario:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain lists, numbers and strings, ready for JSON; `goal_yaw` only where the goal is a pose."""
-        return {k: v for k, v in asdict(self).items() if (k, v) != ("goal_yaw", None)}
+        plain = {**asdict(self), "obstacles": tuple(item.to_dict() for item in self.obstacles)}
+        return {k: v for k, v in plain.items() if (k, v) != ("goal_yaw", None)}
 
     @property
     def layout_code(self) -> tuple[float, float, float]:
@@ -106,7 +107,7 @@ class Scenario:
 
         By it a state of `ClutterPush-v1` is known to be of this layout.
         """
-        rest = json.dumps([self.pushed_object, [asdict(item) for item in self.obstacles]])
+        rest = json.dumps([self.pushed_object, [item.to_dict() for item in self.obstacles]])
         return *self.goal_position, float(zlib.crc32(rest.encode()) & 0xFFFFFF)
 
     @classmethod

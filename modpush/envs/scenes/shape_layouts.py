@@ -1,4 +1,4 @@
-"""Scene families with one obstacle of a shape, or two: rectangle, circle, cross, T and L.
+"""Scene families with one obstacle of a shape, or two: rectangle, circle, cross, T, L, a moving bar.
 
 They are those of arXiv 2403.17667, in which the obstacle stands between object and goal
 (`ScenarioConfig.obstacle_between`). Sizes, shape and pose are drawn for each episode; the difficulty
@@ -11,12 +11,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from modpush.envs.scenes.obstacle import Obstacle
+from modpush.envs.scenes.obstacle import Obstacle, Patrol
+from modpush.geometry.workspace import WORKSPACE
 
 __all__ = ["SHAPE_SCENES"]
 
 _HEIGHT = 0.06  # that of a bar [m]
 _CIRCLE_BOXES = 6
+_SPEED = 0.1  # of the moving bar, that of the paper [m/s]
 _APART = 0.14  # of two rectangles, between their circumscribed circles at most [m]
 
 _Part = tuple[float, float, float, float, float]
@@ -83,6 +85,19 @@ def two_rectangles(rng: np.random.Generator, difficulty: float) -> list[Obstacle
     return _placed(rng, difficulty, [(*size, x, 0.0, yaw) for size, x, yaw in sides])
 
 
+def moving_bar(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
+    """The rectangle of `one_rectangle`, which moves along y at 0.1 m/s, first to either side.
+
+    It reverses when its centre is at the workspace's edge. Start, goal and path keep clear of where it is
+    at the start alone.
+    """
+    (bar,) = one_rectangle(rng, difficulty)
+    side, y = rng.choice((-1.0, 1.0)), bar.pose[1]
+    ahead, behind = (float(WORKSPACE.high[1] - direction * y) for direction in (side, -side))
+    patrol = Patrol(velocity=(0.0, float(side * _SPEED)), ahead=ahead, behind=behind)
+    return [Obstacle(bar.size, bar.pose, patrol)]
+
+
 def _placed(rng: np.random.Generator, difficulty: float, parts: list[_Part]) -> list[Obstacle]:
     """An obstacle's boxes, scaled, at any yaw near the middle of the workspace."""
     scale = 0.8 + 0.4 * difficulty
@@ -108,5 +123,6 @@ SHAPE_SCENES: dict[str, Callable[[np.random.Generator, float], list[Obstacle]]] 
     "one_t": one_t,
     "one_l": one_l,
     "two_rectangles": two_rectangles,
+    "moving_bar": moving_bar,
 }
 """The families of this file by name."""

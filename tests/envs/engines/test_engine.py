@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from modpush.envs import OBJECTS, Obstacle
+from modpush.envs import OBJECTS, Obstacle, Patrol
 from modpush.envs.engines.base import Engine, SceneSpec
 from modpush.envs.engines.named import ENGINES, find_engine
 from modpush.envs.robot.named import ROBOTS
@@ -20,6 +20,11 @@ from tests.envs.engines.sapien.test_agent import scenario
 AHEAD, STILL = torch.tensor([[1.0, 0.0, 0.0]]), torch.zeros(1, 3)
 BEHIND = (0.40, 0.0, math.pi / 2)  # the tool's wide side towards +x
 WALL = Obstacle((0.40, 0.06, 0.06), (0.62, 0.0, math.pi / 2))
+WALL_FAR = Obstacle((0.10, 0.06, 0.06), (0.45, 0.38, 0.0))
+PATROL = Obstacle(
+    (0.20, 0.06, 0.06), (0.45, 0.0, math.pi / 2), Patrol(velocity=(0.1, 0.0), ahead=0.2, behind=0.1)
+)
+ASIDE = (0.30, -0.30, 0.0)  # the tool, out of its way
 RANDOM = {item.name: item for item in map(random_object, (0, 1, 2))}
 KINDS = {**OBJECTS, **RANDOM}
 GRAVITY = 9.81
@@ -210,20 +215,28 @@ def test_the_tip_follows_within_2_mm(batch) -> None:
     assert height == pytest.approx(0.02, abs=1e-3)
 
 
-@pytest.mark.parametrize("kind", [0, 1], ids=["fixed", "movable"])
-def test_a_state_continues_to_the_last_bit_whatever_was_before(kind, batch, movable) -> None:
+@pytest.mark.parametrize(
+    ("kind", "moving"),
+    [(0, ()), (1, ()), (0, (PATROL,)), (1, (PATROL,))],
+    ids=["fixed", "movable", "patrol", "both"],
+)
+def test_a_state_continues_to_the_last_bit_whatever_was_before(
+    kind, moving, batch, movable
+) -> None:
     batch = (batch, movable)[kind]
     (engine,) = batch.engines
-    start = scenario(BEHIND, (0.50, 0.0, 0.3), obstacles=(WALL,))
+    start = scenario(BEHIND, (0.50, 0.0, 0.3), obstacles=(*moving, WALL))
     batch.start([0], [start])
     for _ in range(6):
         batch.step(AHEAD)
     state, ends = batch.get_state(0), []
+    places = engine.obstacle_transforms()
     assert type(state).from_dict(state.to_dict()).physics.tobytes() == state.physics.tobytes()
     for _ in range(2):
         batch.check_state(0, state)
         batch.set_state(0, state)
         assert (engine.pack() == state.physics).all()
+        np.testing.assert_allclose(engine.obstacle_transforms(), places, atol=1e-7)
         for _ in range(6):
             batch.step(AHEAD)
         ends.append(engine.pack())
@@ -284,3 +297,44 @@ def test_every_kind_of_solid_is_pushed() -> None:
     kinds = {part.kind for item in KINDS.values() for part in item.parts}
     assert kinds == {"box", "cylinder", "prism"}
     assert all(isinstance(item, PushedObject) for item in KINDS.values())
+
+
+def test_an_obstacle_patrols_and_reverses_whatever_is_in_its_way(batch) -> None:
+    (engine,) = batch.engines
+    start = scenario(ASIDE, (0.53, 0.0, 0.0), obstacles=(WALL_FAR, PATROL))
+    batch.start([0], [start])
+    for step in range(1, 76):  # 2 s ahead, 3 s back
+        batch.step(STILL)
+        expected = 0.45 + (0.1 * step / 15 if step <= 30 else 0.2 - 0.1 * (step - 30) / 15)
+        x, y, z, *_ = engine.obstacle_transforms()[1]
+        assert (x, y, z) == pytest.approx((expected, 0.0, 0.03), abs=1e-6)
+        if step == 30:
+            assert batch.measure().contacts[0].tolist() == [False, True, False] * 2
+            # Pushed by its front side, half of 6 cm and of the cube's 5 cm ahead, and not flung away.
+            assert engine.object_transform()[0] == pytest.approx(0.65 + 0.055, abs=2e-3)
+        assert min(engine.gaps().values()) > -1.5e-3
+    assert engine.object_transform()[0] == pytest.approx(0.65 + 0.055, abs=2e-3)
+    assert not batch.measure().contacts.any()
+    assert engine.obstacle_transforms()[0, :2] == pytest.approx(WALL_FAR.pose[:2], abs=1e-6)
+
+
+def test_a_moving_obstacle_that_meets_the_tool_is_reported_and_not_stopped(batch) -> None:
+    batch.start([0], [scenario((0.53, 0.0, math.pi / 2), obstacles=(PATROL,))])
+    for _ in range(20):
+        batch.step(STILL)
+    assert batch.measure().contacts[0].tolist() == [False, False, True] * 2
+    place = batch.engines[0].obstacle_transforms()[0, 0]
+    assert place == pytest.approx(0.45 + 0.1 * 20 / 15, abs=1e-6)
+
+
+def test_a_moving_obstacle_pushes_a_movable_one_and_passes_through_a_fixed_one(
+    batch, movable
+) -> None:
+    block = Obstacle((0.05, 0.05, 0.05), (0.53, 0.0, 0.0))
+    for scenes, moved in ((batch, 0.0), (movable, 0.055)):
+        scenes.start([0], [scenario(ASIDE, obstacles=(block, PATROL))])
+        for _ in range(15):
+            scenes.step(STILL)
+        places = scenes.engines[0].obstacle_transforms()[:, 0]
+        assert places[1] == pytest.approx(0.55, abs=1e-6)
+        assert places[0] == pytest.approx(0.55 + moved if moved else 0.53, abs=2e-3)

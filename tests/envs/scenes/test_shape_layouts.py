@@ -94,3 +94,19 @@ def test_a_scene_without_an_obstacle_between_says_so() -> None:
     config = ScenarioConfig(scene="free", obstacle_between=True)
     with pytest.raises(ValueError, match=r"no obstacle between start and goal: \d+"):
         sample_scenario(np.random.default_rng(0), config)
+
+
+def test_the_moving_bar_goes_to_and_fro_between_the_edges_of_the_workspace() -> None:
+    first = set()
+    for seed in range(20):
+        (bar,) = SHAPE_SCENES["moving_bar"](np.random.default_rng(seed), 0.5)
+        (still,) = SHAPE_SCENES["one_rectangle"](np.random.default_rng(seed), 0.5)
+        assert bar.standing(0.0) == still
+        x = bar.pose[0]
+        places = bar.at(np.arange(0.0, 20.0, 0.01))
+        assert (places[:, 0] == x).all()
+        assert places[:, 1].min() == pytest.approx(-0.35, abs=1e-3)
+        assert places[:, 1].max() == pytest.approx(0.35, abs=1e-3)
+        assert np.abs(places[:, 3]) == pytest.approx(np.full(2000, 0.1))
+        first.add(float(places[0, 3]))
+    assert first == {-0.1, 0.1}

@@ -75,6 +75,15 @@ class MujocoEngine(Engine):
         self._obstacles = slice(first, first + len(scenario.obstacles))
         self._ctrl = data.ctrl
         data.qpos[: self._num_joints] = joints
+        moving = {i: o for i, o in enumerate(scenario.obstacles) if o.motion is not None}
+        if moving:
+            joints_of = [int(model.body_jntadr[first + i]) for i in moving]
+            self._moving = (
+                model.jnt_qposadr[joints_of][:, None] + np.arange(7),
+                model.jnt_dofadr[joints_of][:, None] + np.arange(6),
+            )
+            self._upright = data.qpos[self._moving[0]]
+            self._move_obstacles(np.array([o.at(0.0) for o in moving.values()]))
         mujoco.mj_step1(model, data)
 
     def advance(
@@ -82,6 +91,7 @@ class MujocoEngine(Engine):
         position: Sequence[Sequence[float]],
         velocity: Sequence[Sequence[float]],
         looks: Collection[int],
+        obstacles: NDArray[np.float64] | None = None,
     ) -> list[bool]:
         """See `Engine`."""
         model, data, ctrl = self._model, self._data, self._ctrl
@@ -91,11 +101,21 @@ class MujocoEngine(Engine):
         for substep, row in enumerate(targets, start=1):
             ctrl[:] = row
             mujoco.mj_step2(model, data)
+            if obstacles is not None:
+                self._move_obstacles(obstacles[substep - 1])
             mujoco.mj_step1(model, data)
             if substep in looks:
                 now = self._touching()
                 touched = [a or b for a, b in zip(touched, now, strict=True)]
         return [*touched, *now]
+
+    def _move_obstacles(self, targets: NDArray[np.float64]) -> None:
+        """Put the obstacles that move by themselves where they are to be, `[m, 4]` as in `advance`."""
+        places, rates = self._moving
+        self._upright[:, :2] = targets[:, :2]
+        self._data.qpos[places] = self._upright
+        self._data.qvel[rates] = 0.0
+        self._data.qvel[rates[:, :2]] = targets[:, 2:]
 
     def _pairs(self) -> NDArray[np.int32]:
         """Categories of both bodies of each present contact, `[n]`; all are nearer than `CONTACT_GAP`."""
@@ -151,7 +171,8 @@ class MujocoEngine(Engine):
 
     def check_packed(self, packed: NDArray[np.float32], scenario: Scenario) -> None:
         """See `Engine`."""
-        free = 1 + (len(scenario.obstacles) if self._spec.dynamic_obstacles else 0)
+        movable = self._spec.dynamic_obstacles
+        free = 1 + sum(movable or o.motion is not None for o in scenario.obstacles)
         moving = (
             self._num_joints + 7 * free + self._num_joints + 6 * free
         )  # positions and velocities

@@ -37,6 +37,9 @@ _SIDES = 32
 """Sides of the prism that stands for an object's cylinder. MuJoCo's own cylinder sinks by up to 12 mm
 into the tool where it is squeezed, and the agents solve 0.70 of its episodes instead of all."""
 _FREE = mujoco.mjtJoint.mjJNT_FREE
+_UNSTOPPABLE = 1e4
+"""Mass of an obstacle that moves by itself [kg]. MuJoCo's own moving bodies (`mocap`) have no velocity,
+so that contacts would not carry along what they touch."""
 
 
 def build_model(spec: SceneSpec, scenario: Scenario, item: PushedObject) -> "mujoco.MjModel":
@@ -65,7 +68,8 @@ def build_model(spec: SceneSpec, scenario: Scenario, item: PushedObject) -> "muj
     _add_arm(model, spec.robot, spec.tool, scenario.dynamics.friction)
     _add_object(model, item, scenario)
     for i, obstacle in enumerate(scenario.obstacles):
-        _add_obstacle(model, i, obstacle, spec.dynamic_obstacles)
+        _add_obstacle(model, i, obstacle, spec.dynamic_obstacles or obstacle.motion is not None)
+    _exclude_pairs(model, scenario.obstacles, spec.dynamic_obstacles)
     return model.compile()
 
 
@@ -170,10 +174,22 @@ def _add_obstacle(model: "mujoco.MjSpec", index: int, obstacle: Obstacle, movabl
     if movable:
         body.add_joint(type=_FREE)
         square = np.square(obstacle.size)
-        _set_inertia(
-            body, OBSTACLE_MASS, (0.0, 0.0, 0.0), OBSTACLE_MASS * (square.sum() - square) / 12
-        )
+        mass = OBSTACLE_MASS if obstacle.motion is None else _UNSTOPPABLE
+        _set_inertia(body, mass, (0.0, 0.0, 0.0), mass * (square.sum() - square) / 12)
+    if obstacle.motion is not None:
+        body.gravcomp = 1.0
     set_contact(geoms, OBSTACLE, ROBOT | OBJECT | TABLE | OBSTACLE, FRICTION["obstacle"])
+
+
+def _exclude_pairs(model: "mujoco.MjSpec", obstacles: Sequence[Obstacle], movable: bool) -> None:
+    """Let obstacles that move by themselves pass over the table and through whatever cannot be pushed."""
+    for i, one in enumerate(obstacles):
+        if one.motion is not None:
+            model.add_exclude(bodyname1="world", bodyname2=f"obstacle_{i}")
+            for k, other in enumerate(obstacles):
+                if (other.motion is None and not movable) or (other.motion is not None and k < i):
+                    names = f"obstacle_{i}", f"obstacle_{k}"
+                    model.add_exclude(bodyname1=names[0], bodyname2=names[1])
 
 
 def _set_inertia(

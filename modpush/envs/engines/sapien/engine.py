@@ -138,6 +138,7 @@ class SapienEngine(Engine):
         position: Sequence[Sequence[float]],
         velocity: Sequence[Sequence[float]],
         looks: Collection[int],
+        obstacles: NDArray[np.float64] | None = None,
     ) -> list[bool]:
         """See `Engine`: what ManiSkill's `step` does to the bodies."""
         step, contacts, joints = self._scene.px.step, self._contacts, self._joints
@@ -150,6 +151,8 @@ class SapienEngine(Engine):
                 for joint, rate in zip(joints, rates, strict=True):
                     joint.set_drive_velocity_target(rate)
                 last = rates
+            if obstacles is not None:
+                self._obstacles.move(obstacles[substep - 1].tolist())
             step()
             if substep in looks:
                 contacts.read()
@@ -178,8 +181,16 @@ class SapienEngine(Engine):
         return self._contacts.gaps()
 
     def pack(self) -> NDArray[np.float32]:
-        """See `Engine`. PhysX's contact cache is not in it."""
-        return np.frombuffer(self._scene.px.pack(), dtype=np.float32)
+        """See `Engine`. PhysX's contact cache is not in it, nor the velocities of kinematic bodies.
+
+        PhysX does not restore these: it takes them from the places where the bodies go next.
+        """
+        packed = np.frombuffer(self._scene.px.pack(), dtype=np.float32)
+        if kinematic := self._obstacles.kinematic_rows():
+            packed = packed.copy()
+            for row in kinematic:  # after the object, which is the oldest body
+                packed[_BODY * (1 + row) + 7 : _BODY * (2 + row)] = 0.0
+        return packed
 
     def unpack(self, packed: NDArray[np.float32]) -> None:
         """See `Engine`."""
@@ -187,7 +198,8 @@ class SapienEngine(Engine):
 
     def check_packed(self, packed: NDArray[np.float32], scenario: Scenario) -> None:
         """See `Engine`; PhysX itself checks nothing."""
-        movable = len(scenario.obstacles) if self.task.dynamic_obstacles else 0
+        pushed = self.task.dynamic_obstacles
+        movable = sum(pushed or o.motion is not None for o in scenario.obstacles)
         num_bodies = 2 + movable  # with the object and the arm's base
         size = _BODY * num_bodies + _JOINT * len(self._joints)
         if not isinstance(packed, np.ndarray) or (packed.dtype, packed.shape) != (

@@ -42,28 +42,52 @@ class ObstacleSwapper:
         self._dynamic = dynamic
         self._placed: list[tuple[Obstacle, sapien.Entity]] = []
         self._rigid: list[physx.PhysxRigidBaseComponent] = []
+        self._moving: list[tuple[physx.PhysxRigidDynamicComponent, Obstacle]] = []
 
     def place(self, layout: Sequence[Obstacle]) -> None:
         """Add the obstacles of a layout to a new scene."""
         self._placed = [(o, self._build(o, i)) for i, o in enumerate(layout)]
         for _, entity in self._placed:
             self._scene.sub_scenes[0].add_entity(entity)
-        kind = (
-            physx.PhysxRigidDynamicComponent if self._dynamic else physx.PhysxRigidStaticComponent
-        )
-        self._rigid = [entity.find_component_by_type(kind) for _, entity in self._placed]
+        fixed, free = physx.PhysxRigidStaticComponent, physx.PhysxRigidDynamicComponent
+        self._rigid = [
+            entity.find_component_by_type(fixed if self._is_fixed(obstacle) else free)
+            for obstacle, entity in self._placed
+        ]
+        moving = zip(layout, self._rigid, strict=True)
+        self._moving = [(body, o) for o, body in moving if o.motion is not None]
+
+    def _is_fixed(self, obstacle: Obstacle) -> bool:
+        return not self._dynamic and obstacle.motion is None
+
+    def move(self, targets: Sequence[Sequence[float]]) -> None:
+        """Let the obstacles that move by themselves go to places within the next physics step.
+
+        Args:
+            targets: (x, y, ...) of each of them [m].
+        """
+        for (body, obstacle), (x, y, *_) in zip(self._moving, targets, strict=True):
+            pose = bodies.yaw_pose(x, y, obstacle.size[2] / 2, obstacle.pose[2])
+            body.kinematic_target = pose
 
     def _build(self, obstacle: Obstacle, index: int) -> sapien.Entity:
         """An obstacle at its pose, not yet added to the scene."""
         part = obstacle_part(obstacle)
-        mass = OBSTACLE_MASS if self._dynamic else None
+        mass = None if self._is_fixed(obstacle) else OBSTACLE_MASS
         entity = bodies.rigid_body([part], self._material, mass=mass)
+        if obstacle.motion is not None:
+            entity.find_component_by_type(physx.PhysxRigidDynamicComponent).kinematic = True
         if self._can_render:
             bodies.attach_visuals(entity, [part])
         x, y, yaw = obstacle.pose
         entity.name = f"scene-0_obstacle_{index}"
         entity.pose = bodies.yaw_pose(x, y, obstacle.size[2] / 2, yaw)
         return entity
+
+    def kinematic_rows(self) -> list[int]:
+        """Places, among the present bodies that are not fixed, of those that move by themselves."""
+        free = [obstacle for obstacle, _ in self._placed if not self._is_fixed(obstacle)]
+        return [row for row, obstacle in enumerate(free) if obstacle.motion is not None]
 
     def rigid_bodies(self) -> list[physx.PhysxRigidBaseComponent]:
         """The bodies of the present obstacles."""

@@ -244,6 +244,11 @@ class ClutterPushEnv(BaseEnv):
                 self.agent.tool,
                 self.agent.arm,
             )
+            if any(obstacle.motion is not None for obstacle in scenario.obstacles):
+                raise ValueError(
+                    "ClutterPushEnv.reset: obstacles must have motion=None here and on CUDA, got one "
+                    "that moves by itself; PushEnv on a CPU has such obstacles."
+                )
         joints = [] if self.engine is None else [self._start_joints(s) for s in scenarios]
         if not self.scenarios:
             self.scenarios = list(scenarios)
