@@ -22,7 +22,6 @@ from modpush.encoders.window_bytes import WindowBytes
 from modpush.encoders.window_transform import EgocentricWindow
 from modpush.envs.push_env import PushEnv
 from modpush.envs.robot.robot import Robot
-from modpush.envs.scenes.scenario import ScenarioConfig
 from modpush.envs.scenes.sensing import SensingConfig
 from modpush.mdp.action_frame import ActionFrame
 from modpush.mdp.blank_latent import latent_entry
@@ -36,11 +35,8 @@ from modpush.mdp.push_reward import PushReward
 from modpush.mdp.reward_terms import RewardTerm
 from modpush.mdp.step_outcome import RewardKeys
 from modpush.planners.base import Planner
-from modpush.planners.occupancy import OccupancyGrid
-from modpush.planners.pose_field import PoseField
-from modpush.planners.pose_subgoals import PoseSubgoals
-from modpush.planners.subgoals import PlannerSubgoals
 from modpush.recipes.config import END_TO_END, PushEnvConfig
+from modpush.recipes.planning import TRUE, make_planning
 from modpush.recipes.sensing import make_recovery, make_sensing, observation_keys, observed_keys
 
 __all__ = ["ENV_PARTS", "env_parts", "make_push_env"]
@@ -58,19 +54,6 @@ ENV_PARTS = (
     "reward_terms",
 )
 """Arguments of `make_push_env` that may be given as objects."""
-
-_TRUE = "true"
-"""Group of the plan from the true state, by which the reward goes where the policy observes another."""
-_MAP_KEYS = {"occupancy": "occupancy", "blocked": "blocked_bits", "choice": "map_choice"}
-_PLAN_KEYS = {
-    "occupancy": "occupancy",
-    "path_length": "path_length",
-    "subgoal": "subgoal",
-    "subgoal_past": "subgoal_past",
-    "path_found": "path_found",
-    "history": "subgoal_history",
-    "path_ahead": "path_ahead",
-}
 
 
 def env_parts(config: PushEnvConfig, parts: Mapping[str, Any]) -> dict[str, Any]:
@@ -103,8 +86,7 @@ def make_push_env(
     `path_found` (see `PlannerSubgoals`), `latent` `[B, d]`, `observation` `[B, n]` float32,
     `reward` `[B, 1]` and its terms under `reward_terms`. With `encoder="end_to_end"` it emits `window`
     `[B, 1, S, S]` uint8 instead of `latent`, for networks that encode it themselves. With `plan_poses` it
-    emits what `PoseSubgoals` writes, and with `recovery` it
-    emits what `StuckRecovery` writes as well.
+    emits what `PoseSubgoals` writes as well, and with `recovery` what `StuckRecovery` writes.
 
     With noise or delayed observations (`config.sensing`) the keys of `PushEnv` still hold the truth, of
     which the reward is, with the path length `("true", "path_length")`. What the policy's
@@ -159,15 +141,18 @@ def make_push_env(
     module = _make_encoder(config, encoder)
     true, observed = observed_keys(SensingConfig()), observed_keys(config.sensing)
     planned = config, base.scenario, planner
-    true_length = "path_length" if config.sensing.exact else (_TRUE, "path_length")
+    reward_keys = RewardKeys()
+    if not config.sensing.exact:
+        lengths = {name: (TRUE, name) for name in ("path_length", "pose_path_length")}
+        reward_keys = RewardKeys(**lengths)
     described = _entries(config, entries, module, base.robot)
     observations = (PushObservation, MirroredObservation) if mirrored else (PushObservation,)
     transforms: list[Transform] = [
         InitTracker(),
         *([CurriculumScenes(curriculum, evaluated_envs=evaluated_envs)] if curriculum else []),
         *make_sensing(config.sensing),
-        *([] if config.sensing.exact else _planning(*planned, 0, true, _TRUE)),
-        *_planning(*planned, max_waypoints, observed),
+        *([] if config.sensing.exact else make_planning(*planned, 0, true, TRUE)),
+        *make_planning(*planned, max_waypoints, observed),
         *_window(config, module, mirrored, observed),
         ActionFrame(
             config.frame if config.action_frame is None else config.action_frame,
@@ -184,70 +169,15 @@ def make_push_env(
             )
             for observation in observations
         ),
-        PushReward(config.reward, terms=reward_terms, keys=RewardKeys(path_length=true_length)),
+        PushReward(config.reward, terms=reward_terms, keys=reward_keys),
         *([make_recovery(config.sensing)] if config.recovery else []),
     ]
     if not keep_images:
         images = [keys[name] for keys in (true, observed) for name in ("depth", "segmentation")]
-        maps = ["occupancy"] if config.sensing.exact else ["occupancy", (_TRUE, "occupancy")]
+        maps = ["occupancy"] if config.sensing.exact else ["occupancy", (TRUE, "occupancy")]
         encoded = ["window"] if module is not None else []
         transforms.append(ExcludeTransform(*dict.fromkeys(images), *maps, *encoded))
     return TransformedEnv(base, Compose(*transforms))
-
-
-def _planning(
-    config: PushEnvConfig,
-    scenario: ScenarioConfig,
-    planner: str | Planner | None,
-    max_waypoints: int,
-    read: Mapping[str, NestedKey],
-    group: str | None = None,
-) -> list[Transform]:
-    """From depth image to sub-goals, which are written within a group if there is one."""
-    # Where the config's distance from the workspace's edge leaves no way, the scenarios' own does: they
-    # are drawn so that there is one.
-    outside = config.planner_margin or 0.0
-    margins = sorted({outside, max(outside, scenario.path_margin)})
-    occupancy = OccupancyGrid(
-        object_radius_key="object_radius",
-        inscribed_radius_key="object_inscribed_radius",
-        inflation=config.inflation,
-        bounds=None if config.planner_margin is None else (scenario.low, scenario.high),
-        margin=tuple(-margin for margin in margins),
-        depth_key=read["depth"],
-        segmentation_key=read["segmentation"],
-        object_pose_key=read["object_pose"],
-        **_within(group, _MAP_KEYS),
-    )
-    subgoals = PlannerSubgoals(
-        config.planner if planner is None else planner,
-        mode=config.subgoal_mode,
-        fraction=config.subgoal_fraction,
-        lookahead=config.subgoal_lookahead,
-        lags=config.subgoal_lags,
-        ahead=config.path_ahead,
-        max_waypoints=max_waypoints,
-        object_pose_key=read["object_pose"],
-        **_within(group, _PLAN_KEYS),
-    )
-    return [occupancy, subgoals, *([_pose_planning(config, scenario)] if config.plan_poses else [])]
-
-
-def _pose_planning(config: PushEnvConfig, scenario: ScenarioConfig) -> Transform:
-    """Sub-goals with a yaw, on the map of `OccupancyGrid`."""
-    bounds = None
-    if config.planner_margin is not None:
-        bounds = scenario.bounds(max(config.planner_margin, scenario.path_margin))
-    return PoseSubgoals(
-        PoseField(bounds=bounds),
-        ahead=config.path_ahead,
-        symmetry_key=None if config.simulation.full_circle else "object_symmetry",
-    )
-
-
-def _within(group: str | None, keys: Mapping[str, str]) -> dict[str, Any]:
-    """Arguments that put a transform's own keys into a group; none without a group."""
-    return {} if group is None else {f"{own}_key": (group, name) for own, name in keys.items()}
 
 
 def _make_encoder(config: PushEnvConfig, given: Any) -> nn.Module | None:

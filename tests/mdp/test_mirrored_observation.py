@@ -20,6 +20,8 @@ MIRRORED_KEYS = (
     "path_ahead",
     "goal_pose",
     "pose_error",
+    "subgoal_pose",
+    "pose_path_ahead",
 )
 
 

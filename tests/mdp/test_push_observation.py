@@ -42,7 +42,7 @@ def make_state(batch=2, seed=0):
             "pose_error": draw(2),
             "obstacle_motion": draw(4),
             "subgoal_pose": draw(3),
-            "pose_path_ahead": draw(2, 3),
+            "pose_path_ahead": draw(3, 3),
             "pose_path_length": draw(1).abs(),
         },
         [batch],
@@ -60,7 +60,7 @@ def moved(state, angle, shift):
     place, velocity = state["obstacle_motion"].split(2, -1)
     state["obstacle_motion"] = torch.cat([rotate(place, turn) + shift, rotate(velocity, turn)], -1)
     for key in ("object_pose", "ee_pose", "goal_pose", "subgoal_pose", "pose_path_ahead"):
-        turns = turn.reshape(-1, *(1,) * (state[key].ndim - 1))
+        turns = turn.unsqueeze(-2) if state[key].ndim == 3 else turn
         position = rotate(state[key][..., :2], turns) + shift
         state[key] = torch.cat([position, state[key][..., 2:] + angle], -1)
     return state

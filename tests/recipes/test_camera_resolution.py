@@ -11,7 +11,7 @@ from torchrl.envs import Compose, Transform
 from modpush.encoders import EgocentricWindow
 from modpush.geometry import Camera
 from modpush.planners import OccupancyGrid, PlannerSubgoals
-from modpush.recipes import load_agent, make_env, make_push_env
+from modpush.recipes import load_agent, make_env, make_push_env, planning
 from modpush.recipes.agent_file import observed_symmetry
 
 FINE = Camera(height=512, width=512)
@@ -63,9 +63,9 @@ def test_images_of_512_pixels_are_as_good_as_those_of_the_training(scene, monkey
     with monkeypatch.context() as patched:
         fine_grid = partial(OccupancyGrid, camera=FINE)
         patched.setattr(
-            make_env, "OccupancyGrid", lambda **kwargs: Compose(FineImages(), fine_grid(**kwargs))
+            planning, "OccupancyGrid", lambda **kwargs: Compose(FineImages(), fine_grid(**kwargs))
         )
-        patched.setattr(make_env, "PlannerSubgoals", partial(PlannerSubgoals, camera=FINE))
+        patched.setattr(planning, "PlannerSubgoals", partial(PlannerSubgoals, camera=FINE))
         patched.setattr(make_env, "EgocentricWindow", partial(EgocentricWindow, camera=FINE))
         solved, collisions = run(scene)
     assert solved == as_trained[0] == 8

@@ -21,6 +21,7 @@ def env():
         plan_poses=True,
         pushed_object="box",
         scene="one_l",
+        tool_start="behind",
         encoder="none",
         entries=(*(name for name in POSE_ENTRIES if name != "latent"), *OWN),
         raw=True,
@@ -36,12 +37,15 @@ def test_it_is_an_environment(env) -> None:
 
 
 def test_a_planned_path_is_observed_and_its_cost_rewarded(env) -> None:
-    td = env.rollout(30, break_when_any_done=False)
+    def ahead_along_the_path(td):
+        return td.set("action", torch.tensor([[1.0, 0.0, 0.0]]).expand(2, 3))
+
+    td = env.rollout(15, ahead_along_the_path, break_when_any_done=False)
     before, after = td.exclude("next"), td["next"]
     assert after["pose_path_found"].all()
     length = after["pose_path_length"]
     distance, turn = after["pose_error"].abs().split(1, -1)
-    radius = after["object_radius"]
+    radius = after["object_support"].amax(-1, keepdim=True)  # the turning radius
     # No path is shorter than the straight way and turn; at 2 cm and 22.5 degrees, but for a cell.
     assert (length >= distance + radius * turn - 1e-4).all()
     assert not torch.equal(length, distance + radius * turn)
@@ -76,6 +80,25 @@ def test_a_planned_path_is_observed_and_its_cost_rewarded(env) -> None:
     progress = first - last + 2 * (first.clamp_max(0.04) - last.clamp_max(0.04))
     assert torch.allclose(after["reward"], progress, atol=1e-6)
     assert progress.abs().max() > 1e-3
+
+
+def test_with_noise_the_policy_plans_from_what_it_observes_and_the_reward_from_the_truth() -> None:
+    env = make_push_env(
+        num_envs=2,
+        goal="pose",
+        plan_poses=True,
+        pushed_object="box",
+        encoder="none",
+        reward=RewardConfig(weights={"pose_progress": 1.0}),
+        position_noise=0.01,
+        seed=3,
+    )
+    td = env.rollout(5)
+    env.close()
+    first, last = td["true", "pose_path_length"], td["next", "true", "pose_path_length"]
+    assert not torch.allclose(last, td["next", "pose_path_length"], atol=1e-3)
+    progress = first - last + 2 * (first.clamp_max(0.04) - last.clamp_max(0.04))
+    assert torch.allclose(td["next", "reward"], progress, atol=1e-6)
 
 
 def test_goal_positions_have_no_poses_to_plan() -> None:
