@@ -192,7 +192,10 @@ class TrainConfig:
 
     def differences(self, stored: "TrainConfig") -> list[str]:
         """Fields that differ from a stored run's and may not, as `"name: stored -> now"`."""
-        return field_differences(stored.fixed_fields(), self.fixed_fields())
+        now = self
+        if self.tqc.precision == "auto":  # the stored run has found out what that means
+            now = replace(self, tqc=replace(self.tqc, precision=stored.tqc.precision))
+        return field_differences(stored.fixed_fields(), now.fixed_fields())
 
     def fixed_fields(self) -> dict[str, Any]:
         """All fields that a resumed run must have in common with what it resumes, as plain data."""

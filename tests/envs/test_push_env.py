@@ -16,7 +16,7 @@ from modpush.envs.engines.sapien.task import ClutterPushEnv
 from modpush.envs.robot.physics import CONTACT_GAP
 from modpush.envs.scenes.drawing import draw_top_view
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES
-from modpush.envs.scenes.objects import get_object
+from modpush.envs.scenes.objects import PAPER_OBJECTS, get_object
 from modpush.envs.scenes.obstacle import Obstacle
 from modpush.geometry.camera import CAMERA
 from tests.envs.engines.sapien.test_agent import scenario
@@ -51,7 +51,7 @@ def test_specs_under_other_options(kwargs) -> None:
 
 
 def test_every_key_of_the_docstring_is_emitted_and_no_other() -> None:
-    env = PushEnv(1, dynamic_obstacles=True)
+    env = PushEnv(1, dynamic_obstacles=True, goal="pose", obstacle_motion=True)
     said = {
         line.split()[0]
         for line in PushEnv.__doc__.split("meaning")[1].splitlines()
@@ -64,21 +64,22 @@ def test_every_key_of_the_docstring_is_emitted_and_no_other() -> None:
 
 
 def test_each_scene_emits_the_radii_and_the_symmetry_of_its_own_object() -> None:
-    env = PushEnv(len(OBJECTS), pushed_object=tuple(OBJECTS), depth=None)
-    td = env.reset(scenarios=[scenario((0.4, 0.1, 0.0), name=name) for name in OBJECTS])
+    env = PushEnv(len(PAPER_OBJECTS), pushed_object=tuple(PAPER_OBJECTS), depth=None)
+    td = env.reset(scenarios=[scenario((0.4, 0.1, 0.0), name=name) for name in PAPER_OBJECTS])
     for state in (td, act(env, td)):
         # Cube, oblong, cylinder, fragment; half the diagonals of 5 x 5 and 8 x 5 cm.
         assert state["object_symmetry"].tolist() == [[4.0], [2.0], [0.0], [1.0]]
         torch.testing.assert_close(
             state["object_radius"][:3], torch.tensor([[0.0353553], [0.0471699], [0.03]])
         )
-        for row, item in zip(state["object_support"], OBJECTS.values(), strict=True):
+        for row, name in zip(state["object_support"], PAPER_OBJECTS, strict=True):
+            item = OBJECTS[name]
             torch.testing.assert_close(row, torch.from_numpy(item.support).float())
         torch.testing.assert_close(
             state["object_inscribed_radius"][:3], torch.tensor([[0.025], [0.025], [0.03]])
         )
     cylinder = env.get_state([2])
-    env.reset(scenarios=[scenario((0.4, 0.1, 0.0))] * len(OBJECTS))
+    env.reset(scenarios=[scenario((0.4, 0.1, 0.0))] * len(PAPER_OBJECTS))
     symmetry = env.set_state(cylinder, [1])["object_symmetry"]
     assert symmetry.tolist() == [[4.0], [0.0], [4.0], [4.0]]
     env.close()

@@ -252,6 +252,7 @@ class Scenes(SceneWorker):
         self.curriculum, self.env = Curriculum(SMOKE.curriculum), self
         self._sums = torch.zeros(2, 4)
         self.began = []
+        self._hindsight = None
 
     def set_seed(self, seed):
         self.seed = seed
