@@ -17,7 +17,9 @@ from modpush._types import Count, Length, Point, Positive
 from modpush._validation import checked
 from modpush.envs.robot.robot import Robot, Tool
 
-_DRAWN = 50  # solutions at an episode's start
+_LED = 50  # solutions on the way to an episode's start
+_LAST = 0.1  # weight of the last joint, which follows yaw, in the distance from home
+_OTHER_TURNS = (0.0, -1.0, 1.0)  # where the action has no solution
 _LARGEST_STEP = 0.5  # of a joint from one knot to the next [rad]; a UR5's are below 0.1
 
 __all__ = ["MotionConfig", "MotionPlanner", "PlannedMotion", "start_joints"]
@@ -61,7 +63,8 @@ class PlannedMotion(NamedTuple):
     """Velocity targets in it, `[B, S, n]` [rad/s]. Without them the drives' damping makes the tip lag by
     7 mm at full speed, with them by 1 mm."""
     reachable: NDArray[np.bool_]
-    """False where the commanded pose has no solution and the target stays, `[B]`."""
+    """False where the commanded pose has no solution: the tip then moves without the turn, or it turns in
+    one of both directions as far as a step allows, or else the target stays, `[B]`."""
 
 
 class _Limits(NamedTuple):
@@ -125,6 +128,29 @@ class MotionPlanner:
             flange_height: Height of the flange over the table, `[B]` [m].
             joints: The measured angles of the joints, `[B, n]` [rad].
         """
+        given = target, tip_pose, flange_height, joints
+        motion = self._attempt(action, *given)
+        stuck = np.flatnonzero(~motion.reachable)
+        for turn in _OTHER_TURNS:  # at the limit of its last joint an arm may still push
+            if not len(stuck):
+                break
+            action = np.array(action)
+            action[:, 2] = turn
+            other = self._attempt(action[stuck], *(values[stuck] for values in given))
+            for mine, found in zip(motion[:3], other[:3], strict=True):
+                mine[stuck[other.reachable]] = found[other.reachable]
+            stuck = stuck[~other.reachable]
+        return motion
+
+    def _attempt(
+        self,
+        action: NDArray[np.float64],
+        target: NDArray[np.float64],
+        tip_pose: NDArray[np.float64],
+        flange_height: NDArray[np.float64],
+        joints: NDArray[np.float64],
+    ) -> PlannedMotion:
+        """The motion of an action itself, or a halt; the arguments are those of `plan`."""
         rows = self._num_knots + 1
         start, goal, way = _plan_way(
             action, target, tip_pose, flange_height, self._limits, self._num_knots
@@ -152,17 +178,32 @@ def start_joints(
             than an `InverseKinematics`.
     """
     (x, y, yaw), n, home = tool_pose, len(robot.joints), np.array(robot.home)
-    base_x, base_y, base_z = robot.base
+    place = np.array([x, y, tip_height + tool.length]) - robot.base
     low, high = robot.joints[-1].limits
     # A yaw beyond the last joint's limit is that of a turn in the other direction.
-    starts = np.tile(home, (3, 1))
-    starts[1:, -1] = low, high
-    yaws = [yaw, yaw + math.pi] if tool.half_turn and high - low < 2 * math.pi else [yaw]
-    height = tip_height + tool.length
-    pose = np.array([[x - base_x, y - base_y, height - base_z, one] for one in yaws])
-    count = len(starts) * len(yaws)
-    poses = pose.repeat(len(starts), axis=0)
-    solved: Any = robot.inverse(poses, np.tile(starts, (len(yaws), 1)))
+    turns = np.array([0.0, -2 * math.pi, 2 * math.pi])
+    if tool.half_turn and high - low < 2 * math.pi:
+        turns = np.concatenate([turns, turns + math.pi])
+    if robot.solve is None:
+        joints, found = _led_from_home(robot, place, yaw + turns)
+    else:
+        joints, found = _solved(robot, np.column_stack([np.tile(place, (len(turns), 1)), yaw + turns]))
+    if not found.any():
+        raise ValueError(
+            f"Scenario: tool_pose must not be out of the arm's reach, got {tuple(tool_pose)} with robot "
+            f"{robot.name!r}, whose inverse kinematics finds nothing there."
+        )
+    weight = np.array([*[1.0] * (n - 1), _LAST])
+    away = np.where(found, np.linalg.norm((joints - home) * weight, axis=1), np.inf)
+    return joints[int(np.argmin(away))].astype(np.float32)
+
+
+def _solved(
+    robot: Robot, poses: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """What the robot's own `solve` finds from home, checked."""
+    n, count = len(robot.joints), len(poses)
+    solved: Any = robot.inverse(poses, np.tile(robot.home, (count, 1)))
     shapes = [np.shape(part) for part in solved]
     if shapes != [(count, n), (count,)] or not np.isfinite(solved[0]).all():
         raise ValueError(
@@ -170,16 +211,29 @@ def start_joints(
             f"{shapes} for N = {count}."
         )
     joints, found = solved
-    if not found.any():
-        raise ValueError(
-            f"Scenario: tool_pose must not be out of the arm's reach, got {tuple(tool_pose)} with robot "
-            f"{robot.name!r}, whose inverse kinematics finds nothing there."
-        )
-    if robot.solve is None:  # draws an arm with more joints than it needs back to home, bit by bit
-        for _ in range(_DRAWN):
-            joints, found = robot.inverse(poses, joints)
-    away = np.where(found, np.linalg.norm(joints - home, axis=1), np.inf)
-    return joints[int(np.argmin(away))].astype(np.float32)
+    return joints, found
+
+
+def _led_from_home(
+    robot: Robot, place: NDArray[np.float64], yaws: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """What the numerical solution finds when it is led there from home, around the base.
+
+    So the arm bends as at home wherever it can, and one with more joints than it needs is drawn there.
+    """
+    flange = robot.link_transforms(np.array(robot.home))[-1]
+    (x, y, z), home_yaw = flange[:3, 3] - robot.base, math.atan2(flange[1, 0], flange[0, 0])
+    turn = (math.atan2(place[1], place[0]) - math.atan2(y, x) + math.pi) % (2 * math.pi) - math.pi
+    yaws = yaws + 2 * math.pi * round((home_yaw - yaws[0]) / (2 * math.pi))
+    joints = np.tile(robot.home, (len(yaws), 1))
+    found = np.zeros(len(yaws), np.bool_)
+    for part in np.linspace(0.0, 1.0, _LED):
+        radius = math.hypot(x, y) + part * (math.hypot(place[0], place[1]) - math.hypot(x, y))
+        azimuth, poses = math.atan2(y, x) + part * turn, np.empty((len(yaws), 4))
+        poses[:, 0], poses[:, 1] = radius * math.cos(azimuth), radius * math.sin(azimuth)
+        poses[:, 2], poses[:, 3] = z + part * (place[2] - z), home_yaw + part * (yaws - home_yaw)
+        joints, found = robot.inverse(poses, joints)
+    return joints, found
 
 
 @njit()

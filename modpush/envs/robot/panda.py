@@ -20,7 +20,7 @@ _LINKS = (
         name="link_0",
         mass=0.629769,
         shapes=(
-            box(0.19, 0.15, 0.05, (-0.06, 0.0, -0.025), color=_DARK),  # a plate under its foot
+            box(0.19, 0.15, 0.10, (-0.06, 0.0, -0.05), color=_DARK),  # a plate under its foot
             box(0.19, 0.15, 0.06, (-0.06, 0.0, 0.03), color=_WHITE),
             cylinder(0.075, 0.14, (0.0, 0.0, 0.07), color=_WHITE),
         ),
@@ -110,10 +110,10 @@ PANDA = Robot(
             zip(_PLACES, _LIMITS, _EFFORTS, strict=True), start=1
         )
     ),
-    home=(0.0, 0.34, 0.0, -2.62, 0.0, 2.96, 0.0),
-    reach=(0.20, 0.785),
+    home=(-1.08, 0.83, 0.83, -2.43, -1.45, 2.56, 0.0),
+    reach=(0.10, 0.785),
     flange_position=(0.0, 0.0, 0.107),
-    base=(0.07, 0.0, 0.05),
+    base=(0.07, 0.0, 0.10),
 )
 """The arm, on a plate of 5 cm, from which it reaches most of the workspace: less than 20 cm from its axis
 the fourth joint is at its limit. `DampedLeastSquares` keep the joint that is not needed near to home."""
