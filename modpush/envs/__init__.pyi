@@ -30,6 +30,7 @@ from .scenes.obstacle import (
     Obstacle as Obstacle,
     Patrol as Patrol,
 )
+from .scenes.reach import within_reach as within_reach
 from .scenes.sampling import sample_scenario as sample_scenario
 from .scenes.scenario import (
     Dynamics as Dynamics,

@@ -17,8 +17,8 @@ from modpush._types import Count, Length, Point, Positive
 from modpush._validation import checked
 from modpush.envs.robot.robot import Robot, Tool
 
-_LED = 50  # solutions on the way to an episode's start
-_LAST = 0.1  # weight of the last joint, which follows yaw, in the distance from home
+_LED = 30  # solutions on the way to an episode's start
+_LAST = 0.3  # weight of the last joint, which follows yaw, in the distance from home
 _OTHER_TURNS = (0.0, -1.0, 1.0)  # where the action has no solution
 _LARGEST_STEP = 0.5  # of a joint from one knot to the next [rad]; a UR5's are below 0.1
 
@@ -187,7 +187,9 @@ def start_joints(
     if robot.solve is None:
         joints, found = _led_from_home(robot, place, yaw + turns)
     else:
-        joints, found = _solved(robot, np.column_stack([np.tile(place, (len(turns), 1)), yaw + turns]))
+        joints, found = _solved(
+            robot, np.column_stack([np.tile(place, (len(turns), 1)), yaw + turns])
+        )
     if not found.any():
         raise ValueError(
             f"Scenario: tool_pose must not be out of the arm's reach, got {tuple(tool_pose)} with robot "
@@ -225,14 +227,16 @@ def _led_from_home(
     (x, y, z), home_yaw = flange[:3, 3] - robot.base, math.atan2(flange[1, 0], flange[0, 0])
     turn = (math.atan2(place[1], place[0]) - math.atan2(y, x) + math.pi) % (2 * math.pi) - math.pi
     yaws = yaws + 2 * math.pi * round((home_yaw - yaws[0]) / (2 * math.pi))
-    joints = np.tile(robot.home, (len(yaws), 1))
-    found = np.zeros(len(yaws), np.bool_)
+    joints, found = np.tile(robot.home, (len(yaws), 1)), np.ones(len(yaws), np.bool_)
     for part in np.linspace(0.0, 1.0, _LED):
         radius = math.hypot(x, y) + part * (math.hypot(place[0], place[1]) - math.hypot(x, y))
         azimuth, poses = math.atan2(y, x) + part * turn, np.empty((len(yaws), 4))
         poses[:, 0], poses[:, 1] = radius * math.cos(azimuth), radius * math.sin(azimuth)
         poses[:, 2], poses[:, 3] = z + part * (place[2] - z), home_yaw + part * (yaws - home_yaw)
-        joints, found = robot.inverse(poses, joints)
+        left = np.flatnonzero(found)
+        joints[left], found[left] = robot.inverse(poses[left], joints[left])
+    if not found.any():  # a joint is at its limit on the way
+        return _solved(robot, np.column_stack([np.tile(place, (len(yaws), 1)), yaws]))
     return joints, found
 
 

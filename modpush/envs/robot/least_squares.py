@@ -162,7 +162,9 @@ def _motion(
         jacobian[2, j] = zx * dy - zy * dx
         jacobian[3, j], jacobian[4, j], jacobian[5, j] = zx, zy, zz
     wish = np.zeros(n)
-    for j in range(1, n - 1):  # the first and the last one follow the pose: where it is, and its yaw
+    for j in range(
+        1, n - 1
+    ):  # the first and the last one follow the pose: where it is, and its yaw
         wish[j] = min(max(home[j] - q[j], -draw), draw)
     for _ in range(n):
         matrix, rest = np.zeros((6, 6)), error.copy()
