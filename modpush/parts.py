@@ -73,7 +73,10 @@ def _walk(place: str, part: str) -> Iterator[Any]:
     try:
         found: Any = import_module(module)
     except ImportError as error:
-        raise ValueError(f"{place}: cannot import {module!r} for {part!r}: {error}.") from error
+        raise ValueError(
+            f"{place}: cannot import {module!r} for {part!r}: {error}. A module is "
+            "found if it is installed or in a folder of PYTHONPATH; for the current folder, PYTHONPATH=."
+        ) from error
     for attribute in name.split("."):
         if not hasattr(found, attribute):
             raise ValueError(

@@ -23,6 +23,8 @@ Options:
                             large_cube, small_cylinder and fragment.
   --difficulty X            Difficulty of the scenes, 0 to 1; by default 0.3.
   --goal {position,pose}    Positions of the object's centre as goals, or poses, at 1.5 cm and 10 degrees.
+  --robot NAME              Arm: ur5, ur10, panda, ... or module:name; by default ur5.
+  --tool NAME               Tool of the arm: 2f85, rod, or module:name; by default 2f85.
   --engine NAME             Physics engine: sapien, mujoco, or module:name; by default sapien. Only SAPIEN
                             renders.
   --seed N                  Seed of the episodes; by default 0.
@@ -37,6 +39,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -60,6 +63,7 @@ from modpush.envs import (
 )
 from modpush.envs.engines.named import find_engine
 from modpush.envs.outcome import Goal
+from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.layouts import TIGHT_SCENES
 from modpush.evaluation.episodes import Episode, run_episodes
@@ -105,6 +109,10 @@ class DemoConfig:
     goal: Goal = "position"
     """What the episodes ask for: a position of the object's centre, or a pose of the object, for an
     agent that was trained for poses. Poses are reached at 1.5 cm and 10 degrees."""
+    robot: Name = "ur5"
+    """Arm: its name, or `module:name`."""
+    tool: Name = "2f85"
+    """Tool of the arm: `2f85`, `rod`, or `module:name`."""
     engine: Name = "sapien"
     """Physics engine: `sapien`, `mujoco`, or `module:name`. Only SAPIEN renders."""
     out: FilePath = Path("runs/demo")
@@ -124,6 +132,8 @@ def show_demo(config: DemoConfig) -> str:
     methods = get_methods(config.policy, allow=config.allow)
     make_folder(config.out)  # an error about it comes before the episodes
     find_engine(config.engine)
+    find_robot(config.robot)
+    find_tool(config.tool)
     renders = config.rendered and config.engine == "sapien"
     rendered = renders and find_render_device() is not None
     announce_compiling()
@@ -168,7 +178,9 @@ def _draw_scenario(config: DemoConfig, scene: str, family: int, k: int) -> Scena
 
     def draw(name: str) -> Scenario:
         rng = np.random.default_rng([config.seed, k])
-        return sample_scenario(rng, replace(base, pushed_object=name), goal=config.goal)
+        one = replace(base, pushed_object=name)
+        parts: Any = {"robot": config.robot, "tool": config.tool, "goal": config.goal}
+        return sample_scenario(rng, one, **parts)
 
     for name in objects[:-1]:
         with contextlib.suppress(ValueError):  # mazes hardly have room for the large objects
@@ -189,8 +201,11 @@ def _run(
     if config.goal == "pose":
         poses = conditions or EpisodeConditions()
         conditions = replace(poses, goal="pose", position_tolerance=_POSITION_TOLERANCE)
+    usual = EpisodeConditions()
+    if (config.robot, config.tool) != (usual.robot, usual.tool):
+        conditions = replace(conditions or usual, robot=config.robot, tool=config.tool)
     if config.engine != "sapien":
-        conditions = replace(conditions or EpisodeConditions(), engine=config.engine, sim_freq=None)
+        conditions = replace(conditions or usual, engine=config.engine, sim_freq=None)
     env: EnvBase = method.make_env(num_envs, config.pushed_object, conditions, pictures=rendered)
     simulator = env.base_env
     assert isinstance(simulator, PushEnv)

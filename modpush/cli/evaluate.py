@@ -21,8 +21,8 @@ Options:
   --set NAME ...     Evaluation sets by name or file; all, for all sets in which the tool starts in any
                      direction from the object, except smoke and the tuning sets; or behind/all, for
                      those in which it starts straight behind the object; by default smoke.
-  --robot NAME       Arm to use instead of the sets' own: ur5, ur10, ... or module:name; results are
-                     stored under SET+ROBOT.
+  --robot NAME       Arm to use instead of the sets' own: ur5, ur10, ... or module:name. Episodes whose
+                     start it does not reach are left out; results are stored under SET+ROBOT.
   --tool NAME        Tool to use instead of the sets' own: 2f85, rod, or module:name; results are stored
                      under SET+TOOL.
   --engine NAME      Physics engine to use instead of the sets' own, at its own rate: sapien, mujoco, or
@@ -80,8 +80,8 @@ class EvaluateConfig:
     object, but `smoke` and the tuning sets, or `behind/all` for those in which it starts straight behind
     the object."""
     robot: Name | None = None
-    """Arm to use instead of the sets' own: its name, or `module:name`; results are stored under
-    `<set>+<robot>`."""
+    """Arm to use instead of the sets' own: its name, or `module:name`. Episodes whose start it does not
+    reach are left out; results are stored under `<set>+<robot>`."""
     tool: Name | None = None
     """Tool to use instead of the sets' own, for instance `rod`, the tool in the code of the paper's
     authors; results are stored under `<set>+<tool>`."""
@@ -153,13 +153,21 @@ def _load_sets(config: EvaluateConfig) -> dict[str, "evaluation.EvaluationSet"]:
     """The chosen part of each set, by what the set was asked for as."""
     sets: dict[str, evaluation.EvaluationSet] = {}
     for asked in config.set_names:
-        episodes = evaluation.load_set(asked, allow=config.allow).first(config.episodes)
+        episodes = evaluation.load_set(asked, allow=config.allow)
         if config.robot is not None:
             find_robot(config.robot)
             episodes = episodes.with_robot(config.robot)
         if config.tool is not None:
             find_tool(config.tool)
             episodes = episodes.with_tool(config.tool)
+        if config.robot is not None:
+            reached = episodes.within_reach()
+            if len(reached) < len(episodes):
+                print(
+                    f"{episodes.name}: {len(reached)} of {len(episodes)} starts are within reach."
+                )
+            episodes = reached
+        episodes = episodes.first(config.episodes)
         if config.engine is not None:
             find_engine(
                 config.engine

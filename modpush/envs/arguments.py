@@ -34,6 +34,8 @@ __all__ = [
     "scenes_to_reset",
 ]
 
+_DOWN = 0.7  # least cosine of the angle of the flange from straight down at home
+_REACH_ROUNDING = 1e-6  # [m]
 _ROUNDING = 1e-4  # an action may exceed its bounds by this much
 
 
@@ -162,22 +164,48 @@ def check_reach(robot: Robot, config: ScenarioConfig) -> None:
     """Refuse a workspace in which the arm could not follow the object to every start.
 
     Raises:
-        ValueError: If a place where episodes start is beyond the arm's reach.
+        ValueError: If a place where episodes start is beyond the arm's reach or too near to it, or the
+            arm does not point down over the table at home.
     """
+    _check_home(robot)
     (x0, y0), (x1, y1) = config.low, config.high
     grid = np.stack(np.meshgrid(np.linspace(x0, x1, 23), np.linspace(y0, y1, 29)), -1)
     places = grid[np.linalg.norm(grid, axis=-1) <= config.max_start_radius]
     distance = np.linalg.norm(places - robot.base[:2], axis=-1)
     least, most = robot.reach
+    base = robot.base[:2]
+    if distance.min(initial=most) < least - _REACH_ROUNDING:
+        raise ValueError(
+            f"PushEnv: robot {robot.name!r}, whose base is at {base}, reaches from {least} to {most} m; "
+            f"the workspace from {config.low} to {config.high} begins {distance.min():.2f} m from the "
+            "base. Expected a Robot.base farther from it, or a smaller workspace (low and high)."
+        )
     if distance.max(initial=0.0) > most:
-        base = robot.base[:2]
         radius = np.linalg.norm(places[distance > most], axis=-1).min() - 0.01
+        if radius < np.linalg.norm(places, axis=-1).min():
+            raise ValueError(
+                f"PushEnv: robot {robot.name!r}, whose base is at {base}, reaches to {most} m; the "
+                f"workspace from {config.low} to {config.high} is up to {distance.max():.2f} m away. "
+                "Expected a Robot.base nearer to the workspace, or a robot with more reach."
+            )
         raise ValueError(
             f"PushEnv: robot {robot.name!r}, whose base is at {base}, reaches from {least} to {most} m; "
             f"this does not hold the workspace from {config.low} to {config.high}, with starts up to "
             f"{distance.max():.2f} m from the base. Expected max_start_radius (and max_goal_radius) of "
             f"at most {math.floor(100 * radius) / 100:.2f}, a smaller workspace (low and high), or a "
             "robot with more reach."
+        )
+
+
+def _check_home(robot: Robot) -> None:
+    """Refuse an arm whose flange does not point down over the table at home, roughly."""
+    flange = robot.link_transforms(np.array(robot.home))[-1]
+    (x, y, z), down = flange[:3, 3].round(3).tolist(), -float(flange[2, 2])
+    if down < _DOWN or z <= 0:
+        raise ValueError(
+            f"PushEnv: at home the flange of robot {robot.name!r} is at ({x:g}, {y:g}, {z:g}) m and its "
+            f"z axis points along {tuple((flange[:3, 2].round(2) + 0.0).tolist())}; expected above the "
+            "table, z > 0, and down, (0, 0, -1). See home, flange_rpy, base and the joints' rpy."
         )
 
 

@@ -118,7 +118,12 @@ class SceneBatch:
             ValueError: If an object is none of the scenes', or the arm cannot reach a tool's pose;
                 nothing has changed then.
         """
-        joints = [self._start_joints(scenario) for scenario in scenarios]
+        joints = []
+        for number, scenario in enumerate(scenarios):
+            try:
+                joints.append(self._start_joints(scenario))
+            except ValueError as error:
+                raise ValueError(f"scenarios[{number}]: {error}") from error
         for i, scenario, angles in zip(indices, scenarios, joints, strict=True):
             self.engines[i].load(scenario, angles)
             self._contacts[i] = [False] * len(CONTACT_KEYS)

@@ -193,7 +193,7 @@ def run_episodes(
     if not first:
         return
     spare = [first[-1]] * (env.batch_size[0] - len(first))  # a first reset is of all scenes
-    td = env.reset(scenarios=[scenario for _, scenario in first + spare])
+    td = _reset(env, None, first + spare)
     logs: list[_Log | None] = [
         *(begin(number, scenario, td, i) for i, (number, scenario) in enumerate(first)),
         *(None for _ in spare),
@@ -244,6 +244,17 @@ def _check_env(env: EnvBase) -> None:
         )
 
 
+def _reset(
+    env: EnvBase, td: TensorDictBase | None, episodes: list[tuple[int, Scenario]]
+) -> TensorDictBase:
+    """Begin episodes; an error says which numbers they have."""
+    try:
+        return env.reset(td, scenarios=[scenario for _, scenario in episodes])
+    except ValueError as error:
+        numbers = list(dict.fromkeys(number for number, _ in episodes))
+        raise ValueError(f"{error} The scenarios are the episodes {numbers}.") from error
+
+
 def _restart(
     env: EnvBase,
     td: TensorDictBase,
@@ -256,7 +267,7 @@ def _restart(
     mask = torch.zeros(len(logs), 1, dtype=torch.bool, device=td.device)
     mask[[row for row, _ in refill]] = True
     td["_reset"] = mask
-    td = env.reset(td, scenarios=[scenario for _, (_, scenario) in refill])
+    td = _reset(env, td, [episode for _, episode in refill])
     td.pop("_reset", None)
     for row, (number, scenario) in refill:
         logs[row] = begin(number, scenario, td, row)

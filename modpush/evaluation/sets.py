@@ -21,6 +21,7 @@ from modpush._types import Count, Name, NonNegativeInteger, Several
 from modpush._validation import checked
 from modpush._weights import data_hash
 from modpush.envs.scenes.conditions import EpisodeConditions
+from modpush.envs.scenes.reach import within_reach
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.envs.scenes.sensing import SENSING, SensingName
@@ -140,8 +141,8 @@ class EvaluationSet:
     def with_robot(self, robot: Name) -> "EvaluationSet":
         """The same episodes, run with another arm: its name then ends with `+<robot>`.
 
-        Starts and layouts stay as they were drawn, for the UR5; an arm that does not reach a start is
-        refused there.
+        Starts and layouts stay as they were drawn, for the UR5; `within_reach` leaves out the episodes
+        that the arm cannot begin.
 
         Raises:
             ValueError: If there is no such robot.
@@ -150,6 +151,14 @@ class EvaluationSet:
             return self
         conditions = replace(self.conditions, robot=robot)
         return replace(self, name=f"{self.name}+{robot.rpartition(':')[2]}", conditions=conditions)
+
+    def within_reach(self) -> "EvaluationSet":
+        """The episodes that the set's own arm can begin with its tool; see `modpush.envs.within_reach`.
+
+        They are numbered anew. The set itself if it can begin them all.
+        """
+        kept = within_reach(self.scenarios, self.conditions.robot, self.conditions.tool)
+        return self if len(kept) == len(self) else replace(self, scenarios=tuple(kept), digest="")
 
     @checked_arguments
     def with_engine(self, engine: Name) -> "EvaluationSet":

@@ -8,7 +8,7 @@ import torch
 from torchrl.envs.utils import check_env_specs
 
 from modpush import PushEnvConfig, load_agent, make_push_env
-from modpush.envs import PushEnv, PushState, sample_scenario
+from modpush.envs import PushEnv, PushState, sample_scenario, within_reach
 from modpush.envs.engines.named import ENGINES
 from modpush.envs.robot.named import ROBOTS
 from modpush.envs.robot.robot import Joint, Link, Robot, Tool
@@ -16,7 +16,7 @@ from modpush.envs.robot.tools import TOOLS
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.scenario import ScenarioConfig
 from modpush.envs.simulation_config import SimulationConfig
-from modpush.evaluation import load_set
+from modpush.evaluation import load_set, run_episodes
 from modpush.geometry import box, cylinder
 from modpush.recipes import environment_fingerprint
 from modpush.recipes.fingerprint import fingerprint_differences
@@ -144,11 +144,79 @@ def test_a_workspace_beyond_reach_is_refused_later_too() -> None:
         ({"reach": (0.5, 0.4)}, "reach must be"),
         ({"solve": 3}, "solve must be a function"),
         ({"joints": ()}, "joints"),
+        (
+            {
+                "joints": UR10.joints[:5],
+                "links": UR10.links[:6],
+                "home": UR10.home[:5],
+                "solve": None,
+            },
+            "6 joints or more are needed to hold the tool down at any place and yaw, got 5",
+        ),
     ],
 )
 def test_a_robot_that_does_not_fit_together_is_refused(changes, message) -> None:
     with pytest.raises(ValueError, match=message):
         replace(UR10, **changes)
+
+
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        (
+            (-180.0, 180.0),
+            r"Joint 'pan': limits must be in radians .* math.radians converts degrees",
+        ),
+        ((2.0, -2.0), r"Joint 'pan': limits must be \(smallest, largest\), got \(2.0, -2.0\)"),
+    ],
+)
+def test_limits_in_degrees_or_swapped_are_refused_by_the_joint(limits, message) -> None:
+    with pytest.raises(ValueError, match=message):
+        Joint(name="pan", limits=limits, effort=1.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"reach": (0.5, 1.27)},
+            r"reaches from 0.5 to 1.27 m; the workspace .* begins 0.30 m from",
+        ),
+        ({"base": (3.0, 0.0, 0.0)}, r"up to 2.[0-9]+ m away. Expected a Robot.base nearer"),
+        ({"base": (-0.1, 0.0, -0.9)}, r"at home the flange of robot 'ur10' is at .* z > 0"),
+        ({"flange_rpy": (np.pi, 0.0, 0.0)}, r"its z axis points along .* expected .* down"),
+    ],
+)
+def test_an_arm_that_stands_wrongly_is_refused_with_what_is_wrong(changes, message) -> None:
+    with pytest.raises(ValueError, match=message):
+        PushEnv(1, depth=None, robot=replace(UR10, **changes))
+
+
+def test_a_part_that_is_no_robot_or_not_importable_is_told_in_a_few_words() -> None:
+    with pytest.raises(ValueError, match=r"got a dict from 'modpush.envs:OBJECTS'\.$"):
+        PushEnv(1, robot="modpush.envs:OBJECTS")
+    with pytest.raises(
+        ValueError, match=r"folder of PYTHONPATH; for the current folder, PYTHONPATH=\."
+    ):
+        PushEnv(1, robot="no_such_module:ARM")
+    with pytest.raises(ValueError, match="'module:name' of a module that Python can import"):
+        PushEnv(1, robot="./my_arm.py")
+
+
+def test_the_episodes_that_an_arm_can_begin_run_and_the_others_are_told_by_number() -> None:
+    far = load_set("tuning/small_cube").first(10)  # the tenth starts 83 cm from the origin
+    kept = within_reach(far, "panda")
+    assert kept == [*far.scenarios[:9]]
+    assert within_reach(far) == [*far.scenarios]
+    own = far.with_robot("panda").within_reach()
+    assert (own.scenarios, own.conditions.robot) == (tuple(kept), "panda")
+    assert far.within_reach() is far
+    env = PushEnv(2, robot="panda", depth=None)
+    env.reset(scenarios=kept[:2])
+    message = r"^scenarios\[1\]: .*within_reach leaves .* The scenarios are the episodes \[8, 9\]"
+    with pytest.raises(ValueError, match=message):
+        next(run_episodes(env, lambda td: td, [(n, far.scenarios[n]) for n in (8, 9)]))
+    env.close()
 
 
 def test_solids_that_a_urdf_does_not_know_are_refused() -> None:
@@ -192,7 +260,7 @@ def plain_arm(**changes) -> Robot:
             for i, (place, turn) in enumerate(zip(places, turns, strict=True))
         ),
         "home": (0.0, -0.9, 0.5, 0.0, 0.4, 0.0),
-        "reach": (0.25, 0.85),
+        "reach": (0.2, 0.85),
         "flange_position": (0.0, 0.0, 0.1),
     }
     return Robot(**{**fields, **changes})

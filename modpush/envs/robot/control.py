@@ -193,7 +193,8 @@ def start_joints(
     if not found.any():
         raise ValueError(
             f"Scenario: tool_pose must not be out of the arm's reach, got {tuple(tool_pose)} with robot "
-            f"{robot.name!r}, whose inverse kinematics finds nothing there."
+            f"{robot.name!r}, whose inverse kinematics finds nothing there. modpush.envs.within_reach "
+            "leaves such episodes out."
         )
     weight = np.array([*[1.0] * (n - 1), _LAST])
     away = np.where(found, np.linalg.norm((joints - home) * weight, axis=1), np.inf)

@@ -22,7 +22,7 @@ def find_robot(robot: str | Robot) -> Robot:
     """
     found: Any = find_part("robot", robot, ROBOTS)
     if not isinstance(found, Robot):
-        raise ValueError(f"robot must be a Robot, got {found!r}.")
+        raise ValueError(f"robot must be a Robot, got {_what(robot, found)}.")
     return found
 
 
@@ -34,8 +34,14 @@ def find_tool(tool: str | Tool) -> Tool:
     """
     found: Any = find_part("tool", tool, TOOLS)
     if not isinstance(found, Tool):
-        raise ValueError(f"tool must be a Tool, got {found!r}.")
+        raise ValueError(f"tool must be a Tool, got {_what(tool, found)}.")
     return found
+
+
+def _what(given: Any, found: Any) -> str:
+    """A part of another type in a few words; its text may be long."""
+    kind = type(found).__name__
+    return f"a {kind} from {given!r}" if isinstance(given, str) else f"a {kind}"
 
 
 def check_robot(who: str, robot: Any) -> None:
@@ -50,7 +56,8 @@ def check_robot(who: str, robot: Any) -> None:
     """
     if not (robot in [*ROBOTS] or isinstance(robot, Robot) or part_module(robot) is not None):
         raise ValueError(
-            f"{who}: robot must be one of {[*ROBOTS]}, 'module:name', or a Robot, got {robot!r}."
+            f"{who}: robot must be one of {[*ROBOTS]}, 'module:name' of a module "
+            f"that Python can import, or a Robot, got {robot!r}."
         )
 
 
@@ -58,5 +65,6 @@ def check_tool(who: str, tool: Any) -> None:
     """Refuse what cannot be a tool, without importing anything; see `check_robot`."""
     if not (tool in [*TOOLS] or isinstance(tool, Tool) or part_module(tool) is not None):
         raise ValueError(
-            f"{who}: tool must be one of {[*TOOLS]}, 'module:name', or a Tool, got {tool!r}."
+            f"{who}: tool must be one of {[*TOOLS]}, 'module:name' of a module that "
+            f"Python can import, or a Tool, got {tool!r}."
         )

@@ -1,5 +1,6 @@
 """`Robot` and `Tool` as data: all that physics, cameras, control and the page know of an arm."""
 
+import math
 from collections.abc import Callable
 from functools import cached_property
 from typing import Annotated, Any, NamedTuple
@@ -38,6 +39,8 @@ the solution should be close. `joints` `[N, n]` are finite also where `found` `[
 
 
 _OTHER_BODIES = ["tool", "tip", "object"]
+_MOST_TURNED = 4 * math.pi  # by a joint; a larger number is in degrees [rad]
+_POSE_JOINTS = 6  # that reach a position and an orientation
 _SHAPES = ("box", "cylinder", "capsule")  # that a URDF knows
 
 
@@ -74,6 +77,19 @@ class Joint:
     """Origin of its frame in that of the link before it [m]."""
     rpy: Angles = (0.0, 0.0, 0.0)
     """Fixed-axis roll, pitch, yaw of its frame in that of the link before it [rad], as in URDF."""
+
+    def __post_init__(self) -> None:
+        """Check the order of the limits, and that they are no degrees."""
+        low, high = self.limits
+        if max(abs(low), abs(high)) > _MOST_TURNED:
+            raise ValueError(
+                f"Joint {self.name!r}: limits must be in radians and within two turns, +-12.57, got "
+                f"{self.limits}; math.radians converts degrees."
+            )
+        if not low < high:
+            raise ValueError(
+                f"Joint {self.name!r}: limits must be (smallest, largest), got {self.limits}."
+            )
 
 
 @checked
@@ -130,7 +146,7 @@ class Robot:
 
     Raises:
         ValueError: If the numbers of links, joints and home angles do not fit together, a name is given
-            twice, or home is outside of the limits.
+            twice, home is outside of the limits, or there are fewer than six joints and no `solve`.
     """
 
     name: Name
@@ -182,6 +198,11 @@ class Robot:
                     f"Robot {self.name!r}: home of {joint.name!r} must be within its limits "
                     f"{joint.limits}, got {angle}."
                 )
+        if n < _POSE_JOINTS and self.solve is None:
+            raise ValueError(
+                f"Robot {self.name!r}: {_POSE_JOINTS} joints or more are needed to hold the tool down at "
+                f"any place and yaw, got {n}. An arm with fewer needs a solve of its own."
+            )
         if not self.reach[0] < self.reach[1]:
             raise ValueError(f"Robot {self.name!r}: reach must be (least, most), got {self.reach}.")
         if not (self.solve is None or callable(self.solve)):

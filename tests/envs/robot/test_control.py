@@ -145,3 +145,25 @@ def test_a_jump_to_another_branch_is_no_motion() -> None:
     motion = plan([1.0, 0.0, 0.0], [0.5, 0.0, 0.0], planner=planner)
     assert not motion.reachable.any()
     assert motion.target[0].tolist() == pytest.approx([0.5, 0.0, 0.0])
+
+
+def test_at_the_limit_of_its_last_joint_an_arm_still_moves_where_it_is_told() -> None:
+    # Wound up to short of the limit: the turn has no solution, the way has one.
+    start = [0.5, 0.0, 2 * math.pi - math.pi / 2]
+    while (motion := plan([0.0, 0.0, 1.0], start)).reachable.all():
+        start = motion.target[0].tolist()
+    motion = plan([0.5, 0.0, 1.0], start)
+    assert not motion.reachable.any()
+    assert motion.target[0].tolist() == pytest.approx([start[0] + 0.01, start[1], start[2]])
+    np.testing.assert_allclose(motion.position[0, -1], joints_at(motion.target[0]), atol=1e-9)
+
+
+@pytest.mark.parametrize("distance", [0.10, 0.15, 0.25, 0.5, 0.75])
+def test_the_panda_begins_with_its_elbow_aside_at_every_distance(distance) -> None:
+    panda, rng = ROBOTS["panda"], np.random.default_rng(0)
+    for azimuth, yaw in rng.uniform((-0.8, -3.1), (0.8, 3.1), (8, 2)):
+        place = distance * np.array([math.cos(azimuth), math.sin(azimuth)]) + panda.base[:2]
+        joints = start_joints(panda, TOOLS["2f85"], (*place, yaw), 0.02)
+        low, high = panda.chain.limits.T
+        assert ((low <= joints) & (joints <= high)).all()
+        assert joints[2] > 0.05 or distance < 0.2  # on one side, so that no branch is passed
