@@ -7,7 +7,9 @@ from types import SimpleNamespace
 import cv2
 import pytest
 
+from modpush.cli import demo
 from modpush.cli.demo import DemoConfig, _draw_scenarios, _verdict, show_demo
+from modpush.evaluation import run_episodes
 
 
 def test_demo(tmp_path) -> None:
@@ -25,13 +27,24 @@ def test_demo(tmp_path) -> None:
     assert frames > 20
 
 
-def test_the_demo_runs_in_another_engine(tmp_path, capsys) -> None:
-    show_demo(
-        DemoConfig(
-            policy=("scripted",), engine="mujoco", scenes=("free",), episodes=1, out=tmp_path
-        )
-    )
+def test_the_demo_runs_with_another_engine_robot_and_tool(tmp_path, capsys, monkeypatch) -> None:
+    used = []
+
+    def run(env, *given, **options):
+        used.append((env.base_env.engine_name, env.base_env.robot.name, env.base_env.tool.name))
+        return run_episodes(env, *given, **options)
+
+    monkeypatch.setattr(demo, "run_episodes", run)
+    parts = {"engine": "mujoco", "robot": "panda", "tool": "rod"}
+    show_demo(DemoConfig(policy=("scripted",), scenes=("free",), episodes=1, out=tmp_path, **parts))
+    assert used == [("mujoco", "panda", "rod")]
     assert "demo.mp4 (no arm.mp4), table.md" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("wrong", [{"robot": "kuka"}, {"tool": "spoon"}])
+def test_an_unknown_robot_or_tool_ends_the_demo_before_an_episode(tmp_path, wrong) -> None:
+    with pytest.raises(ValueError, match=f"{next(iter(wrong))}: there is no"):
+        show_demo(DemoConfig(out=tmp_path, **wrong))
 
 
 @pytest.mark.parametrize(

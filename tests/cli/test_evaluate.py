@@ -48,6 +48,23 @@ def test_the_engine_is_part_of_what_results_are_stored_under(tmp_path: Path) -> 
     assert not (tmp_path / "out").exists()
 
 
+def test_another_robot_runs_the_first_episodes_that_it_reaches(tmp_path: Path, capsys) -> None:
+    known = load_set("tuning/small_cube")  # of whose episodes the Panda does not reach the tenth
+    own = replace(known, name="own", scenarios=known.scenarios[8:11], digest="")
+    own.save(tmp_path / "own.json.gz")
+    config = EvaluateConfig(
+        policy=("scripted",),
+        sets=(str(tmp_path / "own.json.gz"),),
+        robot="panda",
+        pictures=0,
+        videos=False,
+        out=tmp_path,
+    )
+    for rows in evaluate_policies(config).values():
+        assert len(rows["scripted"]) == 2
+    assert "own+panda: 2 of 3 starts are within reach." in capsys.readouterr().out
+
+
 def test_all_stands_for_the_papers_sets_and_leaves_no_other_out() -> None:
     names = EvaluateConfig(sets=("smoke", "all", "tuning/hard", "free/small_cube")).set_names
     assert names == ("smoke", *EVALUATION_SETS, "tuning/hard")
