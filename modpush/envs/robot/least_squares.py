@@ -25,7 +25,8 @@ _NEAR = 0.01  # error of the pose at which the damping hardly matters
 class DampedLeastSquares:
     """Joint angles near `last` that hold the tool straight down at a pose.
 
-    An arm with more joints than it needs is drawn back to home while it moves, by a little each time.
+    An arm with more joints than it needs is drawn back to home while it moves, by a little each time; its
+    first and last joint are not, since they follow the place and the yaw of the pose.
     It is an `InverseKinematics`; a pose without a solution gets the angles of `last`. A pose takes some 5
     iterations of 5 microseconds, and one that has no solution 100.
 

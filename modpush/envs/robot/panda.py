@@ -115,5 +115,6 @@ PANDA = Robot(
     flange_position=(0.0, 0.0, 0.107),
     base=(0.07, 0.0, 0.10),
 )
-"""The arm, on a plate of 5 cm, from which it reaches most of the workspace: less than 20 cm from its axis
-the fourth joint is at its limit. `DampedLeastSquares` keep the joint that is not needed near to home."""
+"""The arm, on a plate of 10 cm, with its elbow swung aside at home. So the tool works from 10 cm on: with
+the elbow in the plane of the arm the fourth joint is at its limit already at 25 cm, and the way around it
+leads through a singularity. `DampedLeastSquares` keep the elbow there."""
