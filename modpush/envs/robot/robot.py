@@ -156,8 +156,8 @@ class Robot:
     """The joints from base to flange."""
     home: Several[Angle]
     """Angles of the joints with the tool down over the middle of the workspace [rad]. An arm with more
-    joints than it needs is drawn back to them, but for its first and last joint, and every start is sought
-    on the way from there."""
+    joints than it needs is drawn back to them, but for its first and last joint, and every start is
+    sought on the way from there."""
     reach: LengthSpan
     """Smallest and largest distance from the axis of the base at which the tool can work [m]."""
     flange_position: Position = (0.0, 0.0, 0.0)
