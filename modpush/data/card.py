@@ -16,8 +16,8 @@ tags: [robotics, pushing, demonstrations, modpush]
 ---
 # Demonstrations `{name}`
 
-A UR5 pushes an object through clutter to a goal: {episodes} episodes, {steps} steps at 15 Hz, recorded
-with modpush {version}. Kept are {kept}{images}.
+The arm `{robot}` with the tool `{tool}` pushes an object through clutter to a goal, in the engine
+`{engine}`: {episodes} episodes, {steps} steps at 15 Hz, recorded with modpush {version}. Kept are {kept}{images}.
 
 {policies}
 
@@ -59,7 +59,11 @@ def card_text(config: CollectConfig, about: Mapping[str, Any]) -> str:
         }
         for name, policy in about["policies"].items()
     )
+    simulation = config.env.simulation
     return _CARD.format(
+        robot=getattr(simulation.robot, "name", simulation.robot),
+        tool=getattr(simulation.tool, "name", simulation.tool),
+        engine=simulation.engine,
         licence=config.licence.lower(),
         licence_name=config.licence,
         name=config.dataset_id,

@@ -12,6 +12,7 @@ import pytest
 import torch
 
 from modpush.data import CollectConfig, collect_demonstrations, collecting
+from modpush.data.card import card_text
 from modpush.data.collecting import _start
 from modpush.data.config import episode_seed
 from modpush.envs import PushEnv, Scenario
@@ -200,3 +201,15 @@ def test_starts_are_those_that_the_environment_draws(changes) -> None:
         env.reset(seed=episode_seed(config.seed, number))
         assert env.unwrapped.env.base_env.scenarios[0] == _start(config, number)
     env.close()
+
+
+def test_the_card_tells_robot_tool_and_engine() -> None:
+    env = PushEnvConfig.preset("cpu", robot="panda", tool="rod", engine="mujoco")
+    policy = {"described": {"class": "a:B"}, "kept": 1, "steps": 9, "solved": 1, "tried": 1}
+    about = {
+        "policies": {"scripted": policy},
+        "fingerprint": {"observation": {"entries": [{"columns": [0, 55]}]}},
+    }
+    text = " ".join(card_text(replace(CONFIG, env=env), about).split())
+    assert "The arm `panda` with the tool `rod` pushes an object" in text
+    assert "in the engine `mujoco`: 1 episodes" in text
