@@ -17,7 +17,8 @@ tags: [robotics, pushing, demonstrations, modpush]
 # Demonstrations `{name}`
 
 The arm `{robot}` with the tool `{tool}` pushes an object through clutter to a goal, in the engine
-`{engine}`: {episodes} episodes, {steps} steps at 15 Hz, recorded with modpush {version}. Kept are {kept}{images}.
+`{engine}`: {episodes} episodes, {steps} steps at 15 Hz, recorded with modpush {version}. Kept are
+{kept}{images}.
 
 {policies}
 
