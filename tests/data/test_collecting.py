@@ -4,19 +4,15 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import gymnasium
-import h5py
 import minari
 import numpy as np
 import pytest
 import torch
 
 from modpush.data import CollectConfig, collect_demonstrations, collecting
-from modpush.data.collecting import _start
 from modpush.data.config import episode_seed
 from modpush.envs import PushEnv, Scenario
 from modpush.evaluation.sets import SET_NAMES, load_set
-from modpush.recipes import PushEnvConfig
 from tests.data.conftest import CONFIG, ENV
 
 
@@ -71,14 +67,6 @@ def test_minaris_environment_replays_an_episode_to_the_last_bit(collected) -> No
         assert info["success"] == known[number]["success"]
         assert json.loads(known[number]["scenario"])["scene"] in ENV.scenario.scene
     env.close()
-
-
-def test_images_are_stored_compressed(collected) -> None:
-    episode = dataset(collected)[1]
-    assert episode.infos["depth"].shape == (len(episode) + 1, 256, 256)
-    assert set(np.unique(episode.infos["segmentation"])) <= {0, 1, 2}
-    with h5py.File(collected / "minari/modpush/push-v0/data/main_data.hdf5") as file:
-        assert file["episode_1/infos/depth"].compression == "gzip"
 
 
 def test_an_interrupted_run_continues_and_more_can_be_added(
@@ -148,14 +136,6 @@ def test_only_success_keeps_episodes_that_reached_the_goal(tmp_path) -> None:
         collect_demonstrations(hopeless, progress=False)
 
 
-def test_the_card_says_what_was_collected(collected) -> None:
-    text = (collected / "README.md").read_text()
-    assert "license: mit" in text
-    assert "6 episodes" in text
-    assert "| scripted | ScriptedPusher |" in " ".join(text.split())
-    assert str(episode_seed(0, 0)) in text
-
-
 def test_no_start_is_drawn_as_one_of_an_evaluation_set() -> None:
     seeds = [episode_seed(seed, number) for seed in (0, 3000) for number in (0, 999_999)]
     assert min(seeds) > 20_221_023  # held out in training; the sets' own are smaller
@@ -166,15 +146,6 @@ def test_no_start_is_drawn_as_one_of_an_evaluation_set() -> None:
     assert len(states) == len(seeds)
 
 
-def test_settings_are_checked() -> None:
-    with pytest.raises(ValueError, match="has no flat observation"):
-        CollectConfig(env=replace(ENV, encoder="end_to_end"))
-    with pytest.raises(ValueError, match="a policy is named twice"):
-        CollectConfig(policy=("agent", "agent"))
-    with pytest.raises(ValueError, match="name"):
-        CollectConfig(name="a/b")
-
-
 def test_actions_are_turned_and_kept_in_their_box(collected) -> None:
     for episode in dataset(collected):
         command = episode.infos["command"]
@@ -183,20 +154,3 @@ def test_actions_are_turned_and_kept_in_their_box(collected) -> None:
         np.testing.assert_array_equal(episode.actions[:, 2], command[:, 2])
         lengths = [np.linalg.norm(a[:, :2], axis=1) for a in (episode.actions, command)]
         np.testing.assert_allclose(*lengths, atol=1e-6)
-
-
-def test_gymnasium_makes_the_environment_of_a_spec_with_the_whole_config(collected) -> None:
-    spec = dataset(collected).env_spec
-    assert spec.id == "modpush/Push-v0"
-    assert gymnasium.envs.registration.EnvSpec.from_json(spec.to_json()).kwargs == spec.kwargs
-    assert spec.kwargs["config"]["reward"]["weights"] == ENV.reward.weights
-
-
-@pytest.mark.parametrize("changes", [{}, {"inflation": "inscribed", "scene": ("diagonal_walls",)}])
-def test_starts_are_those_that_the_environment_draws(changes) -> None:
-    config = CollectConfig(env=PushEnvConfig.preset("cpu", num_envs=1, encoder="none", **changes))
-    env = gymnasium.make("modpush/Push-v0", **config.env_options())
-    for number in range(3):
-        env.reset(seed=episode_seed(config.seed, number))
-        assert env.unwrapped.env.base_env.scenarios[0] == _start(config, number)
-    env.close()

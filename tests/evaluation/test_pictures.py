@@ -54,13 +54,6 @@ def test_an_episode_shows_path_target_object_and_tool() -> None:
     assert colour_at(picture, SLOT.object_pose[:2]) != (40, 90, 200) or (start != picture).any()
 
 
-def test_frames_run_to_the_last_step() -> None:
-    frames = list(draw_frames(SLOT, EPISODE.trajectory, every=2))
-    assert len(frames) == 2  # steps 0 and 2
-    np.testing.assert_array_equal(frames[-1], draw_episode(SLOT, EPISODE.trajectory))
-    assert len(list(draw_frames(SLOT, EPISODE.trajectory))) == 3
-
-
 def test_contact_sheet() -> None:
     pictures = [np.full((20, 40, 3), value, np.uint8) for value in (10, 20, 30)]
     sheet = contact_sheet(pictures, columns=2, width=40)

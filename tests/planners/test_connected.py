@@ -1,7 +1,6 @@
 """Whether two points are joined, against scipy's graph search and the planners."""
 
 import numpy as np
-import pytest
 import torch
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -73,16 +72,3 @@ def test_points_outside_the_grid_go_to_its_nearest_cell() -> None:
     left, right = torch.tensor([[-3.0, 4.0]]), torch.tensor([[30.0, 4.0]])
     assert not are_connected(blocked, left, right).item()
     assert are_connected(blocked, left, torch.tensor([[2.0, 1.0]])).item()
-
-
-def test_nothing_is_joined_where_all_is_blocked() -> None:
-    point = torch.zeros(1, 2)
-    assert not are_connected(torch.ones(1, 4, 4, dtype=torch.bool), point, point).item()
-
-
-def test_wrong_arguments_are_named() -> None:
-    blocked, point = torch.zeros(2, 4, 4, dtype=torch.bool), torch.zeros(2, 2)
-    with pytest.raises(TypeError, match="blocked"):
-        are_connected(blocked.float(), point, point)
-    with pytest.raises(ValueError, match=r"end must be \[B, 2\]"):
-        are_connected(blocked, point, torch.zeros(3, 2))

@@ -3,14 +3,13 @@
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import torch
 from box_images import render, square
 from tensordict import TensorDict
 from torchrl.data import LazyTensorStorage, ReplayBuffer
-from torchrl.envs import Compose, ParallelEnv, SerialEnv, TransformedEnv, check_env_specs
-from torchrl.envs.transforms import DTypeCastTransform, ExcludeTransform, RenameTransform
+from torchrl.envs import Compose, TransformedEnv, check_env_specs
+from torchrl.envs.transforms import RenameTransform
 
 from modpush.envs import PushEnv
 from modpush.envs.scenes.obstacle import Obstacle
@@ -29,7 +28,6 @@ from modpush.planners import (
     points_ahead,
 )
 from modpush.planners.connected import are_connected
-from modpush.planners.path_points import point_along
 from tests.planners.table_scene import TableEnv
 
 SMALL = Camera(height=64, width=64)
@@ -70,27 +68,6 @@ def check_row_by_row(env, rollout):
 @pytest.mark.parametrize("mode", ["fraction", "lookahead"])
 def test_specs_hold(num_envs, mode):
     check_env_specs(make_env(num_envs, mode=mode, max_waypoints=12))
-
-
-def test_specs_hold_in_serial_workers():
-    check_env_specs(SerialEnv(2, lambda: make_env(2)))
-
-
-# tests/recipes/test_make_env.py runs the whole stack in a parallel worker.
-@pytest.mark.parametrize("batched", [SerialEnv, pytest.param(ParallelEnv, marks=pytest.mark.slow)])
-def test_the_same_in_one_process_and_in_workers(batched):
-    def actions(tensordict):
-        return steer(tensordict, [0.3, 1.0])
-
-    alone = make_env().rollout(14, actions, break_when_any_done=False)
-    env = batched(2, make_env)
-    try:
-        rollout = env.rollout(14, actions, break_when_any_done=False)
-    finally:
-        env.close()
-    for key in WRITTEN:
-        for worker in range(2):
-            assert torch.equal(rollout[worker]["next", key], alone["next", key]), key
 
 
 def test_lags_by_hand():
@@ -149,40 +126,6 @@ def test_automatic_resets_begin_new_histories():
                 assert (then == rollout["subgoal"][scene, t + 1]).all()
             else:
                 assert torch.equal(then[1:], history[:-1])
-
-
-def test_a_cloned_state_goes_on_as_the_original():
-    env = make_env(2)
-    tensordict = env.reset()
-    for _ in range(3):
-        tensordict = env.step(steer(tensordict, [0.2, 0.8]))["next"]
-    copy, pose = tensordict.clone(), env.base_env.pose.clone()
-    one = env.step(steer(tensordict, [0.0, 1.0]))["next"]
-    for _ in range(3):
-        env.step(steer(tensordict, [1.0, 0.0]))  # something else meanwhile
-    env.base_env.pose = pose
-    again = env.step(steer(copy, [0.0, 1.0]))["next"]
-    for key in WRITTEN:
-        assert torch.equal(one[key], again[key]), key
-
-
-def test_bare_data_are_planned_as_first_steps():
-    env = TableEnv(2)
-    bare = env.reset().exclude("done", "terminated", "truncated")
-    transform = Compose(OccupancyGrid(camera=SMALL), PlannerSubgoals(LazyThetaStar(), camera=SMALL))
-    out = transform(bare.clone())
-    assert (out["subgoal_past"] == out["subgoal"].unsqueeze(-2)).all()
-    expected = make_env(2).reset()
-    for key in WRITTEN:
-        torch.testing.assert_close(out[key], expected[key])
-
-
-def test_before_a_model_they_are_modules():
-    module = torch.nn.Sequential(
-        OccupancyGrid(camera=SMALL), PlannerSubgoals(LazyThetaStar(), camera=SMALL)
-    )
-    out = module(TableEnv(1).reset())
-    assert out["subgoal"].shape == (1, 2)
 
 
 class Fickle(Planner):
@@ -269,32 +212,6 @@ def test_points_ahead_by_hand():
     assert points_ahead(straight_and_bent(), ()).shape == (1, 0, 2)
 
 
-def test_cells_as_whole_numbers_make_a_path():
-    cells = [torch.tensor([[0, 0], [3, 4]]), None]
-    paths = Paths.from_waypoints(cells, torch.tensor([[0, 0], [7, 7]]))
-    assert paths.length.tolist() == [5.0, math.inf]
-    assert paths.waypoints.dtype == torch.float32
-    whole = point_along(torch.tensor([[[0, 0], [6, 8]]]), torch.tensor([5]))
-    assert whole.tolist() == [[3.0, 4.0]]
-
-
-def test_poses_in_double_precision_are_planned_in_single():
-    env = TransformedEnv(
-        PushEnv(1),
-        Compose(
-            DTypeCastTransform(
-                torch.float32,
-                torch.float64,
-                in_keys=["object_pose", "goal_position", "ee_pose"],
-            ),
-            OccupancyGrid(),
-            PlannerSubgoals("distance_field"),
-        ),
-    )
-    check_env_specs(env)
-    env.close()
-
-
 def test_points_ahead_are_written_and_kept_where_there_is_no_path():
     env = make_env(2, mode="lookahead", ahead=(0.05, 9.0))
     check_env_specs(env)
@@ -368,14 +285,6 @@ def test_keys_can_be_renamed_and_nested():
     check_env_specs(env)
 
 
-def test_the_object_s_radius_can_come_from_the_tensordict():
-    data = TableEnv(2).reset().set("radius", torch.tensor([[0.02], [0.06]]))
-    out = OccupancyGrid(object_radius_key="radius", camera=SMALL)(data)
-    alone = OccupancyGrid(0.06, camera=SMALL)(data.clone())
-    assert torch.equal(out["occupancy"][1], alone["occupancy"][1])
-    assert out["occupancy"][0].sum() < alone["occupancy"][0].sum()
-
-
 def test_occupancy_without_a_segmentation_key():
     data = TableEnv(2).reset()
     expected = OccupancyGrid(camera=SMALL)(data.clone())["occupancy"]
@@ -383,22 +292,6 @@ def test_occupancy_without_a_segmentation_key():
     out = OccupancyGrid(camera=SMALL, segmentation_key=None)(data)["occupancy"]
     # The object stands clear of the bar: both ways of knowing it agree.
     assert torch.equal(out, expected)
-
-
-@pytest.mark.parametrize(
-    ("kwargs", "message"),
-    [
-        ({"mode": "half"}, "mode: .*Input should be 'fraction' or 'lookahead', got 'half'"),
-        ({"fraction": 0.0}, "fraction: .*greater than 0, got 0.0"),
-        ({"lookahead": 0.0}, "lookahead: .*greater than 0, got 0.0"),
-        ({"lags": ()}, r"lags: .*at least 1 item.*got \(\)"),
-        ({"lags": (-1,)}, r"lags\[0\]: .*greater than or equal to 0, got -1"),
-        ({"max_waypoints": 1}, "max_waypoints must be 0 or >= 2, got 1"),
-    ],
-)
-def test_bad_options_are_refused(kwargs, message):
-    with pytest.raises(ValueError, match=message):
-        PlannerSubgoals(LazyThetaStar(), **kwargs)
 
 
 def test_missing_keys_and_wrong_sizes_are_named():
@@ -449,31 +342,6 @@ def test_a_next_that_cannot_be_rewritten_is_refused():
         OccupancyGrid(camera=SMALL)(stored.clone().exclude(("next", "depth")))
     with pytest.raises(KeyError, match=r"\['occupancy'\] are missing in 'next'"):
         PlannerSubgoals(LazyThetaStar(), camera=SMALL)(stored.exclude(("next", "occupancy")))
-
-
-def test_a_next_without_anything_of_the_transform_is_left_alone():
-    first = TableEnv(2).reset()
-    first["next"] = TensorDict(reward=torch.zeros(2, 1), batch_size=[2])
-    out = OccupancyGrid(camera=SMALL)(first)
-    assert list(out["next"].keys()) == ["reward"]
-    assert out["occupancy"].any()
-
-
-def test_without_its_history_past_sub_goals_are_refused():
-    env = make_env(2).append_transform(ExcludeTransform("subgoal_history"))
-    with pytest.raises(KeyError, match=r"subgoal_history.* is missing in the step before"):
-        env.rollout(2)
-    stored = make_env(2).rollout(3, break_when_any_done=False).reshape(-1)
-    with pytest.raises(KeyError, match=r"subgoal_history.* is missing in the step before"):
-        PlannerSubgoals(LazyThetaStar(), camera=SMALL)(stored.exclude("subgoal_history"))
-
-
-def test_a_history_of_other_lags_is_refused():
-    stored = make_env(2).rollout(3, break_when_any_done=False).reshape(-1)
-    with pytest.raises(
-        ValueError, match=r"'subgoal_history' must be \[..., 3, 2\], got \[6, 6, 2\]"
-    ):
-        PlannerSubgoals(LazyThetaStar(), camera=SMALL, lags=(2,))(stored)
 
 
 def test_an_environment_that_lacks_a_key_is_refused_at_once():
@@ -593,10 +461,6 @@ def test_the_widest_map_is_found_again_on_stored_data(widest_env):
         assert all(torch.equal(stored[name], td[name]) for name in names)
 
 
-def test_specs_hold_with_the_widest_map(widest_env):
-    check_env_specs(widest_env)
-
-
 def wall(half_length: float) -> Scenario:
     """Object and goal on both sides of a bar along y, in the middle of the workspace."""
     bar = Obstacle((2 * half_length, 0.06, 0.06), (0.5, 0.0, math.pi / 2))
@@ -637,15 +501,6 @@ def test_each_radius_is_tried_with_all_margins():
     td = env.reset(scenarios=[wall(0.20), wall(0.33), two_bars(0.064)])
     assert td["map_choice"].flatten().tolist() == [0, 1, 2]
     env.close()
-
-
-def test_specs_hold_with_several_margins(margins_env):
-    check_env_specs(margins_env)
-
-
-def test_several_margins_are_refused_if_there_are_none():
-    with pytest.raises(ValueError, match="margin must be a number or several"):
-        OccupancyGrid(bounds=WORKSPACE, margin=())
 
 
 def test_every_radius_can_have_a_nested_key():
@@ -694,30 +549,6 @@ def test_cells_outside_the_workspace_can_block():
             OccupancyGrid(bounds=wrong)
     with pytest.raises(ValueError, match=r"bounds must be two corners \(x, y\)"):
         OccupancyGrid(bounds=((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)))
-
-
-def test_cells_outside_the_workspace_hold_on_environments():
-    env = TransformedEnv(TableEnv(2), OccupancyGrid(camera=SMALL, bounds=((0.2, -0.4), (0.9, 0.4))))
-    check_env_specs(env)
-
-
-def test_an_empty_batch_has_no_points_ahead():
-    transform = PlannerSubgoals(DistanceField(), camera=SMALL, ahead=(0.1, 0.2))
-    data = TensorDict(
-        {
-            "occupancy": torch.zeros(0, 1, 64, 64, dtype=torch.bool),
-            "object_pose": torch.zeros(0, 3),
-            "goal_position": torch.zeros(0, 2),
-        },
-        batch_size=[0],
-    )
-    assert transform(data)["path_ahead"].shape == (0, 2, 2)
-
-
-def test_numbers_may_come_as_arrays():
-    transform = PlannerSubgoals(DistanceField(), lags=np.array([1, 5]), ahead=np.array([0.1]))
-    assert (transform.lags, transform.ahead) == ((1, 5), (0.1,))
-    assert OccupancyGrid(margin=np.array([0.0, -0.02])).margins == (0.0, -0.02)
 
 
 def test_a_pose_that_is_not_finite_is_named_where_a_way_is_looked_for(margins_env):

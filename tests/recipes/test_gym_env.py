@@ -10,8 +10,7 @@ from gymnasium.wrappers import RecordVideo
 from stable_baselines3 import SAC
 from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
 from tensordict import TensorDict
-from torchrl.envs import GymEnv
-from torchrl.envs.utils import check_env_specs, step_mdp
+from torchrl.envs.utils import step_mdp
 
 import modpush.envs  # noqa: F401  # registers the environment
 from modpush.data import CollectConfig
@@ -91,24 +90,6 @@ def test_options_are_obeyed_or_refused() -> None:
         PaperGymEnv(render_mode="human")
 
 
-def test_several_scenes_at_once() -> None:
-    envs = gym.make_vec("modpush/Push-v0", num_envs=2, encoder="rays", max_episode_steps=3)
-    observation, _ = envs.reset(seed=0)
-    assert observation.shape == (2, envs.single_observation_space.shape[0])
-    assert (observation[0] != observation[1]).any()
-    for _ in range(5):
-        observation, _, _, _, _ = envs.step(envs.action_space.sample())
-        assert np.isfinite(observation).all()
-    envs.close()
-
-
-def test_torchrls_gym_env() -> None:
-    env = GymEnv("modpush/Push-v0", scene="slot", encoder="rays")
-    check_env_specs(env)
-    assert env.rollout(3)["next", "observation"].shape == (3, 55)
-    env.close()
-
-
 def test_gymnasium_records_a_video(env, tmp_path) -> None:
     recorded = RecordVideo(env, str(tmp_path / "videos"), disable_logger=True)
     recorded.reset(seed=0)
@@ -166,17 +147,3 @@ def test_a_preset_whose_fields_are_all_given_is_that_of_make_push_env(preset) ->
     assert grids[0].margins == grids[1].margins
     env.close()
     expected.close()
-
-
-@pytest.mark.parametrize("name", ["modpush/Push-v0", "ClutterPushState-v1"])
-@pytest.mark.parametrize("limit", [None, 4, 205])
-def test_gymnasium_ends_episodes_where_it_is_asked_to(name, limit) -> None:
-    options = {"encoder": "none"} if name == "modpush/Push-v0" else {}
-    env = gym.make(name, scene="free", max_episode_steps=limit, **options)
-    env.reset(seed=0)
-    steps, ended = 0, False
-    while not ended and steps < 210:
-        *_, terminated, truncated, _ = env.step(np.zeros(3, np.float32))
-        ended, steps = terminated or truncated, steps + 1
-    env.close()
-    assert (steps, terminated) == (limit or 200, False)

@@ -18,12 +18,9 @@ import pytest
 import torch
 import yaml
 from tensordict import TensorDict
-from torchrl.collectors import Evaluator
-from torchrl.envs import EnvBase
 
 import modpush
 from modpush.recipes.agent_file import load_agent
-from modpush.recipes.make_env import make_push_env
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
 from modpush.training.learner import Learner
 from modpush.training.rollout import Rollout
@@ -214,26 +211,6 @@ def test_steps_of_two_collectors_are_not_summed_together(tmp_path: Path) -> None
     assert rows[1] == rows[0]
 
 
-def test_more_collectors_than_cpus_are_refused(cluster: Any, tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError, match="3 CPUs are needed, Ray has 2"):
-        Trainer(replace(TWO, num_collectors=3), tmp_path / "run")
-
-
-def test_collectors_without_ray_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="num_collectors=2 needs collector='ray', got 'local'"):
-        Trainer(replace(SMOKE, num_collectors=2), tmp_path / "run")
-
-
-def failing_env(*args: Any, **kwargs: Any) -> Any:
-    raise ValueError("this environment cannot be made")
-
-
-@pytest.mark.slow
-def test_an_error_in_a_collector_is_shown(cluster: Any, tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError, match="this environment cannot be made"):
-        Trainer(TWO, tmp_path / "run", make_env=failing_env)
-
-
 DRIVER = """
 import sys
 from dataclasses import replace
@@ -306,28 +283,6 @@ def wait_for(condition: Callable[[], bool], process: subprocess.Popen[bytes]) ->
         assert process.poll() is None
         time.sleep(0.1)
     raise AssertionError("it did not happen in two minutes")
-
-
-def make_free_env() -> EnvBase:
-    return make_push_env(load_agent("small_cube").config, num_envs=2, scene=("free",), seed=0)
-
-
-@pytest.mark.slow
-def test_torchrl_s_evaluator_runs_the_environment_in_an_actor(cluster: Any) -> None:
-    evaluator = Evaluator(
-        make_free_env,
-        policy_factory=lambda env: load_agent("small_cube").policy,
-        backend="ray",
-        num_gpus=0,
-        max_steps=200,
-    )
-    try:
-        result = evaluator.evaluate()
-        assert result["eval/reward"] > 0.0, "the agent reaches its goals"
-        assert 0 < result["eval/episode_length"] <= 200
-        assert result["eval/video"].shape[2] == 3, "drawn without a renderer"
-    finally:
-        evaluator.shutdown()
 
 
 def test_the_cluster_file_is_one_that_ray_takes() -> None:

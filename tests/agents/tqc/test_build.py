@@ -1,7 +1,6 @@
 """`make_tqc`: agents from a config."""
 
 import copy
-import math
 import pickle
 import warnings
 from dataclasses import replace
@@ -18,12 +17,12 @@ from torchrl.data import (
     TensorDictReplayBuffer,
     Unbounded,
 )
-from torchrl.envs import GymEnv, SerialEnv, TransformedEnv
+from torchrl.envs import GymEnv, TransformedEnv
 from torchrl.envs.transforms import RewardSum
 from torchrl.trainers.algorithms import SACTrainer
 
-from modpush.agents import TQCConfig, TQCLoss, make_tqc, make_tqc_from_specs
-from tests.agents.tqc.tqc_builders import make_loss, make_pendulum_batch
+from modpush.agents import TQCConfig, make_tqc, make_tqc_from_specs
+from tests.agents.tqc.tqc_builders import make_pendulum_batch
 
 SMALL = TQCConfig(hidden_sizes=(16, 12), batch_size=8)
 
@@ -72,15 +71,6 @@ def test_exploration_noise_has_the_configured_size():
     data = TensorDict({"action": torch.zeros(20_000, 1)}, batch_size=[20_000])
     # Pendulum's action is +-2: its half range times sigma is 0.2.
     assert noise(data)["action"].std().item() == pytest.approx(0.2, rel=0.05)
-
-
-def test_batched_environments():
-    env = SerialEnv(2, lambda: GymEnv("Pendulum-v1"))
-    agent = make_tqc(SMALL, env)
-    data = rollout(env, agent, 6)
-    assert data.shape == (2, 6)
-    assert agent.update(data.reshape(-1))["loss_qvalue"].isfinite()
-    env.close()
 
 
 def test_target_entropy_is_minus_the_actions_width(env):
@@ -208,12 +198,6 @@ def test_sac_trainer_runs_the_agent():
     assert agent.loss.log_alpha.item() != before
 
 
-def test_a_missing_observation_lists_what_there_is(env):
-    message = r"observation_key 'state' not found, the env has \['observation'\]"
-    with pytest.raises(ValueError, match=message):
-        make_tqc(SMALL, env, observation_key="state")
-
-
 @pytest.mark.parametrize(
     "twin_of", [copy.deepcopy, lambda agent: pickle.loads(pickle.dumps(agent))]
 )
@@ -231,43 +215,3 @@ def test_a_copied_agent_trains_as_the_original(env, twin_of):
     for mine, other in zip(agent.actor.parameters(), twin.actor.parameters(), strict=True):
         torch.testing.assert_close(other, mine)
         assert other is not mine
-
-
-def test_an_agent_whose_loss_cannot_be_copied_says_so(env):
-    agent = make_tqc(replace(SMALL, loss="sac"), env)
-    with pytest.raises(TypeError, match=r"an agent with .*Loss cannot be copied"):
-        copy.deepcopy(agent)
-
-
-def test_a_loss_and_an_optimizer_that_are_copied_together_stay_together():
-    loss = make_loss(TQCLoss)
-    optimizer = torch.optim.Adam(loss.parameters(), lr=0.1)
-    twin, other = copy.deepcopy((loss, optimizer))
-    mine = {id(p) for p in twin.parameters()}
-    assert {id(p) for group in other.param_groups for p in group["params"]} == mine
-    assert not mine & {id(p) for p in loss.parameters()}
-
-
-@pytest.mark.parametrize(
-    ("spec", "message"),
-    [
-        (Bounded(-math.inf, math.inf, (3,)), "finite limits"),
-        (Bounded(torch.tensor([-1.0, 0.0]), torch.tensor([1.0, 0.0])), "below the higher ones"),
-        (Bounded(0, 3, (3,), dtype=torch.int64), r"real numbers .*torch.int64 from \[0.0"),
-    ],
-)
-@pytest.mark.parametrize("loss", ["tqc", "td3"])
-def test_actions_without_limits_are_refused(spec, message, loss):
-    with pytest.raises(ValueError, match=message):
-        make_tqc_from_specs(replace(SMALL, loss=loss), Composite(observation=Unbounded(4)), spec)
-
-
-def test_observations_and_actions_in_double_precision():
-    observation = Composite(observation=Unbounded(3, dtype=torch.float64))
-    spec = Bounded(-2, 1, (1,), dtype=torch.float64)
-    agent = make_tqc_from_specs(SMALL, observation, spec)
-    batch = make_pendulum_batch(8)
-    double = batch.apply(lambda x: x.double() if x.is_floating_point() else x)
-    result = agent.update(double)
-    assert all(value.isfinite().all() for value in result.values())
-    assert agent.actor(double[:, None])["action"].shape == (8, 1, 1)
