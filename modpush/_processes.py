@@ -1,23 +1,27 @@
-"""Worker processes that end with their parent, and the number of torch's threads in a process."""
+"""Worker processes that end with their parent, threads of torch, and signals that end a run.
+
+Signals are SIGINT (Ctrl-C), SIGTERM and SIGHUP. In another thread than the main one, where Python has
+no signals, nothing is changed.
+"""
 
 import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from multiprocessing.connection import wait
+from typing import Any, Protocol
 
 import torch
 
-__all__ = ["begin_worker_process", "torch_threads"]
+__all__ = ["begin_worker_process", "interrupts_noted", "interrupts_raised", "torch_threads"]
 
 
 def begin_worker_process() -> None:
     """Leave signals to the parent, and end at once when it has ended, however that was.
 
-    Ctrl-C, a closed terminal and a polite kill reach all processes of a group; the parent decides
-    what they mean.
+    SIGINT, SIGTERM and SIGHUP reach all processes of a group; the parent decides what they mean.
     """
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         if hasattr(signal, name):
@@ -34,7 +38,7 @@ def _end_after(sentinel: int) -> None:
 
 @contextmanager
 def torch_threads(count: int) -> Iterator[None]:
-    """Have torch, and the kernels that follow it, use so many threads within a block.
+    """Set the number of threads of torch, and of the kernels that follow it, within a block.
 
     The batches here are too short to share out: threads that wait for each other by spinning cost more,
     all the more where another process uses the cores.
@@ -45,3 +49,48 @@ def torch_threads(count: int) -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
+
+
+class Interruptible(Protocol):
+    """Something that ends by itself once this is set."""
+
+    interrupted: bool
+
+
+def interrupts_noted(run: Interruptible) -> AbstractContextManager[None]:
+    """Within this block the first signal sets `interrupted`, and a second raises `KeyboardInterrupt`."""
+
+    def note(*_: Any) -> None:
+        if run.interrupted:
+            raise KeyboardInterrupt
+        run.interrupted = True
+        # Not by `print`, which may be in the middle of its own work.
+        os.write(2, b"\nStopping with a checkpoint; once more stops at once, without one.\n")
+
+    return _handled_by(note)
+
+
+def interrupts_raised() -> AbstractContextManager[None]:
+    """Within this block each of the signals raises `KeyboardInterrupt`, as Python does for Ctrl-C."""
+
+    def interrupt(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    return _handled_by(interrupt)
+
+
+@contextmanager
+def _handled_by(handler: Callable[..., None]) -> Iterator[None]:
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            number = getattr(signal, name, None)  # Windows has no SIGHUP
+            present = None if number is None else signal.getsignal(number)
+            kept = name == "SIGHUP" and present == signal.SIG_IGN  # of a run under `nohup`
+            if number is not None and present is not None and not kept:  # a handler of Python's
+                before[number] = signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        for number, previous in before.items():
+            signal.signal(number, previous)

@@ -16,8 +16,8 @@ RESTARTS = 10
 
 
 @contextmanager
-def ray_session(who: str, least: int) -> Iterator[ModuleType]:
-    """The package `ray`, connected to a cluster of at least so many CPUs while the context lasts.
+def ray_session(caller: str, least: int) -> Iterator[ModuleType]:
+    """The package `ray`, connected to a cluster of at least `least` CPUs within a block.
 
     Ray looks for a cluster in `RAY_ADDRESS` and on this machine, and else starts one here. A connection
     that exists already is used and kept.
@@ -26,7 +26,7 @@ def ray_session(who: str, least: int) -> Iterator[ModuleType]:
         MissingExtraError: If Ray is not installed.
         RuntimeError: If there is no connection, or the cluster has fewer CPUs.
     """
-    require_extra(who, "ray")
+    require_extra(caller, "ray")
     import ray
 
     own = not ray.is_initialized()
@@ -36,10 +36,10 @@ def ray_session(who: str, least: int) -> Iterator[ModuleType]:
             ray.init(include_dashboard=False, log_to_driver=False)
         cpus = ray.cluster_resources().get("CPU", 0)
     except Exception as error:  # Ray's own kinds differ with what went wrong
-        raise RuntimeError(f"{who}: no connection to Ray: {error}") from error
+        raise RuntimeError(f"{caller}: no connection to Ray: {error}") from error
     try:
         if cpus < least:
-            raise RuntimeError(f"{who}: {least} CPUs are needed, Ray has {cpus:g}.")
+            raise RuntimeError(f"{caller}: {least} CPUs are needed, Ray has {cpus:g}.")
         yield ray
     finally:
         if own:

@@ -17,7 +17,6 @@ SHARED = {
     "_atomic",
     "_batching",
     "_checks",
-    "_experimental",
     "_extras",
     "_kernels",
     "_keys",

@@ -43,7 +43,7 @@ def card_text(config: CollectConfig, about: Mapping[str, Any]) -> str:
     """The card as Markdown: policies, starts, scenes, and how the data set is read.
 
     Args:
-        config: What was collected.
+        config: Settings of the data set.
         about: The data set's metadata: counts of episodes by policy, and the environment's fingerprint.
     """
     drawn = config.env.scenario

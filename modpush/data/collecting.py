@@ -52,7 +52,7 @@ def collect_demonstrations(
     Args:
         config: Policies, environment and number of episodes, and the folder.
         progress: Show a progress bar.
-        threads: Number of torch's threads meanwhile.
+        threads: Number of torch's threads.
 
     Returns:
         The folder.
@@ -141,7 +141,7 @@ class _Runner:
         method: The policy's name, and the environment that it was made for.
         policy: The policy.
         recorder: The environment that records.
-        config: What to collect.
+        config: Settings of the data set.
         counts: Numbers of episodes `tried`, `solved` and `kept`, and of `steps` kept; kept up to date.
     """
 

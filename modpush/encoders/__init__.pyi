@@ -11,8 +11,7 @@ from .networks.conv_encoder import ConvEncoder as ConvEncoder
 from .networks.ray_scan import RayScan as RayScan
 from .vae.augmentation import augment_windows as augment_windows
 from .vae.data import WindowData as WindowData
-from .vae.loss import VAELoss as VAELoss
-from .vae.model import DepthVAE as DepthVAE, shipped_weights as shipped_weights
+from .vae.model import DepthVAE as DepthVAE, VAELoss as VAELoss, shipped_weights as shipped_weights
 from .vae.quality import (
     Quality as Quality,
     encode_all as encode_all,

@@ -93,7 +93,7 @@ def check_state(
         count: Number of scenes that are to be put into it.
         config: The environment's options that a state belongs to.
         objects: Digests of the environment's objects, by name.
-        goal: What the environment's episodes ask for.
+        goal: Kind of the goals of the environment's episodes.
 
     Raises:
         TypeError: If it is not a `PushState`.

@@ -200,7 +200,7 @@ def run_episodes(
     ]
     while any(logs):
         with set_exploration_type(exploration):
-            td = _acted(policy(td))
+            td = _check_action(policy(td))
         idle = [i for i, log in enumerate(logs) if log is None]
         if idle:
             action = td["action"].clone()  # the policy may hold on to its own tensor
@@ -217,7 +217,7 @@ def run_episodes(
             td = _restart(env, td, logs, refill, begin)
 
 
-def _acted(td: Any) -> TensorDictBase:
+def _check_action(td: Any) -> TensorDictBase:
     """The tensordict that a policy returned, if it has an action."""
     if not isinstance(td, TensorDictBase) or td.get("action", None) is None:
         got = sorted(map(str, td.keys())) if isinstance(td, TensorDictBase) else type(td).__name__

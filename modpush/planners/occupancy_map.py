@@ -7,17 +7,18 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from modpush._arguments import checked_arguments
+from modpush._batching import PerThread
 from modpush._checks import check_depth_unit, check_dtype, check_real, check_shape
 from modpush._types import Count
 from modpush.geometry.camera import Camera
 from modpush.planners.inflation import clamp_radius, radius_per_scene
-from modpush.planners.kernels.bit_grid import Views, words_per_row
-from modpush.planners.kernels.occupancy import (
+from modpush.planners.kernels.bit_grid import (
     Inflated,
+    Views,
     empty_inflated,
     observe_all,
+    words_per_row,
 )
-from modpush.planners.per_thread import PerThread
 
 __all__ = ["OccupancyMap"]
 

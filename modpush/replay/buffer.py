@@ -104,7 +104,7 @@ def update_priorities(
     Args:
         buffer: The buffer from which the batch was sampled.
         batch: The sample, with its `"index"`, `[B]`.
-        result: What `TQCUpdate` returned.
+        result: Result of `TQCUpdate`.
         key: Key of the priorities in the result, `[B]`, positive.
 
     Raises:

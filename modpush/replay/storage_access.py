@@ -21,7 +21,7 @@ def read_entries(storage: Storage, index: Tensor, key: NestedKey) -> Tensor:
     Args:
         storage: A storage of tensordicts.
         index: `[P, ndim]`.
-        key: What is read.
+        key: Key to read.
 
     Raises:
         TypeError: If the storage holds something else than tensordicts.

@@ -1,4 +1,4 @@
-"""`PlayConfig`: what the page starts with."""
+"""`PlayConfig`: initial settings of the page."""
 
 from pathlib import Path
 from typing import Annotated
@@ -38,7 +38,7 @@ class PlayConfig:
     difficulty: Fraction = 0.3
     """Difficulty of the scenes, 0 to 1."""
     goal: Goal = "position"
-    """What the episodes ask for: a position of the object's centre, or a pose of the object."""
+    """Kind of the goals: a position of the object's centre, or a pose of the object."""
     engine: Name | None = None
     """Physics engine: `sapien`, `mujoco`, or `module:name`; by default that in which an agent was
     trained, and SAPIEN for other policies."""

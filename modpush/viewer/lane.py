@@ -1,4 +1,4 @@
-"""One policy in one scene: what is simulated, and what there is to show of it."""
+"""One policy in one scene, and snapshots of it."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -97,7 +97,7 @@ class PolicyLane:
         policy: Acts on what `env` emits.
         path_key: Where the planned path stands in what `env.step` returns, `[1, n, 2]` [m].
         target_key: The same of the sub-goal, `[1, 2]` [m].
-        critics: What is expected of an action, `[1]`, from what the policy has written.
+        critics: Function from the policy's output to the expected return of its action, `[1]`.
     """
 
     def __init__(

@@ -44,7 +44,7 @@ class Page:
     and each can change it.
 
     Args:
-        config: What the page starts with.
+        config: Settings of the page.
 
     Raises:
         MissingExtraError: If viser is not installed; the message says how to install it.
@@ -220,7 +220,7 @@ def play(config: PlayConfig | None = None) -> None:
     """Open the page, print its address, and run until interrupted (Ctrl-C).
 
     Args:
-        config: What the page starts with.
+        config: Settings of the page.
 
     Raises:
         MissingExtraError: If viser is not installed; the message says how to install it.

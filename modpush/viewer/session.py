@@ -1,4 +1,4 @@
-"""`Session`: what runs behind the page, without the page."""
+"""`Session`: the policies and scenes behind the page."""
 
 from collections.abc import Callable, Hashable
 from dataclasses import replace
@@ -32,7 +32,7 @@ class Session:
     `message`.
 
     Args:
-        config: What to start with.
+        config: Initial settings.
 
     Raises:
         ValueError: If a policy or a folder of the config is not there.

@@ -16,7 +16,7 @@ from modpush.encoders import (
     RayScan,
     egocentric_window,
 )
-from modpush.encoders.window_bytes import WindowBytes
+from modpush.encoders.window_transform import WindowBytes
 from modpush.envs import PushEnv
 from modpush.geometry import Camera
 from modpush.planners import OccupancyGrid, PlannerSubgoals, StraightLine

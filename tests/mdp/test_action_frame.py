@@ -9,7 +9,7 @@ from torchrl.data import LazyTensorStorage, ReplayBuffer
 from torchrl.envs import Compose, InitTracker, Transform, TransformedEnv, check_env_specs
 
 from modpush.envs import PushEnv
-from modpush.geometry.angles import rotate
+from modpush.geometry.frames import rotate
 from modpush.mdp.action_frame import ActionFrame
 
 

@@ -9,7 +9,7 @@ from tensordict import TensorDict
 from torchrl.envs import Compose, TransformedEnv
 
 from modpush.envs import PushEnv
-from modpush.geometry.angles import rotate
+from modpush.geometry.frames import rotate
 from modpush.mdp import (
     Curriculum,
     CurriculumConfig,
@@ -19,7 +19,7 @@ from modpush.mdp import (
     RewardConfig,
     RewardKeys,
 )
-from modpush.mdp.mirrored_observation import MirroredObservation
+from modpush.mdp.push_observation import MirroredObservation
 from modpush.mdp.step_outcome import pose_length
 
 ENTRIES = ("goal_distance_fine", "goal_axis", "yaw_error", "object_axis")

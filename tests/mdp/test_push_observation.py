@@ -10,7 +10,7 @@ from torchrl.envs import Compose, TransformedEnv, check_env_specs
 
 from modpush.envs import PushEnv
 from modpush.envs.scenes.objects import OBJECTS
-from modpush.geometry.angles import rotate
+from modpush.geometry.frames import rotate
 from modpush.mdp import ENTRIES, PAPER_ENTRIES, ActionFrame, Entry, ObservationKeys, PushObservation
 from tests.mdp.straight_path import StraightPath
 

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from modpush.training.bar import TrainingBar
+from modpush.training.log import TrainingBar
 from tests.training.conftest import SMOKE
 
 ROW = {"noisy/success": 0.93, "speed/steps": 250.0, "speed/updates": 120.0}

@@ -169,7 +169,7 @@ def test_a_run_that_ended_before_its_first_checkpoint_can_begin_again(unbroken, 
     Trainer(SMOKE, folder).close()  # as a kill leaves it: config and log, no checkpoint
     (folder / ".log.csv.host.1.tmp").touch()
     Trainer(SMOKE, folder).close()
-    with pytest.warns(UserWarning, match="ended before its first checkpoint; it begins anew"):
+    with pytest.warns(UserWarning, match="ended before its first checkpoint; it starts again"):
         train(folder, resume=True)
     assert_same(numbers(unbroken), numbers(folder))
 

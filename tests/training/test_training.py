@@ -31,7 +31,7 @@ from modpush.training import (
     check_run_folder,
     held_out_scenarios,
 )
-from modpush.training.bar import TrainingBar
+from modpush.training.log import TrainingBar
 from modpush.training.run_folder import RunFolder
 from modpush.training.scene_worker import SceneWorker
 from modpush.training.worker import InlineWorker, ProcessWorker

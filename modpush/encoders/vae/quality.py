@@ -11,8 +11,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 from modpush._arguments import checked_arguments
 from modpush._types import Count
 from modpush.encoders.base import evaluating
-from modpush.encoders.vae.loss import bernoulli_entropy, kl_divergence
-from modpush.encoders.vae.model import DepthVAE
+from modpush.encoders.vae.model import DepthVAE, bernoulli_entropy, kl_divergence
 
 __all__ = ["Quality", "encode_all", "linear_probe", "mlp_probe", "r_squared", "vae_quality"]
 

@@ -61,7 +61,7 @@ class DepthCamera(ABC):
 
     Args:
         scenes: Scenes that the camera sees.
-        arm_in_depth: Whether the camera sees the arm.
+        arm_in_depth: True if the camera sees the arm.
     """
 
     needs_renderer: ClassVar[bool] = False

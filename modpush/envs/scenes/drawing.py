@@ -79,7 +79,7 @@ def draw_top_view(
         inflation: Obstacles get a light rim of this width, where the object's centre cannot be [m].
         obstacle_poses: Where the obstacles are now, `[n, 3]`; where they started by default.
         caption: Lines at the top; with them goes a legend of the colours at the bottom.
-        tool: What the arm holds.
+        tool: The arm's tool.
         objects: Your own objects by name, as in `PushEnv.pushed_objects`.
         position_tolerance: Radius of the disc around the goal [m]. A goal pose is drawn as the object's
             outline there.

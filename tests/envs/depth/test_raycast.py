@@ -7,10 +7,8 @@ import torch
 
 from modpush.envs import OBJECTS, SCENES, PushEnv
 from modpush.envs.depth.analytic import AnalyticDepthCamera
-from modpush.envs.depth.raycast import blank_image, draw
-from modpush.envs.depth.solids import Solids
-from modpush.geometry.camera import CAMERA
-from modpush.geometry.labels import Label
+from modpush.envs.depth.raycast import Solids, blank_image, draw
+from modpush.geometry.camera import CAMERA, Label
 from modpush.geometry.shapes import box, capsule, cylinder, prism
 
 UPRIGHT = [1.0, 0.0, 0.0, 0.0]
