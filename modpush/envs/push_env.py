@@ -107,8 +107,8 @@ class PushEnv(EnvBase):
 
     `reset(tensordict, scenarios=None, seed=None, state=None)` starts new episodes in the scenes where
     the key `"_reset"` is True, or in all scenes without that key. With `scenarios` they start from
-    these, one for each scene to reset, instead of being drawn. With `seed` their random numbers start
-    again, those of scene `i` from `seed + i`, as `set_seed` does for all scenes. With `state` they are put
+    these, one for each scene to reset, instead of being drawn. With `seed` the random numbers of scene
+    `i` start from `seed + i`, as `set_seed` does for all scenes. With `state` the scenes are put
     into a state of `get_state`, also through transforms; TorchRL refuses a state whose episode is done.
 
     Args:

@@ -186,7 +186,7 @@ def run_episodes(
         _Log,
         inflation=inflation,
         objects=getattr(env, "pushed_objects", None),
-        control_freq=float(getattr(env, "settings", {}).get("control_freq", 15)),
+        control_freq=float(getattr(getattr(env, "simulation", None), "control_freq", 15)),
     )
     queue = iter(episodes)
     first = list(islice(queue, env.batch_size[0]))
@@ -204,7 +204,7 @@ def run_episodes(
         idle = [i for i, log in enumerate(logs) if log is None]
         if idle:
             action = td["action"].clone()  # the policy may hold on to its own tensor
-            action[idle] = 0.0  # nobody looks at what they do any more
+            action[idle] = 0.0  # their steps are not recorded
             td["action"] = action
         td = env.step(td)
         ended = _record(td, logs, path_key, target_key, on_step)

@@ -297,8 +297,7 @@ class Controls:
                 end = "**success**"
             elif shown.flags["out_of_bounds"]:
                 end = "**out of bounds**"
-            value = "" if shown.value is None else f", critics expect {shown.value:.1f}"
-            lines.append(f"{name}: {end}, step {shown.step}{value}")
+            lines.append(f"{name}: {end}, step {shown.step}")
         if self._session.paused:
             lines.append("*paused*")
         if self._session.message:

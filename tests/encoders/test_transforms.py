@@ -174,36 +174,12 @@ def test_an_encoder_of_ones_own_needs_no_base_class():
     assert out["latent"].tolist() == [[1.0], [1.0]]
 
 
-def test_windows_may_be_bytes():
-    levels = torch.randint(0, 256, (3, 1, 64, 64), dtype=torch.uint8)
-    for encoder in (ConvEncoder(8), RayScan()):
-        bytes_, floats = (
-            Encode(encoder)(TensorDict(window=window, batch_size=[3]))["latent"]
-            for window in (levels, levels.float() / 255)
-        )
-        assert torch.equal(bytes_, floats)
-    conv = ConvEncoder(8)
-    assert torch.equal(conv(levels), conv(levels.float() / 255))
-
-
 @pytest.mark.parametrize("value", [1.2, -0.1, 255.0, float("nan")])
 def test_windows_that_bytes_cannot_hold_are_refused(value):
     window = torch.zeros(2, 1, 8, 8)
     window[1, 0, 3, 4] = value
     with pytest.raises(ValueError, match=r"'window' must be finite and in \[0, 1\], got values"):
         WindowBytes()(TensorDict(window=window, batch_size=[2]))
-
-
-@pytest.mark.parametrize("size", [15, 16, 32, 64])
-def test_an_encoder_s_window_size_holds_from_the_image_to_the_latent(size):
-    for encoder in (ConvEncoder(6, window_size=size), RayScan(6, window_size=size)):
-        window = EgocentricWindow(size=encoder.window_size, **SMALL_WINDOW)
-        env = TransformedEnv(TableEnv(2), Compose(window, Encode(encoder)))
-        check_env_specs(env)
-        assert env.reset()["latent"].shape == (2, 6)
-        other = torch.zeros(2, 1, size + 1, size + 1)
-        with pytest.raises(ValueError, match=rf"must be \[B, 1, {size}, {size}\]"):
-            encoder(other)
 
 
 def test_stored_transitions_are_rewritten_in_root_and_next():

@@ -4,12 +4,11 @@ import importlib
 import math
 from functools import partial
 
-import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings, strategies as st
 
-from modpush.encoders import cast_window, egocentric_window, window_pixels
+from modpush.encoders import cast_window, egocentric_window
 from modpush.envs import PushEnv
 from modpush.geometry import Camera, Label
 from tests.encoders.scenes import CUBE, image, moved, window_of
@@ -136,22 +135,6 @@ def test_cast_from_the_shapes_it_is_the_same(env, upright):
         assert (windows > 0).any()
 
 
-def test_the_pixels_are_those_the_window_takes(env):
-    data = env.reset()
-    windows = egocentric_window(
-        data["depth"][:, 0], data["segmentation"][:, 0], data["object_pose"], upright=False
-    )
-    pixels = window_pixels(data["object_pose"])
-    assert pixels.shape == (6, 64, 64, 2)
-    for i in range(6):
-        nearest = (pixels[i] + 0.5).floor().numpy()
-        depth, labels = env.cast(i, nearest)
-        height = np.where(labels == Label.OBSTACLE, 1.1 - depth, 0.0).clip(0) / 0.08
-        inside = ((nearest >= 0) & (nearest < 256)).all(-1)
-        expected = torch.from_numpy(np.where(inside, height, 0.0)).float()
-        torch.testing.assert_close(windows[i, 0], expected, atol=1e-6, rtol=0)
-
-
 @pytest.fixture
 def two_threads():
     torch.set_num_threads(2)
@@ -196,20 +179,6 @@ def test_a_camera_of_twice_the_resolution_gives_the_same_window(env, upright):
             assert ((finer - windows).abs() > 0.02).float().mean() < 0.002
         else:
             assert torch.equal(finer, windows)
-
-
-def test_a_window_of_another_scale():
-    pushed, bar = (CUBE, (0.55, 0.25, 0.0)), (BAR, (0.60, 0.25, 0.0))
-    window = window_of([bar], pushed, metres_per_pixel=0.002, outside="blocked")
-    rows, columns = (window[0, 0] > 0.2).nonzero().unbind(1)
-    # The bar begins in the middle and goes on beyond the window's edge, 32 pixels ahead.
-    assert (rows.min(), rows.max()) == (0, pytest.approx(31, abs=1))
-    assert columns.max() - columns.min() + 1 == pytest.approx(0.06 / 0.002, abs=1)
-    near, far = (
-        window_pixels(torch.tensor([MIDDLE]), 2, metres_per_pixel=m) for m in (0.002, 0.02)
-    )
-    assert (far[0, 1, 1] - far[0, 0, 0]).norm() == pytest.approx(0.02 * math.sqrt(2) / PIXEL)
-    assert (near[0, 1, 1] - near[0, 0, 0]).norm() == pytest.approx(0.002 * math.sqrt(2) / PIXEL)
 
 
 def test_pixels_that_saw_nothing_count_as_table():

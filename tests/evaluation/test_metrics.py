@@ -2,11 +2,9 @@ import numpy as np
 import pytest
 
 from modpush.evaluation.metrics import (
-    collision_rate,
     contact_rate,
     episode_metrics,
     mean_jerk,
-    pushed_length,
     reversal_rate,
     success_weighted_by_path_length,
 )
@@ -28,20 +26,6 @@ def flags(text: str) -> np.ndarray:
 )
 def test_contact_counts_from_the_first_contact_on(contact: str, rate: float) -> None:
     assert contact_rate(flags(contact)) == pytest.approx(rate)
-
-
-def test_collision_counts_over_all_steps_separately_and_together() -> None:
-    of_object, of_arm = flags("0110000000"), flags("0011000000")
-    assert collision_rate(of_object) == pytest.approx(0.2)
-    assert collision_rate(of_arm) == pytest.approx(0.2)
-    assert collision_rate(of_object, of_arm) == pytest.approx(0.3)  # one step has both
-    assert collision_rate(flags("")) == 0.0
-
-
-def test_pushed_length_adds_what_is_missing_to_the_goal() -> None:
-    # 3-4-5 triangle, then straight on by 2: 5 + 2, and the goal 1 farther.
-    position = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 6.0]])
-    assert pushed_length(position, np.array([3.0, 7.0])) == (8.0, 1.0)
 
 
 @pytest.mark.parametrize(

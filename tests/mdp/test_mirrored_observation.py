@@ -97,11 +97,3 @@ def test_in_the_simulator_it_is_the_observation_of_the_mirrored_scene(encoder):
         mirror["mirrored_observation"], there["observation"], atol=1e-3, rtol=0
     )
     assert (there["observation"] - mirror["observation"]).abs().amax() > 0.1
-
-
-def test_actions_of_another_frame_are_refused():
-    config = PushEnvConfig.preset("cpu", action_frame="base")
-    with pytest.raises(
-        ValueError, match="mirrored needs actions in the observation's frame 'path'"
-    ):
-        make_push_env(config, mirrored=True)

@@ -75,13 +75,6 @@ def test_constant_normalisation_divides_by_its_lengths():
     assert reward.item() == pytest.approx(-1.0)
 
 
-def test_an_episode_that_begins_at_its_goal_has_a_reward():
-    # Both lengths are 0 at reset and stay so: nothing is left to go, rather than 0 / 0.
-    assert reward_of(start=(0.0, 0.0), path=0.0, apart=0.0)["reward"].item() == 0.0
-    # Any way from there is at least as far as at reset: -1 each.
-    assert reward_of(start=(0.0, 0.0), path=0.1, apart=0.1)["reward"].item() == -2.0
-
-
 def test_a_term_of_ones_own_reads_the_outcome():
     config = RewardConfig(scale=1.0, weights={"goal": 1.0, "patience": 3.0})
     terms = {"patience": lambda outcome: -outcome.path_fraction}
@@ -175,14 +168,6 @@ def test_a_term_of_a_wrong_shape_is_named():
     config = RewardConfig(weights={"flat": 1.0})
     with pytest.raises(ValueError, match=r"term 'flat' must be \[1, 1\], got \[1\]"):
         reward_of(config, terms={"flat": lambda outcome: outcome.path_fraction[..., 0]})
-
-
-def test_a_step_without_the_lengths_at_reset_is_refused_by_name():
-    env = TransformedEnv(PushEnv(1, depth=None, seed=0), Compose(StraightPath(), PushReward()))
-    td = env.rand_action(env.reset()).exclude("reward_start")
-    with pytest.raises(KeyError, match=r"key .*reward_start.* is missing"):
-        env.step(td)
-    env.close()
 
 
 def test_nested_keys_are_read():

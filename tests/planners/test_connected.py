@@ -5,7 +5,6 @@ import torch
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from modpush.planners import DistanceField
 from modpush.planners.connected import are_connected
 
 
@@ -42,20 +41,6 @@ def test_it_agrees_with_a_graph_search_from_free_cells() -> None:
     assert 50 < found.sum() < 250
 
 
-def test_it_agrees_with_a_planner_from_any_cells() -> None:
-    blocked, start, end = maps(300)
-    found = are_connected(blocked, start, end)
-    expected = DistanceField().plan(blocked, start, end).found
-    # From a blocked cell several free ones may be equally near, of which each takes its own.
-    rows = torch.arange(len(blocked))
-    inside = ~(
-        blocked[rows, start[:, 1].long(), start[:, 0].long()]
-        | blocked[rows, end[:, 1].long(), end[:, 0].long()]
-    )
-    assert torch.equal(found[inside], expected[inside])
-    assert (found == expected).float().mean() > 0.9
-
-
 def test_a_point_in_a_blocked_cell_goes_to_the_free_one_that_is_nearest() -> None:
     """A wall at u = 4. The cell (3, 7) is blocked as well: its neighbours are on the left."""
     blocked = torch.zeros(1, 9, 9, dtype=torch.bool)
@@ -64,11 +49,3 @@ def test_a_point_in_a_blocked_cell_goes_to_the_free_one_that_is_nearest() -> Non
     for ends, joined in (((inside, left), True), ((inside, right), False)):
         assert are_connected(blocked, *ends).item() == joined
         assert are_connected(blocked, *ends[::-1]).item() == joined
-
-
-def test_points_outside_the_grid_go_to_its_nearest_cell() -> None:
-    blocked = torch.zeros(1, 8, 8, dtype=torch.bool)
-    blocked[:, :, 4] = True
-    left, right = torch.tensor([[-3.0, 4.0]]), torch.tensor([[30.0, 4.0]])
-    assert not are_connected(blocked, left, right).item()
-    assert are_connected(blocked, left, torch.tensor([[2.0, 1.0]])).item()

@@ -51,13 +51,6 @@ def test_inflation_on_all_sizes_and_radii(seed):
         assert not out.any()
 
 
-def test_inflation_takes_a_radius_for_each_scene():
-    blocked = torch.zeros(3, 9, 9, dtype=torch.bool)
-    blocked[:, 4, 4] = True
-    out = inflate(blocked, torch.tensor([0.0, 1.0, 1.5]))
-    assert out.sum((1, 2)).tolist() == [1, 5, 9]
-
-
 def test_groups_of_few_pixels_are_taken_for_noise():
     depth = torch.full((2, CAMERA.height, CAMERA.width), CAMERA.z)
     depth[:, 100, 100] = 0.9  # a flying pixel
@@ -163,15 +156,6 @@ def test_nothing_is_inflated_again_while_obstacles_stand_still():
     occupancy_again, _ = blocked(depth, 0.05, segments, previous=bits)  # another object
     assert blocked.inflations == 2
     assert occupancy_again.sum() > occupancy.sum()
-
-
-def test_the_given_out_grid_is_not_written_to_again():
-    depth, segments = as_tensors(*render([(BAR, Label.OBSTACLE)], CAMERA))
-    blocked = OccupancyMap()
-    first, _ = blocked(depth, 0.03, segments)
-    kept = first.clone()
-    blocked(torch.full_like(depth, 1.1), 0.03, torch.zeros_like(segments))
-    assert torch.equal(first, kept)
 
 
 @pytest.mark.parametrize(

@@ -167,17 +167,6 @@ def test_a_reset_without_a_path_points_straight_at_the_goal():
     torch.testing.assert_close(tensordict["path_length"], away.norm(dim=-1, keepdim=True))
 
 
-def test_the_object_may_leave_the_image_or_run_into_obstacles():
-    env = make_env(1)
-    tensordict = env.reset()
-    for x, y in ((0.5, 0.0), (5.0, 9.0), (-4.0, 0.0), (0.6, 0.46), (0.701, 0.0)):
-        env.base_env.pose[:] = torch.tensor([x, y, 0.0])
-        tensordict = env.step(steer(tensordict, [0.0, 0.0]))["next"]
-        assert tensordict["path_found"].item()
-        assert tensordict["path_length"].isfinite().all()
-        assert tensordict["subgoal"].isfinite().all()
-
-
 def straight_and_bent():
     return Paths.from_waypoints(
         [torch.tensor([[0.0, 0.0], [30.0, 0.0], [30.0, 20.0]])], torch.zeros(1, 2)
@@ -283,15 +272,6 @@ def test_keys_can_be_renamed_and_nested():
     out, expected = env.reset(), make_env(2).reset()  # each env's first episode
     torch.testing.assert_close(out["way", "subgoal"], expected["subgoal"])
     check_env_specs(env)
-
-
-def test_occupancy_without_a_segmentation_key():
-    data = TableEnv(2).reset()
-    expected = OccupancyGrid(camera=SMALL)(data.clone())["occupancy"]
-    data.pop("segmentation")
-    out = OccupancyGrid(camera=SMALL, segmentation_key=None)(data)["occupancy"]
-    # The object stands clear of the bar: both ways of knowing it agree.
-    assert torch.equal(out, expected)
 
 
 def test_missing_keys_and_wrong_sizes_are_named():
@@ -453,14 +433,6 @@ def test_a_map_stays_narrow_until_its_episode_ends(widest_env):
     assert td["path_found"].all()
 
 
-def test_the_widest_map_is_found_again_on_stored_data(widest_env):
-    td = widest_env.reset(scenarios=[two_bars(gap) for gap in (0.09, 0.064, 0.064)])
-    names = ["occupancy", "map_choice", "blocked_bits"]
-    for stored in (td.clone(), td.exclude("map_choice", "blocked_bits")):
-        widest_env.transform[0](stored)
-        assert all(torch.equal(stored[name], td[name]) for name in names)
-
-
 def wall(half_length: float) -> Scenario:
     """Object and goal on both sides of a bar along y, in the middle of the workspace."""
     bar = Obstacle((2 * half_length, 0.06, 0.06), (0.5, 0.0, math.pi / 2))
@@ -501,20 +473,6 @@ def test_each_radius_is_tried_with_all_margins():
     td = env.reset(scenarios=[wall(0.20), wall(0.33), two_bars(0.064)])
     assert td["map_choice"].flatten().tolist() == [0, 1, 2]
     env.close()
-
-
-def test_every_radius_can_have_a_nested_key():
-    data = TableEnv(2).reset()
-    data["object", "outer"], data["object", "inner"] = torch.full((2, 2, 1), 0.06).unbind()
-    expected = OccupancyGrid(0.06, camera=SMALL)(data.clone())["occupancy"]
-    outer = OccupancyGrid(camera=SMALL, object_radius_key=("object", "outer"))
-    inner = OccupancyGrid(
-        camera=SMALL, inflation="inscribed", inscribed_radius_key=("object", "inner")
-    )
-    assert torch.equal(outer(data.clone())["occupancy"], expected)
-    assert torch.equal(inner(data.clone())["occupancy"], expected)
-    with pytest.raises(KeyError, match=r"key .*object.*inner.* is missing"):
-        inner(data.exclude(("object", "inner")))
 
 
 def test_the_inflation_does_not_change_what_counts_as_the_object():

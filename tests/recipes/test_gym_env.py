@@ -1,13 +1,10 @@
 """`modpush/Push-v0`: the paper's observation and reward through Gymnasium's front door."""
 
 import gymnasium as gym
-import imageio
 import numpy as np
 import pytest
 import torch
 from gymnasium.utils.env_checker import check_env
-from gymnasium.wrappers import RecordVideo
-from stable_baselines3 import SAC
 from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
 from tensordict import TensorDict
 from torchrl.envs.utils import step_mdp
@@ -15,7 +12,6 @@ from torchrl.envs.utils import step_mdp
 import modpush.envs  # noqa: F401  # registers the environment
 from modpush.data import CollectConfig
 from modpush.encoders import RayScan
-from modpush.mdp import RewardConfig
 from modpush.planners import OccupancyGrid
 from modpush.recipes import PaperGymEnv, PushEnvConfig, load_agent, make_push_env
 
@@ -88,48 +84,6 @@ def test_options_are_obeyed_or_refused() -> None:
         PaperGymEnv(encoder="end_to_end")
     with pytest.raises(ValueError, match="render_mode must be None or 'rgb_array', got 'human'"):
         PaperGymEnv(render_mode="human")
-
-
-def test_gymnasium_records_a_video(env, tmp_path) -> None:
-    recorded = RecordVideo(env, str(tmp_path / "videos"), disable_logger=True)
-    recorded.reset(seed=0)
-    for _ in range(4):
-        recorded.step(recorded.action_space.sample())
-    recorded.close()
-    (video,) = tmp_path.glob("videos/*.mp4")
-    with imageio.get_reader(video) as reader:
-        assert reader.count_frames() == 5
-        assert reader.get_data(0).std() > 10
-
-
-@pytest.mark.slow
-def test_stable_baselines_sac_learns_on_it() -> None:
-    """Free space, 3000 steps: the tool touches the object in far more steps than with random actions.
-
-    With seeds 0, 1 and 2 it touched it in 3, 0 and 3 % of the first 500 steps and in 55, 45 and 53 % of
-    the last. The temperature that SAC begins with has to fit a reward of order 0.1.
-    """
-    weights = {"goal": 50.0, "distance": 1.0, "approach": 1.0, "touch": 1.0}
-    env = gym.make(
-        "modpush/Push-v0",
-        scene="free",
-        encoder="none",
-        distance=(0.06, 0.1),
-        max_episode_steps=60,
-        reward=RewardConfig(weights=weights, scale=0.1, normalisation="constant"),
-    )
-    contacts: list[bool] = []
-
-    def note(found: dict, _: dict) -> bool:
-        contacts.extend(info["object_contact"] for info in found["infos"])
-        return True
-
-    settings = {"gamma": 0.98, "learning_rate": 1e-3, "ent_coef": "auto_0.02"}
-    model = SAC("MlpPolicy", env, learning_starts=600, seed=0, **settings)
-    model.learn(3000, callback=note)
-    assert np.mean(contacts[:600]) < 0.1
-    assert np.mean(contacts[-500:]) > 0.25
-    env.close()
 
 
 @pytest.mark.parametrize("preset", ["paper", "authors", "cpu"])

@@ -97,26 +97,6 @@ def test_each_query_keeps_the_best_of_its_own_candidates(similarity):
         assert sorted(sample["index"].tolist()) == sorted(expected)
 
 
-@settings(deadline=None, max_examples=30)
-@given(queries=st.integers(1, 12), batch_size=st.integers(1, 20), k=st.integers(1, 4))
-def test_each_query_gets_its_share_of_its_own_candidates(queries, batch_size, k):
-    sampler = Recording(k)
-    buffer = make_buffer(sampler, batch_size=batch_size)
-    # Query q is the q-th unit vector, and so is every stored row: the similarity names the query.
-    rows = torch.eye(queries).repeat(100 // queries, 1)
-    buffer.extend(TensorDict({"observation": rows}, batch_size=[len(rows)]))
-    served = []
-    sampler.similarity = lambda c, q: served.append((q, c.shape[1])) or cosine(c, q)
-    sampler.set_query(torch.eye(queries))
-    assert len(buffer.sample()) == batch_size
-    counts = torch.zeros(queries)
-    for q, num_candidates in served:
-        assert num_candidates % k == 0
-        counts[q.argmax(-1)] += num_candidates // k
-    assert counts.sum() == batch_size
-    assert counts.max() - counts.min() <= 1
-
-
 def test_remainders_rotate_among_queries():
     sampler, chosen = AttentiveSampler(1), torch.zeros(3)
     buffer = make_buffer(sampler, batch_size=1)
@@ -175,19 +155,6 @@ def test_default_query_is_the_newest_entry_also_after_wrap_around():
             torch.testing.assert_close(sampler._queries(buffer.storage), newest)
             assert buffer.sample()["age"].max() < 50
     assert torch.equal(buffer[int(buffer._writer._cursor) - 1]["observation"], newest[0])
-
-
-def test_an_explicit_query_stays_until_it_is_taken_back():
-    sampler = AttentiveSampler(2)
-    buffer = make_buffer(sampler)
-    buffer.extend(transitions(30))
-    query = torch.randn(2, WIDTH)
-    sampler.set_query(query)
-    buffer.extend(transitions(30, seed=1))
-    torch.testing.assert_close(sampler._queries(buffer.storage), query)
-    sampler.set_query(None)
-    newest = transitions(30, seed=1)["observation"][-1:]
-    torch.testing.assert_close(sampler._queries(buffer.storage), newest)
 
 
 def test_age_counts_writes():
@@ -344,25 +311,6 @@ def test_what_can_be_sampled_is_sampled(queries, batch_size, k, written, given_q
     else:
         with pytest.raises(ValueError, match="must be <= the entries stored"):
             buffer.sample()
-
-
-@pytest.mark.ray
-def test_a_ray_buffer():
-    ray = pytest.importorskip("ray")
-    from torchrl.data import RayReplayBuffer
-
-    buffer = RayReplayBuffer(
-        storage=partial(LazyTensorStorage, 100),
-        sampler=partial(AttentiveSampler, 2),
-        batch_size=8,
-        ray_init_config={"address": "local", "num_cpus": 1},  # not another test's cluster
-    )
-    try:
-        buffer.extend(transitions(40))
-        assert len(buffer.sample()) == 8
-    finally:
-        buffer.close()
-        ray.shutdown()  # the buffer connects this process to Ray, and leaves it connected
 
 
 @pytest.mark.parametrize("reshaped", ["steps outermost", "two dimensions"])

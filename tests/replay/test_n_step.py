@@ -93,13 +93,6 @@ def test_no_sum_spans_a_reset_that_the_data_do_not_show():
     assert (stored["next", "observation"] - stored["observation"] == 3).all()
 
 
-def test_stored_entries_are_those_that_a_loss_reads():
-    buffer = make_buffer()
-    extend_rollout(buffer, stretch(2, 5), num_envs=2)
-    known = set(stretch(2, 5).keys(True, True))
-    assert set(buffer.storage[:].keys(True, True)) - known == {"steps_to_next_obs", "index"}
-
-
 def linear_constant(config, specs):
     """The same as a network that can be batched: weights of zero and a bias."""
     network = nn.Linear(2, 2)
@@ -169,19 +162,6 @@ def test_what_waits_is_part_of_the_state(tmp_path, way, begun):
         extend_rollout(each, stretch(2, 3, start=5), num_envs=2)
     assert (buffer[:] == other[:]).all()
     assert buffer[:]["observation"].max() == 104  # seven steps but for the last three
-
-
-def test_stored_returns_are_not_summed_again():
-    buffer, other = make_buffer(), make_buffer()
-    extend_rollout(buffer, stretch(1, 9), num_envs=1)
-    rows = buffer[:].exclude("index")
-    other.extend(rows.clone())
-    assert (other[:].exclude("index") == rows).all()
-    other[torch.tensor([0, 1])] = rows[4:].clone()
-    assert other[:]["observation"].flatten().tolist() == [4, 5, 2, 3, 4, 5]
-    assert "index" in other[:]
-    with pytest.raises(KeyError, match="steps_to_next_obs"):
-        other[torch.tensor([0, 1])] = stretch(1, 2)
 
 
 def test_no_batch_prepared_ahead_outlives_empty():

@@ -96,31 +96,6 @@ def test_two_collectors_train(cluster: Any, tmp_path: Path) -> None:
     assert load_agent(tmp_path / "run" / "last_agent.safetensors").policy is not None
 
 
-def test_what_the_actors_act_with_is_what_was_learned(cluster: Any, tmp_path: Path) -> None:
-    config = replace(TWO, num_collectors=1, total_steps=96, greedy_envs=TWO.env.num_envs - 1)
-    trainer = Noting(config, tmp_path / "run")
-    sent: list[dict[str, Any]] = []
-    collect = trainer.collect
-
-    def noting_collect() -> None:
-        sent.append(trainer.learner.actor_weights())
-        collect()
-
-    trainer.collect = noting_collect  # type: ignore[method-assign]
-    trainer.rollouts, trainer.after = [], {}
-    trainer.run()
-    greedy = slice(1, config.env.num_envs)
-    last = trainer.rollouts[-1]
-    actor = trainer.learner.agent.actor
-    weights = sent[last.version - 1]
-    actor.load_state_dict({name: torch.from_numpy(value) for name, value in weights.items()})
-    shape = (config.rollout_length, config.env.num_envs, -1)
-    observation = torch.from_numpy(last.transitions["observation"]).reshape(shape)[:, greedy]
-    action = torch.from_numpy(last.transitions["action"]).reshape(shape)[:, greedy]
-    expected = actor.get_dist(TensorDict({"observation": observation})).deterministic_sample
-    torch.testing.assert_close(action, expected)
-
-
 @pytest.mark.slow
 def test_an_agent_learns(cluster: Any, tmp_path: Path) -> None:
     """0.68 of 120 held-out episodes after these steps in `benchmarks/bench_scale.py`."""
@@ -292,3 +267,28 @@ def test_the_cluster_file_is_one_that_ray_takes() -> None:
     text = (Path(modpush.__file__).parents[1] / "examples" / "cluster.yaml").read_text()
     validate_config(prepare_config(yaml.safe_load(text)))
     assert f"torch=={torch.__version__.split('+')[0]}" in text
+
+
+def test_what_the_actors_act_with_is_what_was_learned(cluster: Any, tmp_path: Path) -> None:
+    config = replace(TWO, num_collectors=1, total_steps=96, greedy_envs=TWO.env.num_envs - 1)
+    trainer = Noting(config, tmp_path / "run")
+    sent: list[dict[str, Any]] = []
+    collect = trainer.collect
+
+    def noting_collect() -> None:
+        sent.append(trainer.learner.actor_weights())
+        collect()
+
+    trainer.collect = noting_collect  # type: ignore[method-assign]
+    trainer.rollouts, trainer.after = [], {}
+    trainer.run()
+    greedy = slice(1, config.env.num_envs)
+    last = trainer.rollouts[-1]
+    actor = trainer.learner.agent.actor
+    weights = sent[last.version - 1]
+    actor.load_state_dict({name: torch.from_numpy(value) for name, value in weights.items()})
+    shape = (config.rollout_length, config.env.num_envs, -1)
+    observation = torch.from_numpy(last.transitions["observation"]).reshape(shape)[:, greedy]
+    action = torch.from_numpy(last.transitions["action"]).reshape(shape)[:, greedy]
+    expected = actor.get_dist(TensorDict({"observation": observation})).deterministic_sample
+    torch.testing.assert_close(action, expected)

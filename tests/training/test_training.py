@@ -17,7 +17,6 @@ import psutil
 import pytest
 import torch
 import yaml
-from torchrl.envs import RewardScaling
 
 import modpush
 from modpush import evaluate
@@ -40,7 +39,6 @@ from tests.own_parts import (
     MeanHeight,
     SmallConv,
     goal_direction,
-    make_scaled_env,
     one_post,
     small_actions,
 )
@@ -408,16 +406,6 @@ def test_the_scene_of_the_environment_is_what_is_trained_and_evaluated_on():
     worker.close()
 
 
-def test_held_out_episodes_are_solvable_on_the_map_that_is_planned_on() -> None:
-    """Only the inscribed circle of the object passes through these scenes."""
-    env = SMOKE.env.with_fields(scene="diagonal_walls", inflation="inscribed")
-    curriculum = replace(SMOKE.curriculum, phases=(Phase(),))
-    config = replace(SMOKE, env=env, curriculum=curriculum, evaluation_episodes=6)
-    assert {start.scene for start in held_out_scenarios(config)} == {"diagonal_walls"}
-    with pytest.raises(ValueError, match="a path needs path_inflation='inscribed'"):
-        held_out_scenarios(replace(config, env=replace(env, inflation="circumscribed")))
-
-
 def _distance(scenario):
     (x, y, _), (a, b) = scenario.object_pose, scenario.goal_position
     return ((x - a) ** 2 + (y - b) ** 2) ** 0.5
@@ -454,15 +442,6 @@ def test_one_trains_resumes_and_evaluates_with_parts_of_ones_own(tmp_path):
         config=EvaluationConfig(num_envs=2, progress=False),
     )
     assert len(rows) == 2
-
-
-def test_an_environment_of_ones_own_is_trained_in(tmp_path):
-    trainer = Trainer(SMOKE, tmp_path / "run", make_env=make_scaled_env)
-    trainer.run()
-    agent = load_agent(tmp_path / "run" / "last_agent.safetensors", allow=("tests",))
-    env = agent.make_env()
-    assert any(isinstance(t, RewardScaling) for t in env.transform)
-    env.close()
 
 
 def test_a_convolutional_encoder_is_trained_with_the_agent(tmp_path):
@@ -537,13 +516,6 @@ def test_a_part_that_cannot_be_pickled_is_refused_before_any_work(tmp_path):
     with pytest.raises(ValueError, match=r"parts\['scene'\] must be picklable.*top level of a mod"):
         Trainer(SMOKE_ASYNC, tmp_path / "run", parts={"scene": lambda rng, difficulty: []})
     assert not (tmp_path / "run").exists()
-
-
-def test_updates_wait_for_steps_that_wait_for_their_returns(tmp_path):
-    """At step 64 each of the two scenes has nine steps that are not in the buffer yet."""
-    trainer = Trainer(replace(SMOKE, replay=replace(SMOKE.replay, n_steps=10)), tmp_path / "run")
-    trainer.run()
-    assert 0 < trainer.learner.updates < 10  # of the ten that there are with returns of one step
 
 
 def test_no_two_runs_or_checkpoints_draw_the_same_episodes():

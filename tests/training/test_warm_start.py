@@ -9,10 +9,9 @@ from torchrl.data import Bounded, Composite, Unbounded
 
 from modpush import load_agent
 from modpush.agents import TQCConfig, make_tqc_from_specs
-from modpush.training import Trainer, load_critics
+from modpush.training import Trainer
 from modpush.training.run_folder import RunFolder
 from modpush.training.warm_start import _copy_to_targets
-from tests.own_parts import one_post
 from tests.training.conftest import SMOKE
 
 
@@ -113,19 +112,6 @@ def test_a_run_without_its_buffer_fills_one_before_it_learns_on(unbroken, tmp_pa
     assert table["step"].tolist() == [96, 192]
 
 
-def test_an_agent_with_parts_given_as_objects(tmp_path):
-    parts = {"scene": one_post}
-    Trainer(replace(SMOKE, total_steps=64), tmp_path / "run", parts=parts).run()
-    file = tmp_path / "run" / "last_agent.safetensors"
-    config = replace(SMOKE, init_from=str(file))
-    with pytest.raises(ValueError, match=r"parts that this run does not have; .* as parts"):
-        Trainer(config, tmp_path / "without")
-    trainer = Trainer(config, tmp_path / "with", parts=parts)
-    trainer.close()
-    saved = load_agent(file, parts=parts).actor.state_dict()
-    assert_equal(saved, trainer.learner.agent.actor.state_dict())
-
-
 def test_the_target_of_a_trained_encoder_begins_as_the_encoder(tmp_path):
     changes = {
         "env": replace(SMOKE.env, encoder="end_to_end", window_size=32),
@@ -140,7 +126,3 @@ def test_the_target_of_a_trained_encoder_begins_as_the_encoder(tmp_path):
     assert names
     for name in names:
         assert torch.equal(state[name], state[f"target_{name}"]), name
-    env = load_agent(file, allow=("tests",)).make_env(2)
-    with pytest.raises(ValueError, match="an encoder that was trained with them"):
-        load_critics(tmp_path / "run", env)
-    env.close()

@@ -8,7 +8,6 @@ from dataclasses import replace
 import pytest
 import torch
 from tensordict import TensorDict
-from torch import nn
 from torchrl.collectors import Collector
 from torchrl.data import (
     Bounded,
@@ -121,47 +120,12 @@ def test_every_setting_reaches_the_loss_and_its_targets(name):
         torch.testing.assert_close(value, before[key] + 0.25, msg=str(key))
 
 
-@pytest.mark.parametrize("layer_norm", [False, True])
-def test_hidden_layers_of_the_critics_alone_are_normalised_if_asked_for(env, layer_norm):
-    agent = make_tqc(replace(SMALL, layer_norm=layer_norm), env)
-
-    def widths(module):
-        norms = (m for m in module.modules() if isinstance(m, nn.LayerNorm))
-        return [norm.normalized_shape for norm in norms]
-
-    assert [widths(critic) for critic in agent.critics] == [[(16,), (12,)] * layer_norm] * 2
-    assert widths(agent.actor) == []
-
-
 def test_parameter_groups_carry_their_learning_rates(env):
     config = TQCConfig(hidden_sizes=(8,), actor_lr=0.1, critic_lr=0.2, alpha_lr=0.3)
     groups = make_tqc(config, env).optimizer.param_groups
     assert {g["name"]: g["lr"] for g in groups} == {"actor": 0.1, "critic": 0.2, "alpha": 0.3}
     fixed = make_tqc(TQCConfig(hidden_sizes=(8,), fixed_alpha=True), env)
     assert [g["name"] for g in fixed.optimizer.param_groups] == ["actor", "critic"]
-
-
-def test_one_optimizer_equals_three(env):
-    """A fused Adam with three groups steps like three plain ones."""
-    ends = []
-    for split in (False, True):
-        torch.manual_seed(0)
-        agent = make_tqc(SMALL, env)
-        optimizers = [agent.optimizer]
-        if split:
-            groups = agent.optimizer.param_groups
-            optimizers = [torch.optim.Adam(g["params"], lr=g["lr"]) for g in groups]
-        torch.manual_seed(1)
-        for seed in range(5):
-            losses = agent.loss(make_pendulum_batch(seed))
-            for name in ("loss_actor", "loss_qvalue", "loss_alpha"):
-                losses[name].backward()
-            for optimizer in optimizers:
-                optimizer.step()
-                optimizer.zero_grad()
-            agent.target_updater.step()
-        ends.append(torch.cat([p.detach().flatten() for p in agent.loss.parameters()]))
-    torch.testing.assert_close(*ends, rtol=1e-5, atol=1e-7)
 
 
 def test_sac_trainer_runs_the_agent():
@@ -215,3 +179,26 @@ def test_a_copied_agent_trains_as_the_original(env, twin_of):
     for mine, other in zip(agent.actor.parameters(), twin.actor.parameters(), strict=True):
         torch.testing.assert_close(other, mine)
         assert other is not mine
+
+
+def test_one_optimizer_equals_three(env):
+    """A fused Adam with three groups steps like three plain ones."""
+    ends = []
+    for split in (False, True):
+        torch.manual_seed(0)
+        agent = make_tqc(SMALL, env)
+        optimizers = [agent.optimizer]
+        if split:
+            groups = agent.optimizer.param_groups
+            optimizers = [torch.optim.Adam(g["params"], lr=g["lr"]) for g in groups]
+        torch.manual_seed(1)
+        for seed in range(5):
+            losses = agent.loss(make_pendulum_batch(seed))
+            for name in ("loss_actor", "loss_qvalue", "loss_alpha"):
+                losses[name].backward()
+            for optimizer in optimizers:
+                optimizer.step()
+                optimizer.zero_grad()
+            agent.target_updater.step()
+        ends.append(torch.cat([p.detach().flatten() for p in agent.loss.parameters()]))
+    torch.testing.assert_close(*ends, rtol=1e-5, atol=1e-7)

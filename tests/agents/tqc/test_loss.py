@@ -165,23 +165,6 @@ def test_renamed_and_nested_keys():
     torch.testing.assert_close(batch["surprise"], plain["td_error"])
 
 
-def test_plain_tensors_are_dispatched():
-    loss, batch = make_loss(TQCLoss), make_batch(5)
-    torch.manual_seed(0)
-    expected = loss(batch)
-    torch.manual_seed(0)
-    outputs = loss(
-        observation=batch["observation"],
-        action=batch["action"],
-        next_observation=batch["next", "observation"],
-        next_reward=batch["next", "reward"],
-        next_done=batch["next", "done"],
-        next_terminated=batch["next", "terminated"],
-    )
-    for key, value in zip(loss.out_keys, outputs, strict=True):
-        torch.testing.assert_close(value, expected[key])
-
-
 def test_critics_that_cannot_be_batched_are_warned_of_once():
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -201,24 +184,6 @@ def test_nan_in_the_batch_is_refused_with_its_key_and_row(key):
     batch[key][3, 0] = float("nan")
     with pytest.raises(ValueError, match=r"NaN or infinite values under .* first at index \[3, 0]"):
         loss(batch)
-
-
-@pytest.mark.parametrize("critic", [make_critic, two_headed_critic])
-@pytest.mark.parametrize(
-    "key",
-    [
-        "observation",
-        "action",
-        ("next", "observation"),
-        ("next", "reward"),
-        ("next", "terminated"),
-    ],
-)
-def test_a_missing_key_is_named(critic, key):
-    loss = make_loss(TQCLoss, critic=critic)
-    with pytest.raises(KeyError) as error:
-        loss(make_batch(3).exclude(key))
-    assert error.value.args[0].startswith(f"key {key!r} is missing; there are [")
 
 
 @pytest.mark.gpu
