@@ -17,8 +17,7 @@ from modpush._atomic import FolderLock
 from modpush._extras import require_extra
 from modpush._processes import torch_threads
 from modpush._types import Count
-from modpush.data.card import card_text
-from modpush.data.config import MAX_NUMBER, CollectConfig, episode_seed
+from modpush.data.config import MAX_NUMBER, CollectConfig, card_text, episode_seed
 from modpush.data.minari_dataset import RecordedEpisode, extend_dataset, read_about
 from modpush.data.recording_env import RecordingEnv
 from modpush.envs.scenes.sampling import sample_scenario

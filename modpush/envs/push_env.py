@@ -23,7 +23,7 @@ from modpush.envs.arguments import (
     refuse_unknown,
     scenes_to_reset,
 )
-from modpush.envs.depth.cameras import find_depth_camera
+from modpush.envs.depth.analytic import find_depth_camera
 from modpush.envs.engines.base import SceneSpec
 from modpush.envs.engines.named import default_sim_freq, find_engine
 from modpush.envs.outcome import episode_status, is_at_goal, pose_errors

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from modpush._checks import check_keys
-from modpush._weights import data_hash
+from modpush._state import data_hash
 from modpush.envs.outcome import Goal
 from modpush.envs.scene_state import SceneState
 from modpush.envs.scenes.objects import PushedObject

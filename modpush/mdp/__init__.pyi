@@ -1,5 +1,4 @@
 from .action_frame import ActionFrame as ActionFrame
-from .blank_latent import latent_entry as latent_entry
 from .curriculum import (
     Curriculum as Curriculum,
     CurriculumConfig as CurriculumConfig,
@@ -7,7 +6,7 @@ from .curriculum import (
 )
 from .curriculum_scenes import CurriculumScenes as CurriculumScenes
 from .delays import ActionDelay as ActionDelay, ObservationDelay as ObservationDelay
-from .entry_list import resolve_entries as resolve_entries
+from .entry_list import latent_entry as latent_entry, resolve_entries as resolve_entries
 from .noise import DepthNoise as DepthNoise, PoseNoise as PoseNoise
 from .observation_entries import (
     ENTRIES as ENTRIES,

@@ -23,10 +23,9 @@ from modpush.envs.push_env import PushEnv
 from modpush.envs.robot.robot import Robot
 from modpush.envs.scenes.sensing import SensingConfig
 from modpush.mdp.action_frame import ActionFrame
-from modpush.mdp.blank_latent import latent_entry
 from modpush.mdp.curriculum import Curriculum
 from modpush.mdp.curriculum_scenes import CurriculumScenes
-from modpush.mdp.entry_list import resolve_entries
+from modpush.mdp.entry_list import latent_entry, resolve_entries
 from modpush.mdp.observation_entries import ENTRIES, Entry, EntryLike
 from modpush.mdp.push_observation import MirroredObservation, PushObservation
 from modpush.mdp.push_reward import PushReward

@@ -6,7 +6,7 @@ from typing import Any
 
 from torchrl.objectives import LossModule
 
-from modpush._weights import check_weights
+from modpush._state import check_weights
 from modpush.files import reading
 from modpush.parts import ModulesRefusedError, modules_named, parts_named
 from modpush.recipes.agent_file import Agent, load_agent, observed_symmetry, shipped_agents

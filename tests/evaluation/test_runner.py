@@ -19,7 +19,7 @@ from torch import nn
 from torchrl.envs import ExplorationType
 
 from modpush._atomic import FolderLock, FolderLockedError
-from modpush._weights import weights_hash
+from modpush._state import weights_hash
 from modpush.agents import ScriptedPusher
 from modpush.envs import EpisodeConditions, PushEnv
 from modpush.evaluation.episodes import Episode

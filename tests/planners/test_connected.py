@@ -5,7 +5,7 @@ import torch
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from modpush.planners.connected import are_connected
+from modpush.planners.occupancy_map import are_connected
 
 
 def maps(count: int, side: int = 24) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:

@@ -27,7 +27,7 @@ from modpush.planners import (
     occupancy,
     points_ahead,
 )
-from modpush.planners.connected import are_connected
+from modpush.planners.occupancy_map import are_connected
 from tests.planners.table_scene import TableEnv
 
 SMALL = Camera(height=64, width=64)

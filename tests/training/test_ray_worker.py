@@ -224,7 +224,7 @@ def test_a_run_whose_cluster_is_lost_continues_from_its_last_checkpoint(tmp_path
 
 
 SESSION = """
-from modpush._ray import ray_session
+from modpush._processes import ray_session
 
 with ray_session("test", 1):
     pass

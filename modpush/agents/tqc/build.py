@@ -24,9 +24,9 @@ from modpush.agents.tqc.factories import (
     LOSSES,
     ActorFactory,
     CriticFactory,
+    LearnerSpecs,
     LossFactory,
 )
-from modpush.agents.tqc.specs import LearnerSpecs
 from modpush.agents.tqc.update import TQCUpdate, processor_precision
 from modpush.parts import find_part
 

@@ -14,8 +14,8 @@ from torchrl.objectives import LossModule
 
 from modpush._arguments import checked_arguments
 from modpush._keys import read_key
+from modpush._state import check_weights
 from modpush._types import Count, NonNegative, Positive
-from modpush._weights import check_weights
 from modpush.encoders.base import Encoder, check_window
 from modpush.encoders.window import METRES_PER_PIXEL
 from modpush.files import read_tensors, reading, write_tensors

@@ -1,17 +1,19 @@
-"""`AnalyticDepthCamera`: the depth image, computed from the known shapes."""
+"""`AnalyticDepthCamera`, computed from the known shapes, and the depth cameras by name."""
 
 import sys
 from numbers import Integral
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush.envs.depth.base import DepthCamera, SceneView
+from modpush.envs.depth.base import DepthCamera, DepthCameraFactory, SceneView
 from modpush.envs.depth.raycast import Solids, blank_image, cast_pixels, draw, warmup
 from modpush.geometry.camera import CAMERA, Label
 from modpush.geometry.shapes import box
+from modpush.parts import find_part
 
-__all__ = ["AnalyticDepthCamera", "ImageMemory"]
+__all__ = ["DEPTH_CAMERAS", "AnalyticDepthCamera", "ImageMemory", "find_depth_camera"]
 
 
 class ImageMemory:
@@ -157,3 +159,25 @@ class AnalyticDepthCamera(DepthCamera):
     def _boxes(self, index: int, rows: NDArray[np.int64]) -> Solids:
         obstacles = self.scenes.scenarios[index].obstacles
         return Solids.of(box(*obstacles[i].size) for i in rows)
+
+
+DEPTH_CAMERAS: dict[str, DepthCameraFactory | str] = {
+    "analytic": AnalyticDepthCamera,
+    "sapien": "modpush.envs.engines.sapien.rendered_camera:RenderedDepthCamera",
+}
+"""The shipped depth cameras by name, or where they are."""
+
+
+def find_depth_camera(depth: str | DepthCameraFactory) -> DepthCameraFactory:
+    """Factory of a depth camera, by name, by `"module:name"`, or passed through.
+
+    Raises:
+        ValueError: If there is no such camera (the known ones are listed), or if it cannot be called.
+    """
+    found: Any = find_part("depth", find_part("depth", depth, DEPTH_CAMERAS), {})
+    if not callable(found):
+        raise ValueError(
+            f"PushEnv: depth must be a DepthCamera's class or a function (scenes, arm_in_depth) -> "
+            f"DepthCamera, got {found!r}."
+        )
+    return found
