@@ -37,7 +37,7 @@ def test_encoders_have_names(name, kind):
 @pytest.mark.parametrize(
     "encoder", [mean, Mean, make_mean, f"{HERE}:mean", f"{HERE}:Mean", f"{HERE}:make_mean"]
 )
-def test_an_encoder_of_ones_own_is_found_in_every_form(encoder):
+def test_an_encoder_of_your_own_is_found_in_every_form(encoder):
     assert type(make_encoder(encoder)).__name__ == "Mean"
 
 

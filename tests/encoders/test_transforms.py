@@ -162,7 +162,7 @@ def test_gradients_flow_only_if_asked():
     assert all(p.grad is not None and p.grad.isfinite().all() for p in conv.parameters())
 
 
-def test_an_encoder_of_ones_own_needs_no_base_class():
+def test_an_encoder_of_your_own_needs_no_base_class():
     class Mean(torch.nn.Module):
         latent_dim = 1
         window_size = 8

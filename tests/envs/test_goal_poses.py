@@ -165,7 +165,7 @@ def test_scenarios_of_the_other_kind_are_refused(env) -> None:
         replace(start(), goal_yaw=math.nan)
 
 
-def test_the_box_is_oblong_and_an_object_of_ones_own_may_have_no_symmetry() -> None:
+def test_the_box_is_oblong_and_an_object_of_your_own_may_have_no_symmetry() -> None:
     assert OBJECTS["box"].symmetry == 2
     assert OBJECTS["box"].radius == pytest.approx(math.hypot(0.05, 0.025))
     marked = PushedObject(name="marked", parts=(box(0.10, 0.05, 0.05),), symmetry=1)

@@ -139,7 +139,7 @@ def test_state_of_movable_obstacles_is_restored() -> None:
     env.close()
 
 
-def test_some_scenes_can_be_put_back_while_others_go_on(env) -> None:
+def test_some_scenes_can_be_put_back_while_others_continue(env) -> None:
     td = env.reset()
     state = env.get_state([1])
     td = act(env, td, 1.0, 0.0, 0.0)

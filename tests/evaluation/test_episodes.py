@@ -136,7 +136,7 @@ def test_idle_scenes_do_not_mind_what_the_policy_does(env: EnvBase, free: Evalua
     assert episode.metrics.steps > 0
 
 
-def test_a_policy_state_is_carried_over_and_begins_anew(env: EnvBase, free: EvaluationSet) -> None:
+def test_a_policy_state_is_carried_over_and_begins_again(env: EnvBase, free: EvaluationSet) -> None:
     """Counts its own steps; starts again where `is_init` says so."""
     seen: list[list[int]] = []
 

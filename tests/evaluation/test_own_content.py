@@ -101,7 +101,7 @@ def test_an_object_given_by_text_is_evaluated_and_drawn_without_saying_more(tmp_
     assert_an_l_is_drawn(draw_top_view(s, s.object_pose, (9, 9, 0)), np.array(s.object_pose))
 
 
-def test_results_with_an_object_of_ones_own_are_drawn(tmp_path) -> None:
+def test_results_with_an_object_of_your_own_are_drawn(tmp_path) -> None:
     mine = EvaluationSet(name="mine", scenarios=drawn(L_SHAPE, 2))
 
     def make(num_envs: int, objects) -> PushEnv:

@@ -81,7 +81,7 @@ def test_rows_are_complete_and_in_order(unbroken: pd.DataFrame) -> None:
     assert unbroken["success"].mean() >= 0.8
 
 
-def test_a_killed_run_leaves_no_worker_and_goes_on_where_it_stopped(
+def test_a_killed_run_leaves_no_worker_and_continues_where_it_stopped(
     tmp_path: Path, unbroken: pd.DataFrame
 ) -> None:
     process = subprocess.Popen(

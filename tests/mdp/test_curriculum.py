@@ -42,7 +42,7 @@ def test_difficulty_grows_to_the_whole_range():
     assert ranges == [(0.0, pytest.approx(1 / 3)), (0.0, pytest.approx(2 / 3)), (0.0, 1.0)]
 
 
-def test_goes_on_at_the_threshold_over_a_full_window():
+def test_continues_at_the_threshold_over_a_full_window():
     curriculum = Curriculum(SHORT)
     solve(curriculum, True, True, True)
     assert curriculum.stage == 0  # three of four are not a window yet
@@ -134,7 +134,7 @@ def test_after_free_space_come_the_environments_own_scenes(scene):
     assert curriculum.scenario(base).scene == base.scene
 
 
-def test_state_survives_json_and_goes_on_alike():
+def test_state_survives_json_and_continues_alike():
     one = Curriculum(SHORT)
     solve(one, True, True, True, True, True, False)
     two = Curriculum(SHORT)

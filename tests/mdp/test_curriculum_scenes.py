@@ -103,7 +103,7 @@ def test_a_scenario_that_is_set_between_resets_is_respected():
     env.close()
 
 
-def test_a_phase_draws_scenes_of_ones_own():
+def test_a_phase_draws_scenes_of_your_own():
     config = CurriculumConfig(phases=(Phase(scenes=("tests.mdp.own_parts:meadow",)),))
     curriculum = Curriculum(config)
     env = TransformedEnv(

@@ -16,7 +16,7 @@ def test_an_ablation_leaves_out_and_adds():
     assert list(found) == names
 
 
-def test_names_of_ones_own_entries_do_not_depend_on_how_they_are_given():
+def test_names_of_your_own_entries_do_not_depend_on_how_they_are_given():
     by_text = resolve_entries(
         "path", ["tests.mdp.own_parts:speed", "tests.mdp.own_parts:halved_gap"]
     )

@@ -213,7 +213,7 @@ def test_scaled_values_are_the_raw_ones_shifted_and_scaled():
     assert at == 49
 
 
-def test_an_entry_of_ones_own_may_read_any_key():
+def test_an_entry_of_your_own_may_read_any_key():
     state = make_state()
     state["group"] = TensorDict({"load": torch.tensor([[1.0, 2.0], [3.0, 4.0]])}, [2])
     load = Entry(lambda inputs: inputs["group", "load"], scale=(2.0, 10.0), shift=(1.0, 0.0))

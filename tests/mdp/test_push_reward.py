@@ -75,7 +75,7 @@ def test_constant_normalisation_divides_by_its_lengths():
     assert reward.item() == pytest.approx(-1.0)
 
 
-def test_a_term_of_ones_own_reads_the_outcome():
+def test_a_term_of_your_own_reads_the_outcome():
     config = RewardConfig(scale=1.0, weights={"goal": 1.0, "patience": 3.0})
     terms = {"patience": lambda outcome: -outcome.path_fraction}
     assert reward_of(config, terms=terms)["reward"].item() == pytest.approx(-1.5)
@@ -94,7 +94,7 @@ def test_a_penalty_for_the_action():
     assert after["reward_terms", "laziness"].item() == pytest.approx(-0.25)
 
 
-def test_a_term_that_reads_keys_of_ones_own_before_and_after():
+def test_a_term_that_reads_keys_of_your_own_before_and_after():
     def cooling(outcome):
         return outcome.before["arm", "heat"] - outcome["arm", "heat"]
 
@@ -226,7 +226,7 @@ def test_stored_transitions_are_rewarded_as_the_environment_did():
     assert torch.equal(sample["next", "reward"], rollout["next", "reward"][sample["index"]])
 
 
-def test_a_partial_reset_begins_anew_in_that_scene_only():
+def test_a_partial_reset_begins_again_in_that_scene_only():
     env = TransformedEnv(PushEnv(2, depth=None, seed=0), Compose(StraightPath(), PushReward()))
     td = env.reset()
     first = td["reward_start"].clone()

@@ -51,7 +51,7 @@ def test_every_named_planner_plans_in_an_environment(name):
         f"{HERE}:make_straight",
     ],
 )
-def test_a_planner_of_ones_own_is_found_in_every_form(planner):
+def test_a_planner_of_your_own_is_found_in_every_form(planner):
     subgoals = PlannerSubgoals(planner, camera=SMALL)
     assert type(subgoals.planner).__name__ == "Straight"
     tensordict = TableEnv(2).reset()

@@ -75,7 +75,7 @@ def test_a_planner_shared_by_threads_plans_as_on_one(torch_threads, make):
 
 
 @every_planner
-def test_threads_with_batches_of_one_size_do_not_meet(torch_threads, make):
+def test_threads_with_batches_of_one_size_do_not_interfere(torch_threads, make):
     planner = make()
 
     def call(*query):

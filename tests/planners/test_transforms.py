@@ -370,7 +370,7 @@ def gap_seen(gap: float) -> TensorDict:
     return TensorDict({"depth": depth, "segmentation": segmentation, **poses}, [1])
 
 
-def test_a_way_that_closes_on_the_way_is_looked_for_again(monkeypatch):
+def test_a_path_that_closes_is_searched_again(monkeypatch):
     """And only then: while the cells stay what they were, there is nothing to look for."""
     searched = []
     monkeypatch.setattr(

@@ -7,7 +7,7 @@ from modpush.recipes import make_push_env
 from modpush.recipes.config import PushEnvConfig
 
 
-def test_a_part_of_ones_own_is_not_imported_by_a_config():
+def test_a_part_of_your_own_is_not_imported_by_a_config():
     """A config may come from a file, and a file must not decide what code is run."""
     names = {"encoder": "Encoder", "planner": "plan", "scene": "s", "depth": "Camera"}
     config = PushEnvConfig().with_fields(**{k: f"no_such_module:{n}" for k, n in names.items()})

@@ -134,7 +134,7 @@ def test_a_collector_that_is_killed_is_begun_again(cluster: Any, tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_goes_on_after_an_interrupt_and_on_one_machine(cluster: Any, tmp_path: Path) -> None:
+def test_continues_after_an_interrupt_and_on_one_machine(cluster: Any, tmp_path: Path) -> None:
     trainer = Noting(TWO, tmp_path / "run")
     trainer.rollouts = []
     trainer.after = {5: lambda: setattr(trainer, "interrupted", True)}

@@ -260,7 +260,7 @@ def fake_trainer(**attributes):
     return trainer
 
 
-def test_a_resumed_run_goes_on_in_the_stage_that_it_was_in(monkeypatch):
+def test_a_resumed_run_continues_in_the_stage_that_it_was_in(monkeypatch):
     monkeypatch.setattr("modpush.training.trainer.trainer_state", lambda trainer: {})
     one = fake_trainer()
     one._first_rollout()
@@ -411,7 +411,7 @@ def _distance(scenario):
     return ((x - a) ** 2 + (y - b) ** 2) ** 0.5
 
 
-def test_one_trains_resumes_and_evaluates_with_parts_of_ones_own(tmp_path):
+def test_one_trains_resumes_and_evaluates_with_parts_of_your_own(tmp_path):
     parts = {
         "encoder": MeanHeight(2.0),
         "scene": one_post,

@@ -57,7 +57,7 @@ def test_an_added_obstacle_touches_nothing(kind) -> None:
         assert obstacle_distance(centre, scene.obstacles[:-1]) > math.hypot(*new.size[:2]) / 2
 
 
-def test_a_scene_that_cannot_go_on_is_refused() -> None:
+def test_a_scene_that_cannot_continue_is_refused() -> None:
     free, far = (0.4, 0.2, 0.0), (0.3, 0.2, 0.0)
     edits.check_scene(SCENE, free, far, *ARM)
     with pytest.raises(ValueError, match="where the object is"):

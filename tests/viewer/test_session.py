@@ -54,7 +54,7 @@ def test_the_agent_reaches_the_goal_and_then_time_stands_still(session) -> None:
     assert session.snapshots[0] is shown
 
 
-def test_a_moving_obstacle_goes_on_from_where_it_is_when_the_scene_is_changed(session) -> None:
+def test_a_moving_obstacle_continues_from_where_it_is_when_the_scene_is_changed(session) -> None:
     session.choose_scene("moving_bar", 0.5)
     start = session.snapshots[0].scenario.obstacles[0]
     run(session, 9)
@@ -280,7 +280,7 @@ def test_a_replay_finds_the_set_in_a_policy_s_folder(evaluated, tmp_path) -> Non
 
 
 @pytest.mark.parametrize("tool", [None, "rod"])
-def test_a_set_of_ones_own_or_with_another_tool_is_shown(tool, tmp_path) -> None:
+def test_a_set_of_your_own_or_with_another_tool_is_shown(tool, tmp_path) -> None:
     episodes = load_set("smoke")
     episodes = episodes.with_tool(tool) if tool else replace(episodes, name="mine")
     folder = tmp_path / "agent" / episodes.name

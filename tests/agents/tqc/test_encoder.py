@@ -126,7 +126,7 @@ def test_bytes_and_floats_have_the_same_latent():
     assert torch.equal(latent, encode_images(encoder, window.float() / 255))
 
 
-def test_a_saved_agent_goes_on_as_before():
+def test_a_saved_agent_continues_as_before():
     first, second = make_agent(), make_agent()
     train(first, 5)
     second.loss.load_state_dict(first.loss.state_dict())
