@@ -15,7 +15,6 @@ from .vae.quality import (
     Quality as Quality,
     encode_all as encode_all,
     linear_probe as linear_probe,
-    mlp_probe as mlp_probe,
     r_squared as r_squared,
     vae_quality as vae_quality,
 )

@@ -59,8 +59,6 @@ class PlayConfig:
     password: anyone who reaches it can use it."""
     port: Annotated[int, Field(ge=0, le=65535)] = 8080
     """Port to listen on; if it is taken, the next free one is used and printed."""
-    out: Path = Path("runs/play")
-    """Folder to which recorded videos are written."""
     allow: Several[Name] = ()
     """Modules from which the file of an agent, a run or a replayed set may import its author's own
     parts."""

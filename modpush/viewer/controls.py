@@ -134,7 +134,7 @@ def _scenes(session: Session) -> tuple[str, ...]:
 
 
 class TimeControls:
-    """Pause, single step, speed and recording."""
+    """Pause, single step and speed."""
 
     def __init__(self, panel: Panel) -> None:
         self._session = session = panel.session
@@ -151,22 +151,13 @@ class TimeControls:
                 panel.gui.add_checkbox("Continue after the end", session.auto_continue),
                 session.set_auto_continue,
             )
-            self._record = panel.button("Record a video", self._toggle_recording)
 
     def _set_speed(self, event: Any) -> None:
         self.speed = float(event.target.value)
 
-    def _toggle_recording(self) -> None:
-        if self._session.recorder is None:
-            self._session.start_recording()
-        else:
-            self._session.stop_recording()
-
     def update(self) -> None:
         """Show the session's state."""
         self._paused.show(self._session.paused)
-        recording = self._session.recorder is not None
-        assign(self._record, "label", "Stop recording" if recording else "Record a video")
 
 
 class EpisodeControls:

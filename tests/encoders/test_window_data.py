@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from modpush.encoders import WindowData, augment_windows, linear_probe, mlp_probe, r_squared
+from modpush.encoders import WindowData, augment_windows, linear_probe, r_squared
 
 
 def some_data(count=6):
@@ -63,6 +63,5 @@ def test_probes_find_what_is_there():
 
     assert linear_probe(*parts(linear)) == pytest.approx(1.0, abs=1e-6)
     assert linear_probe(*parts(bent)) < 0.2
-    assert mlp_probe(*parts(bent), width=64, epochs=20) > 0.85
     assert linear_probe(*parts(torch.randn(3000, 2))) < 0.05
     assert r_squared(torch.zeros(3, 1), torch.tensor([[-1.0], [0.0], [1.0]])) == 0.0
