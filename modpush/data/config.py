@@ -59,7 +59,7 @@ class CollectConfig:
     allow: Several[Name] = ()
     """Modules from which an agent's file may import its author's own parts."""
     out: FilePath = Path("runs/demonstrations")
-    """Folder to write to. A data set that it holds already is extended."""
+    """Folder to write to, without a data set."""
 
     def __post_init__(self) -> None:
         """Refuse what a flat observation cannot hold, and policies that are named twice."""
