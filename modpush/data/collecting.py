@@ -72,7 +72,7 @@ def collect_demonstrations(
         env = make_push_env(config.env, keep_images=True)
         recorder = RecordingEnv(env, images=config.images)
         stack.callback(recorder.close)
-        about = {
+        about: dict[str, Any] = {
             "env": asdict(replace(config.env, num_envs=1)),
             "fingerprint": environment_fingerprint(env),
             "seed": config.seed,

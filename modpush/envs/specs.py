@@ -88,7 +88,7 @@ def state_entries(
     Args:
         batch: The scenes, for what stays the same throughout an episode.
         measured: Their present state.
-        status: How their episodes stand.
+        status: Status of their episodes.
         pose_error: Their distances and turns from goal poses, `[B, 2]`; None for goal positions.
 
     Returns:

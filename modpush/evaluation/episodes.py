@@ -168,7 +168,7 @@ def run_episodes(
         path_key: Key of the planned path, `[B, n, 2]` [m], in what `env.step` returns, for pictures.
             Keys under `"next"` belong to the end of the step, or to a policy's state.
         target_key: The same for the sub-goal on which the policy acts, `[B, 2]` [m].
-        exploration: How a stochastic policy acts.
+        exploration: Exploration type of a stochastic policy.
         on_step: Called with scene and episode number after each of its steps.
 
     Yields:

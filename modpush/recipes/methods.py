@@ -125,7 +125,7 @@ def _hand_written(policy: str) -> Method:
 
 
 def _trained(policy: str, allow: Sequence[str]) -> tuple[Method, bool]:
-    """An agent without recovery, and whether its config has one."""
+    """An agent without recovery; True if its config has one."""
     name, source = _find_agent(policy)
     agent = load_agent(source, allow=allow)
     method = Method(

@@ -89,7 +89,7 @@ class WriteCursor:
 
         Args:
             storage: The storage that was written to.
-            count: How many; None for one row of the storage, which is one entry if it has one
+            count: Number of entries; None for one row of the storage, which is one entry if it has one
                 dimension.
 
         Returns:

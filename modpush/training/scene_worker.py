@@ -218,7 +218,7 @@ class SceneWorker:
 
         Args:
             weights: The actor's weights.
-            numbers: Which of the episodes; all of them by default.
+            numbers: Numbers of the episodes; all of them by default.
 
         Returns:
             A row of metrics for each, by number.

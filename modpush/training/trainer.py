@@ -57,7 +57,7 @@ class Trainer:
         make_env: Function that makes the environment: `make_push_env` or your own with its arguments.
             With `async_collection` both processes call it, since the learner's process runs half of the
             held-out episodes.
-        start_method: How the worker's process is started, see `ProcessWorker`.
+        start_method: Start method of the worker's process, see `ProcessWorker`.
         threads: Number of torch's threads in this process while `run` trains; the worker's uses one.
             Sums are rounded differently with another number.
 

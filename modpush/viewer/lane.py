@@ -93,7 +93,7 @@ class PolicyLane:
         env: A `PushEnv` with transforms, batch size `[1]`. Path, sub-goal, map and window are shown
             where it emits them.
         policy: Acts on what `env` emits.
-        path_key: Where the planned path stands in what `env.step` returns, `[1, n, 2]` [m].
+        path_key: Key of the planned path in the result of `env.step`, `[1, n, 2]` [m].
         target_key: The same of the sub-goal, `[1, 2]` [m].
     """
 

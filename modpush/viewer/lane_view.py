@@ -49,7 +49,7 @@ class LaneView:
         server: The page.
         session: The session behind the page.
         root: Name of the lane's node.
-        offset: Where the robot of this lane stands along the page's y [m].
+        offset: Position of this lane's robot along the page's y [m].
         select: Called with the index of an obstacle that is clicked.
     """
 

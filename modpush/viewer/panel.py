@@ -24,7 +24,7 @@ class Panel:
     """Makes the elements of the panel.
 
     Args:
-        gui: Where they are added.
+        gui: The panel to which they are added.
         session: The session that carries out their commands.
     """
 

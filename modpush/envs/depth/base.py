@@ -89,4 +89,4 @@ class DepthCamera(ABC):
 
 
 DepthCameraFactory = Callable[[Any, bool], DepthCamera]
-"""From a `SceneView` and whether the arm is seen to a depth camera; a class is one."""
+"""`(SceneView, arm_in_depth) -> DepthCamera`; a class of cameras is one."""

@@ -137,7 +137,7 @@ def place_ends(
         queries: The ends as asked for.
         x: `[2]` int64, overwritten with start's and goal's x in the vertex frame, fixed point.
         y: `[2]` int64, the same for y.
-        paths: Where the result goes.
+        paths: Arrays for the result.
 
     Returns:
         True if there is something to search: a free cell, and a goal that is not the start.
