@@ -17,6 +17,7 @@ import psutil
 import pytest
 import torch
 import yaml
+from torchrl.envs import RewardScaling
 
 import modpush
 from modpush import evaluate
@@ -39,6 +40,7 @@ from tests.own_parts import (
     MeanHeight,
     SmallConv,
     goal_direction,
+    make_scaled_env,
     one_post,
     small_actions,
 )
@@ -533,3 +535,12 @@ def test_recovery_is_for_the_trained_agent_and_not_for_its_training():
     worker = SceneWorker(SMOKE)
     assert "recovering" not in worker.env.reset().keys()
     worker.close()
+
+
+def test_an_environment_of_your_own_is_trained_in(tmp_path):
+    trainer = Trainer(SMOKE, tmp_path / "run", make_env=make_scaled_env)
+    trainer.run()
+    agent = load_agent(tmp_path / "run" / "last_agent.safetensors", allow=("tests",))
+    env = agent.make_env()
+    assert any(isinstance(t, RewardScaling) for t in env.transform)
+    env.close()

@@ -122,7 +122,7 @@ def taut_search(
         codes: `[H + 1, W + 1]` uint8 from `visibility.vertex_codes`.
         nodes: `[N, 4]` int64, rows as from `visibility.convex_corners`; the root and the target are
             among them, with (0, 0) for the blocked cell's direction.
-        root: Corner to start from.
+        root: Node to start from.
         target: Stop when this node's path is known. -1: continue until all are.
         cost: `[N]` float64, overwritten with the paths' lengths [cells], inf where none is known.
         parent: `[N]` int32, overwritten with the node before on the path, the root's itself, -1
