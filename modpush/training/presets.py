@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 from modpush.agents.tqc.config import TQCConfig
+from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
 from modpush.mdp.curriculum import CurriculumConfig, Phase
 from modpush.mdp.observation_entries import PAPER_ENTRIES, POSE_ENTRIES
 from modpush.recipes.config import PushEnvConfig
@@ -151,6 +152,25 @@ def _pose() -> TrainConfig:
     )
 
 
+def _pose_obstacles() -> TrainConfig:
+    """Goal poses past one or two obstacles that stand or move, and in free space, from the beginning."""
+    pose = _pose()
+    weights = {**pose.env.reward.weights, "object_collision": 4.0, "tool_collision": 4.0}
+    return replace(
+        pose,
+        env=pose.env.with_fields(
+            scene=("free", *SHAPE_SCENES),
+            obstacle_motion=True,
+            add=("obstacle_motion",),
+            reward=replace(pose.env.reward, weights=weights),
+        ),
+        tqc=replace(pose.tqc, hidden_sizes=(256, 256)),
+        total_steps=1_000_000,
+        evaluate_every=50_000,
+        evaluation_episodes=96,
+    )
+
+
 def _smoke() -> TrainConfig:
     cpu = _cpu()
     return replace(
@@ -208,6 +228,10 @@ TRAIN_PRESETS: dict[str, tuple[str, TrainConfig]] = {
         "Goals with orientation in free space, for a box of 10 x 5 cm, in some twenty minutes of one "
         "core.",
         _pose(),
+    ),
+    "pose_obstacles": (
+        "Goals with orientation past one or two obstacles that stand or move, for the same box.",
+        _pose_obstacles(),
     ),
     "smoke": ("A run of a few seconds that does everything once and learns nothing.", _smoke()),
 }

@@ -8,6 +8,7 @@ import pytest
 from modpush.agents import TQCConfig
 from modpush.encoders.vae.model import DepthVAE
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES
+from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
 from modpush.mdp import CurriculumConfig, RewardConfig
 from modpush.mdp.observation_entries import PAPER_ENTRIES, PATH_AHEAD_ENTRIES
 from modpush.recipes.config import PushEnvConfig
@@ -209,6 +210,27 @@ def test_all_in_which_paper_cpu_departs_from_the_paper():
         "zero_init_latent": True,
         "greedy_envs": 4,
         "total_steps": 1_000_000,
+    }
+
+
+def test_obstacles_change_scenes_collisions_and_size_of_the_preset_for_poses():
+    assert changed(TRAIN_PRESETS["pose_obstacles"][1], TRAIN_PRESETS["pose"][1]) == {
+        "env.scenario.scene": ("free", *SHAPE_SCENES),
+        "env.simulation.obstacle_motion": True,
+        "env.add": ("obstacle_motion",),
+        "env.reward.weights": {
+            "goal": 50,
+            "pose_progress": 250,
+            "approach": 1,
+            "touch": 1,
+            "out_of_bounds": 50,
+            "object_collision": 4,
+            "tool_collision": 4,
+        },
+        "tqc.hidden_sizes": (256, 256),
+        "total_steps": 1_000_000,
+        "evaluate_every": 50_000,
+        "evaluation_episodes": 96,
     }
 
 
