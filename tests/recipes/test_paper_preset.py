@@ -234,6 +234,29 @@ def test_obstacles_change_scenes_collisions_and_size_of_the_preset_for_poses():
     }
 
 
+def test_refining_for_obstacles_puts_them_in_the_way_and_counts_contacts_more():
+    first = TRAIN_PRESETS["pose_obstacles"][1]
+    departures = changed(TRAIN_PRESETS["refine_pose_obstacles"][1], first)
+    weights = departures.pop("env.reward.weights")
+    assert dict(weights.items() - first.env.reward.weights.items()) == {
+        "object_collision": 10,
+        "tool_collision": 10,
+    }
+    assert departures == {
+        "env.scenario.scene": ("free", *SHAPE_SCENES, "two_rectangles", "moving_bar"),
+        "env.scenario.obstacle_between": True,
+        "env.scenario.distance": (0.35, 0.6),
+        "curriculum.final_distance": (0.35, 0.6),
+        "curriculum.yaw_tolerances": (),  # the last of the first part's throughout
+        "curriculum.threshold": 0.7,  # nothing is to be promoted
+        "curriculum.window": 40,
+        "tqc.learning_starts": 25_000,
+        "init_from": "runs/train_pose_obstacles",
+        "total_steps": 500_000,
+        "evaluation_episodes": 100,
+    }
+
+
 @pytest.mark.parametrize(
     ("name", "first"), [("refine", "cpu"), ("refine_any_object", "any_object")]
 )
