@@ -5,9 +5,12 @@ import sys
 from types import SimpleNamespace
 
 import cv2
+import numpy as np
 import pytest
 
 from modpush.cli.demo import DemoConfig, _draw_scenarios, _verdict, show_demo
+from modpush.envs.scenes.rectangles import crosses_rectangle, rectangles, turned_rectangles
+from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
 
 
 def test_demo(tmp_path) -> None:
@@ -50,6 +53,18 @@ def test_the_demo_runs_in_another_engine(tmp_path, capsys) -> None:
 )
 def test_a_tile_says_how_its_episode_ended(metrics: dict, text: str) -> None:
     assert _verdict(SimpleNamespace(metrics=SimpleNamespace(**metrics))) == text
+
+
+def test_goal_poses_are_shown_past_an_obstacle_in_the_way() -> None:
+    config = DemoConfig(goal="pose", episodes=1).filled()
+    assert (config.policy, config.pushed_object) == (("pose",), ("box",))
+    drawn = {s.scene: s for s in _draw_scenarios(config)}
+    assert [*drawn] == ["free", *SHAPE_SCENES]
+    assert all(s.goal_yaw is not None for s in drawn.values())
+    for scene in SHAPE_SCENES:
+        s = drawn[scene]
+        boxes = turned_rectangles(rectangles(s.obstacles))
+        assert crosses_rectangle(np.array(s.object_pose[:2]), np.array(s.goal_position), boxes)
 
 
 def test_the_paper_s_hard_scenes_can_be_shown() -> None:
