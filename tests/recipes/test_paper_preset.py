@@ -3,12 +3,9 @@
 from dataclasses import asdict, fields
 from functools import reduce
 
-import pytest
-
 from modpush.agents import TQCConfig
 from modpush.encoders.vae.model import DepthVAE
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES
-from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
 from modpush.mdp import CurriculumConfig, RewardConfig
 from modpush.mdp.observation_entries import PAPER_ENTRIES, PATH_AHEAD_ENTRIES
 from modpush.recipes.config import PushEnvConfig
@@ -180,98 +177,3 @@ def test_all_in_which_the_cpu_preset_departs_from_the_paper():
         "greedy_envs": 4,
         "evaluate_every": 50_000,
     }
-
-
-def test_all_in_which_paper_cpu_departs_from_the_paper():
-    """Observation, planner, sub-goals, replay, stages and weights are the paper's."""
-    assert changed(TRAIN_PRESETS["paper_cpu"][1], PAPER) == {
-        "env.num_envs": 16,
-        "env.frame": "path",
-        "env.action_frame": None,
-        "env.entries": PAPER_ENTRIES,  # which are not the default in the path's frame
-        "env.inflation": "widest",
-        "env.planner_margin": 0.02,
-        "env.reward.scale": 0.1,
-        "env.reward.clip": False,
-        "env.recovery": True,
-        "tqc.hidden_sizes": (256, 256),
-        "tqc.actor_lr": 3e-4,
-        "tqc.critic_lr": 3e-4,
-        "tqc.alpha_lr": 3e-4,
-        "tqc.alpha_init": 0.02,
-        "tqc.batch_size": 256,
-        "tqc.updates_per_step": 1 / 8,
-        "tqc.precision": "auto",
-        "replay.batch_size": 256,
-        "replay.n_steps": 3,
-        "curriculum.window": 12,
-        "first_actions": "scripted",
-        "actor_average": 0.999,
-        "zero_init_latent": True,
-        "greedy_envs": 4,
-        "total_steps": 1_000_000,
-    }
-
-
-def test_obstacles_change_scenes_collisions_and_size_of_the_preset_for_poses():
-    assert changed(TRAIN_PRESETS["pose_obstacles"][1], TRAIN_PRESETS["pose"][1]) == {
-        "env.scenario.scene": ("free", *SHAPE_SCENES),
-        "env.simulation.obstacle_motion": True,
-        "env.add": ("obstacle_motion",),
-        "env.reward.weights": {
-            "goal": 50,
-            "pose_progress": 250,
-            "approach": 1,
-            "touch": 1,
-            "out_of_bounds": 50,
-            "object_collision": 4,
-            "tool_collision": 4,
-        },
-        "tqc.hidden_sizes": (256, 256),
-        "total_steps": 1_000_000,
-        "evaluate_every": 50_000,
-        "evaluation_episodes": 96,
-    }
-
-
-def test_refining_for_obstacles_puts_them_in_the_way_and_counts_contacts_more():
-    first = TRAIN_PRESETS["pose_obstacles"][1]
-    departures = changed(TRAIN_PRESETS["refine_pose_obstacles"][1], first)
-    weights = departures.pop("env.reward.weights")
-    assert dict(weights.items() - first.env.reward.weights.items()) == {
-        "object_collision": 10,
-        "tool_collision": 10,
-    }
-    assert departures == {
-        "env.scenario.scene": ("free", *SHAPE_SCENES, "two_rectangles", "moving_bar"),
-        "env.scenario.obstacle_between": True,
-        "env.scenario.distance": (0.35, 0.6),
-        "curriculum.final_distance": (0.35, 0.6),
-        "curriculum.yaw_tolerances": (),  # the last of the first part's throughout
-        "curriculum.threshold": 0.7,  # nothing is to be promoted
-        "curriculum.window": 40,
-        "tqc.learning_starts": 25_000,
-        "init_from": "runs/train_pose_obstacles",
-        "total_steps": 500_000,
-        "evaluation_episodes": 100,
-    }
-
-
-@pytest.mark.parametrize(
-    ("name", "first"), [("refine", "cpu"), ("refine_any_object", "any_object")]
-)
-def test_refining_changes_weights_of_the_reward_alone(name, first):
-    departures = changed(TRAIN_PRESETS[name][1], TRAIN_PRESETS[first][1])
-    weights = departures.pop("env.reward.weights")
-    before = TRAIN_PRESETS[first][1].env.reward.weights
-    assert {
-        key: weight / before[key] for key, weight in weights.items() if weight != before[key]
-    } == {
-        "object_collision": pytest.approx(8 / 1.5),
-        "tool_collision": 8.0,
-        "no_contact": 6.0,
-        "detour": 4.0,
-    }
-    assert departures.pop("init_from") == f"runs/train_{first}"  # where the first writes by default
-    departures.pop("tqc.learning_starts", None)
-    assert departures == {"evaluate_every": 25_000}
