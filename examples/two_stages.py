@@ -26,11 +26,12 @@ from torchrl.envs import EnvBase
 
 from modpush import load_agent, make_push_env
 from modpush.envs import EpisodeConditions
+from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
 from modpush.evaluation import evaluate, format_table, load_set, summarize
 from modpush.mdp import PushObservation, recovering
 from modpush.recipes import Agent
 
-SCENES = ("one_rectangle", "one_circle", "one_cross", "one_t", "one_l", "two_rectangles")
+SCENES = (*SHAPE_SCENES,)
 POSE_AGENT = Path(__file__).parent / "agents" / "pose_free.safetensors"
 NEAR, FAR = 0.15, 0.25  # from the goal [m]
 FREE = 0.005  # by how much longer than the straight way a path may be that is free [m]

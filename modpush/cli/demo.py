@@ -6,6 +6,7 @@ paper's hard ones, `diagonal_walls` and `maze`.
     modpush demo                                 # what `make demo` runs
     modpush demo --episodes 8 --scenes slot posts
     modpush demo --policy scripted               # a simpler pusher, along the planner's sub-goals
+    modpush demo --goal pose                     # goals with orientation, past obstacles
 
 Writes `runs/demo/`: `table.md`, one picture for each family and `demo.mp4`, top views of the same
 episodes side by side, with the first planned path and the present sub-goal in magenta. Each says which
@@ -15,12 +16,13 @@ the first policy's episodes rendered by SAPIEN.
 Options:
   --policy NAME ...         Policies to show side by side: agent, a shipped agent by its name, corridor,
                             corridor_faithful, scripted, a training run's folder, or an agent's file;
-                            by default any_object and corridor.
-  --scenes NAME ...         Scene families to show.
+                            by default any_object and corridor, for poses pose.
+  --scenes NAME ...         Scene families to show; by default twelve, for poses free space and the seven
+                            with one obstacle, two, or one that moves.
   --episodes N              Number of episodes of each family; the first one is shown in the video; by
                             default 4.
   --pushed-object NAME ...  Objects that are pushed, one after the other; by default small_cube,
-                            large_cube, small_cylinder and fragment.
+                            large_cube, small_cylinder and fragment, for poses box.
   --difficulty X            Difficulty of the scenes, 0 to 1; by default 0.3.
   --goal {position,pose}    Positions of the object's centre as goals, or poses, at 1.5 cm and 10 degrees.
   --robot NAME              Arm: ur5, ur10, panda, ... or module:name; by default ur5.
@@ -37,7 +39,7 @@ import contextlib
 import itertools
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +53,7 @@ from tqdm import tqdm
 
 from modpush._atomic import make_folder
 from modpush._kernels import announce_compiling
-from modpush._types import AtLeastOne, Count, FilePath, Fraction, Name, Seed, Several
+from modpush._types import Count, FilePath, Fraction, Name, Seed, Several
 from modpush._validation import checked
 from modpush.envs import (
     SCENES,
@@ -66,6 +68,8 @@ from modpush.envs.outcome import Goal
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.layouts import TIGHT_SCENES
+from modpush.envs.scenes.objects import PAPER_OBJECTS
+from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
 from modpush.evaluation.episodes import Episode, run_episodes
 from modpush.evaluation.pictures import (
     contact_sheet,
@@ -82,6 +86,9 @@ __all__ = ["DemoConfig", "main", "show_demo"]
 _DISTANCE = (0.2, 0.35)
 """Distances from start to goal [m]: short enough for large objects in nearly all families."""
 
+_POSE_DISTANCE = (0.35, 0.5)
+"""Distances from start to goal pose, with room for an obstacle in the straight way [m]."""
+
 _POSITION_TOLERANCE = 0.015
 """Distance from a goal pose at which an episode succeeds [m]."""
 
@@ -93,15 +100,18 @@ Frames = dict[int, list[NDArray[np.uint8]]]
 class DemoConfig:
     """Settings of the demo."""
 
-    policy: AtLeastOne[Name] = ("any_object", "corridor")
+    policy: Several[Name] = ()
     """Policies to show side by side: `agent`, a shipped agent by its name, `corridor`,
-    `corridor_faithful`, `scripted`, a training run's folder, or an agent's file."""
-    scenes: AtLeastOne[Name] = field(default_factory=lambda: tuple(SCENES))
-    """Scene families to show."""
+    `corridor_faithful`, `scripted`, a training run's folder, or an agent's file. Empty for `any_object`
+    and `corridor`, or for `pose` where the goals are poses."""
+    scenes: Several[Name] = ()
+    """Scene families to show. Empty for twelve; where the goals are poses, for free space and the
+    families with one obstacle, two, or one that moves."""
     episodes: Count = 4
     """Number of episodes of each family; the first one is shown in the video."""
-    pushed_object: AtLeastOne[Name] = ("small_cube", "large_cube", "small_cylinder", "fragment")
-    """Names of the objects that are pushed, one after the other."""
+    pushed_object: Several[Name] = ()
+    """Names of the objects that are pushed, one after the other. Empty for the paper's four, or for `box`
+    where the goals are poses."""
     difficulty: Fraction = 0.3
     """Difficulty of the scenes, 0 to 1."""
     seed: Seed = 0
@@ -122,6 +132,16 @@ class DemoConfig:
     rendered: bool = True
     """Have SAPIEN render the first policy's video if there is a Vulkan device."""
 
+    def filled(self) -> "DemoConfig":
+        """The same with what is shown by default in place of what is empty."""
+        poses = self.goal == "pose"
+        return replace(
+            self,
+            policy=self.policy or (("pose",) if poses else ("any_object", "corridor")),
+            scenes=self.scenes or (("free", *SHAPE_SCENES) if poses else tuple(SCENES)),
+            pushed_object=self.pushed_object or (("box",) if poses else PAPER_OBJECTS),
+        )
+
 
 def show_demo(config: DemoConfig) -> str:
     """Run the policies on the same episodes, and write table, pictures and videos.
@@ -129,6 +149,7 @@ def show_demo(config: DemoConfig) -> str:
     Returns:
         The table in Markdown.
     """
+    config = config.filled()
     methods = get_methods(config.policy, allow=config.allow)
     make_folder(config.out)  # an error about it comes before the episodes
     find_engine(config.engine)
@@ -172,7 +193,8 @@ def _draw_scenario(config: DemoConfig, scene: str, family: int, k: int) -> Scena
     base = ScenarioConfig(
         scene=scene,
         difficulty=config.difficulty,
-        distance=_DISTANCE,
+        distance=_DISTANCE if config.goal == "position" else _POSE_DISTANCE,
+        obstacle_between=config.goal == "pose",
         path_inflation="inscribed" if scene in TIGHT_SCENES else "circumscribed",
     )
 

@@ -27,6 +27,11 @@ Presets:
                      takes to learn with them on two CPU cores, in an hour and a half.
   pose               Goals with orientation in free space, for a box of 10 x 5 cm, in some twenty
                      minutes of one core.
+  pose_obstacles     Goals with orientation past one or two obstacles that stand or move, for the same
+                     box.
+  refine_pose_obstacles
+                     Further training of a run of `pose_obstacles`, with an obstacle in the way and
+                     higher weights for collisions.
   smoke              A run of a few seconds that does everything once and learns nothing.
 
 The defaults of the options that begin with `--train.` are the preset's. NAME may be "module:name",

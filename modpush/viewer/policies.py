@@ -8,6 +8,7 @@ import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 
+from modpush.envs.outcome import Goal
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.viewer.config import PlayConfig
 from modpush.viewer.lane import PolicyLane
@@ -18,8 +19,8 @@ if TYPE_CHECKING:
 __all__ = ["POLICIES", "HandPolicy", "make_lane"]
 
 POLICIES = ("agent", "corridor", "corridor_faithful", "scripted", "hand")
-"""Names of the policies; `"agent"` is the shipped one for all objects. What `load_agent` takes can be
-given as well."""
+"""Names of the policies; `"agent"` is the shipped one for all objects, or that for goal poses. What
+`load_agent` takes can be given as well."""
 _MAX_WAYPOINTS = 32  # of the path that is shown
 
 
@@ -46,7 +47,7 @@ def make_lane(policy: str, config: PlayConfig | None = None) -> PolicyLane:
     }
     options |= {k: v for k in ("engine", "robot") if (v := getattr(config, k)) is not None}
     if policy not in POLICIES or policy == "agent":
-        agent = _load(policy, allow)
+        agent = _load(policy, allow, config.goal)
         name = policy if policy == "agent" else Path(policy).stem
         env = agent.make_env(1, **options)
         return PolicyLane(name, env, agent.policy)
@@ -64,12 +65,12 @@ def make_lane(policy: str, config: PlayConfig | None = None) -> PolicyLane:
     return PolicyLane(policy, env, method.make_policy(), **keys)
 
 
-def _load(policy: str, allow: Collection[str]) -> "Agent":
+def _load(policy: str, allow: Collection[str], goal: Goal) -> "Agent":
     from modpush.recipes.agent_file import BEST_AGENT, load_agent, shipped_agents
     from modpush.recipes.hub import HUB_PREFIX
 
     if policy == "agent":  # any object may be chosen on the page
-        return load_agent("any_object")
+        return load_agent("any_object" if goal == "position" else "pose")
     path = Path(policy)
     known = policy in shipped_agents() or policy.startswith(HUB_PREFIX)
     if not (known or path.is_file() or (path / BEST_AGENT).is_file()):

@@ -4,10 +4,13 @@ import subprocess
 import sys
 
 import cv2
+import numpy as np
 import pytest
 
 from modpush.cli import demo
-from modpush.cli.demo import DemoConfig, show_demo
+from modpush.cli.demo import DemoConfig, _draw_scenarios, show_demo
+from modpush.envs.scenes.rectangles import crosses_rectangle, rectangles, turned_rectangles
+from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
 from modpush.evaluation import run_episodes
 
 
@@ -44,3 +47,15 @@ def test_the_demo_runs_with_another_engine_robot_and_tool(tmp_path, capsys, monk
 def test_an_unknown_robot_or_tool_ends_the_demo_before_an_episode(tmp_path, wrong) -> None:
     with pytest.raises(ValueError, match=f"{next(iter(wrong))}: there is no"):
         show_demo(DemoConfig(out=tmp_path, **wrong))
+
+
+def test_goal_poses_are_shown_past_an_obstacle_in_the_way() -> None:
+    config = DemoConfig(goal="pose", episodes=1).filled()
+    assert (config.policy, config.pushed_object) == (("pose",), ("box",))
+    drawn = {s.scene: s for s in _draw_scenarios(config)}
+    assert [*drawn] == ["free", *SHAPE_SCENES]
+    assert all(s.goal_yaw is not None for s in drawn.values())
+    for scene in SHAPE_SCENES:
+        s = drawn[scene]
+        boxes = turned_rectangles(rectangles(s.obstacles))
+        assert crosses_rectangle(np.array(s.object_pose[:2]), np.array(s.goal_position), boxes)

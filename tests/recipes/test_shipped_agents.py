@@ -1,5 +1,6 @@
 """The agents that come with the library."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,18 +10,19 @@ import torch
 from modpush import load_agent, make_push_env
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import ScenarioConfig
-from modpush.evaluation import load_set
+from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
+from modpush.evaluation import generate_set, load_set
 from modpush.evaluation.episodes import run_episodes
 from modpush.recipes.agent_file import shipped_agents
 from modpush.recipes.methods import get_method
 from modpush.training import TRAIN_PRESETS
 
 
-def test_there_are_three() -> None:
-    assert sorted(shipped_agents()) == ["any_object", "paper", "small_cube"]
+def test_there_are_four() -> None:
+    assert sorted(shipped_agents()) == ["any_object", "paper", "pose", "small_cube"]
 
 
-@pytest.mark.parametrize("name", ["any_object", "paper", "small_cube"])
+@pytest.mark.parametrize("name", ["any_object", "paper", "pose", "small_cube"])
 def test_an_agent_is_a_policy_by_its_name(name: str) -> None:
     method = get_method(name)
     assert method.name == name
@@ -44,6 +46,24 @@ def test_paper_is_of_the_preset_paper_cpu_and_solves_the_five_families() -> None
     episodes = list(run_episodes(env, agent.policy, enumerate(scenarios)))
     env.close()
     assert sum(episode.metrics.success for episode in episodes) >= 20
+
+
+def test_pose_is_of_its_preset_and_solves_poses_past_every_kind_of_obstacle() -> None:
+    """Two episodes of each kind that no set holds, at 1.5 cm and 10 degrees."""
+    agent = load_agent("pose")
+    config = agent.config
+    trained = config.with_fields(sim_freq=None, planner_margin=0.02)  # as the card says
+    assert trained == TRAIN_PRESETS["refine_pose_obstacles"][1].env
+    scenarios = [
+        scenario
+        for name in SHAPE_SCENES
+        for scenario in generate_set(f"pose/{name}/box", (5000, 5001)).scenarios
+    ]
+    env = agent.make_env(8)
+    episodes = list(run_episodes(env, agent.policy, enumerate(scenarios)))
+    env.close()
+    assert config.simulation.yaw_tolerance == pytest.approx(math.radians(10))
+    assert sum(episode.metrics.success for episode in episodes) >= 12
 
 
 def test_any_object_pushes_shapes_it_never_saw() -> None:

@@ -81,7 +81,8 @@ def test_what_cannot_be_taken_over_is_refused_before_any_work(unbroken, tmp_path
             begin(tmp_path / "run", **{"init_from": str(unbroken), **changes})
 
     refused(
-        "expected a run's folder, a checkpoint, .*any_object, paper, small_cube", init_from="nobody"
+        "expected a run's folder, a checkpoint, .*any_object, paper, pose, small_cube",
+        init_from="nobody",
     )
     refused("must be a run with a checkpoint", init_from=str(tmp_path))
     refused("another architecture", tqc=replace(SMOKE.tqc, hidden_sizes=(8,)))

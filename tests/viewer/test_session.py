@@ -317,6 +317,18 @@ def test_goal_poses_are_drawn_moved_and_turned() -> None:
     session.close()
 
 
+def test_the_shipped_agent_for_poses_acts_where_the_goal_is_a_pose() -> None:
+    """A bar that moves towards the goal, seen with its velocity."""
+    config = PlayConfig(goal="pose", scene="moving_bar", pushed_object="box", seed=3)
+    session = Session(config)
+    before = session.snapshots[0]
+    for _ in range(15):
+        session.tick()
+    shown = session.snapshots[0]
+    assert np.linalg.norm(np.subtract(shown.ee_pose, before.ee_pose)) > 0.05
+    session.close()
+
+
 def test_a_goal_position_cannot_be_turned(session) -> None:
     session.submit(lambda: session.move_goal(0.5, 0.1, 0.3))
     session.tick()

@@ -159,7 +159,7 @@ def sample_scenario(
         difficulty = float(rng.uniform(*config.difficulty))
         obstacles = _draw_layout(rng, name, scene, difficulty, robot)
         free, limits = _free_space(obstacles, item, config), _limits(config, item, tool, robot)
-        between = config.obstacle_between
+        between = config.obstacle_between and len(obstacles) > 0
         for _ in range(_BATCHES):
             candidates = _draw_candidates(rng, config, distance)
             tool_poses, taken = _tool_starts(candidates, config, item, tool, robot, obstacles)

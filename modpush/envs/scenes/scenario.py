@@ -149,7 +149,8 @@ class ScenarioConfig:
     clearance: NonNegativeLength = 0.06
     """Smallest distance of start and goal from obstacles, surface to surface [m]."""
     obstacle_between: bool = False
-    """Draw only episodes in which an obstacle stands in the straight way from start to goal."""
+    """Draw only episodes in which an obstacle stands in the straight way from start to goal; where a
+    family places no obstacles, any."""
     path_margin: NonNegativeLength = 0.04
     """Largest distance by which the object's path to the goal may leave the workspace [m]; at 5 cm an
     episode ends."""

@@ -1,9 +1,11 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from modpush.envs.scenes.objects import OBJECTS
+from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.rectangles import (
     crosses_rectangle,
     obstacle_distance,
@@ -90,8 +92,22 @@ def test_an_obstacle_stands_between_start_and_goal_where_asked_for(scene: str, i
         assert all(through) == between
 
 
-def test_a_scene_without_an_obstacle_between_says_so() -> None:
-    config = ScenarioConfig(scene="free", obstacle_between=True)
+def test_scenes_without_obstacles_are_drawn_beside_those_with_one_between() -> None:
+    config = ScenarioConfig(scene=("free", "one_circle"), distance=0.5, obstacle_between=True)
+    drawn = [sample_scenario(np.random.default_rng(k), config) for k in range(12)]
+    assert {s.scene for s in drawn} == {"free", "one_circle"}
+    alone = ScenarioConfig(scene="free", distance=0.5)
+    asked = replace(alone, obstacle_between=True)
+    first, second = (sample_scenario(np.random.default_rng(0), c) for c in (alone, asked))
+    assert first == second
+
+
+def beside_the_workspace(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
+    return [Obstacle((0.05, 0.05, 0.06), (0.6, 0.45, 0.0))]
+
+
+def test_a_scene_whose_obstacle_is_never_between_says_so() -> None:
+    config = ScenarioConfig(scene=beside_the_workspace, obstacle_between=True)
     with pytest.raises(ValueError, match=r"no obstacle between start and goal: \d+"):
         sample_scenario(np.random.default_rng(0), config)
 
