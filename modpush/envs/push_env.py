@@ -89,6 +89,9 @@ class PushEnv(EnvBase):
                                                         pose
         obstacle_displacement        `[B, 24]` float32  how far each obstacle has moved since reset
                                                         (only with `dynamic_obstacles=True`)
+        obstacle_pose                `[B, 24, 4]`       x, y, yaw of each obstacle, and the tilt of its
+                                     float32            vertical axis; zeros where there are fewer (only
+                                                        with `dynamic_obstacles=True`)
         obstacle_motion              `[B, 4]` float32   place of the centre (x, y) and velocity (x, y)
                                                         [m/s] of the obstacle nearest to the object of
                                                         those that move by themselves, zeros where none
@@ -319,6 +322,7 @@ class PushEnv(EnvBase):
         entries = state_entries(batch, measured, status, pose_error)
         if config.dynamic_obstacles:
             entries["obstacle_displacement"] = batch.obstacle_displacement()
+            entries["obstacle_pose"] = batch.obstacle_pose()
         if config.obstacle_motion:
             entries["obstacle_motion"] = batch.moving.nearest(position)
         if after_step:

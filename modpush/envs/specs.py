@@ -33,7 +33,7 @@ def make_specs(
         device: Device of the environment.
         num_joints: Number of joints of the arm.
         images: Whether there are `depth` and `segmentation`.
-        dynamic_obstacles: Whether there is `obstacle_displacement`.
+        dynamic_obstacles: Whether there are `obstacle_displacement` and `obstacle_pose`.
         goal: What episodes ask for; with poses there are `goal_pose` and `pose_error`.
         obstacle_motion: Whether there is `obstacle_motion`.
     """
@@ -58,6 +58,8 @@ def make_specs(
         **{key: Unbounded((num_envs, size), **single) for key, size in numbers.items()},
         **{key: flag.clone() for key in flags},
     }
+    if dynamic_obstacles:
+        observation["obstacle_pose"] = Unbounded((num_envs, MAX_OBSTACLES, 4), **single)
     if images:
         size = (1, CAMERA.height, CAMERA.width)
         observation["depth"] = Bounded(0.0, CAMERA.z, (num_envs, *size), **single)
