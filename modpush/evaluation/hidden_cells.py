@@ -67,6 +67,6 @@ def hidden_cell(number: int) -> HiddenCell:
 
 
 def _sides(name: str) -> tuple[float, float]:
-    """Lengths of a rectangle about the origin, along the object's axes, that reaches its nearer sides [m]."""
+    """Lengths of the rectangle about the origin that reaches the nearer side along each axis [m]."""
     ahead, left, back, right = support(get_object(name).parts, 4).tolist()
     return 2 * min(ahead, back), 2 * min(left, right)

@@ -73,12 +73,10 @@ def draw_episode(
     )
 
 
-def _obstacle_poses(
-    scenario: Scenario, trajectory: Trajectory, step: int
-) -> NDArray[np.floating[Any]]:
+def _obstacle_poses(scenario: Scenario, trajectory: Trajectory, step: int) -> NDArray[np.float64]:
     """x, y, yaw of the obstacles after a step, `[n, 3]`."""
     if trajectory.obstacle_pose is not None:
-        return trajectory.obstacle_pose[step, :, :3]
+        return trajectory.obstacle_pose[step, :, :3].astype(np.float64)
     time = step / _CONTROL_FREQ
     return np.reshape([o.standing(time).pose for o in scenario.obstacles], (-1, 3))
 
