@@ -239,6 +239,11 @@ class SceneBatch:
                 moved[i, : len(start)] = np.linalg.norm(now - start, axis=-1)
         return torch.from_numpy(moved.astype(np.float32))
 
+    def object_dynamics(self) -> Tensor:
+        """Mass [kg], friction and centre of mass [m] of each object, `[B, 4]` float32."""
+        dynamics = [scenario.dynamics for scenario in self.scenarios]
+        return torch.tensor([(d.mass, d.friction, *d.center_of_mass) for d in dynamics])
+
     def obstacle_pose(self) -> Tensor:
         """x, y, yaw and tilt of each obstacle, `[B, MAX_OBSTACLES, 4]` float32 [m, m, rad, rad]."""
         poses = np.zeros((self.num_envs, MAX_OBSTACLES, 4))
