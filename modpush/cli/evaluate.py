@@ -16,8 +16,9 @@ and paired t-tests. An interrupted run continues where it stopped; `--fresh` sta
 
 Options:
   --policy NAME ...  Policies to evaluate: agent (the shipped one for all objects), a shipped agent by
-                     its name, corridor, corridor_faithful, scripted, a training run's folder, or an
-                     agent's file; by default agent. Several are compared with each other.
+                     its name, corridor, corridor_faithful, scripted, a training run's folder, an
+                     agent's file, module:name of your own policy, or http://host:port of one that
+                     another process serves; by default agent. Several are compared with each other.
   --set NAME ...     Evaluation sets by name or file; all, for all sets in which the tool starts in any
                      direction from the object, except smoke and the tuning sets; or behind/all, for
                      those in which it starts straight behind the object; by default smoke.
@@ -73,8 +74,9 @@ class EvaluateConfig:
 
     policy: AtLeastOne[Name] = ("agent",)
     """Policies to evaluate: `agent` (the shipped one for all objects), a shipped agent by its name,
-    `corridor`, `corridor_faithful`, `scripted`, a training run's folder, or an agent's file. Several
-    are compared with each other."""
+    `corridor`, `corridor_faithful`, `scripted`, a training run's folder, an agent's file, `module:name`
+    of your own policy, or `http://host:port` of one that another process serves. Several are compared
+    with each other."""
     sets: Annotated[AtLeastOne[Name], tyro.conf.arg(name="set")] = ("smoke",)
     """Evaluation sets by name or file, `all` for all in which the tool starts in any direction from the
     object, but `smoke` and the tuning sets, or `behind/all` for those in which it starts straight behind

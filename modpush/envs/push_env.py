@@ -88,10 +88,16 @@ class PushEnv(EnvBase):
                                                         pose
         obstacle_displacement        `[B, 24]` float32  how far each obstacle has moved since reset
                                                         (only with `dynamic_obstacles=True`)
+        obstacle_pose                `[B, 24, 4]`       x, y, yaw of each obstacle, and the tilt of its
+                                     float32            vertical axis; zeros where there are fewer (only
+                                                        with `dynamic_obstacles=True`)
         obstacle_motion              `[B, 4]` float32   place of the centre (x, y) and velocity (x, y)
                                                         [m/s] of the obstacle nearest to the object of
                                                         those that move by themselves, zeros where none
                                                         does (only with `obstacle_motion=True`)
+        object_dynamics              `[B, 4]` float32   mass [kg], friction and centre of mass (x, y) in
+                                                        the object's frame (only with
+                                                        `object_dynamics=True`)
         success                      `[B, 1]` bool      the object's centre is within
                                                         `position_tolerance` of the goal, 5 cm by
                                                         default, and with `goal="pose"` its yaw within
@@ -186,6 +192,7 @@ class PushEnv(EnvBase):
             movable,
             self._simulation.goal,
             self._simulation.obstacle_motion,
+            self._simulation.object_dynamics,
         )
         for name, spec in specs.items():
             setattr(self, name, spec)
@@ -318,8 +325,11 @@ class PushEnv(EnvBase):
         entries = state_entries(batch, measured, status, pose_error)
         if config.dynamic_obstacles:
             entries["obstacle_displacement"] = batch.obstacle_displacement()
+            entries["obstacle_pose"] = batch.obstacle_pose()
         if config.obstacle_motion:
             entries["obstacle_motion"] = batch.moving.nearest(position)
+        if config.object_dynamics:
+            entries["object_dynamics"] = batch.object_dynamics()
         if after_step:
             entries["reward"] = entries["success"].float()
         if config.depth is not None:

@@ -244,6 +244,22 @@ class SceneBatch:
                 moved[i, : len(start)] = np.linalg.norm(now - start, axis=-1)
         return torch.from_numpy(moved.astype(np.float32))
 
+    def object_dynamics(self) -> Tensor:
+        """Mass [kg], friction and centre of mass [m] of each object, `[B, 4]` float32."""
+        dynamics = [scenario.dynamics for scenario in self.scenarios]
+        return torch.tensor([(d.mass, d.friction, *d.center_of_mass) for d in dynamics])
+
+    def obstacle_pose(self) -> Tensor:
+        """x, y, yaw and tilt of each obstacle, `[B, MAX_OBSTACLES, 4]` float32 [m, m, rad, rad]."""
+        poses = np.zeros((self.num_envs, MAX_OBSTACLES, 4))
+        for i, scenario in enumerate(self.scenarios):
+            if count := len(scenario.obstacles):
+                now = self.obstacle_transforms_of(i)
+                poses[i, :count, :3] = planar_poses(now)
+                upright = 1.0 - 2.0 * np.square(now[:, 4:6]).sum(-1)  # cosine of the tilt
+                poses[i, :count, 3] = np.arccos(np.clip(upright, -1.0, 1.0))
+        return torch.from_numpy(poses.astype(np.float32))
+
     def render(self, index: int, position_tolerance: float) -> np.ndarray:
         """A picture of one scene, `[H, W, 3]` uint8: rendered from the side, or the drawn top view.
 

@@ -50,6 +50,8 @@ class SimulationConfig:
     """Make obstacles movable."""
     obstacle_motion: bool = False
     """Emit the key `obstacle_motion`: place and velocity of the nearest obstacle that moves by itself."""
+    object_dynamics: bool = False
+    """Emit the key `object_dynamics`: mass, friction and centre of mass, which no image shows."""
     sim_freq: Frequency | None = None
     """Physics steps per second [Hz]; None for the engine's own, 120 in SAPIEN and 480 in MuJoCo. The
     paper gives no rate; the authors' code uses 240, in another simulator. In SAPIEN the scripted pusher

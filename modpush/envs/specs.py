@@ -29,6 +29,7 @@ def make_specs(
     dynamic_obstacles: bool,
     goal: Goal = "position",
     obstacle_motion: bool = False,
+    object_dynamics: bool = False,
 ) -> dict[str, Bounded | Composite]:
     """Specs of a batch of scenes, by the name of `EnvBase`'s attribute.
 
@@ -37,9 +38,10 @@ def make_specs(
         device: Device of the environment.
         num_joints: Number of joints of the arm.
         images: Add `depth` and `segmentation`.
-        dynamic_obstacles: Add `obstacle_displacement`.
+        dynamic_obstacles: Add `obstacle_displacement` and `obstacle_pose`.
         goal: Kind of the goals; with poses there are `goal_pose` and `pose_error`.
         obstacle_motion: Add `obstacle_motion`.
+        object_dynamics: Add `object_dynamics`.
     """
     shape: dict[str, Any] = {"shape": (num_envs,), "device": device}
     single: Any = {"device": device, "dtype": torch.float32}
@@ -56,12 +58,15 @@ def make_specs(
         **({"goal_pose": 3, "pose_error": 2} if goal == "pose" else {}),
         **({"obstacle_displacement": MAX_OBSTACLES} if dynamic_obstacles else {}),
         **({"obstacle_motion": 4} if obstacle_motion else {}),
+        **({"object_dynamics": 4} if object_dynamics else {}),
     }
     flags = (*CONTACT_KEYS, "target_reachable", "success", "out_of_bounds")
     observation: dict[str, Any] = {
         **{key: Unbounded((num_envs, size), **single) for key, size in numbers.items()},
         **{key: flag.clone() for key in flags},
     }
+    if dynamic_obstacles:
+        observation["obstacle_pose"] = Unbounded((num_envs, MAX_OBSTACLES, 4), **single)
     if images:
         size = (1, CAMERA.height, CAMERA.width)
         observation["depth"] = Bounded(0.0, CAMERA.z, (num_envs, *size), **single)

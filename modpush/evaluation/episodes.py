@@ -1,7 +1,7 @@
 """Runs given episodes through a batched environment, and yields each as it ends."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -17,7 +17,13 @@ from torchrl.envs.utils import ExplorationType, step_mdp
 from modpush._keys import read_key
 from modpush.envs.scenes.objects import Circle, PushedObject
 from modpush.envs.scenes.scenario import Scenario
-from modpush.evaluation.metrics import EpisodeMetrics, episode_metrics
+from modpush.evaluation.metrics import (
+    EpisodeMetrics,
+    episode_metrics,
+    obstacle_metrics,
+    path_share,
+    side_changes,
+)
 from modpush.evaluation.shortest import shortest_path
 from modpush.files import read_arrays, write_arrays
 from modpush.geometry.workspace import WORKSPACE
@@ -37,6 +43,7 @@ _FLAGS = (
     "obstacle_contact_at_end",
     "tool_obstacle_contact_at_end",
 )
+_OBSTACLES = "obstacle_pose"
 _ENDS = ("success", "out_of_bounds", "done")
 
 
@@ -54,10 +61,13 @@ class Trajectory:
     """First planned path, `[n, 2]`; the common planner's where the policy has none of its own."""
     target: NDArray[np.float32]
     """Sub-goal for which the policy acted in each step, `[T, 2]`; `[0, 2]` where it has none."""
+    obstacle_pose: NDArray[np.float32] | None = None
+    """x, y, yaw and tilt of the obstacles at reset and after each step, `[T + 1, n, 4]`; None where they
+    are fixed."""
 
     def save(self, path: Path) -> None:
         """Write as a compressed `.npz`, atomically."""
-        write_arrays(path, vars(self))
+        write_arrays(path, {k: v for k, v in vars(self).items() if v is not None})
 
     @classmethod
     def load(cls, path: Path) -> "Trajectory":
@@ -68,9 +78,10 @@ class Trajectory:
             ValueError: If it is damaged, or no trajectory.
         """
         arrays = read_arrays(path, "modpush.Trajectory")
-        if (names := set(cls.__dataclass_fields__)) != set(arrays):
+        if (names := set(cls.__dataclass_fields__)) != {*arrays, "obstacle_pose"}:
             raise ValueError(
-                f"modpush.Trajectory: {path} must hold {sorted(names)}, got {sorted(arrays)}."
+                f"modpush.Trajectory: {path} must hold {sorted(names - {'obstacle_pose'})}, and may hold "
+                f"obstacle_pose, got {sorted(arrays)}."
             )
         return cls(**arrays)
 
@@ -112,6 +123,13 @@ class _Log:
         self.targets: list[list[float]] = []
         self.path: NDArray[np.float32] | None = None
         self.yaw_error: float | None = None
+        self.obstacles: list[Any] = []
+        if _OBSTACLES in td.keys():
+            self.obstacles.append(self.obstacles_of(td[_OBSTACLES][row]))
+
+    def obstacles_of(self, poses: torch.Tensor) -> NDArray[np.float32]:
+        """Poses of those that there are, `[n, 4]`."""
+        return poses[: len(self.scenario.obstacles)].cpu().numpy().copy()
 
     def finish(self, success: bool, out_of_bounds: bool) -> Episode:
         corners, shortest = shortest_path(
@@ -132,15 +150,41 @@ class _Log:
             shortest_length=shortest,
             final_yaw_error=self.yaw_error,
         )
+        metrics, obstacle_pose = (
+            replace(metrics, **self._further(metrics, poses, contacts_at_end)),
+            None,
+        )
+        if self.obstacles:
+            obstacle_pose = np.stack(self.obstacles).astype(np.float32)
         trajectory = Trajectory(
             **{key: value.astype(np.float32) for key, value in poses.items()},
             contacts=contacts,
             planned_path=self.path if self.path is not None else corners.astype(np.float32),
             target=np.array(self.targets, dtype=np.float32).reshape(-1, 2),
+            obstacle_pose=obstacle_pose,
         )
         return Episode(
             number=self.number, scenario=self.scenario, metrics=metrics, trajectory=trajectory
         )
+
+    def _further(
+        self,
+        metrics: EpisodeMetrics,
+        poses: Mapping[str, NDArray[np.float64]],
+        contacts_at_end: NDArray[np.bool_],
+    ) -> dict[str, Any]:
+        """The metrics that only some sets show."""
+        pushed, tool = poses["object_pose"], poses["ee_pose"]
+        start = float(np.linalg.norm(pushed[0, :2] - self.scenario.goal_position))
+        further: dict[str, Any] = {
+            "path_share": path_share(metrics.success, start, metrics.final_distance),
+            "side_changes": side_changes(pushed[1:], tool[1:, :2], contacts_at_end[:, 0]),
+        }
+        if self.obstacles:
+            length = metrics.path_length - metrics.final_distance
+            placed = np.stack(self.obstacles).astype(np.float64)
+            further |= obstacle_metrics(self.scenario.dynamics.mass, length, placed)
+        return further
 
 
 @torch.no_grad()
@@ -289,6 +333,7 @@ def _record(
     rewards = after["reward"].reshape(len(logs)).tolist()
     targets = read_key(td, target_key).tolist() if target_key is not None else None
     errors = after["pose_error"].tolist() if "pose_error" in after.keys() else None
+    obstacles = after.get(_OBSTACLES, None)
     ended = []
     for i, log in enumerate(logs):
         if log is None:
@@ -301,6 +346,8 @@ def _record(
         log.rewards.append(rewards[i])
         if targets is not None:
             log.targets.append(targets[i])
+        if obstacles is not None:
+            log.obstacles.append(log.obstacles_of(obstacles[i]))
         if errors is not None:
             log.yaw_error = abs(errors[i][1])
         if on_step is not None:

@@ -1,5 +1,6 @@
 """Metrics of an episode, as pure functions of its recorded positions, contacts and rewards."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -9,19 +10,27 @@ from numpy.typing import NDArray
 
 from modpush._arguments import checked_arguments
 from modpush._types import NonNegative, Positive
+from modpush.envs.scenes.obstacle import OBSTACLE_MASS
+from modpush.geometry.workspace import WORKSPACE
 
 __all__ = [
     "EpisodeMetrics",
     "collision_rate",
     "contact_rate",
+    "effort_score",
     "episode_metrics",
     "mean_jerk",
+    "obstacle_metrics",
+    "path_share",
     "pushed_length",
     "reversal_rate",
+    "side_changes",
     "success_weighted_by_path_length",
 ]
 
 Flags = NDArray[np.bool_]
+_TOPPLED = math.radians(45)  # of an obstacle's vertical axis
+_OTHER_SIDE = math.radians(45)
 _MOVED = 0.001  # shorter displacements of the tip within a control step are no move [m]
 
 
@@ -67,6 +76,17 @@ class EpisodeMetrics:
     final_yaw_error: float | None = None
     """Angle by which the object's yaw differs from that of its goal pose at the end, modulo its symmetry
     [rad]; None where the goal is a position."""
+    path_share: float | None = None
+    """Share of the straight way to the goal that the object has covered at the end, see `path_share`."""
+    effort: float | None = None
+    """Share of the object in all that was moved, see `effort_score`; None where obstacles are fixed."""
+    objects_toppled: int | None = None
+    """Number of obstacles that lie on another side at the end; None where obstacles are fixed."""
+    objects_off: int | None = None
+    """Number of obstacles whose centre is more than 5 cm outside the workspace at the end; None where
+    obstacles are fixed."""
+    side_changes: int | None = None
+    """How often the object was pushed from another side than before, see `side_changes`."""
 
     def to_dict(self) -> dict[str, float | int | bool]:
         """The metrics by name, those that are None left out."""
@@ -164,6 +184,83 @@ def success_weighted_by_path_length(success: bool, shortest: float, taken: float
             f"got {shortest} and {taken}."
         )
     return float(success) * shortest / max(taken, shortest)
+
+
+def path_share(success: bool, start: float, end: float) -> float:
+    """Share of the straight way to the goal that was covered.
+
+    Args:
+        success: Whether the episode succeeded.
+        start: Distance of the object from the goal at the start [m], positive.
+        end: The same at the end [m].
+
+    Returns:
+        1 for a success; otherwise `1 - end / start`, and 0 where the object has come no nearer.
+    """
+    return 1.0 if success else max(0.0, 1.0 - end / start)
+
+
+def effort_score(
+    mass: float, length: float, masses: NDArray[np.float64], lengths: NDArray[np.float64]
+) -> float:
+    """Share of the pushed object in all that was moved, `m0 l0 / (m0 l0 + sum mi li)`.
+
+    Args:
+        mass: Mass of the pushed object (m0) [kg].
+        length: Length of its path (l0) [m].
+        masses: Masses of the obstacles (mi), `[n]` [kg].
+        lengths: Lengths of their paths (li), `[n]` [m].
+
+    Returns:
+        In [0, 1]; 1 if nothing else was moved.
+    Source: Zhong et al. 2025, "Bench-Push", where the pushing robot stands for the object.
+    """
+    own, others = mass * length, float(np.dot(masses, lengths))
+    return own / (own + others) if others > 0 else 1.0
+
+
+def side_changes(
+    object_pose: NDArray[np.float64], ee_position: NDArray[np.float64], contact: Flags
+) -> int:
+    """How often an object was pushed from another side than before.
+
+    A side is the direction from the object's centre to the tool's tip, in the object's frame; another
+    one differs by more than 45 degrees from that of the last change, or of the first contact.
+
+    Args:
+        object_pose: x, y, yaw of the object after each step, `[T, 3]` [m, m, rad].
+        ee_position: Position of the tool's tip after each step, `[T, 2]` [m].
+        contact: Whether the tool touched the object at each step's end, `[T]` bool.
+    """
+    way = (ee_position - object_pose[:, :2])[contact]
+    directions = np.arctan2(way[:, 1], way[:, 0]) - object_pose[contact, 2]
+    changes, side = 0, directions[0] if len(directions) else 0.0
+    for direction in directions[1:]:
+        if abs(math.remainder(direction - side, 2 * math.pi)) > _OTHER_SIDE:
+            changes, side = changes + 1, direction
+    return changes
+
+
+def obstacle_metrics(
+    object_mass: float, object_length: float, poses: NDArray[np.float64]
+) -> dict[str, float | int]:
+    """`effort`, `objects_toppled` and `objects_off` of an episode.
+
+    Args:
+        object_mass: Mass of the pushed object [kg].
+        object_length: Length of its path [m].
+        poses: x, y, yaw and tilt of the obstacles at reset and after each step, `[T + 1, n, 4]`.
+    """
+    lengths = np.linalg.norm(np.diff(poses[..., :2], axis=0), axis=-1).sum(0)
+    masses = np.full(len(lengths), OBSTACLE_MASS)
+    low, high = WORKSPACE.bounds()
+    place, tilt = poses[-1, :, :2], poses[-1, :, 3]
+    outside = (place < low) | (place > high)
+    return {
+        "effort": effort_score(object_mass, object_length, masses, lengths),
+        "objects_toppled": int((tilt > _TOPPLED).sum()),
+        "objects_off": int(outside.any(-1).sum()),
+    }
 
 
 @checked_arguments

@@ -56,7 +56,6 @@ def draw_episode(
     tool_poses = trajectory.ee_pose[: step + 1]
     targets = trajectory.target
     conditions = conditions or EpisodeConditions()
-    time = step / _CONTROL_FREQ
     return draw_top_view(
         scenario,
         object_poses[-1].tolist(),
@@ -65,13 +64,21 @@ def draw_episode(
         ee_path=tool_poses.astype(np.float64),
         planned_path=trajectory.planned_path.astype(np.float64),
         subgoal=targets[min(step, len(targets) - 1)].tolist() if len(targets) else None,
-        obstacle_poses=np.reshape([o.standing(time).pose for o in scenario.obstacles], (-1, 3)),
+        obstacle_poses=_obstacle_poses(scenario, trajectory, step),
         inflation=get_object(scenario.pushed_object, objects).radius_of(conditions.inflation),
         caption=caption,
         tool=conditions.tool,
         objects=objects,
         position_tolerance=conditions.position_tolerance,
     )
+
+
+def _obstacle_poses(scenario: Scenario, trajectory: Trajectory, step: int) -> NDArray[np.float64]:
+    """x, y, yaw of the obstacles after a step, `[n, 3]`."""
+    if trajectory.obstacle_pose is not None:
+        return trajectory.obstacle_pose[step, :, :3].astype(np.float64)
+    time = step / _CONTROL_FREQ
+    return np.reshape([o.standing(time).pose for o in scenario.obstacles], (-1, 3))
 
 
 def draw_frames(

@@ -4,7 +4,7 @@ import csv
 import io
 import os
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,8 @@ from modpush.files import read_json, reading, write_json, write_text
 
 __all__ = [
     "COLUMNS",
+    "DYNAMICS_COLUMNS",
+    "OBSTACLE_COLUMNS",
     "SET_FILE",
     "ResultStore",
     "describe_policy",
@@ -40,10 +42,15 @@ COLUMNS = (
     "pushed_object",
     "difficulty",
     "policy",
-    *(field.name for field in fields(EpisodeMetrics) if field.name != "final_yaw_error"),
+    *(field.name for field in fields(EpisodeMetrics) if field.default is MISSING),
 )
-"""Columns of `episodes.csv`, after which `final_yaw_error` follows where the goals are poses. `policy` is
-the `policy_hash` of the policy."""
+"""Columns of `episodes.csv`, after which `final_yaw_error` follows where the goals are poses,
+`OBSTACLE_COLUMNS` where obstacles can be moved, and `DYNAMICS_COLUMNS` where friction or centre of mass
+are not always the usual ones. `policy` is the `policy_hash` of the policy."""
+OBSTACLE_COLUMNS = ("path_share", "effort", "objects_toppled", "objects_off")
+"""Columns about obstacles that can be moved, see `EpisodeMetrics`."""
+DYNAMICS_COLUMNS = ("side_changes", "mass", "friction", "center_of_mass_x", "center_of_mass_y")
+"""Changes of the pushed side, see `EpisodeMetrics`, and the object's `Dynamics`."""
 _TEXTS = ("scene", "pushed_object", "policy")
 
 
@@ -96,8 +103,13 @@ class ResultStore:
     @property
     def columns(self) -> tuple[str, ...]:
         """Columns of `episodes.csv`."""
-        poses = self.evaluation_set.conditions.goal == "pose"
-        return (*COLUMNS, "final_yaw_error") if poses else COLUMNS
+        conditions = self.evaluation_set.conditions
+        return (
+            *COLUMNS,
+            *(("final_yaw_error",) if conditions.goal == "pose" else ()),
+            *(OBSTACLE_COLUMNS if conditions.dynamic_obstacles else ()),
+            *(DYNAMICS_COLUMNS if self.evaluation_set.hides_dynamics else ()),
+        )
 
     @property
     def csv(self) -> Path:
@@ -137,16 +149,22 @@ class ResultStore:
     def write(self, episode: Episode) -> None:
         """Add an episode's row and trajectory."""
         episode.trajectory.save(self.trajectories / f"{episode.number:05d}.npz")
+        dynamics = episode.scenario.dynamics
         about = {
             "episode": episode.number,
             "scene": episode.scenario.scene,
             "pushed_object": episode.scenario.pushed_object,
             "difficulty": episode.scenario.difficulty,
             "policy": self._policy,
+            "mass": dynamics.mass,
+            "friction": dynamics.friction,
+            "center_of_mass_x": dynamics.center_of_mass[0],
+            "center_of_mass_y": dynamics.center_of_mass[1],
         }
         with self.csv.open("a", encoding="utf-8", newline="") as file:
             row = about | episode.metrics.to_dict()
-            csv.DictWriter(file, self.columns, lineterminator="\n").writerow(row)
+            writer = csv.DictWriter(file, self.columns, extrasaction="ignore", lineterminator="\n")
+            writer.writerow(row)
             file.flush()
             os.fsync(file.fileno())
 

@@ -16,6 +16,7 @@ from modpush.envs.scenes.layouts import (
 )
 from modpush.envs.scenes.objects import PAPER_OBJECTS
 from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
+from modpush.evaluation.hidden_cells import HIDDEN_SHAPES, NUM_CELLS
 
 __all__ = ["RECIPES", "SetRecipe"]
 
@@ -36,6 +37,10 @@ class SetRecipe:
     """Range of the distance from start to goal, which is uniform [m]."""
     difficulty: tuple[float, float] = (0.0, 1.0)
     """Range of the scenes' difficulty, which is uniform."""
+    path_required: bool = True
+    """A path past the obstacles joins start and goal."""
+    hidden_cells: bool = False
+    """Dynamics, distance and start are those of `hidden_cell`."""
     obstacle_between: bool = False
     """An obstacle stands in the straight way from start to goal."""
     tool_start: Literal["any", "behind"] = "any"
@@ -48,6 +53,34 @@ _TIGHT = EpisodeConditions(inflation="inscribed")
 _SUCCESSOR = EpisodeConditions(  # those of arXiv 2403.17667
     goal="pose", position_tolerance=0.015, yaw_tolerance=math.radians(30)
 )
+_MOVABLE = EpisodeConditions(dynamic_obstacles=True)
+_TRACKS = (4, 8, 12)  # movable objects
+_COARSE = EpisodeConditions(goal="pose", position_tolerance=0.03)
+_FINE = EpisodeConditions(goal="pose", position_tolerance=0.015)
+
+
+def _track(seed: int, scene: str, count: int = 128) -> SetRecipe:
+    return SetRecipe(
+        seed=seed,
+        count=count,
+        scenes=(scene,),
+        distance=(0.4, 0.6),
+        path_required=False,
+        obstacle_between=True,
+        conditions=_MOVABLE,
+    )
+
+
+def _hidden(seed: int, conditions: EpisodeConditions, count: int = NUM_CELLS) -> SetRecipe:
+    return SetRecipe(
+        seed=seed,
+        count=count,
+        scenes=("free",),
+        objects=HIDDEN_SHAPES,
+        hidden_cells=True,
+        conditions=conditions,
+    )
+
 
 _RECIPES = {
     "smoke": SetRecipe(
@@ -96,6 +129,11 @@ _RECIPES = {
         distance=(0.35, 0.6),
         obstacle_between=True,
     ),
+    **{f"tracks/{n}": _track(18 + k, f"movable_{n}") for k, n in enumerate(_TRACKS)},
+    "hidden_dynamics": _hidden(21, _COARSE),
+    "hidden_dynamics_fine": _hidden(21, _FINE),
+    **{f"tuning/tracks/{n}": _track(104 + k, f"movable_{n}", 64) for k, n in enumerate(_TRACKS)},
+    "tuning/hidden_dynamics": _hidden(107, _COARSE, 200),
     "tuning/hard": SetRecipe(seed=103, count=100, scenes=HARD_TUNING_SCENES, conditions=_TIGHT),
 }
 _PAPER_SETS = ("free/", "obstacles/", "hard/", "hard200/")

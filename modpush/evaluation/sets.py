@@ -23,14 +23,16 @@ from modpush._validation import checked
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.reach import within_reach
 from modpush.envs.scenes.sampling import sample_scenario
-from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
+from modpush.envs.scenes.scenario import Dynamics, Scenario, ScenarioConfig
 from modpush.envs.scenes.sensing import SENSING, SensingName
+from modpush.evaluation.hidden_cells import hidden_cell
 from modpush.evaluation.set_recipes import RECIPES, SetRecipe
 from modpush.files import read_packed_json, reading, write_packed_json
 from modpush.parts import check_allowed
 
 __all__ = [
     "BEHIND_SETS",
+    "BENCHMARK_SETS",
     "EVALUATION_SETS",
     "MOVING_SETS",
     "POSE_SETS",
@@ -60,10 +62,16 @@ MOVING_SETS = tuple(name for name in SET_NAMES if name.startswith("moving/"))
 """Names of the sets with goal positions in which an obstacle moves. Nothing is chosen on them."""
 POSE_SETS = tuple(name for name in SET_NAMES if name.startswith("pose/"))
 """Names of the sets whose goals are poses. Nothing is chosen on them."""
+BENCHMARK_SETS = tuple(
+    name for name in SET_NAMES if name.startswith(("tracks/", "hidden_dynamics"))
+)
+"""Names of the sets with movable objects in the way, or with hidden dynamics.
+
+Nothing is chosen on them."""
 EVALUATION_SETS = tuple(
     name
     for name in SET_NAMES
-    if name not in ("smoke", *TUNING_SETS, *BEHIND_SETS, *POSE_SETS, *MOVING_SETS)
+    if name not in ("smoke", *TUNING_SETS, *BEHIND_SETS, *POSE_SETS, *MOVING_SETS, *BENCHMARK_SETS)
 )
 """Names of the sets with goal positions, past obstacles that stand, that methods are evaluated on.
 
@@ -113,6 +121,16 @@ class EvaluationSet:
     def objects(self) -> tuple[str, ...]:
         """Names of the objects that are pushed, each once, in order of appearance."""
         return tuple(dict.fromkeys(s.pushed_object for s in self.scenarios))
+
+    @property
+    def hides_dynamics(self) -> bool:
+        """The objects' friction or centre of mass is not always the usual one."""
+        usual = Dynamics()
+        return any(
+            (s.dynamics.friction, s.dynamics.center_of_mass)
+            != (usual.friction, usual.center_of_mass)
+            for s in self.scenarios
+        )
 
     @checked_arguments
     def first(self, count: Count | None) -> "EvaluationSet":
@@ -263,12 +281,20 @@ def _draw(recipe: SetRecipe, number: int) -> Scenario:
         difficulty=recipe.difficulty,
         distance=recipe.distance,
         path_inflation=recipe.conditions.inflation,
+        path_required=recipe.path_required,
         obstacle_between=recipe.obstacle_between,
         tool_start=recipe.tool_start,
     )
-    rng = np.random.default_rng([recipe.seed, number])
+    source = [recipe.seed, number]
+    if recipe.hidden_cells:
+        cell = hidden_cell(number)
+        config = replace(config, distance=cell.distance)
+        source = [recipe.seed, cell.shape, cell.start]
+    rng = np.random.default_rng(source)
     conditions = recipe.conditions
     drawn = sample_scenario(rng, config, tool=conditions.tool, goal=conditions.goal)
+    if recipe.hidden_cells:
+        drawn = replace(drawn, dynamics=cell.dynamics)
     return Scenario.from_dict(_rounded(drawn.to_dict()))
 
 

@@ -13,6 +13,7 @@ __all__ = ["LEGEND", "METRICS", "check_rows", "compare", "format_table", "summar
 
 _OVER_ALL = ("success", "spl")
 _WITHOUT_CONTACT = "success_without_contact"
+_FURTHER = ("path_share", "effort", "objects_toppled", "objects_off", "side_changes")
 _OVER_SOLVED = (
     "contact_rate",
     "contact_rate_at_end",
@@ -48,7 +49,8 @@ def summarize(rows: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
         By method: `episodes`; `success` and `spl` with `_low` and `_high` of their 95 % bootstrap
         intervals, over all episodes, and on sets of goal poses `success_without_contact`, the share of
         episodes that succeeded and in which neither object, tool nor arm ever touched an obstacle, in
-        the same way; `solved`, the number of episodes that all methods solved, and
+        the same way, and where there are such columns `path_share`, `effort`, `objects_toppled`,
+        `objects_off` and `side_changes`; `solved`, the number of episodes that all methods solved, and
         over these alone the other metrics with their standard deviation, `_std` (NaN where there
         is none).
 
@@ -63,6 +65,7 @@ def summarize(rows: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
         over_all = {name: frame[name] for name in _OVER_ALL}
         if "final_yaw_error" in frame:
             over_all[_WITHOUT_CONTACT] = frame["success"] & (frame["collision_rate"] == 0)
+        over_all |= {name: frame[name] for name in _FURTHER if name in frame}
         for name, column in over_all.items():
             values = column.to_numpy(dtype=float)
             low, high = bootstrap_interval(values)
@@ -165,7 +168,7 @@ def to_display(summary: pd.DataFrame) -> pd.DataFrame:
     if missing := sorted({"episodes", "solved", *_OVER_ALL, *_OVER_SOLVED} - set(summary.columns)):
         raise ValueError(f"to_display: summary must have the columns {missing}, got none of them.")
     columns: dict[str, Sequence[str]] = {"episodes": [str(int(n)) for n in summary["episodes"]]}
-    for name in (*_OVER_ALL, *([_WITHOUT_CONTACT] if _WITHOUT_CONTACT in summary else [])):
+    for name in (*_OVER_ALL, *(k for k in (_WITHOUT_CONTACT, *_FURTHER) if k in summary)):
         parts = zip(*(summary[key] for key in (name, f"{name}_low", f"{name}_high")), strict=True)
         columns[name] = [
             "–" if np.isnan(mean) else f"{mean:.3f} [{low:.3f}, {high:.3f}]"

@@ -73,6 +73,7 @@ _object_radius = attrgetter("object_radius")
 _object_symmetry = attrgetter("object_symmetry")
 _last_action = attrgetter("last_action")
 _obstacle_motion = attrgetter("obstacle_motion")
+_object_dynamics = attrgetter("object_dynamics")
 
 
 def _ee_pose(inputs: ObservationInputs) -> Tensor:
@@ -216,6 +217,12 @@ ENTRIES: dict[str, Entry] = {
         (5.0, 5.0, 10.0, 10.0),
         mirrored=_with_signs(_obstacle_motion, 1, -1, 1, -1),
     ),
+    "object_dynamics": Entry(
+        _object_dynamics,
+        (0.5, 2.0, 50.0, 50.0),
+        (0.0, 0.5, 0.0, 0.0),
+        mirrored=_with_signs(_object_dynamics, 1, 1, 1, -1),
+    ),
 }
 """The entries that the library brings, by name. `ee_pose` is (x, y, yaw, pitch, roll). `ee_axis` and
 `object_axis` are the cosine and sine of the yaw times the symmetry of gripper and object. `goal_axis`
@@ -226,7 +233,8 @@ says by how much the edge of the workspace, past which an episode ends, is neare
 ahead, left, behind and right of the object: 0 to 0.15 m. `object_support` is how far the object reaches
 in eight directions, the first along the frame's x: its shape, size and yaw, whatever its symmetry.
 `path_ahead` needs `PlannerSubgoals(ahead=...)`, and `obstacle_motion`, place and velocity of the nearest
-obstacle that moves by itself, `PushEnv(obstacle_motion=True)`. `subgoal_pose` (x, y and the turn to it),
+obstacle that moves by itself, `PushEnv(obstacle_motion=True)`. `object_dynamics` tells mass, friction and
+centre of mass, and needs `PushEnv(object_dynamics=True)`. `subgoal_pose` (x, y and the turn to it),
 `turns_ahead` and `pose_path_length` are of the planned path of poses, `PoseSubgoals(ahead=...)`."""
 
 PAPER_ENTRIES = (

@@ -30,6 +30,7 @@ _LAST = {
     "pose_path_length": (1,),
     "last_action": (3,),
     "obstacle_motion": (4,),
+    "object_dynamics": (4,),
 }
 """Last dimensions of the quantities that have always the same."""
 
@@ -68,6 +69,8 @@ class ObservationKeys:
     """`[..., n, 2]`: points along the planned path."""
     obstacle_motion: Key = "obstacle_motion"
     """`[..., 4]`: place and velocity of an obstacle, zeros for none."""
+    object_dynamics: Key = "object_dynamics"
+    """`[..., 4]`: mass [kg], friction and centre of mass (x, y) in the object's frame."""
     subgoal_pose: Key = "subgoal_pose"
     """`[..., 3]` (x, y, yaw) on the planned path of the object's pose; the yaw continues the object's."""
     pose_path_ahead: Key = "pose_path_ahead"
@@ -259,6 +262,12 @@ class ObservationInputs:
         place, velocity = self._read("obstacle_motion").split(2, -1)
         moves = velocity.any(-1, keepdim=True)
         return torch.cat([self.to_frame(place), rotate(velocity, -self.frame_yaw)], -1) * moves
+
+    @property
+    def object_dynamics(self) -> Tensor:
+        """Mass as its binary logarithm, friction, and centre of mass (x, y) [m], `[..., 4]`."""
+        mass, friction, center = self._read("object_dynamics").split((1, 1, 2), -1)
+        return torch.cat([mass.log2(), friction, rotate(center, self.object_yaw)], -1)
 
     @property
     def latent(self) -> Tensor:

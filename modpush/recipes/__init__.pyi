@@ -15,3 +15,4 @@ from .methods import (
     get_method as get_method,
     get_methods as get_methods,
 )
+from .served import ServedPolicy as ServedPolicy

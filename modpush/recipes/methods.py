@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from tensordict import NestedKey
-from tensordict.nn import TensorDictModuleBase
+from tensordict import NestedKey, TensorDictBase
 from torchrl.envs import Compose, EnvBase, InitTracker, RenameTransform, TransformedEnv
 
 from modpush._arguments import checked_arguments
@@ -16,8 +15,10 @@ from modpush.envs import PushEnv
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.sensing import SensingConfig
 from modpush.mdp import StuckRecovery, recovering
+from modpush.parts import find_part, part_module
 from modpush.planners import DistanceField, OccupancyGrid, PlannerSubgoals
 from modpush.recipes.agent_file import BEST_AGENT, HUB_PREFIX, load_agent, shipped_agents
+from modpush.recipes.served import ServedPolicy, is_served
 
 __all__ = ["METHODS", "Method", "get_method", "get_methods"]
 
@@ -38,7 +39,7 @@ class Method:
     name: str
     """Name for tables, pictures and folders: of a run its folder's, of an agent's file that of its folder
     and its own (`train_last_agent`)."""
-    make_policy: Callable[[], TensorDictModuleBase]
+    make_policy: Callable[[], Callable[[TensorDictBase], TensorDictBase]]
     """Makes the policy."""
     make_env: Callable[..., EnvBase]
     """`(number of scenes, names of the objects, conditions=None, **options of PushEnv) -> environment`;
@@ -59,8 +60,10 @@ def get_method(
     """Look a policy up.
 
     Args:
-        policy: A name in `METHODS`, a shipped agent's name, a training run's folder, an agent's file, or
-            `"hf://owner/name"`.
+        policy: A name in `METHODS`, a shipped agent's name, a training run's folder, an agent's file,
+            `"hf://owner/name"`, `"http://host:port"` where a policy is served (`ServedPolicy`), or
+            `"module:name"` of your own policy: a function of a tensordict that writes `action`, or a
+            `Method`. Others than agents and a `Method` act in the environment of `scripted`.
         allow: Modules from which an agent's file may import its author's own parts.
         recovery: Let `StuckRecovery` take over when the policy has come to rest before the goal.
             None: as the agent's config says, and no for other policies. The name of a method shows if it
@@ -72,6 +75,12 @@ def get_method(
     """
     if policy in METHODS and policy != "agent":
         method, default = _hand_written(policy), False
+    elif is_served(policy):
+        served = ServedPolicy(policy)
+        method, default = replace(_hand_written("scripted"), name=served.config), False
+        method = replace(method, make_policy=functools.partial(ServedPolicy, policy))
+    elif part_module(policy) is not None and not Path(policy).exists():
+        method, default = _own(policy), False
     else:
         method, default = _trained(policy, allow)
     recovers = default if recovery is None else recovery
@@ -124,6 +133,19 @@ def _hand_written(policy: str) -> Method:
     )
 
 
+def _own(policy: str) -> Method:
+    """A policy, or a method, that is imported."""
+    found = find_part("policy", policy, METHODS)
+    if isinstance(found, Method):
+        return found
+    if not callable(found):
+        raise ValueError(
+            f"policy: {policy!r} must be a function of a tensordict or a Method, got {found!r}."
+        )
+    name = policy.rpartition(":")[2]
+    return replace(_hand_written("scripted"), name=name, make_policy=lambda: found)
+
+
 def _trained(policy: str, allow: Sequence[str]) -> tuple[Method, bool]:
     """An agent without recovery; True if its config has one."""
     name, source = _find_agent(policy)
@@ -161,8 +183,8 @@ def _find_agent(policy: str) -> tuple[str, str]:
         return policy.removeprefix(HUB_PREFIX).replace("/", "_").replace("@", "_"), policy
     raise ValueError(
         f"policy: no {policy!r}, expected {', '.join(METHODS)}, a shipped agent "
-        f"({', '.join(shipped_agents())}), a training run's folder, an agent's file or "
-        "hf://owner/name."
+        f"({', '.join(shipped_agents())}), a training run's folder, an agent's file, hf://owner/name, "
+        "http://host:port or module:name."
     )
 
 

@@ -47,7 +47,8 @@ def test_specs_under_other_options(kwargs) -> None:
 
 
 def test_every_key_of_the_docstring_is_emitted_and_no_other() -> None:
-    env = PushEnv(1, dynamic_obstacles=True, goal="pose", obstacle_motion=True)
+    options = {"dynamic_obstacles": True, "obstacle_motion": True, "object_dynamics": True}
+    env = PushEnv(1, goal="pose", **options)
     said = {
         line.split()[0]
         for line in PushEnv.__doc__.split("meaning")[1].splitlines()

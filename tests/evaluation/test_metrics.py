@@ -3,9 +3,13 @@ import pytest
 
 from modpush.evaluation.metrics import (
     contact_rate,
+    effort_score,
     episode_metrics,
     mean_jerk,
+    obstacle_metrics,
+    path_share,
     reversal_rate,
+    side_changes,
     success_weighted_by_path_length,
 )
 
@@ -86,3 +90,40 @@ def test_an_episode_by_hand() -> None:
     assert metrics.path_length == pytest.approx(0.75)  # 0.3 + 0.4 + 0.05
     assert metrics.final_distance == pytest.approx(0.05)
     assert metrics.spl == pytest.approx(0.8)
+
+
+def test_the_share_of_the_way_is_1_for_a_success_and_never_negative() -> None:
+    assert path_share(True, 0.5, 0.05) == 1.0
+    assert path_share(False, 0.5, 0.1) == pytest.approx(0.8)
+    assert path_share(False, 0.5, 0.7) == 0.0
+
+
+def test_the_effort_score_is_the_object_s_share_of_mass_times_distance() -> None:
+    # 1 kg over 0.6 m; 0.5 kg over 0.2 m and 0.5 kg over 0.4 m: 0.6 / (0.6 + 0.1 + 0.2).
+    score = effort_score(1.0, 0.6, np.array([0.5, 0.5]), np.array([0.2, 0.4]))
+    assert score == pytest.approx(2 / 3)
+    assert effort_score(1.0, 0.6, np.array([0.5]), np.array([0.0])) == 1.0
+    assert effort_score(1.0, 0.0, np.array([0.5]), np.array([0.0])) == 1.0
+
+
+def test_obstacles_count_by_the_length_of_their_paths_by_their_tilt_and_by_their_place() -> None:
+    poses = np.zeros((3, 3, 4))
+    poses[:, :, 0] = 0.5
+    poses[1, 0, 1] = 0.1  # there and back: 0.2 m
+    poses[2, 1, 3] = np.pi / 2
+    poses[2, 2, 1] = 0.41  # the workspace ends at 0.35, with the margin at 0.40
+    # 2 kg over 0.5 m; 0.5 kg over 0.2 and over 0.41 m.
+    found = obstacle_metrics(2.0, 0.5, poses)
+    assert found.pop("effort") == pytest.approx(1.0 / (1.0 + 0.1 + 0.205))
+    assert found == {"objects_toppled": 1, "objects_off": 1}
+
+
+def test_another_side_is_one_by_more_than_45_degrees_in_the_object_s_frame() -> None:
+    angles = np.radians([180, 160, 140, 130, 0, 90, 180])
+    tool = 0.05 * np.stack([np.cos(angles), np.sin(angles)], -1)
+    pose, touching = np.zeros((7, 3)), flags("1111101")
+    # 130 is the first by more than 45 from 180, 0 by more than 45 from 130, and 180 from 0.
+    assert side_changes(pose, tool, touching) == 3
+    assert side_changes(pose, tool, flags("0000000")) == 0
+    turned = np.column_stack([pose[:, :2], angles])  # the object turns along with the tool
+    assert side_changes(turned, tool, flags("1111111")) == 0

@@ -3,17 +3,20 @@ from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from scipy.stats import kstest
 
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.objects import get_object
+from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.rectangles import obstacle_distance
 from modpush.evaluation import sets
 from modpush.evaluation.set_recipes import RECIPES
 from modpush.evaluation.sets import (
     BEHIND_SETS,
+    BENCHMARK_SETS,
     EVALUATION_SETS,
     MOVING_SETS,
     POSE_SETS,
@@ -23,8 +26,10 @@ from modpush.evaluation.sets import (
     generate_set,
     load_set,
 )
+from modpush.evaluation.shortest import shortest_path
 from modpush.files import write_packed_json
 
+ROOT = Path(__file__).parents[2]
 COUNTS = {
     "smoke": 20,
     "free/small_cube": 500,
@@ -44,6 +49,15 @@ COUNTS = {
     "pose/two_rectangles/box": 500,
     "pose/moving_bar/box": 500,
     "moving/small_cube": 200,
+    "tracks/4": 128,
+    "tracks/8": 128,
+    "tracks/12": 128,
+    "hidden_dynamics": 1000,
+    "hidden_dynamics_fine": 1000,
+    "tuning/tracks/4": 64,
+    "tuning/tracks/8": 64,
+    "tuning/tracks/12": 64,
+    "tuning/hidden_dynamics": 200,
     "tuning/small_cube": 200,
     "tuning/all_objects": 200,
     "tuning/hard": 100,
@@ -55,7 +69,15 @@ COUNTS = {
     "behind/hard/small_cube": 50,
     "behind/hard200/small_cube": 200,
 }
-SEVERAL_OBJECTS = ("smoke", "tuning/all_objects")
+HIDDEN = tuple(name for name in SET_NAMES if "hidden_dynamics" in name)
+SEVERAL_OBJECTS = ("smoke", "tuning/all_objects", *HIDDEN)
+DIGESTS = {
+    "tracks/4": "90e91f6b9ada",
+    "tracks/8": "5e3c430781d0",
+    "tracks/12": "bc6e5e8ad297",
+    "hidden_dynamics": "18321f33ae8b",
+    "hidden_dynamics_fine": "18321f33ae8b",
+}
 
 
 def test_there_are_the_sets_of_the_specification() -> None:
@@ -69,7 +91,8 @@ def test_a_set_has_its_episodes_in_equal_shares(name: str) -> None:
     shares = Counter(s.scene for s in loaded).values()
     assert max(shares) - min(shares) <= 1
     if name not in SEVERAL_OBJECTS:
-        assert loaded.objects == ("small_cube" if "tuning" in name else name.split("/")[-1],)
+        small = "tuning" in name or "tracks" in name
+        assert loaded.objects == ("small_cube" if small else name.split("/")[-1],)
     scenes = len({s.scene for s in loaded})
     assert set(Counter(s.scene for s in loaded.first(2 * scenes)).values()) == {2}
 
@@ -99,7 +122,7 @@ def test_episodes_are_as_far_and_as_clear_as_specified(name: str) -> None:
         radius = get_object(s.pushed_object).radius
         assert (obstacle_distance(ends, s.obstacles) >= radius + 0.06 - 1e-5).all()
         difficulties.append(s.difficulty)
-    if len(difficulties) >= 500:  # uniform in [0, 1]: mean 1/2, sd 1/sqrt(12)
+    if len({*difficulties}) >= 500:  # uniform in [0, 1]: mean 1/2, sd 1/sqrt(12)
         assert np.mean(difficulties) == pytest.approx(0.5, abs=0.04)
         assert np.std(difficulties) == pytest.approx(12**-0.5, abs=0.03)
 
@@ -110,7 +133,7 @@ def test_distances_are_uniform_in_a_set_and_in_its_families(name: str) -> None:
     distance = np.array([math.dist(s.object_pose[:2], s.goal_position) for s in loaded])
     scenes = np.array([s.scene for s in loaded])
     for chosen in (distance, *(distance[scenes == scene] for scene in {*scenes})):
-        least = 0.35 if RECIPES[name].obstacle_between else 0.2
+        least = RECIPES[name].distance[0]
         assert kstest(chosen, "uniform", (least, 0.6 - least)).pvalue > 0.001
 
 
@@ -153,14 +176,80 @@ def test_the_larger_hard_set_begins_with_the_paper_s_number_of_episodes() -> Non
 
 
 def test_nothing_that_is_tuned_on_is_evaluated_on() -> None:
-    evaluated = (*EVALUATION_SETS, *BEHIND_SETS, *POSE_SETS, *MOVING_SETS)
+    evaluated = (*EVALUATION_SETS, *BEHIND_SETS, *POSE_SETS, *MOVING_SETS, *BENCHMARK_SETS)
     assert set(TUNING_SETS) | set(evaluated) | {"smoke"} == set(SET_NAMES)
     tuned = {(s.object_pose, s.goal_position) for name in TUNING_SETS for s in load_set(name)}
-    assert len(tuned) == 500
+    assert len(tuned) == 500 + 3 * 64 + 8 * 5
     for name in evaluated:
         assert not tuned & {(s.object_pose, s.goal_position) for s in load_set(name)}
     hard = {s.scene for name in evaluated if "hard" in name for s in load_set(name)}
     assert not hard & {s.scene for s in load_set("tuning/hard")}
+
+
+@pytest.mark.parametrize("name", BENCHMARK_SETS)
+def test_a_benchmark_keeps_its_episodes(name: str) -> None:
+    assert load_set(name).digest.startswith(DIGESTS[name])  # printed in docs/howto/benchmarks.md
+    assert DIGESTS[name] in (ROOT / "docs" / "howto" / "benchmarks.md").read_text()
+
+
+@pytest.mark.parametrize("count", [4, 8, 12])
+def test_objects_of_a_track_stand_apart_and_often_leave_no_path(count: int) -> None:
+    track, blocked = load_set(f"tracks/{count}"), 0
+    assert track.conditions == EpisodeConditions(dynamic_obstacles=True)
+    for s in track:
+        assert len(s.obstacles) == count
+        for k, one in enumerate(s.obstacles):
+            assert obstacle_distance(_corners(one), s.obstacles[:k]).min(initial=1.0) > 0
+        blocked += (free_way := shortest_path(s)[1]) == pytest.approx(
+            math.dist(s.object_pose[:2], s.goal_position), abs=1e-9
+        )
+        assert free_way > 0
+    # An object stands in the straight way, so that this is no path but what stands for none.
+    assert {4: blocked == 0, 8: 50 < blocked < 90, 12: 70 < blocked < 110}[count]
+
+
+def _corners(box: Obstacle) -> np.ndarray:
+    (length, width, _), (x, y, yaw) = box.size, box.pose
+    edge = np.linspace(-0.5, 0.5, 9)
+    sides = [
+        *((u, s) for u in edge for s in (-0.5, 0.5)),
+        *((s, u) for u in edge for s in (-0.5, 0.5)),
+    ]
+    u, v = (np.array(sides) * (length, width)).T
+    return np.stack(
+        [x + u * math.cos(yaw) - v * math.sin(yaw), y + u * math.sin(yaw) + v * math.cos(yaw)], -1
+    )
+
+
+@pytest.mark.parametrize("name", HIDDEN)
+def test_hidden_dynamics_meet_every_cell_and_in_200_episodes_every_pair_of_levels(name) -> None:
+    loaded = load_set(name)
+    assert loaded.hides_dynamics
+    assert loaded.first(1).hides_dynamics
+    assert loaded.conditions.yaw_tolerance == pytest.approx(math.radians(10))
+    cells = [(s.pushed_object, s.dynamics) for s in loaded]
+    assert len({*cells}) == len(cells)
+    levels = [
+        (s.pushed_object, s.dynamics.mass, s.dynamics.friction, s.dynamics.center_of_mass)
+        for s in loaded
+    ]
+    for first in range(0, len(levels), 200):
+        block = levels[first : first + 200]
+        for a, b in ((1, 2), (1, 3), (2, 3)):
+            assert len({(row[0], row[a], row[b]) for row in block}) == 200
+    starts = Counter((s.pushed_object, s.object_pose, s.goal_position, s.tool_pose) for s in loaded)
+    assert len(starts) == 40
+    assert set(starts.values()) == {len(loaded) // 40}
+    for field in ("mass", "friction", "center_of_mass"):
+        pairs = Counter((s.object_pose, getattr(s.dynamics, field)) for s in loaded)
+        assert set(pairs.values()) == {len(loaded) // 200}
+
+
+def test_a_shifted_centre_of_mass_is_over_the_object() -> None:
+    for s in load_set("hidden_dynamics"):
+        corners = np.concatenate(get_object(s.pushed_object).footprints()).astype(np.float32)
+        inside = cv2.pointPolygonTest(cv2.convexHull(corners), s.dynamics.center_of_mass, True)
+        assert inside > 0.004  # [m]
 
 
 @pytest.mark.parametrize("name", BEHIND_SETS)

@@ -1,6 +1,7 @@
 """What the agent sees."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -10,8 +11,10 @@ from torchrl.envs import Compose, TransformedEnv, check_env_specs
 
 from modpush.envs import PushEnv
 from modpush.envs.scenes.objects import OBJECTS
+from modpush.envs.scenes.scenario import Dynamics
 from modpush.geometry.frames import rotate
 from modpush.mdp import ENTRIES, PAPER_ENTRIES, ActionFrame, Entry, ObservationKeys, PushObservation
+from tests.envs.engines.sapien.test_agent import scenario
 from tests.mdp.straight_path import StraightPath
 
 
@@ -40,6 +43,7 @@ def make_state(batch=2, seed=0):
             "goal_pose": draw(3),
             "pose_error": draw(2),
             "obstacle_motion": draw(4),
+            "object_dynamics": draw(4).abs() + 0.1,
             "subgoal_pose": draw(3),
             "pose_path_ahead": draw(3, 3),
             "pose_path_length": draw(1).abs(),
@@ -292,4 +296,16 @@ def test_the_last_action_is_the_agents_and_zero_after_a_reset():
     following = td["next"].clone().set("_reset", torch.tensor([[True], [False]]))
     again = env.reset(following)["observation"][:, :3]
     assert torch.equal(again, torch.stack([torch.zeros(3), action[1]]))
+    env.close()
+
+
+def test_hidden_dynamics_are_told_in_the_agent_s_frame():
+    dynamics = Dynamics(mass=4.0, friction=0.1, center_of_mass=(0.01, 0.0))
+    start = replace(scenario((0.35, 0.0, 0.0), (0.45, 0.2, math.pi / 2)), dynamics=dynamics)
+    env = PushEnv(1, object_dynamics=True, depth=None)
+    td = env.reset(scenarios=[start])
+    assert td["object_dynamics"].tolist() == [pytest.approx([4.0, 0.1, 0.01, 0.0])]
+    for frame, center in (("object", (0.01, 0.0)), ("base", (0.0, 0.01))):
+        seen = PushObservation(frame, entries=["object_dynamics"], raw=True)(td)["observation"]
+        assert seen.tolist() == [pytest.approx([2.0, 0.1, *center], abs=1e-6)]
     env.close()

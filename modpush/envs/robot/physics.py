@@ -1,6 +1,6 @@
 """Physical constants of the task, the same for every engine."""
 
-__all__ = ["CONTACT_GAP", "DAMPING", "FRICTION", "OBSTACLE_MASS", "STIFFNESS"]
+__all__ = ["CONTACT_GAP", "DAMPING", "FRICTION", "STIFFNESS"]
 
 STIFFNESS = 2e4
 """Stiffness of the joint drives [N m/rad]."""
@@ -11,5 +11,3 @@ FRICTION: dict[str, float] = {"object": 0.5, "table": 0.5, "obstacle": 0.5, "too
 and table, 0.25 between tool and object, and 0.5 between object and obstacle."""
 CONTACT_GAP = 0.001
 """Bodies whose surfaces are nearer than this count as touching [m]."""
-OBSTACLE_MASS = 0.5
-"""Mass of a movable obstacle [kg]."""

@@ -27,6 +27,7 @@ _LATER = (
     "yaw_tolerance",
     "hold_steps",
     "full_circle",
+    "dynamic_obstacles",
     "sensing",
 )
 """Fields that were added after the first sets were written."""
@@ -58,6 +59,8 @@ class EpisodeConditions:
     """Number of control steps in a row at whose end the object must be at its goal."""
     full_circle: bool = False
     """Count yaw angles as different at which the object looks the same."""
+    dynamic_obstacles: bool = False
+    """The obstacles can be pushed away."""
     inflation: Circle = "circumscribed"
     """The object's circle whose radius is that by which obstacles were inflated where it was
     decided that an episode can be solved, and are for its shortest path. With `inscribed` a method plans

@@ -11,6 +11,7 @@ import numpy as np
 
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
 from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
+from modpush.envs.scenes.track_layouts import TRACK_SCENES
 from modpush.geometry.workspace import WORKSPACE
 from modpush.parts import find_part, part_name
 
@@ -278,7 +279,7 @@ TIGHT_SCENES: dict[str, SceneFn] = {
 """The families by name through whose passages only the inscribed circle of a small object fits: episodes
 are drawn with `ScenarioConfig.path_inflation` `inscribed`, and planned with the same inflation."""
 
-ALL_SCENES: dict[str, SceneFn] = {**SCENES, **TIGHT_SCENES, **SHAPE_SCENES}
+ALL_SCENES: dict[str, SceneFn] = {**SCENES, **TIGHT_SCENES, **SHAPE_SCENES, **TRACK_SCENES}
 """All families by name."""
 
 OBSTACLE_SCENES = ("bar_across", "bar_along", "slot", "posts", "corridor")

@@ -101,7 +101,7 @@ class _FreeSpace(NamedTuple):
     turned: np.ndarray
     """The obstacles, as `nearest_rectangle` reads them, `[n, 6]`."""
     labels: np.ndarray
-    """Equal positive labels are joined, `[n, n]`; empty where nothing stands."""
+    """Equal positive labels are joined, `[n, n]`; empty where nothing stands, or no path is required."""
     cell: float
     """Side of their cells [m]."""
 
@@ -341,7 +341,7 @@ def _first_good(
 
 @njit()
 def _joined(sx: float, sy: float, gx: float, gy: float, free: _FreeSpace) -> bool:
-    """True if a path joins two points; no labels mean that nothing stands in the way."""
+    """True if a path joins two points; no labels mean that nothing has to be asked for."""
     if len(free.labels) == 0:
         return True
     first = _label(sx, sy, free)
@@ -365,7 +365,7 @@ def _free_space(
     circle = config.path_inflation or "circumscribed"
     labels, cell = np.zeros((0, 0), np.int32), _CELLS[circle]
     turned = turned_rectangles(rectangles(obstacles))
-    if obstacles:
+    if obstacles and config.path_required:
         low = np.subtract(config.low, config.path_margin)
         high = np.add(config.high, config.path_margin)
         passable = _passable_cells(turned, item.radius_of(circle), low, high, cell)

@@ -151,6 +151,9 @@ class ScenarioConfig:
     obstacle_between: bool = False
     """Draw only episodes in which an obstacle stands in the straight way from start to goal; where a
     family places no obstacles, any."""
+    path_required: bool = True
+    """Draw only episodes in which a path past the obstacles joins start and goal. False: also those in
+    which obstacles have to be pushed away, with `dynamic_obstacles`."""
     path_margin: NonNegativeLength = 0.04
     """Largest distance by which the object's path to the goal may leave the workspace [m]; at 5 cm an
     episode ends."""

@@ -171,6 +171,60 @@ def test_drawn_mass_friction_and_centre_of_mass_act(batch) -> None:
     assert abs(beside - yaw_of(engine)) > 0.05
 
 
+def turn_when_pushed(batch: SceneBatch, shift: float, beside: float) -> float:
+    """Turn [deg] of a box, its long side across, that is slowly pushed ahead by 8 cm.
+
+    Args:
+        batch: A scene with the rod.
+        shift: Of the centre of mass to the left, along the long side [m].
+        beside: By how much the push passes the box's middle on the left [m].
+    """
+    dynamics = Dynamics(center_of_mass=(shift, 0.0))
+    tool, box = (0.405, beside, 0.0), (0.45, 0.0, math.pi / 2)
+    batch.start([0], [scenario(tool, box, name="box", dynamics=dynamics)])
+    for _ in range(22):
+        batch.step(0.2 * AHEAD)
+    return math.degrees(yaw_of(batch.engines[0])) - 90
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_pushed_object_turns_about_its_centre_of_mass(rod, side) -> None:
+    quarter = side * 0.025
+    # The side with the centre of mass stays behind: to the left of the push, the box turns left.
+    assert 25 < side * turn_when_pushed(rod, quarter, 0.0) < 60
+    assert abs(turn_when_pushed(rod, quarter, quarter)) < 8
+    assert side * turn_when_pushed(rod, 0.0, quarter) < -20
+    assert abs(turn_when_pushed(rod, 0.0, 0.0)) < 1
+
+
+@pytest.mark.parametrize("name", ["box", "small_cylinder", "fragment"])
+def test_an_object_with_a_shifted_centre_of_mass_stands_as_any_other(batch, name) -> None:
+    (engine,) = batch.engines
+    shifted = Dynamics(center_of_mass=(0.4 * KINDS[name].inscribed_radius, 0.0))
+    start = scenario(BEHIND, (0.50, 0.0, 0.0), name=name, dynamics=shifted)
+    batch.start([0], [start])
+    for _ in range(30):
+        batch.step(STILL)
+    assert engine.object_transform()[:3] == pytest.approx(
+        [0.50, 0.0, KINDS[name].height / 2], abs=2e-4
+    )
+    random_pushes(batch, 15)
+    first, even = engine.pack(), scenario(BEHIND, (0.50, 0.0, 0.0), name=name)
+    batch.start([0], [even])
+    random_pushes(batch, 15)
+    after_shifted = engine.pack()
+    batch.start([0], [start])
+    for _ in range(30):
+        batch.step(STILL)
+    random_pushes(batch, 15)
+    np.testing.assert_array_equal(engine.pack(), first)
+    other = make_batch(engine.name)  # which has never had another one
+    other.start([0], [even])
+    random_pushes(other, 15)
+    np.testing.assert_array_equal(other.engines[0].pack(), after_shifted)
+    other.close()
+
+
 def test_a_squeezed_object_hardly_sinks_into_wall_or_tool(batch) -> None:
     (engine,) = batch.engines
     batch.start([0], [scenario(BEHIND, (0.50, 0.0, 0.0), obstacles=(WALL,))])

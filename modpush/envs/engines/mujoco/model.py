@@ -16,11 +16,11 @@ from modpush.envs.engines.mujoco.solids import (
     add_solids,
     set_contact,
 )
-from modpush.envs.robot.physics import FRICTION, OBSTACLE_MASS
+from modpush.envs.robot.physics import FRICTION
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.robot.urdf import mass_properties
 from modpush.envs.scenes.objects import PushedObject
-from modpush.envs.scenes.obstacle import Obstacle
+from modpush.envs.scenes.obstacle import OBSTACLE_MASS, Obstacle
 from modpush.envs.scenes.scenario import Scenario
 from modpush.geometry.shapes import Primitive, box, prism
 

@@ -12,9 +12,8 @@ from sapien import physx
 
 from modpush.envs.engines.sapien import bodies
 from modpush.envs.engines.sapien.obstacle_bodies import OBSTACLE_COLOR
-from modpush.envs.robot.physics import OBSTACLE_MASS
 from modpush.envs.scenes.layouts import BAR_SECTION, CUBE_SIDE
-from modpush.envs.scenes.obstacle import Obstacle
+from modpush.envs.scenes.obstacle import OBSTACLE_MASS, Obstacle
 from modpush.geometry.shapes import box
 
 if TYPE_CHECKING:

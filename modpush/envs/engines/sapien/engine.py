@@ -13,6 +13,7 @@ from sapien import physx
 from modpush.envs.engines.base import Engine, SceneSpec
 from modpush.envs.engines.named import ENGINES
 from modpush.envs.engines.sapien import bodies
+from modpush.envs.engines.sapien.feet import attach_feet, stand_on_feet
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.scenario import Scenario
 
@@ -60,6 +61,8 @@ class SapienEngine(Engine):
         self._height_of_mass = {
             name: round(float(body.cmass_local_pose.p[2]), 6) for name, body in self._bodies.items()
         }
+        # Of those that have had a shifted centre of mass; the others have none, and behave as ever.
+        self._feet: dict[str, list[physx.PhysxCollisionShape]] = {}
         # SAPIEN builds a camera that changes its scene anew, with the shaders that are set then.
         self._camera_scenes: list[sapien.Scene] = []
         self._no_force = np.zeros(len(self._joints), dtype=np.float32)
@@ -118,6 +121,10 @@ class SapienEngine(Engine):
 
     def _place_object(self, item: PushedObject, scenario: Scenario) -> None:
         entity, body = self._entities[item.name], self._bodies[item.name]
+        shifted = any(scenario.dynamics.center_of_mass)
+        if shifted and item.name not in self._feet:
+            self._feet[item.name] = attach_feet(body, item.parts, self._objects.material)
+        stand_on_feet(self._feet.get(item.name, []), shifted)
         self._scene.sub_scenes[0].add_entity(entity)
         body.linear_velocity = body.angular_velocity = _STILL
         body.wake_up()  # the time that it had been almost at rest would count on

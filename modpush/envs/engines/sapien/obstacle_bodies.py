@@ -10,8 +10,7 @@ from sapien import physx
 from torch import Tensor
 
 from modpush.envs.engines.sapien import bodies
-from modpush.envs.robot.physics import OBSTACLE_MASS
-from modpush.envs.scenes.obstacle import Obstacle
+from modpush.envs.scenes.obstacle import OBSTACLE_MASS, Obstacle
 from modpush.geometry.shapes import Primitive, box
 
 if TYPE_CHECKING:

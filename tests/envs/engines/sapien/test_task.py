@@ -9,10 +9,9 @@ import torch
 import modpush.envs  # noqa: F401 (registers the task)
 from modpush.envs.engines.sapien.rendering import NO_RENDERER, find_render_device
 from modpush.envs.engines.sapien.task import ClutterPushEnv
-from modpush.envs.robot.physics import OBSTACLE_MASS
 from modpush.envs.scenes.layouts import SCENES
 from modpush.envs.scenes.objects import PushedObject
-from modpush.envs.scenes.obstacle import Obstacle
+from modpush.envs.scenes.obstacle import OBSTACLE_MASS, Obstacle
 from modpush.envs.scenes.scenario import Dynamics, ScenarioConfig
 from modpush.geometry import box, centered
 from tests.envs.engines.sapien.test_agent import scenario
