@@ -1,8 +1,9 @@
 """`PushMotion`: where a pushed object comes to lie when the tool moves.
 
 A push is quasi-static: friction on the table stops the object at once. With the ellipsoid as limit
-surface, a force f along a contact's normal at the place r moves the object by a multiple of
-(f, r x f / c^2), where c is the ratio of the largest moment to the largest force of that friction.
+surface, a force f at the place r, within the cone of friction about the contact's normal, moves the
+object by a multiple of (f, r x f / c^2), where c is the ratio of the largest moment to the largest
+force of that friction.
 Source: Lynch, Maekawa and Tanie, Manipulation and active sensing by pushing using tactile feedback, 1992.
 """
 
@@ -24,6 +25,7 @@ from modpush.geometry.shapes import Primitive
 __all__ = ["PushMotion", "tool_outlines"]
 
 _STEP = 0.001  # of the tool's corners between two corrections of the object's pose [m]
+_FRICTION = 0.25  # of tool and object, as `envs.robot.physics` has it
 _CORRECTIONS = 4  # after each of its steps, since a side may touch at both ends in turn
 
 Floats = NDArray[np.float64]
@@ -131,27 +133,51 @@ def _push(
 ) -> float:
     """Move the object out of the tool's way, in place; returns the least distance of the two [m]."""
     tool, body = np.empty_like(first), np.empty_like(outlines[0])
+    before, after = last[1] - last[0], first[1] - first[0]
+    turn = math.atan2(
+        after[0] * before[1] - after[1] * before[0], after[0] * before[0] + after[1] * before[1]
+    )
     gap = np.inf
     for step in range(steps):
-        share = (step + 1) / steps
+        share, mx, my = (step + 1) / steps, 0.0, 0.0
         for i in range(len(first)):
             tool[i, 0] = first[i, 0] + share * (last[i, 0] - first[i, 0])
             tool[i, 1] = first[i, 1] + share * (last[i, 1] - first[i, 1])
-        for _ in range(corrections):
-            deepest, nx, ny, rx, ry = -np.inf, 0.0, 0.0, 0.0, 0.0
+            mx, my = mx + tool[i, 0] / len(first), my + tool[i, 1] / len(first)
+        for again in range(corrections):
+            deepest, nx, ny, px, py = -np.inf, 0.0, 0.0, 0.0, 0.0
             for part in range(len(outlines)):
                 n = counts[part]
                 place(outlines[part, :n], pose[0], pose[1], pose[2], body[:n])
                 found = overlap(tool, body[:n])
                 if found[0] > deepest:
-                    deepest, nx, ny, rx, ry = found
+                    deepest, nx, ny, px, py = found
             gap = min(gap, -deepest)
             if deepest <= 1e-6:
                 break
-            rx, ry = rx - pose[0], ry - pose[1]
-            turn = (rx * ny - ry * nx) / (lever * lever)
-            scale = deepest / (1.0 + turn * (rx * ny - ry * nx))
-            pose[0] += scale * nx
-            pose[1] += scale * ny
-            pose[2] += scale * turn
+            along = 0.0  # motion of the tool's side along itself, which friction passes on
+            if again == 0:
+                vx = (last[:, 0] - first[:, 0]).mean() - turn * (py - my)
+                vy = (last[:, 1] - first[:, 1]).mean() + turn * (px - mx)
+                along = (vy * nx - vx * ny) / steps
+            _move(pose, deepest, along, nx, ny, px - pose[0], py - pose[1], lever)
     return gap
+
+
+@njit(error_model="numpy")
+def _move(
+    pose: Floats, out: float, along: float, nx: float, ny: float, rx: float, ry: float, lever: float
+) -> None:
+    """Move the object such that its point r goes `out` along n, and `along` beside it if friction can."""
+    # Moments of unit forces along n and beside it, per lever; each moves r by 1 + its square.
+    mn, mt = (rx * ny - ry * nx) / lever, (rx * nx + ry * ny) / lever
+    nn, nt, tt = 1.0 + mn * mn, mn * mt, 1.0 + mt * mt
+    det = nn * tt - nt * nt
+    normal, beside = (tt * out - nt * along) / det, (nn * along - nt * out) / det
+    if normal <= 0.0 or abs(beside) > _FRICTION * normal:
+        side = math.copysign(_FRICTION, beside)
+        normal = out / (nn + side * nt)
+        beside = side * normal
+    pose[0] += normal * nx - beside * ny
+    pose[1] += normal * ny + beside * nx
+    pose[2] += (normal * mn + beside * mt) / lever

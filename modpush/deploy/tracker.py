@@ -36,7 +36,9 @@ _DOUBT = 0.15
 """Residual from which other poses near by are tried."""
 _PATIENCE = 3
 """Number of images in a row that contradict the pose before the object is looked for everywhere."""
-_CANDIDATES = 6
+_CANDIDATES = 12
+_NEAR_GUESS = 0.06
+"""Distance from a guess within which the object is looked for [m]."""
 
 Floats = NDArray[np.float64]
 
@@ -119,16 +121,17 @@ class ObjectTracker:
 
     def _find(self, guess: Floats | None) -> Floats | None:
         """The best pose in the whole image, or near a guess; None if nothing looks like the object."""
-        if guess is not None:
-            found = self._refine(guess, (0.02, 0.5), _wide(guess, self.item.symmetry))
-            return found if self._estimate(found).found else None
         best, least = None, _CONFIRMED
         for number, candidate in enumerate(self._finder.candidates(self.heights, _CANDIDATES)):
+            if guess is not None and not np.linalg.norm((candidate - guess)[:2]) < _NEAR_GUESS:
+                continue
             found = self._refine(candidate, _ANYWHERE, _near(candidate, candidate))
             estimate = self._estimate(found)
             score = estimate.residual + 0.02 * number  # whose outline fits is first
             if estimate.found and score < least:
                 best, least = found, score
+        if best is not None and guess is not None:
+            best[2] = _nearest_yaw(best[2], guess[2], self.item.symmetry)
         return best
 
     def _refine(self, prior: Floats, spread: tuple[float, float], starts: Floats) -> Floats:
