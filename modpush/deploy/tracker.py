@@ -121,13 +121,14 @@ class ObjectTracker:
 
     def _find(self, guess: Floats | None) -> Floats | None:
         """The best pose in the whole image, or near a guess; None if nothing looks like the object."""
-        best, least = None, _CONFIRMED
+        best, least = None, math.inf
         for number, candidate in enumerate(self._finder.candidates(self.heights, _CANDIDATES)):
             if guess is not None and not np.linalg.norm((candidate - guess)[:2]) < _NEAR_GUESS:
                 continue
             found = self._refine(candidate, _ANYWHERE, _near(candidate, candidate))
             estimate = self._estimate(found)
-            score = estimate.residual + 0.02 * number  # whose outline fits is first
+            # A place of the object's size on a long obstacle fits as well, but the rest is beside it.
+            score = estimate.residual + 0.2 * self._beside(found) + 0.02 * number
             if estimate.found and score < least:
                 best, least = found, score
         if best is not None and guess is not None:
@@ -208,6 +209,12 @@ class ObjectTracker:
             found=bool(seen and residual <= _CONFIRMED),
             unseen_for=0,
         )
+
+    def _beside(self, pose: Floats) -> float:
+        """Unexplained pixels around a pose, per pixel of the object."""
+        pixels, weight = self._gather(pose)
+        total, own, _, _ = compare(pose, pixels, self._origin, self.item.radius, *self._shape)
+        return (total - own) / weight
 
     def _hidden(self, pose: Floats) -> float:
         """Share of the top that is hidden at a pose."""
