@@ -31,7 +31,7 @@ from modpush.encoders import (
     VAELoss,
     egocentric_window,
 )
-from modpush.encoders.vae.loss import kl_divergence
+from modpush.encoders.vae.model import kl_divergence
 from modpush.geometry import Label
 
 Clock = Callable[[], float]

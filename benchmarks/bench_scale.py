@@ -29,7 +29,7 @@ import torch
 import tyro
 from bench_training import median_ms
 
-from modpush._ray import ray_session
+from modpush._processes import ray_session
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
 from modpush.training.rollout import Rollout
 

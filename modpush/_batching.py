@@ -3,13 +3,15 @@
 import os
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numba
 import torch
 from torch import Tensor
 
 from modpush._kernels import njit
+
+__all__ = ["PerThread"]
 
 _threads_forbidden = False
 # Held while a kernel runs on numba's threads, whose scheduler may not be entered twice at once.
@@ -72,3 +74,19 @@ class BatchKernel:
             self._parallel(batch, *arguments)
         finally:
             _threads_in_use.release()
+
+
+T = TypeVar("T")
+
+
+class PerThread(threading.local, Generic[T]):
+    """Holds one `value` per thread, None until that thread sets it.
+
+    Compiled kernels release the interpreter's lock and write to arrays that outlast a call. With
+    arrays per thread, one object may serve several threads. Copies and pickles start empty.
+    """
+
+    value: T | None = None
+
+    def __reduce__(self) -> tuple[type, tuple[()]]:
+        return type(self), ()

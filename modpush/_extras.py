@@ -1,8 +1,10 @@
-"""Packages that only some commands need, and what to install for them."""
+"""Packages that only some commands need, and warnings for what has never run on a GPU."""
 
+import functools
 import importlib.util
+import warnings
 
-__all__ = ["EXTRAS", "MissingExtraError", "require_extra"]
+__all__ = ["EXTRAS", "MissingExtraError", "require_extra", "warn_experimental"]
 
 EXTRAS = {
     "tensorboard": "train",
@@ -23,7 +25,7 @@ class MissingExtraError(ImportError):
     """A package that an extra brings is not installed."""
 
 
-def require_extra(who: str, *packages: str) -> None:
+def require_extra(caller: str, *packages: str) -> None:
     """Check that packages of `EXTRAS` are installed, without importing them.
 
     Raises:
@@ -33,6 +35,17 @@ def require_extra(who: str, *packages: str) -> None:
     if missing:
         extras = ",".join(sorted({EXTRAS[name] for name in missing}))
         raise MissingExtraError(
-            f"{who}: {', '.join(missing)} not installed; get it with pip install "
+            f"{caller}: {', '.join(missing)} not installed; get it with pip install "
             f"'modpush[{extras}]'."
         )
+
+
+@functools.cache
+def warn_experimental(what: str) -> None:
+    """Warn, once per process and subject, that something has never been run on a GPU."""
+    warnings.warn(
+        f"{what} on CUDA is experimental: it has never been run. Check it with `make test-gpu` first, "
+        "or use device='cpu'.",
+        UserWarning,
+        stacklevel=3,
+    )

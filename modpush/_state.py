@@ -1,5 +1,7 @@
-"""Nested states, such as `state_dict`s, in a file: tensors and plain data, never a pickle."""
+"""Nested states in files, without a pickle, and checks and hashes of weights."""
 
+import hashlib
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -7,11 +9,11 @@ from typing import Any
 import numpy as np
 import torch
 from tensordict import TensorDict, TensorDictBase
-from torch import Tensor
+from torch import Tensor, nn
 
 from modpush.files import read_tensors, reading, write_tensors
 
-__all__ = ["read_state", "write_state"]
+__all__ = ["check_weights", "data_hash", "read_state", "weights_hash", "write_state"]
 
 
 def write_state(path: Path | str, state: Any, kind: str, version: int) -> None:
@@ -93,3 +95,45 @@ def _rebuilt(outline: Any, tensors: Mapping[str, Tensor]) -> Any:
         return {_rebuilt(key, tensors): _rebuilt(item, tensors) for key, item in content}
     items = [_rebuilt(item, tensors) for item in content]
     return items if what == "list" else tuple(items)
+
+
+def check_weights(source: object, own: Mapping[str, Tensor], given: Mapping[str, Tensor]) -> None:
+    """Refuse weights that a network with the `state_dict` `own` cannot take over as they are.
+
+    Raises:
+        ValueError: If a weight is missing, unknown, of another shape or dtype, or not finite.
+    """
+    own = {name: value for name, value in own.items() if isinstance(value, Tensor)}
+    missing, unknown = sorted(set(own) - set(given)), sorted(set(given) - set(own))
+    if missing or unknown:
+        raise ValueError(f"{source}: weights missing {missing}, unknown {unknown}.")
+    for name, value in own.items():
+        found = given[name]
+        if found.shape != value.shape:
+            raise ValueError(
+                f"{source}: weights of another architecture: {name} must be {list(value.shape)}, "
+                f"got {list(found.shape)}."
+            )
+        if found.dtype != value.dtype:
+            raise ValueError(f"{source}: {name} must be {value.dtype}, got {found.dtype}.")
+        if not found.isfinite().all():
+            count = int((~found.isfinite()).sum())
+            raise ValueError(
+                f"{source}: {name} must be finite, {count} values are NaN or infinite."
+            )
+
+
+def weights_hash(module: nn.Module) -> str:
+    """The first 16 hexadecimal digits of the SHA-256 of a module's parameters and buffers."""
+    digest = hashlib.sha256()
+    for name, value in sorted(module.state_dict().items()):
+        if hasattr(value, "numpy"):
+            digest.update(f"{name} {tuple(value.shape)} {value.dtype}".encode())
+            flat = value.detach().cpu().contiguous().reshape(-1)  # NumPy has no bfloat16
+            digest.update(flat.view(torch.uint8).numpy().tobytes())
+    return digest.hexdigest()[:16]
+
+
+def data_hash(data: Any) -> str:
+    """The same of anything that JSON can hold, whatever the order of its keys."""
+    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]

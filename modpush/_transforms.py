@@ -43,7 +43,7 @@ class StatelessTransform(DescribedTransform):
     """
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Write the entries of stored data anew and, in transitions, those of their `"next"`."""
+        """Rewrite the entries of stored data and, in transitions, those of their `"next"`."""
         after = stored_next(tensordict, self.in_keys, self.out_keys)
         if after is not None:
             self._call(after)
@@ -106,8 +106,8 @@ def write_scenes_reset(
         write: Reads `in_keys` and writes `out_keys`, scene by scene.
         tensordict: First argument of `Transform._reset`.
         tensordict_reset: Its second one, which is written and returned.
-        in_keys: What `write` reads.
-        out_keys: What it writes.
+        in_keys: Keys that `write` reads.
+        out_keys: Keys that it writes.
         at_least: Number of scenes in a call of `write`, if there are as many; some are written twice.
     """
     mask = scenes_reset(tensordict, tensordict_reset.batch_size)

@@ -19,7 +19,7 @@ from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.evaluation.sets import EvaluationSet
 from modpush.evaluation.tables import format_table
-from modpush.mdp.depth_noise import DepthNoise
+from modpush.mdp.noise import DepthNoise
 from modpush.recipes.methods import Method
 from paper.measure import SEED, Running, find_method, measure
 from paper.provenance import origin_of, sources_text

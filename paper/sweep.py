@@ -16,10 +16,10 @@ from typing import Any
 
 import pandas as pd
 
+from modpush._processes import interrupts_raised
 from modpush._validation import from_plain
 from modpush.files import parse_yaml
 from modpush.training import TRAIN_PRESETS, TrainConfig
-from modpush.training.signals import interrupts_raised
 from paper.provenance import add_session
 
 __all__ = ["Trial", "evaluations_of", "is_finished", "load_trials", "run_trials"]

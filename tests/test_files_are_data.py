@@ -12,10 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from torchrl.envs import EnvBase
 
 import modpush
-from modpush._state import write_state
 from modpush.data import load_demonstrations
 from modpush.envs import PushEnv
 from modpush.envs.scenes.objects import OBJECTS, get_object_of
@@ -24,7 +22,6 @@ from modpush.files import read_tensors, write_packed_json, write_tensors, write_
 from modpush.parts import ModulesRefusedError, check_allowed
 from modpush.recipes import PushEnvConfig, load_agent
 from modpush.training import TRAIN_PRESETS
-from modpush.training.critics import load_critics
 from modpush.training.run_folder import RunFolder
 from modpush.training.warm_start import load_initial_weights
 from modpush.viewer import ReplayLane
@@ -86,23 +83,6 @@ def agent(place: str, several: bool = False) -> Callable[[Path, str], object]:
         put(about, place, [text] if several else text)
         write_tensors(path, tensors, "modpush.Agent", 5, about)
         return load_agent(path).make_env()
-
-    return read
-
-
-def checkpoint(folder: Path, config: dict[str, Any], **state: Any) -> None:
-    path = folder / "checkpoints" / "step-000000001.safetensors"
-    write_state(path, {"config": config, "loss": {}, **state}, "modpush.Checkpoint", 1)
-
-
-def critics(field: str) -> Callable[[Path, str], object]:
-    def read(folder: Path, text: str) -> object:
-        checkpoint(folder, {**asdict(SMOKE), "tqc": {**asdict(SMOKE.tqc), field: text}})
-        env: EnvBase = PushEnv(1)
-        try:
-            return load_critics(folder, env)
-        finally:
-            env.close()
 
     return read
 
@@ -188,7 +168,6 @@ READERS: dict[str, Callable[[Path, str], object]] = {
         )
     },
     **{f"agent {place}": agent(place, several=True) for place in ("env.entries", "env.add")},
-    **{f"checkpoint {field}": critics(field) for field in ("actor", "critic", "loss", "encoder")},
     "init_from an agent": warm_start_from_agent,
     "set pushed_object": evaluation_set("pushed_object"),
     "set scene": evaluation_set("scene"),

@@ -2,10 +2,8 @@
 
 import email.message
 import importlib.metadata
-import re
 import subprocess
 import sys
-import tarfile
 import venv
 import zipfile
 from pathlib import Path
@@ -18,7 +16,6 @@ from packaging.utils import canonicalize_name
 import modpush
 from modpush._extras import EXTRAS
 from tests.test_docs import python_blocks
-from tools.check_release import release_notes
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = {".pyi", ".typed", ".safetensors", ".gz", ".urdf", ".md"}
@@ -108,26 +105,6 @@ def test_the_wheel_holds_types_weights_and_data(wheel: Path) -> None:
     assert {name.split("/")[0] for name in packaged if ".dist-info" not in name} == {"modpush"}
 
 
-@pytest.fixture(scope="module")
-def unpacked(published: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the source archive holds."""
-    folder = tmp_path_factory.mktemp("source")
-    with tarfile.open(next(published.glob("*.tar.gz"))) as archive:
-        archive.extractall(folder, filter="data")
-    (root,) = folder.iterdir()
-    return root
-
-
-def test_the_wheel_that_is_built_from_the_source_archive_is_the_same(
-    wheel: Path, unpacked: Path, tmp_path: Path
-) -> None:
-    run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", tmp_path, cwd=unpacked)
-    with zipfile.ZipFile(tmp_path / wheel.name) as built, zipfile.ZipFile(wheel) as ours:
-        assert set(built.namelist()) == set(ours.namelist())
-        for name in ours.namelist():
-            assert built.read(name) == ours.read(name), name
-
-
 def test_every_module_imports_in_a_bare_environment(bare: Path, tmp_path: Path) -> None:
     code = """
 import importlib, importlib.util, pkgutil, warnings
@@ -176,55 +153,3 @@ def test_the_readme_runs_in_a_bare_environment(bare: Path, tmp_path: Path) -> No
         script = tmp_path / f"block_{number}.py"
         script.write_text(block)
         run(bare, "-I", script, cwd=tmp_path)
-
-
-@pytest.mark.slow  # reads the types of torch: half a minute
-def test_type_checkers_see_the_public_names(bare: Path, tmp_path: Path) -> None:
-    (tmp_path / "user.py").write_text(
-        "import modpush\n"
-        "from modpush.agents import TQCLoss\n"
-        "from modpush.planners import LazyThetaStar\n"
-        "reveal_type(modpush.load_agent)\n"
-        "reveal_type(modpush.PushEnv)\n"
-        "reveal_type(modpush.Trainer)\n"
-        "reveal_type(TQCLoss)\n"
-        "reveal_type(LazyThetaStar().plan)\n"
-        "modpush.no_such_name\n"
-    )
-    mypy = [sys.executable, "-m", "mypy", "--config-file=", "--python-executable", bare]
-    options = ["--ignore-missing-imports", "--cache-dir", tmp_path / "cache"]
-    done = subprocess.run(
-        [*mypy, *options, "user.py"], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    revealed = re.findall(r'user\.py:(\d+): note: Revealed type is "(.*)"', done.stdout)
-    assert [int(line) for line, _ in revealed] == [4, 5, 6, 7, 8], done.stdout + done.stderr
-    for (_, kind), result in zip(
-        revealed,
-        ("Agent", "PushEnv", "Trainer", "TQCLoss", "Paths"),
-        strict=True,
-    ):
-        assert kind.startswith("def ("), kind
-        assert kind.rpartition("-> ")[2].endswith(result), kind
-    assert 'user.py:9: error: Module has no attribute "no_such_name"' in done.stdout
-
-
-def write_release(folder: Path, changelog: str) -> Path:
-    (folder / "modpush").mkdir(exist_ok=True)
-    (folder / "modpush" / "__init__.py").write_text('__version__ = "1.2.3"\n')
-    (folder / "CHANGELOG.md").write_text(f"# Changelog\n\n{changelog}")
-    return folder
-
-
-def test_a_release_has_the_notes_of_its_version(tmp_path: Path) -> None:
-    changelog = (
-        "## Unreleased\n\n## 1.2.3 (2030-01-31)\n\nA new thing.\n\n## 1.2.2 (2029-01-31)\n\nOld.\n"
-    )
-    assert release_notes("v1.2.3", write_release(tmp_path, changelog)) == "A new thing."
-
-
-def test_the_changelog_can_be_released() -> None:
-    text = (ROOT / "CHANGELOG.md").read_text()
-    titles = re.findall(r"^## (.+)$", text, re.MULTILINE)
-    assert titles[0] == "Unreleased"
-    for title in titles[1:]:
-        assert re.fullmatch(r"\d+\.\d+\.\d+ \(\d{4}-\d\d-\d\d\)", title), title

@@ -38,13 +38,6 @@ def test_the_name_of_a_part_finds_it_again():
     assert find_part("who", part_name("who", own, KNOWN), KNOWN) is own
 
 
-def test_what_nothing_can_import_has_no_name():
-    with pytest.raises(ValueError, match="cannot be written to a file"):
-        part_name("who", lambda: None, KNOWN)
-    with pytest.raises(ValueError, match="cannot be written to a file"):
-        part_name("who", object(), KNOWN)
-
-
 def test_modules_are_imported_only_if_they_are_allowed():
     assert part_module("a.b:c") == "a.b"
     assert part_module("name") is None

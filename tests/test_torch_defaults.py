@@ -63,7 +63,7 @@ def test_weights_keep_the_dtype_of_their_file(double: None) -> None:
     assert torch.get_default_dtype() == torch.float64
 
 
-def test_paths_of_one_s_own_are_single(double: None) -> None:
+def test_paths_of_your_own_are_single(double: None) -> None:
     start = torch.zeros(2, 2, dtype=torch.float32)
     check_paths(Paths.from_waypoints([None, torch.ones(2, 2)], start), 2)
 

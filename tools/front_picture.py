@@ -25,7 +25,7 @@ from modpush.envs.robot.named import ROBOTS
 from modpush.envs.robot.tools import TOOLS
 from modpush.geometry.shapes import Primitive, box
 from modpush.recipes import get_method
-from modpush.viewer.meshes import primitive_mesh
+from modpush.viewer.overlays import primitive_mesh
 
 PICTURE = Path(__file__).resolve().parents[1] / "docs" / "pictures" / "pushing.webp"
 EPISODES = (

@@ -12,8 +12,8 @@ from .tqc.encoder import (
     EncoderTQCLoss as EncoderTQCLoss,
     encode_images as encode_images,
 )
+from .tqc.factories import LearnerSpecs as LearnerSpecs
 from .tqc.loss import TQCLoss as TQCLoss
 from .tqc.networks import make_actor as make_actor, make_critic as make_critic
 from .tqc.quantiles import quantile_huber as quantile_huber, truncate_atoms as truncate_atoms
-from .tqc.specs import LearnerSpecs as LearnerSpecs
 from .tqc.update import TQCUpdate as TQCUpdate

@@ -12,7 +12,7 @@ from modpush._checks import check_dtype, check_finite
 from modpush._keys import read_key
 from modpush._types import Finite, HalfTurn, Length, NonNegative, Positive, PositiveFraction
 from modpush._validation import checked
-from modpush.geometry.angles import wrap_angle
+from modpush.geometry.frames import wrap_angle
 
 __all__ = ["ScriptedPusher", "ScriptedPusherConfig", "scripted_push"]
 

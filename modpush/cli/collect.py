@@ -3,8 +3,8 @@
     modpush collect --policy agent corridor --episodes 1000 --only-success
     modpush collect --policy scripted --env.scenario.scene free --env.scenario.difficulty 0 0.5 --images
 
-Writes the data set and a card to `runs/demonstrations/`. The same again continues after an
-interrupt; more episodes or further policies are added. It needs `pip install 'modpush[data]'`.
+Writes the data set and a card to `runs/demonstrations/`. After an interrupt the data set holds the
+episodes until then. It needs `pip install 'modpush[data]'`.
 
 Options:
   --policy NAME ...   Policies to record: agent (the shipped one for all objects), a shipped agent by
@@ -21,8 +21,7 @@ Options:
                       is in an evaluation set.
   --name NAME         Name of the data set: letters, digits and underscores; by default push.
   --licence NAME      Licence that the card states; by default MIT.
-  --out FOLDER        Folder to write to; by default runs/demonstrations. A data set that it holds
-                      already is extended.
+  --out FOLDER        Folder to write to, without a data set; by default runs/demonstrations.
   --allow MODULE ...  Modules from which an agent's file may import its author's own parts.
 """
 

@@ -103,7 +103,7 @@ class DemoConfig:
     seed: Seed = 0
     """Seed of the episodes."""
     goal: Goal = "position"
-    """What the episodes ask for: a position of the object's centre, or a pose of the object, for an
+    """Kind of the goals: a position of the object's centre, or a pose of the object, for an
     agent that was trained for poses. Poses are reached at 1.5 cm and 10 degrees."""
     engine: Name = "sapien"
     """Physics engine: `sapien`, `mujoco`, or `module:name`. Only SAPIEN renders."""

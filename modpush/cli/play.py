@@ -24,7 +24,6 @@ Options:
                         only. The page has no password: anyone who reaches it can use it.
   --port N              Port to listen on; if it is taken, the next free one is used and printed; by
                         default 8080.
-  --out FOLDER          Folder for recorded videos; by default runs/play.
   --allow MODULE ...    Modules from which the file of an agent, a run or a replayed set may import its
                         author's own parts.
 """

@@ -91,7 +91,7 @@ def load_demonstrations(
     from minari import MinariDataset
 
     folder = _find(Path(path))
-    who = f"load_demonstrations: {folder}"
+    source = f"load_demonstrations: {folder}"
     with reading(folder / _METADATA, "load_demonstrations"):
         metadata = json.loads((folder / _METADATA).read_text(encoding="utf-8"))
         if "modpush" not in metadata:
@@ -101,10 +101,10 @@ def load_demonstrations(
             )
         if not {"observation_space", "action_space"} <= set(metadata):
             # Minari would make the environment, and import what its specification names.
-            raise ValueError(f"{who} must hold its observation_space and action_space.")
+            raise ValueError(f"{source} must hold its observation_space and action_space.")
         about = metadata["modpush"]
         config = from_plain(PushEnvConfig, about["env"])
-        check_allowed(who, asdict(config), allow)
+        check_allowed(source, asdict(config), allow)
     dataset = MinariDataset(folder)
     known = [dict(m) for m in dataset.storage.get_episode_metadata(range(len(dataset)))]
     if policies is not None and (missing := set(policies) - set(about["policies"])):

@@ -1,4 +1,4 @@
-"""The Minari data set of a run: started, extended, and replaced only by a whole one."""
+"""`RecordedEpisode`, and the writer of a Minari data set of them."""
 
 import json
 import shutil
@@ -8,6 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
@@ -15,12 +16,10 @@ from numpy.typing import NDArray
 import modpush
 from modpush.envs.scenes.scenario import Scenario
 
-__all__ = ["RecordedEpisode", "extend_dataset", "read_about"]
+__all__ = ["DatasetWriter", "RecordedEpisode"]
 
 _DATA = "data"
 """Name of Minari's folder of episodes in the folder of a data set."""
-_METADATA = "metadata.json"
-_REPLACED = ".replaced"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,90 +56,71 @@ class RecordedEpisode:
         return bool(self.infos["success"][-1])
 
 
-def read_about(folder: Path) -> dict[str, Any] | None:
-    """Metadata that `extend_dataset` wrote beside the episodes; None without a data set.
+class DatasetWriter:
+    """Writes a Minari data set beside its place, which `finish` gives it.
 
     Args:
         folder: Folder of the data set, `<root>/modpush/<name>`.
+        spec: Specification of the Gymnasium environment that `recover_environment` makes.
 
     Raises:
-        ValueError: If there is a data set of another program.
+        FileExistsError: If there is a data set.
     """
-    data, replaced = folder / _DATA, folder / _REPLACED
-    if replaced.exists():  # by a process that was killed while it put a new data set in its place
-        if data.exists():
-            shutil.rmtree(replaced)
-        else:
-            replaced.rename(data)
-    path = data / _METADATA
-    if not path.exists():
-        return None
-    metadata = json.loads(path.read_text(encoding="utf-8"))
-    # Without its spaces, Minari would make the environment, and import what its specification names.
-    if not {"modpush", "observation_space", "action_space"} <= set(metadata):
-        raise ValueError(f"collect_demonstrations: {folder} holds a data set of another program.")
-    about: dict[str, Any] = metadata["modpush"]
-    return about
 
+    def __init__(self, folder: Path, spec: EnvSpec) -> None:
+        self._folder, self._spec = folder, spec
+        if (folder / _DATA).exists():
+            raise FileExistsError(
+                f"collect_demonstrations: {folder} holds a data set; choose another folder."
+            )
+        self._unfinished = folder / ".unfinished"
+        self._storage: Any = None
+        self.count = 0
+        """Number of episodes so far."""
 
-def extend_dataset(
-    folder: Path,
-    episodes: Sequence[RecordedEpisode],
-    spec: EnvSpec,
-    about: dict[str, Any],
-) -> None:
-    """Add episodes to a data set, or begin one.
+    def add(self, episodes: Sequence[RecordedEpisode]) -> None:
+        """Write episodes."""
+        if not episodes:
+            return
+        if self._storage is None:
+            self._storage = self._begin()
+        low, high = self._storage.observation_space.low, self._storage.observation_space.high
+        self._storage.update_episodes([_buffer(episode, low, high) for episode in episodes])
+        numbers = range(self.count, self.count + len(episodes))
+        self._storage.update_episode_metadata([_metadata(e) for e in episodes], numbers)
+        _add_images(self._unfinished / "main_data.hdf5", episodes, self.count)
+        self.count += len(episodes)
 
-    They are added to a copy, which takes the data set's place when it is whole. After a kill the data set
-    is as it was before or after the call.
+    def finish(self, about: dict[str, Any]) -> None:
+        """Put the data set in its place.
 
-    Args:
-        folder: Folder of the data set, `<root>/modpush/<name>`.
-        episodes: The episodes to add.
-        spec: Specification of the Gymnasium environment that `recover_environment` makes.
-        about: Plain data for the metadata, under `"modpush"`; takes the place of what was there.
-    """
-    data, unfinished, replaced = (folder / name for name in (_DATA, ".unfinished", _REPLACED))
-    shutil.rmtree(unfinished, ignore_errors=True)
-    if data.exists():
-        shutil.copytree(data, unfinished)
-    storage = _storage(unfinished, folder, spec)
-    first = storage.total_episodes
-    low, high = storage.observation_space.low, storage.observation_space.high
-    storage.update_episodes([_buffer(episode, low, high) for episode in episodes])
-    storage.update_episode_metadata(
-        [_metadata(episode) for episode in episodes],
-        range(first, first + len(episodes)),
-    )
-    _add_images(unfinished / "main_data.hdf5", episodes, first)
-    storage.update_metadata({"algorithm_name": ", ".join(about["policies"]), "modpush": about})
-    if data.exists():
-        data.rename(replaced)
-    unfinished.rename(data)
-    shutil.rmtree(replaced, ignore_errors=True)
+        Args:
+            about: Plain data for the metadata, under `"modpush"`.
+        """
+        algorithms = ", ".join(about["policies"])
+        self._storage.update_metadata({"algorithm_name": algorithms, "modpush": about})
+        self._unfinished.rename(self._folder / _DATA)
 
+    def _begin(self) -> Any:
+        """Minari's storage of a data set without an episode."""
+        from minari.dataset.minari_storage import MinariStorage
 
-def _storage(unfinished: Path, folder: Path, spec: EnvSpec) -> Any:
-    """Minari's storage in a folder that may not be there yet."""
-    import gymnasium
-    from minari.dataset.minari_storage import MinariStorage
-
-    if unfinished.exists():
-        return MinariStorage.read(unfinished.resolve())
-    env = gymnasium.make(spec)
-    spaces = (env.observation_space, env.action_space)
-    env.close()
-    unfinished.mkdir(parents=True)
-    storage = MinariStorage.new(unfinished.resolve(), *spaces, env_spec=spec)
-    metadata = {
-        "dataset_id": f"{folder.parent.name}/{folder.name}",
-        "minari_version": version("minari"),
-        "author": {"modpush"},
-        "description": "Pushing an object through clutter to a goal, see the card.",
-        "requirements": [f"modpush=={modpush.__version__}"],
-    }
-    storage.update_metadata(metadata)
-    return storage
+        shutil.rmtree(self._unfinished, ignore_errors=True)  # of a killed process
+        self._unfinished.mkdir(parents=True)
+        env = gymnasium.make(self._spec)
+        spaces = env.observation_space, env.action_space
+        env.close()
+        storage = MinariStorage.new(self._unfinished.resolve(), *spaces, env_spec=self._spec)
+        storage.update_metadata(
+            {
+                "dataset_id": f"{self._folder.parent.name}/{self._folder.name}",
+                "minari_version": version("minari"),
+                "author": {"modpush"},
+                "description": "Pushing an object through clutter to a goal, see the card.",
+                "requirements": [f"modpush=={modpush.__version__}"],
+            }
+        )
+        return storage
 
 
 def _buffer(episode: RecordedEpisode, low: NDArray[Any], high: NDArray[Any]) -> Any:

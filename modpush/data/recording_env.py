@@ -52,8 +52,8 @@ class RecordingEnv(EnvBase):
     stack; the action that was carried out is recorded.
 
     Args:
-        env: What `make_push_env` returns with `keep_images=True`. It is closed with this environment.
-        images: Whether to record depth and segmentation.
+        env: Result of `make_push_env` with `keep_images=True`. It is closed with this environment.
+        images: Record depth and segmentation.
 
     Raises:
         ValueError: If the environment has no `PushEnv` at its bottom or does not emit images.

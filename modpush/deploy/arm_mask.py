@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from modpush._arguments import checked_arguments
 from modpush._kernels import njit
 from modpush._types import NonNegativeLength
-from modpush.envs.depth.intersections import hit
-from modpush.envs.depth.solids import Solids
+from modpush.envs.depth.ray_kernels import hit
+from modpush.envs.depth.raycast import Solids
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.geometry.camera_model import CameraModel
 from modpush.geometry.shapes import Primitive

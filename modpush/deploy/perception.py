@@ -12,14 +12,12 @@ from modpush.deploy.height_map import HeightMap
 from modpush.deploy.image_kernels import sort_pixels
 from modpush.deploy.push_motion import tool_outlines
 from modpush.deploy.tracker import ObjectTracker
-from modpush.envs.depth.raycast import draw
-from modpush.envs.depth.solids import Solids
+from modpush.envs.depth.raycast import Solids, draw
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scenes.objects import PushedObject, get_object
-from modpush.geometry.camera import CAMERA, Camera
+from modpush.geometry.camera import CAMERA, Camera, Label
 from modpush.geometry.camera_model import CameraModel
-from modpush.geometry.labels import Label
 
 __all__ = ["Perception"]
 

@@ -9,15 +9,12 @@ from .encode import Encode as Encode
 from .named import ENCODERS as ENCODERS, make_encoder as make_encoder
 from .networks.conv_encoder import ConvEncoder as ConvEncoder
 from .networks.ray_scan import RayScan as RayScan
-from .vae.augmentation import augment_windows as augment_windows
-from .vae.data import WindowData as WindowData
-from .vae.loss import VAELoss as VAELoss
-from .vae.model import DepthVAE as DepthVAE, shipped_weights as shipped_weights
+from .vae.data import WindowData as WindowData, augment_windows as augment_windows
+from .vae.model import DepthVAE as DepthVAE, VAELoss as VAELoss, shipped_weights as shipped_weights
 from .vae.quality import (
     Quality as Quality,
     encode_all as encode_all,
     linear_probe as linear_probe,
-    mlp_probe as mlp_probe,
     r_squared as r_squared,
     vae_quality as vae_quality,
 )

@@ -9,8 +9,8 @@ from torchrl.data import TensorSpec
 
 from modpush._arguments import checked_arguments
 from modpush._keys import check_spec_has, read_key
+from modpush._state import weights_hash
 from modpush._transforms import StatelessTransform, add_unbounded, write_scenes_reset
-from modpush._weights import weights_hash
 from modpush.encoders.base import as_floats, check_window, encoder_sizes, evaluating
 
 __all__ = ["Encode"]

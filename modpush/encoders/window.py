@@ -20,8 +20,7 @@ from modpush._checks import (
 )
 from modpush._types import PixelCount, Positive
 from modpush.encoders.window_kernel import Pinhole, write_windows
-from modpush.geometry.camera import CAMERA, Camera
-from modpush.geometry.labels import Label
+from modpush.geometry.camera import CAMERA, Camera, Label
 
 __all__ = [
     "MAX_HEIGHT",

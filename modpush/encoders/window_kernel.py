@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from modpush._batching import BatchKernel
 from modpush._kernels import njit
-from modpush.geometry.labels import Label
+from modpush.geometry.camera import Label
 
 _HEIGHT_TOLERANCE = np.float32(0.004)
 """Largest difference of heights of one surface, and largest height of the bare table [m]."""

@@ -47,20 +47,22 @@ def parameter_names(function: Callable[..., Any]) -> list[str]:
     )
 
 
-def refuse_unknown(who: str, unknown: Iterable[str], expected: str) -> None:
-    """Refuse keyword arguments that nobody reads.
+def refuse_unknown(caller: str, unknown: Iterable[str], expected: str) -> None:
+    """Refuse unknown keyword arguments.
 
     Args:
-        who: The function that was called.
+        caller: Name of the called function.
         unknown: Names of the arguments.
-        expected: What the error says is expected.
+        expected: Description of the known arguments, for the error.
 
     Raises:
         TypeError: If there are any.
     """
     # TorchRL's GymEnv looks for Python's own words to find out what an environment does not take.
     if names := ", ".join(repr(name) for name in sorted(unknown)):
-        raise TypeError(f"{who}: got an unexpected keyword argument {names}; expected {expected}.")
+        raise TypeError(
+            f"{caller}: got an unexpected keyword argument {names}; expected {expected}."
+        )
 
 
 def check_device(device: torch.device) -> None:

@@ -1,4 +1,4 @@
-"""When an episode succeeds, when it is out of bounds, and when it ends."""
+"""Conditions of success, of leaving the workspace, and of an episode's end."""
 
 from typing import Any, Literal, NamedTuple, TypeVar
 
@@ -20,7 +20,7 @@ __all__ = [
 ]
 
 Goal = Literal["position", "pose"]
-"""What an episode asks for: a position of the object's centre, or a pose of the object."""
+"""Kind of the goal: a position of the object's centre, or a pose of the object."""
 
 GOAL_THRESHOLD = 0.05
 """By default an episode succeeds when the object's centre is this near to the goal [m]."""
@@ -47,7 +47,7 @@ def is_at_goal(position: Array, goal: Array, threshold: float = GOAL_THRESHOLD) 
 def pose_errors(
     pose: NDArray[np.float64], goal: NDArray[np.float64], symmetry: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """How far objects are from their goal poses.
+    """Distances and angles of objects from their goal poses.
 
     Args:
         pose: Poses (x, y, yaw) of the objects, `[B, 3]` [m, rad].
@@ -107,12 +107,12 @@ def episode_status(
     In numpy, which on a few numbers is several times faster than torch.
 
     Args:
-        success: Whether each has succeeded, `[B]`.
+        success: True where a scene has succeeded, `[B]`.
         position: The object's centre, `[B, 2]` [m].
         bounds: Lower and upper corner, see `is_out_of_bounds` [m].
         step_count: Number of steps since the reset, `[B]`.
         max_episode_steps: Number of steps after which an episode is truncated; None for no limit.
-        oob: Whether being out of bounds truncates or terminates.
+        oob: Kind of the end out of bounds, a truncation or a termination.
     """
     outside = is_out_of_bounds(position, bounds)
     terminated = success | outside if oob == "terminate" else success

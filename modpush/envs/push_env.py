@@ -23,20 +23,19 @@ from modpush.envs.arguments import (
     refuse_unknown,
     scenes_to_reset,
 )
-from modpush.envs.depth.cameras import find_depth_camera
+from modpush.envs.depth.analytic import find_depth_camera
 from modpush.envs.engines.base import SceneSpec
 from modpush.envs.engines.named import default_sim_freq, find_engine
-from modpush.envs.entries import state_entries
 from modpush.envs.outcome import episode_status, is_at_goal, pose_errors
 from modpush.envs.push_state import PushState, check_state, object_digest
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scene_batch import SceneBatch
+from modpush.envs.scene_state import make_generators, restart_generators
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
-from modpush.envs.seeding import make_generators, restart_generators
 from modpush.envs.simulation_config import SimulationConfig, set_fields
-from modpush.envs.specs import make_specs
+from modpush.envs.specs import make_specs, state_entries
 from modpush.geometry.workspace import Rectangle
 
 __all__ = ["PushEnv"]
@@ -108,8 +107,8 @@ class PushEnv(EnvBase):
 
     `reset(tensordict, scenarios=None, seed=None, state=None)` starts new episodes in the scenes where
     the key `"_reset"` is True, or in all scenes without that key. With `scenarios` they start from
-    these, one for each scene to reset, instead of being drawn. With `seed` their random numbers start
-    anew, those of scene `i` from `seed + i`, as `set_seed` does for all scenes. With `state` they are put
+    these, one for each scene to reset, instead of being drawn. With `seed` the random numbers of scene
+    `i` start from `seed + i`, as `set_seed` does for all scenes. With `state` the scenes are put
     into a state of `get_state`, also through transforms; TorchRL refuses a state whose episode is done.
 
     Args:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from modpush._checks import check_keys
-from modpush._weights import data_hash
+from modpush._state import data_hash
 from modpush.envs.outcome import Goal
 from modpush.envs.scene_state import SceneState
 from modpush.envs.scenes.objects import PushedObject
@@ -93,7 +93,7 @@ def check_state(
         count: Number of scenes that are to be put into it.
         config: The environment's options that a state belongs to.
         objects: Digests of the environment's objects, by name.
-        goal: What the environment's episodes ask for.
+        goal: Kind of the goals of the environment's episodes.
 
     Raises:
         TypeError: If it is not a `PushState`.

@@ -10,9 +10,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush.envs.depth.analytic import AnalyticDepthCamera
+from modpush.envs.depth.analytic import AnalyticDepthCamera, ImageMemory
 from modpush.envs.depth.base import DepthCamera, DepthCameraFactory
-from modpush.envs.depth.image_memory import ImageMemory
 from modpush.envs.engines.base import CONTACT_KEYS, Engine, EngineFactory, SceneSpec, contact_looks
 from modpush.envs.moving_obstacles import MovingObstacles
 from modpush.envs.robot.control import (
@@ -64,9 +63,9 @@ class SceneBatch:
         num_envs: Number of scenes.
         make_engine: Makes one of them.
         spec: The properties of every scene.
-        depth: What makes the depth camera, or None.
-        arm_in_depth: Whether the depth camera sees the arm.
-        full_circle: Whether yaw angles count as different at which an object looks the same.
+        depth: Factory of the depth camera, or None.
+        arm_in_depth: True if the depth camera sees the arm.
+        full_circle: Count yaw angles as different at which an object looks the same.
     """
 
     def __init__(

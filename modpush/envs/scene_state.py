@@ -1,17 +1,19 @@
-"""`SceneState`: everything that the future of one scene depends on."""
+"""`SceneState`, everything that the future of one scene depends on, and the generators of a batch."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
 from modpush._checks import check_keys
+from modpush._types import Seed
+from modpush._validation import check_value
 from modpush.envs.engines.base import CONTACT_KEYS
 from modpush.envs.scenes.scenario import Scenario
 
-__all__ = ["SceneState"]
+__all__ = ["SceneState", "make_generators", "restart_generators"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,3 +97,41 @@ def _from_plain(value: Any) -> Any:
         return np.array(value, dtype=np.float32)
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"SceneState: physics must be numbers ({error}).") from error
+
+
+def make_generators(seed: int | Sequence[int] | None, count: int) -> list[np.random.Generator]:
+    """A generator for each scene.
+
+    Args:
+        seed: One for each scene; or that of the first, alone or in a list, from which scene `i` gets
+            `seed + i`; or None for unpredictable numbers.
+        count: Number of scenes.
+
+    Raises:
+        ValueError: If there is neither one seed nor one per scene, or one is not a whole number >= 0.
+    """
+    if seed is None:
+        return [np.random.default_rng(s) for s in np.random.SeedSequence().spawn(count)]
+    seeds = [seed] if isinstance(seed, int | np.integer) else list(seed)
+    for one in seeds:
+        check_value("seed", one.item() if isinstance(one, np.generic) else one, Seed)
+    if len(seeds) == 1:
+        seeds = [seeds[0] + i for i in range(count)]
+    if len(seeds) != count:
+        raise ValueError(
+            f"seed must be one number, or one for each of the {count} scenes, got {len(seeds)}."
+        )
+    return [np.random.default_rng(s) for s in seeds]
+
+
+def restart_generators(
+    generators: list[np.random.Generator], indices: Sequence[int], seed: int | None
+) -> None:
+    """Seed the generators of some scenes again, that of scene i with `seed + i`; None leaves them.
+
+    Raises:
+        ValueError: If the seed is not a whole number >= 0.
+    """
+    if check_value("seed", seed, Seed | None) is not None:
+        for i in indices:
+            generators[i] = np.random.default_rng(int(seed) + i)  # type: ignore[arg-type]  # checked

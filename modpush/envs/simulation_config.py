@@ -29,7 +29,7 @@ class SimulationConfig:
     """Tool of the arm: the closed gripper `2f85`, the `rod` of the authors' code, or your own `Tool` as
     `module:name` or object."""
     goal: Goal = "position"
-    """What an episode asks for: a position of the object's centre (the paper), or a pose of the object,
+    """Kind of the goal: a position of the object's centre (the paper), or a pose of the object,
     at any yaw."""
     position_tolerance: Length = GOAL_THRESHOLD
     """Distance of the object's centre from the goal at which the episode succeeds [m]."""
@@ -86,7 +86,7 @@ class SimulationConfig:
 
 
 def set_fields(
-    who: str, given: Mapping[str, Any], *configs: Any, also: Iterable[str] = ()
+    caller: str, given: Mapping[str, Any], *configs: Any, also: Iterable[str] = ()
 ) -> list[Any]:
     """Configurations with single fields replaced; each name goes to the first that has such a field.
 
@@ -94,7 +94,7 @@ def set_fields(
     Another engine without a rate gets its own: `engine` sets `sim_freq` to None, too.
 
     Args:
-        who: What was called, for the error message.
+        caller: Name of the called function, for the error.
         given: New values by the names of fields.
         *configs: Dataclass instances.
         also: Further names that the error message lists.
@@ -110,7 +110,7 @@ def set_fields(
     # TorchRL's GymEnv looks for Python's own words to find out what an environment does not take.
     if unknown := ", ".join(repr(name) for name in sorted(set(given) - known)):
         raise TypeError(
-            f"{who}: got an unexpected keyword argument {unknown}; expected some of "
+            f"{caller}: got an unexpected keyword argument {unknown}; expected some of "
             f"{sorted({*known, *also})}."
         )
     changed, left = [], dict(given)

@@ -1,17 +1,21 @@
-"""The specs of `PushEnv`."""
+"""The entries that `PushEnv` emits in every step, and their specs."""
 
 from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
+from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded, UnboundedDiscrete
 
 from modpush.envs.engines.base import CONTACT_KEYS
-from modpush.envs.outcome import Goal
+from modpush.envs.outcome import EpisodeStatus, Goal
+from modpush.envs.scene_batch import Measurement, SceneBatch
 from modpush.envs.scenes.objects import SUPPORT_DIRECTIONS
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES
 from modpush.geometry.camera import CAMERA
 
-__all__ = ["ACTION_SIZE", "make_specs"]
+__all__ = ["ACTION_SIZE", "make_specs", "state_entries"]
 
 ACTION_SIZE = 3
 """Length of an action: (dx, dy, dyaw)."""
@@ -32,10 +36,10 @@ def make_specs(
         num_envs: Number of scenes, `B`.
         device: Device of the environment.
         num_joints: Number of joints of the arm.
-        images: Whether there are `depth` and `segmentation`.
-        dynamic_obstacles: Whether there is `obstacle_displacement`.
-        goal: What episodes ask for; with poses there are `goal_pose` and `pose_error`.
-        obstacle_motion: Whether there is `obstacle_motion`.
+        images: Add `depth` and `segmentation`.
+        dynamic_obstacles: Add `obstacle_displacement`.
+        goal: Kind of the goals; with poses there are `goal_pose` and `pose_error`.
+        obstacle_motion: Add `obstacle_motion`.
     """
     shape: dict[str, Any] = {"shape": (num_envs,), "device": device}
     single: Any = {"device": device, "dtype": torch.float32}
@@ -71,3 +75,50 @@ def make_specs(
         "reward_spec": Bounded(0.0, 1.0, (num_envs, 1), **single),
         "done_spec": Composite(done, **shape),
     }
+
+
+def state_entries(
+    batch: SceneBatch,
+    measured: Measurement,
+    status: EpisodeStatus,
+    pose_error: NDArray[np.float64] | None,
+) -> dict[str, Tensor]:
+    """The entries that describe the state of the scenes, on the CPU.
+
+    Args:
+        batch: The scenes, for what stays the same throughout an episode.
+        measured: Their present state.
+        status: Status of their episodes.
+        pose_error: Their distances and turns from goal poses, `[B, 2]`; None for goal positions.
+
+    Returns:
+        Flags `[B, 1]` bool and numbers `[B, n]` float32, see the table of `PushEnv`.
+
+    Raises:
+        RuntimeError: If the simulation has failed, so that a pose is not finite.
+    """
+    finite = np.isfinite(measured.object_pose[:, :2]).all(-1)
+    if not finite.all():
+        index = int(np.argmin(finite))
+        raise RuntimeError(f"PushEnv: physics gave a non-finite object pose in scene {index}.")
+    flags = {
+        **dict(zip(CONTACT_KEYS, measured.contacts.T, strict=True)),
+        "target_reachable": measured.target_reachable,
+        **status._asdict(),
+    }
+    numbers = {
+        "object_pose": measured.object_pose,
+        "goal_position": batch.goal_pose[:, :2],
+        "ee_pose": measured.ee_pose,
+        "joint_position": measured.joint_position,
+        "object_radius": batch.object_radius,
+        "object_inscribed_radius": batch.object_inscribed_radius,
+        "object_symmetry": batch.object_symmetry,
+        "object_support": batch.object_support,
+    }
+    if pose_error is not None:
+        numbers |= {"goal_pose": batch.goal_pose, "pose_error": pose_error}
+    entries = {key: torch.from_numpy(value[:, None].copy()) for key, value in flags.items()}
+    for key, value in numbers.items():
+        entries[key] = torch.from_numpy(value.astype(np.float32))
+    return entries

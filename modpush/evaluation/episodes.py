@@ -168,7 +168,7 @@ def run_episodes(
         path_key: Key of the planned path, `[B, n, 2]` [m], in what `env.step` returns, for pictures.
             Keys under `"next"` belong to the end of the step, or to a policy's state.
         target_key: The same for the sub-goal on which the policy acts, `[B, 2]` [m].
-        exploration: How a stochastic policy acts.
+        exploration: Exploration type of a stochastic policy.
         on_step: Called with scene and episode number after each of its steps.
 
     Yields:
@@ -186,7 +186,7 @@ def run_episodes(
         _Log,
         inflation=inflation,
         objects=getattr(env, "pushed_objects", None),
-        control_freq=float(getattr(env, "settings", {}).get("control_freq", 15)),
+        control_freq=float(getattr(getattr(env, "simulation", None), "control_freq", 15)),
     )
     queue = iter(episodes)
     first = list(islice(queue, env.batch_size[0]))
@@ -200,11 +200,11 @@ def run_episodes(
     ]
     while any(logs):
         with set_exploration_type(exploration):
-            td = _acted(policy(td))
+            td = _check_action(policy(td))
         idle = [i for i, log in enumerate(logs) if log is None]
         if idle:
             action = td["action"].clone()  # the policy may hold on to its own tensor
-            action[idle] = 0.0  # nobody looks at what they do any more
+            action[idle] = 0.0  # their steps are not recorded
             td["action"] = action
         td = env.step(td)
         ended = _record(td, logs, path_key, target_key, on_step)
@@ -217,7 +217,7 @@ def run_episodes(
             td = _restart(env, td, logs, refill, begin)
 
 
-def _acted(td: Any) -> TensorDictBase:
+def _check_action(td: Any) -> TensorDictBase:
     """The tensordict that a policy returned, if it has an action."""
     if not isinstance(td, TensorDictBase) or td.get("action", None) is None:
         got = sorted(map(str, td.keys())) if isinstance(td, TensorDictBase) else type(td).__name__

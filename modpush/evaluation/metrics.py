@@ -147,7 +147,7 @@ def success_weighted_by_path_length(success: bool, shortest: float, taken: float
     """Success weighted by path length, `S * l / max(p, l)`.
 
     Args:
-        success: Whether the episode succeeded (S).
+        success: True if the episode succeeded (S).
         shortest: Length of the shortest path (l) [m].
         taken: Length of the path taken (p) [m].
 
@@ -192,8 +192,8 @@ def episode_metrics(
             obstacle, of tool or arm and obstacle.
         contacts_at_end: The same contacts at each step's end, `[T, 3]` bool.
         control_freq: Control steps per second [Hz].
-        success: Whether the goal was reached.
-        out_of_bounds: Whether the object left the workspace.
+        success: True if the goal was reached.
+        out_of_bounds: True if the object left the workspace.
         shortest_length: See `shortest_path` [m].
         final_yaw_error: Angle that is missing to a goal pose at the end [rad].
 

@@ -77,7 +77,7 @@ def draw_results(
         folder: Folder in which `evaluate` stored its results; the pictures are added to it.
         policy: Name of the policy, for the captions.
         pictures: Maximum number of failed episodes to draw; at most half as many solved ones are drawn.
-        videos: Whether to write the videos.
+        videos: Write the videos, too.
         objects: Your own objects by name, as in `PushEnv.pushed_objects`.
     """
     check_rows({"all": rows})

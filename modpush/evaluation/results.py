@@ -14,7 +14,7 @@ from torch import nn
 
 from modpush._arguments import checked_arguments
 from modpush._atomic import make_folder
-from modpush._weights import data_hash, weights_hash
+from modpush._state import data_hash, weights_hash
 from modpush.evaluation.episodes import Episode, Trajectory
 from modpush.evaluation.metrics import EpisodeMetrics
 from modpush.evaluation.sets import EvaluationSet
@@ -51,7 +51,7 @@ class ResultStore:
     """Results of one policy on one set: `episodes.csv`, `trajectories/` and `run.json` in a folder.
 
     Rows are written whole and flushed; a last row that was cut off by a kill is dropped when the
-    folder is opened again, and its episode runs anew.
+    folder is opened again, and its episode runs again.
 
     Args:
         folder: Created if it does not exist. One that holds all episodes already is only read.
@@ -216,7 +216,7 @@ def policy_hash(described: Mapping[str, Any]) -> str:
     """A word that tells rows of different policies apart wherever they are copied to.
 
     Args:
-        described: What `describe_policy` returned.
+        described: Result of `describe_policy`.
 
     Returns:
         `weights:` and `weights_hash` for what has weights; otherwise `settings:` and a hash of the class

@@ -19,8 +19,7 @@ from tqdm import tqdm
 
 from modpush._arguments import checked_arguments
 from modpush._atomic import FolderLock
-from modpush._processes import begin_worker_process, torch_threads
-from modpush._ray import RESTARTS, ray_session
+from modpush._processes import RESTARTS, begin_worker_process, ray_session, torch_threads
 from modpush._types import Count, Key, Scenes, Seed
 from modpush._validation import checked
 from modpush.envs.scenes.conditions import EpisodeConditions

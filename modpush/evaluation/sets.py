@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from modpush._arguments import checked_arguments
+from modpush._state import data_hash
 from modpush._types import Count, Name, NonNegativeInteger, Several
 from modpush._validation import checked
-from modpush._weights import data_hash
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig

@@ -42,7 +42,7 @@ def summarize(rows: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     """One line for each method, over the same episodes.
 
     Args:
-        rows: What `evaluate` returned, by method.
+        rows: Results of `evaluate`, by method.
 
     Returns:
         By method: `episodes`; `success` and `spl` with `_low` and `_high` of their 95 % bootstrap
@@ -81,8 +81,8 @@ def compare(first: pd.DataFrame, second: pd.DataFrame, level: Fraction = 0.05) -
     """Paired t-tests between two methods over the same episodes.
 
     Args:
-        first: What `evaluate` returned for the first method.
-        second: What `evaluate` returned for the second method.
+        first: Result of `evaluate` for the first method.
+        second: Result of `evaluate` for the second method.
         level: Significance level.
 
     Returns:
@@ -125,7 +125,7 @@ def check_rows(rows: Mapping[str, pd.DataFrame]) -> None:
     """Check rows of episodes, by method.
 
     Args:
-        rows: What `evaluate` returned, by method.
+        rows: Results of `evaluate`, by method.
 
     Raises:
         ValueError: If there are none, a column is missing, or the methods ran different episodes.

@@ -1,16 +1,13 @@
-from .angles import (
-    rotate as rotate,
-    wrap_angle as wrap_angle,
-)
-from .camera import CAMERA as CAMERA, Camera as Camera
+from .camera import CAMERA as CAMERA, Camera as Camera, Label as Label
 from .camera_model import CameraModel as CameraModel
 from .footprint import centered as centered
 from .frames import (
     Frame as Frame,
     check_frame as check_frame,
     frame_yaw as frame_yaw,
+    rotate as rotate,
+    wrap_angle as wrap_angle,
 )
-from .labels import Label as Label
 from .shapes import (
     Primitive as Primitive,
     box as box,

@@ -1,6 +1,7 @@
 """The bird's-eye pinhole camera: conversion of pixels to metres and back."""
 
 import math
+from enum import IntEnum
 from functools import cached_property
 from typing import TypeVar
 
@@ -12,7 +13,7 @@ from torch import Tensor
 from modpush._types import Coordinate, HalfTurn, Length, PixelCount
 from modpush._validation import checked
 
-__all__ = ["CAMERA", "Camera", "cell_centers"]
+__all__ = ["CAMERA", "Camera", "Label", "cell_centers"]
 
 Points = TypeVar("Points", Tensor, NDArray[np.float64])
 """A torch tensor or a numpy array; results have the type of the argument."""
@@ -125,3 +126,16 @@ def _stack(first: Points, second: Points) -> Points:
 
 CAMERA = Camera()
 """The camera of `PushEnv`, the default of all functions."""
+
+
+class Label(IntEnum):
+    """Values of the segmentation image."""
+
+    TABLE = 0
+    """The table, or the background."""
+    OBJECT = 1
+    """The pushed object."""
+    OBSTACLE = 2
+    """An obstacle."""
+    ROBOT = 3
+    """The robot with its tool."""

@@ -1,16 +1,13 @@
-from .action_delay import ActionDelay as ActionDelay
 from .action_frame import ActionFrame as ActionFrame
-from .blank_latent import latent_entry as latent_entry
 from .curriculum import (
     Curriculum as Curriculum,
     CurriculumConfig as CurriculumConfig,
     Phase as Phase,
 )
 from .curriculum_scenes import CurriculumScenes as CurriculumScenes
-from .depth_noise import DepthNoise as DepthNoise
-from .entry_list import resolve_entries as resolve_entries
-from .mirrored_observation import MirroredObservation as MirroredObservation
-from .observation_delay import ObservationDelay as ObservationDelay
+from .delays import ActionDelay as ActionDelay, ObservationDelay as ObservationDelay
+from .entry_list import latent_entry as latent_entry, resolve_entries as resolve_entries
+from .noise import DepthNoise as DepthNoise, PoseNoise as PoseNoise
 from .observation_entries import (
     ENTRIES as ENTRIES,
     PAPER_ENTRIES as PAPER_ENTRIES,
@@ -24,8 +21,10 @@ from .observation_inputs import (
     ObservationKeys as ObservationKeys,
 )
 from .observation_layout import fingerprint_differences as fingerprint_differences
-from .pose_noise import PoseNoise as PoseNoise
-from .push_observation import PushObservation as PushObservation
+from .push_observation import (
+    MirroredObservation as MirroredObservation,
+    PushObservation as PushObservation,
+)
 from .push_reward import PushReward as PushReward, RewardConfig as RewardConfig
 from .reward_terms import REWARD_TERMS as REWARD_TERMS, RewardTerm as RewardTerm
 from .step_outcome import RewardKeys as RewardKeys, StepOutcome as StepOutcome

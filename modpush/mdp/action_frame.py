@@ -9,8 +9,7 @@ from torch import Tensor
 from modpush._arguments import checked_arguments
 from modpush._keys import read_key
 from modpush._transforms import DescribedTransform
-from modpush.geometry.angles import rotate
-from modpush.geometry.frames import Frame, frame_yaw
+from modpush.geometry.frames import Frame, frame_yaw, rotate
 
 __all__ = ["ActionFrame", "turn_action"]
 

@@ -198,9 +198,9 @@ class Curriculum:
         """Take note of an episode of the present stage; begins the next stage if that was enough.
 
         Args:
-            success: Whether the object reached the goal.
+            success: True if the object reached the goal.
             scene: Name of the episode's scene.
-            evaluated: Whether the episode counts towards the next stage.
+            evaluated: True if the episode counts towards the next stage.
         """
         self._scene_successes.setdefault(scene, deque(maxlen=_SCENE_WINDOW)).append(success)
         if not evaluated:

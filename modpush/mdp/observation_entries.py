@@ -11,7 +11,7 @@ from torch import Tensor
 
 from modpush._types import Finite, Several
 from modpush._validation import check_value
-from modpush.geometry.angles import wrap_angle
+from modpush.geometry.frames import wrap_angle
 from modpush.mdp.observation_inputs import ObservationInputs
 
 __all__ = [

@@ -11,8 +11,7 @@ from torch import Tensor
 from modpush._keys import read_key
 from modpush._types import Key
 from modpush._validation import checked
-from modpush.geometry.angles import rotate
-from modpush.geometry.frames import Frame, frame_yaw
+from modpush.geometry.frames import Frame, frame_yaw, rotate
 
 __all__ = ["ObservationInputs", "ObservationKeys"]
 

@@ -19,7 +19,7 @@ class Layout:
 
     Args:
         entries: The entries by name, in their order.
-        values: What each of them gave, in the same order, `[..., n]`.
+        values: Value of each of them, in the same order, `[..., n]`.
         batch_size: The leading dimensions that each of them must have.
 
     Raises:
@@ -102,7 +102,7 @@ class ReadRecorder:
 
     Args:
         source: A tensordict; or a spec, of which zeros are given, made only for what is read.
-        defaults: What is given for keys that are not in `source`.
+        defaults: Values of keys that are not in `source`.
     """
 
     def __init__(

@@ -73,7 +73,7 @@ def detour(outcome: StepOutcome) -> Tensor:
 
 
 def pose_progress(outcome: StepOutcome) -> Tensor:
-    """How much nearer to its goal pose the object has come [m]; the last 4 cm count three times.
+    """Progress of the object towards its goal pose [m]; the last 4 cm count three times.
 
     The way is path and turn, planned together (`PoseSubgoals`) or `pose_length`. Not in the paper.
     """

@@ -1,4 +1,4 @@
-"""`StuckRecovery`: how to continue when a policy has come to rest before the goal."""
+"""`StuckRecovery`: actions that free a policy which has come to rest before the goal."""
 
 import math
 from typing import Any
@@ -44,11 +44,11 @@ class StuckRecovery(DescribedTransform):
     Args:
         patience: Number of steps at rest before a recovery.
         duration: Number of steps of each of the first three recoveries of an episode.
-        tolerance: How far tool and object may move along x or y and still be at rest [m].
+        tolerance: Largest motion of tool and object along x or y at rest [m].
         object_pose_key: Read, `[..., 3]` (x, y, yaw) [m, rad].
         ee_pose_key: Read, `[..., 3]` (x, y, yaw) of the tool's tip [m, rad].
         action_key: Written, `[..., 3]` float32 in [-1, 1]: the action to take, 0 outside a recovery.
-        active_key: Written, `[..., 1]` bool: whether to take it.
+        active_key: Written, `[..., 1]` bool, True in a recovery.
         state_key: Written, handed on at each step and read back, `[..., 7]` float32.
 
     Raises:

@@ -12,8 +12,7 @@ from modpush._checks import check_real
 from modpush._types import Positive
 from modpush.planners.grid_planner import GridPlanner
 from modpush.planners.kernels.a_star import plan_all
-from modpush.planners.kernels.maps import Maps
-from modpush.planners.kernels.paths import PathArrays, Queries
+from modpush.planners.kernels.maps import Maps, PathArrays, Queries
 from modpush.planners.paths import Paths
 
 __all__ = ["AStar"]

@@ -8,13 +8,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from modpush._batching import PerThread
 from modpush._checks import check_dtype, check_shape
 from modpush.planners.base import Planner
-from modpush.planners.kernels.maps import Maps, empty_maps
-from modpush.planners.kernels.paths import PathArrays, Queries, empty_paths
+from modpush.planners.kernels.maps import Maps, PathArrays, Queries, empty_maps, empty_paths
 from modpush.planners.kernels.visibility import MAX_SIDE
 from modpush.planners.paths import Paths
-from modpush.planners.per_thread import PerThread
 
 __all__ = ["GridPlanner"]
 

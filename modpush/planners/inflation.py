@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from modpush._checks import check_dtype
-from modpush.planners.kernels.occupancy import inflate_all
+from modpush.planners.kernels.bit_grid import inflate_all
 from modpush.planners.kernels.visibility import MAX_SIDE
 
 __all__ = ["clamp_radius", "inflate", "radius_per_scene"]

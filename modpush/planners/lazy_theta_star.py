@@ -12,8 +12,7 @@ from modpush.planners.kernels.lazy_theta_star import (
     plan_over_grid,
     plan_what_is_left,
 )
-from modpush.planners.kernels.maps import Maps
-from modpush.planners.kernels.paths import PathArrays, Queries
+from modpush.planners.kernels.maps import Maps, PathArrays, Queries
 
 __all__ = ["LazyThetaStar", "Nodes"]
 

@@ -15,9 +15,8 @@ from modpush._keys import check_spec_has, read_key, stored_next
 from modpush._transforms import DescribedTransform, scenes_reset
 from modpush._types import Count, NonNegative
 from modpush.geometry.camera import Camera, cell_centers
-from modpush.planners.connected import are_connected
 from modpush.planners.kernels.bit_grid import words_per_row
-from modpush.planners.occupancy_map import OccupancyMap
+from modpush.planners.occupancy_map import OccupancyMap, are_connected
 
 __all__ = ["Corners", "Inflation", "OccupancyGrid"]
 

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from modpush._arguments import checked_arguments
+from modpush._batching import PerThread
 from modpush._checks import check_dtype, check_finite, check_real, check_shape
 from modpush._types import NonNegative, Positive
 from modpush.geometry.camera import Camera
-from modpush.planners.footprint_support import extents_per_scene
 from modpush.planners.kernels.bit_grid import words_per_row
 from modpush.planners.kernels.pose_field import (
     PoseFields,
@@ -22,8 +22,7 @@ from modpush.planners.kernels.pose_field import (
 )
 from modpush.planners.kernels.pose_paths import PosePathArrays, read_paths
 from modpush.planners.occupancy import Corners
-from modpush.planners.per_thread import PerThread
-from modpush.planners.pose_grid import Turns, make_grid, make_turns
+from modpush.planners.pose_grid import Turns, extents_per_scene, make_grid, make_turns
 from modpush.planners.pose_paths import PosePaths
 
 __all__ = ["PoseField"]

@@ -18,8 +18,13 @@ from modpush.geometry.camera import Camera
 from modpush.planners.base import Planner
 from modpush.planners.grid_planner import GridPlanner
 from modpush.planners.named import make_planner
-from modpush.planners.path_points import fraction_subgoal, lookahead_subgoal, points_ahead
-from modpush.planners.paths import Paths, check_paths
+from modpush.planners.paths import (
+    Paths,
+    check_paths,
+    fraction_subgoal,
+    lookahead_subgoal,
+    points_ahead,
+)
 
 __all__ = ["PlannerSubgoals", "SubgoalMode"]
 

@@ -15,13 +15,12 @@ from torchrl.envs import EnvBase
 from torchrl.modules import ProbabilisticActor
 
 from modpush._arguments import checked_arguments
+from modpush._state import check_weights
 from modpush._types import AtLeastOne, Count, Name
 from modpush._validation import checked, from_plain
-from modpush._weights import check_weights
 from modpush.agents.tqc.config import TQCConfig
 from modpush.agents.tqc.encoder import make_trained_encoder
-from modpush.agents.tqc.factories import ACTORS
-from modpush.agents.tqc.specs import LearnerSpecs
+from modpush.agents.tqc.factories import ACTORS, LearnerSpecs
 from modpush.envs.scenes.objects import get_object
 from modpush.files import read_tensors, reading, write_tensors
 from modpush.mdp.stuck_recovery import StuckRecovery, recovering

@@ -64,7 +64,7 @@ def push_to_hub(
         repository: `"owner/name"`; made if it is not there.
         card: The card in Markdown; by default `model_card`.
         licence: Licence that the default card names.
-        private: Whether a repository that is made is private.
+        private: Make a new repository private.
         message: Message of the commit.
         token: Access token; by default the one that huggingface_hub knows.
 

@@ -18,19 +18,16 @@ from modpush.encoders.named import make_encoder
 from modpush.encoders.networks.conv_encoder import ConvEncoder
 from modpush.encoders.networks.ray_scan import RayScan
 from modpush.encoders.window import METRES_PER_PIXEL
-from modpush.encoders.window_bytes import WindowBytes
-from modpush.encoders.window_transform import EgocentricWindow
+from modpush.encoders.window_transform import EgocentricWindow, WindowBytes
 from modpush.envs.push_env import PushEnv
 from modpush.envs.robot.robot import Robot
 from modpush.envs.scenes.sensing import SensingConfig
 from modpush.mdp.action_frame import ActionFrame
-from modpush.mdp.blank_latent import latent_entry
 from modpush.mdp.curriculum import Curriculum
 from modpush.mdp.curriculum_scenes import CurriculumScenes
-from modpush.mdp.entry_list import resolve_entries
-from modpush.mdp.mirrored_observation import MirroredObservation
+from modpush.mdp.entry_list import latent_entry, resolve_entries
 from modpush.mdp.observation_entries import ENTRIES, Entry, EntryLike
-from modpush.mdp.push_observation import PushObservation
+from modpush.mdp.push_observation import MirroredObservation, PushObservation
 from modpush.mdp.push_reward import PushReward
 from modpush.mdp.reward_terms import RewardTerm
 from modpush.mdp.step_outcome import RewardKeys

@@ -62,7 +62,7 @@ def get_method(
         policy: A name in `METHODS`, a shipped agent's name, a training run's folder, an agent's file, or
             `"hf://owner/name"`.
         allow: Modules from which an agent's file may import its author's own parts.
-        recovery: Whether `StuckRecovery` takes over when the policy has come to rest before the goal.
+        recovery: Let `StuckRecovery` take over when the policy has come to rest before the goal.
             None: as the agent's config says, and no for other policies. The name of a method shows if it
             differs from this.
 
@@ -125,7 +125,7 @@ def _hand_written(policy: str) -> Method:
 
 
 def _trained(policy: str, allow: Sequence[str]) -> tuple[Method, bool]:
-    """An agent without recovery, and whether its config has one."""
+    """An agent without recovery; True if its config has one."""
     name, source = _find_agent(policy)
     agent = load_agent(source, allow=allow)
     method = Method(

@@ -7,10 +7,9 @@ from tensordict import NestedKey
 from torchrl.envs import Transform
 
 from modpush.envs.scenes.sensing import SensingConfig
-from modpush.mdp.action_delay import ActionDelay
-from modpush.mdp.observation_delay import ObservationDelay
+from modpush.mdp.delays import ActionDelay, ObservationDelay
+from modpush.mdp.noise import PoseNoise
 from modpush.mdp.observation_inputs import ObservationKeys
-from modpush.mdp.pose_noise import PoseNoise
 from modpush.mdp.stuck_recovery import StuckRecovery
 
 __all__ = ["make_recovery", "make_sensing", "observation_keys", "observed_keys"]

@@ -1,5 +1,10 @@
 from .attentive import AttentiveSampler as AttentiveSampler
-from .buffer import make_replay_buffer as make_replay_buffer, update_priorities as update_priorities
+from .buffer import (
+    TRANSITION_KEYS as TRANSITION_KEYS,
+    KeepTransition as KeepTransition,
+    make_replay_buffer as make_replay_buffer,
+    update_priorities as update_priorities,
+)
 from .config import ReplayConfig as ReplayConfig
 from .mirror import MirrorTransitions as MirrorTransitions
 from .n_step import (
@@ -13,4 +18,3 @@ from .similarity import (
     cosine as cosine,
     negative_l2 as negative_l2,
 )
-from .transition_keys import TRANSITION_KEYS as TRANSITION_KEYS, KeepTransition as KeepTransition

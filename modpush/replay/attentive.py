@@ -52,7 +52,7 @@ class AttentiveSampler(Sampler):
             `(candidates [Q, C, D], queries [Q, D]) -> [Q, C]`, larger is more alike.
         num_queries: Number of newest entries that are the default query. By default one, or in
             a storage of several dimensions the newest row, one entry per environment.
-        candidate_replacement: Whether a candidate may be drawn twice, as in TorchRL's uniform sampling;
+        candidate_replacement: Let a candidate be drawn twice, as in TorchRL's uniform sampling;
             the paper leaves it open. With `k = 4`, some 60 of a batch of 512 are then copies of others
             in a buffer of 8,000 entries, and one or none in the paper's million.
         k_end: Value to which `k` is annealed linearly; by default it stays.

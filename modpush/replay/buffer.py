@@ -1,11 +1,10 @@
-"""A replay buffer in one call, and its state for a file that holds no pickle."""
+"""A replay buffer in one call, its state for a file without a pickle, and the keys of a transition."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import torch
-from tensordict import TensorDict, TensorDictBase, is_tensor_collection
-from tensordict.utils import NestedKey
+from tensordict import NestedKey, TensorDict, TensorDictBase, is_tensor_collection
 from torchrl.data import (
     LazyMemmapStorage,
     LazyTensorStorage,
@@ -16,7 +15,10 @@ from torchrl.data.replay_buffers.samplers import Sampler
 from torchrl.data.replay_buffers.storages import Storage, TensorStorage
 
 from modpush._arguments import checked_arguments
+from modpush._checks import check_instance
 from modpush._keys import read_key
+from modpush._types import Key
+from modpush._validation import check_value
 from modpush.parts import find_part
 from modpush.replay.attentive import AttentiveSampler
 from modpush.replay.config import ReplayConfig
@@ -26,6 +28,8 @@ from modpush.replay.similarity import SIMILARITIES, Similarity
 
 __all__ = [
     "SAMPLERS",
+    "TRANSITION_KEYS",
+    "KeepTransition",
     "buffer_state",
     "load_buffer_state",
     "make_replay_buffer",
@@ -104,7 +108,7 @@ def update_priorities(
     Args:
         buffer: The buffer from which the batch was sampled.
         batch: The sample, with its `"index"`, `[B]`.
-        result: What `TQCUpdate` returned.
+        result: Result of `TQCUpdate`.
         key: Key of the priorities in the result, `[B]`, positive.
 
     Raises:
@@ -210,3 +214,42 @@ SAMPLERS: Mapping[str, SamplerFactory] = {
     ),
 }
 """Samplers by name."""
+
+
+TRANSITION_KEYS: tuple[NestedKey, ...] = (
+    "observation",
+    "action",
+    ("next", "observation"),
+    ("next", "reward"),
+    ("next", "done"),
+    ("next", "terminated"),
+)
+"""Keys of a transition that an off-policy learner needs. All else that `make_push_env` emits is for the
+environment itself, for metrics and for the log."""
+
+
+class KeepTransition:
+    """Keeps the keys of `TRANSITION_KEYS` in collected data, for a collector's `postproc`.
+
+    The environment has to emit more, for instance `blocked_bits`, in which it remembers what was
+    hidden: drop that after collection, not by a transform in the environment.
+
+    Args:
+        *extra: Further keys to keep, such as `"window"` and `("next", "window")`.
+    """
+
+    def __init__(self, *extra: NestedKey) -> None:
+        for key in extra:
+            check_value("extra", key, Key)
+        self.keys = (*TRANSITION_KEYS, *extra)
+
+    def __call__(self, data: TensorDictBase) -> TensorDictBase:
+        """The same transitions with these keys only; nothing is copied.
+
+        Raises:
+            KeyError: If one is missing; the message lists the keys.
+        """
+        check_instance("data", data, TensorDictBase)
+        for key in self.keys:
+            read_key(data, key)
+        return data.select(*self.keys)

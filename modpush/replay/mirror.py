@@ -20,7 +20,7 @@ class MirrorTransitions(DescribedTransform):
 
     A scene that is mirrored at the x axis of the agent's frame behaves like the scene itself, so that
     each transition is worth two. Append the transform to a replay buffer with `append_transform`. The
-    choice is drawn anew in every sample, from torch's generator of random numbers. The samples do not
+    choice is drawn again in every sample, from torch's generator of random numbers. The samples do not
     contain the mirrored observations.
 
     Args:

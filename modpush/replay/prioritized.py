@@ -37,7 +37,7 @@ class PrioritizedSampler(TorchRLPrioritizedSampler):
         alpha: Exponent of the priorities; 0 is uniform sampling.
         beta: Exponent of the importance weights.
         eps: Added to each priority, so that every entry may be drawn.
-        reduction: How the priorities of a stored trajectory become one.
+        reduction: Reduction of the priorities of a stored trajectory to one.
         max_priority_within_buffer: Give new entries the largest priority of the present entries.
 
     Raises:

@@ -21,7 +21,7 @@ def read_entries(storage: Storage, index: Tensor, key: NestedKey) -> Tensor:
     Args:
         storage: A storage of tensordicts.
         index: `[P, ndim]`.
-        key: What is read.
+        key: Key to read.
 
     Raises:
         TypeError: If the storage holds something else than tensordicts.
@@ -89,7 +89,7 @@ class WriteCursor:
 
         Args:
             storage: The storage that was written to.
-            count: How many; None for one row of the storage, which is one entry if it has one
+            count: Number of entries; None for one row of the storage, which is one entry if it has one
                 dimension.
 
         Returns:

@@ -1,5 +1,4 @@
 from .config import TrainConfig as TrainConfig
-from .critics import Critics as Critics, load_critics as load_critics
 from .held_out import held_out_scenarios as held_out_scenarios
 from .learner import NonFiniteLossError as NonFiniteLossError
 from .presets import TRAIN_PRESETS as TRAIN_PRESETS

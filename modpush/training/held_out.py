@@ -104,7 +104,7 @@ class HeldOutEpisodes:
 
         Args:
             policy: Acts on what the environment emits.
-            numbers: Which of the episodes; all of them by default.
+            numbers: Numbers of the episodes; all of them by default.
 
         Returns:
             Number, scene and metrics of each, by number. Where they were stopped, of those that had

@@ -79,7 +79,7 @@ class Hindsight:
         return self._engines[-1]
 
     def restart(self) -> None:
-        """Forget all that was recorded: the scenes begin anew."""
+        """Forget all that was recorded, after a reset of the scenes."""
         self._steps: list[list[NDArray[np.float32]]] = [
             [] for _ in range(self._config.env.num_envs)
         ]
@@ -91,7 +91,7 @@ class Hindsight:
         """Take note of a step of all scenes.
 
         Args:
-            step: What the environment's `step` returned, with the agent's action.
+            step: Result of the environment's `step`, with the agent's action.
             scenarios: Starts of their episodes.
             yaw_tolerance: Present yaw tolerance of goal poses [rad].
         """
@@ -210,5 +210,5 @@ def _action_frame(config: PushEnvConfig) -> Any:
 
 
 def _states(td: TensorDictBase) -> torch.Tensor:
-    """What a `Recording` holds of a step, `[B, n]` float32."""
+    """The entries of a `Recording` in a step, `[B, n]` float32."""
     return torch.cat([td[key].float() for key in _STATE], -1)

@@ -81,7 +81,7 @@ class Learner:
         """Updates that are due but not made, less than one."""
         self._source = 0
         self._open_steps: dict[int, list[TensorDictBase | None]] = {}
-        """Transitions that wait for their n-step returns, by collector; but for the last one's."""
+        """Transitions that wait for their n-step returns, by collector, except the current one."""
         self._present: dict[int, Tensor] = {}
         """Observations that the scenes are in, by collector."""
         self.metrics: dict[str, list[float]] = defaultdict(list)
@@ -120,7 +120,7 @@ class Learner:
         self.agent.optimizer.load_state_dict(copy.deepcopy(state["optimizer"]))
         if state["buffer"] is not None:
             load_buffer_state(self.buffer, state["buffer"])
-        else:  # the annealing of k goes on; nothing has been written to the buffer yet
+        else:  # the annealing of k continues; nothing has been written to the buffer yet
             self.learn_from = state["steps"] + self.config.tqc.learning_starts
             if (attentive := state.get("attentive")) is not None:
                 self.buffer.sampler.load_state_dict({**attentive, "newest": None})
@@ -131,7 +131,7 @@ class Learner:
         """Put a rollout's transitions into the buffer; returns how many there were."""
         transitions = self._transitions(rollout.transitions)
         count = len(transitions)
-        self._turn_to(rollout)
+        self._select_open_steps(rollout)
         extend_rollout(self.buffer, transitions, self.config.env.num_envs)
         if rollout.hindsight:
             self.buffer.extend(self._transitions(rollout.hindsight))
@@ -149,8 +149,8 @@ class Learner:
             transitions.set(key, torch.from_numpy(value))
         return transitions.to(self.config.replay.device)
 
-    def _turn_to(self, rollout: Rollout) -> None:
-        """Have the transitions that wait for their n-step returns be those of a rollout's collector."""
+    def _select_open_steps(self, rollout: Rollout) -> None:
+        """Select the transitions of a rollout's collector that wait for their n-step returns."""
         transforms = n_step_transforms(self.buffer)
         if rollout.source != self._source:
             self._open_steps[self._source] = [transform.waiting for transform in transforms]
@@ -162,7 +162,7 @@ class Learner:
             forget_open_steps(self.buffer)
 
     def forget_open_steps(self) -> None:
-        """Drop transitions that wait for their n-step returns, since the scenes begin anew."""
+        """Drop transitions that wait for their n-step returns, since the scenes were reset."""
         self._open_steps.clear()
         forget_open_steps(self.buffer)
 

@@ -1,17 +1,21 @@
-"""A run's log: TorchRL's loggers, and one table each of the training and of the evaluations."""
+"""A run's log, as tables and for TorchRL's loggers, and its progress bar."""
 
+import logging
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import pandas as pd
 from torchrl.record.loggers import get_logger
+from tqdm import tqdm
 
 from modpush._extras import require_extra
 from modpush.files import write_text
 from modpush.training.config import TrainConfig
 from modpush.training.run_folder import RunFolder
 
-__all__ = ["RunLog"]
+__all__ = ["RunLog", "TrainingBar", "quiet_torchrl"]
 
 _METRICS = (
     "success",
@@ -109,3 +113,74 @@ def _as_sent(evaluation: dict[str, float]) -> dict[str, float]:
     """A row of the evaluations' table as TorchRL's loggers get it."""
     about = ("step", "updates", "minutes")
     return {f"evaluation/{name}": value for name, value in evaluation.items() if name not in about}
+
+
+class TrainingBar:
+    """Environment steps, with the latest figures; it shows nothing if the config says so.
+
+    The time left is that of the training alone: evaluations and checkpoints stop its clock.
+    """
+
+    def __init__(self, config: TrainConfig, steps: int = 0) -> None:
+        self._config = config
+        self._bar = tqdm(
+            total=config.total_steps,
+            initial=steps,
+            unit="step",
+            disable=not config.progress,
+            smoothing=0.02,
+        )
+
+    def advance(self, steps: int) -> None:
+        """Add environment steps."""
+        self._bar.update(steps)
+
+    def show(self, row: dict[str, float], random: bool, level: str, best: float | None) -> None:
+        """Show a row of the log.
+
+        Args:
+            row: The row.
+            random: True while the first actions are not the policy's.
+            level: Level of the curriculum; empty if there is none.
+            best: Success of the best evaluation so far; None before the first.
+        """
+        success = row.get("greedy/success", row.get("noisy/success"))
+        actor = self._config.first_actions if random else "policy"
+        shown = {
+            f"success ({actor})": None if success is None else f"{success:.2f}",
+            "level": level or None,
+            "best": None if best is None else f"{best:.3f}",
+            "steps/s": f"{row['speed/steps']:.0f}",
+            "updates/s": None if random else f"{row['speed/updates']:.0f}",
+        }
+        self._bar.set_postfix({k: v for k, v in shown.items() if v is not None}, refresh=False)
+
+    @contextmanager
+    def pause(self, doing: str) -> Iterator[None]:
+        """Show an activity whose time does not count for the time left."""
+        self.say(doing)
+        try:
+            yield
+        finally:
+            self._bar.unpause()
+            self.say("")
+
+    def say(self, doing: str) -> None:
+        """Show an activity before the bar."""
+        self._bar.set_description_str(doing)
+
+    def close(self) -> None:
+        """Leave the bar as it is."""
+        self._bar.close()
+
+
+@contextmanager
+def quiet_torchrl() -> Iterator[None]:
+    """Within this block TorchRL logs warnings only: it announces each storage, in colours."""
+    logger = logging.getLogger("torchrl")
+    level = logger.level
+    logger.setLevel(logging.WARNING)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)

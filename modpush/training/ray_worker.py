@@ -17,7 +17,7 @@ from tensordict import TensorDict
 from torchrl.collectors import BaseCollector, Collector
 from torchrl.collectors.weight_update import RayWeightUpdater
 
-from modpush._ray import RESTARTS, ray_session
+from modpush._processes import RESTARTS, ray_session
 from modpush.mdp.curriculum import Curriculum
 from modpush.training.config import TrainConfig
 from modpush.training.rollout import Outcome, Rollout

@@ -27,7 +27,7 @@ class WorkerSpecs:
 
 @dataclass(frozen=True)
 class Outcome:
-    """An episode that the curriculum is told of."""
+    """Result of an episode, for the curriculum."""
 
     level: int
     """The curriculum's level that the episode is of."""
@@ -63,6 +63,6 @@ class Rollout:
     version: int = 0
     """Number of the weights that it was collected with, counted from 1 as they were sent."""
     behind: int = 0
-    """Number of later weights that were sent to other collectors meanwhile."""
+    """Number of later weights that were sent to other collectors until then."""
     outcomes: list[Outcome] = field(default_factory=list)
-    """Episodes that the collector's curriculum was told of; empty where it is the only one."""
+    """Results for the collector's own curriculum; empty where it is the only one."""

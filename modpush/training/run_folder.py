@@ -81,7 +81,7 @@ def check_run_folder(path: str | Path, config: TrainConfig, *, resume: bool) -> 
         path: The folder.
         config: The run's configuration.
         resume: Continue with what the folder holds; a run that was killed before its first checkpoint
-            begins anew.
+            starts again.
 
     Raises:
         FileExistsError: If the folder is not empty and `resume` is False. A run that was killed

@@ -10,20 +10,43 @@ from numpy.typing import NDArray
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
 
+from modpush.agents.scripted import ScriptedPusher
 from modpush.agents.tqc.build import make_tqc
+from modpush.mdp.action_frame import ActionFrame
 from modpush.mdp.curriculum import Curriculum
 from modpush.mdp.push_observation import PushObservation
-from modpush.recipes.config import END_TO_END
+from modpush.recipes.config import END_TO_END, PushEnvConfig
 from modpush.recipes.fingerprint import environment_fingerprint
 from modpush.recipes.make_env import env_parts, make_push_env
+from modpush.recipes.sensing import observed_keys
 from modpush.training.config import TrainConfig
-from modpush.training.first_actions import FirstActions
 from modpush.training.held_out import EvaluationProgress, HeldOutEpisodes
 from modpush.training.hindsight import Hindsight
 from modpush.training.parts import learner_parts
 from modpush.training.rollout import Rollout, WorkerSpecs
 
-__all__ = ["EnvFactory", "SceneWorker"]
+__all__ = ["EnvFactory", "FirstActions", "SceneWorker"]
+
+_NOISE = 0.2
+"""Standard deviation of the noise, in units of half the action's range."""
+
+
+class FirstActions:
+    """`ScriptedPusher` along the planner's sub-goals, with noise, in the agent's axes."""
+
+    def __init__(self, config: PushEnvConfig) -> None:
+        self._pusher = ScriptedPusher(target_key="subgoal")
+        frame = config.frame if config.action_frame is None else config.action_frame
+        pose_key = observed_keys(config.sensing)["object_pose"]
+        self._frame = ActionFrame(frame, object_pose_key=pose_key)
+
+    def __call__(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Write the action, `[B, 3]` in [-1, 1]."""
+        tensordict = self._frame.to_agent(self._pusher(tensordict))
+        action = tensordict["action"]
+        noisy = action + _NOISE * torch.randn_like(action)
+        return tensordict.set("action", noisy.clamp(-1.0, 1.0))
+
 
 EnvFactory = Callable[..., EnvBase]
 """`(PushEnvConfig, *, curriculum=None, evaluated_envs=None, seed=None, **parts) -> environment`, as
@@ -116,7 +139,7 @@ class SceneWorker:
 
         Args:
             steps: Number of steps of each scene.
-            weights: The actor's weights; with None `TrainConfig.first_actions` says who acts.
+            weights: The actor's weights; None for the policy `TrainConfig.first_actions`.
 
         Raises:
             RuntimeError: If `restart` has not been called.
@@ -195,7 +218,7 @@ class SceneWorker:
 
         Args:
             weights: The actor's weights.
-            numbers: Which of the episodes; all of them by default.
+            numbers: Numbers of the episodes; all of them by default.
 
         Returns:
             A row of metrics for each, by number.

@@ -14,21 +14,19 @@ from numpy.typing import NDArray
 
 from modpush._arguments import checked_arguments
 from modpush._atomic import FolderLock
-from modpush._processes import torch_threads
+from modpush._processes import interrupts_noted, interrupts_raised, torch_threads
 from modpush._types import Count
 from modpush.agents.tqc.update import processor_precision
 from modpush.recipes.make_env import make_push_env
 from modpush.replay.buffer import make_replay_buffer
-from modpush.training.bar import TrainingBar, quiet_torchrl
 from modpush.training.config import TrainConfig
 from modpush.training.held_out import EvaluationProgress, HeldOutEpisodes, held_out_score
 from modpush.training.learner import Learner, weights_of
-from modpush.training.log import RunLog
+from modpush.training.log import RunLog, TrainingBar, quiet_torchrl
 from modpush.training.parts import check_parts, check_picklable, replay_parts
 from modpush.training.rollout import Rollout
 from modpush.training.run_folder import RunFolder, check_run_folder
 from modpush.training.scene_worker import EnvFactory, SceneWorker
-from modpush.training.signals import interrupts_noted, interrupts_raised
 from modpush.training.trainer_state import load_trainer_state, save_trained_agent, trainer_state
 from modpush.training.warm_start import load_initial_weights
 from modpush.training.worker import (
@@ -59,7 +57,7 @@ class Trainer:
         make_env: Function that makes the environment: `make_push_env` or your own with its arguments.
             With `async_collection` both processes call it, since the learner's process runs half of the
             held-out episodes.
-        start_method: How the worker's process is started, see `ProcessWorker`.
+        start_method: Start method of the worker's process, see `ProcessWorker`.
         threads: Number of torch's threads in this process while `run` trains; the worker's uses one.
             Sums are rounded differently with another number.
 
@@ -161,8 +159,8 @@ class Trainer:
         self.log = RunLog(config, self.folder)
         if resume and self.folder.checkpoints.latest() is None:
             warnings.warn(
-                f"Trainer: the run in {self.folder.path} ended before its first checkpoint; it begins "
-                "anew.",
+                f"Trainer: the run in {self.folder.path} ended before its first checkpoint; it "
+                "starts again.",
                 stacklevel=4,
             )
         elif resume:
@@ -254,7 +252,7 @@ class Trainer:
         self.collect()
 
     def _iterate(self) -> None:
-        """Take one rollout, have the next one collected, and learn meanwhile."""
+        """Take one rollout, and learn while the next one is collected."""
         config = self.config
         asked = time.perf_counter()
         rollout: Rollout = self.worker.result()
@@ -300,7 +298,7 @@ class Trainer:
         self.curriculum_state = self.worker.call(SceneWorker.get_state)
         self.seconds = time.perf_counter() - self._began
         # The worker's draws come from a seed of this checkpoint; restarting first makes the saved
-        # random state the one that the run goes on with.
+        # random state the one with which the run continues.
         self.worker.call(SceneWorker.restart, self.worker_seed())
         if self.config.collector == "local":  # on a cluster the scenes are not restarted
             self.learner.forget_open_steps()

@@ -6,7 +6,7 @@ from typing import Any
 
 from torchrl.objectives import LossModule
 
-from modpush._weights import check_weights
+from modpush._state import check_weights
 from modpush.files import reading
 from modpush.parts import ModulesRefusedError, modules_named, parts_named
 from modpush.recipes.agent_file import Agent, load_agent, observed_symmetry, shipped_agents
@@ -39,10 +39,10 @@ def load_initial_weights(
     """
     source = str(config.init_from)
     checkpoint = _find_checkpoint(Path(source))
-    who = f"TrainConfig: init_from {source!r}"
+    caller = f"TrainConfig: init_from {source!r}"
     if checkpoint is None:
-        agent, symmetry = _load_agent(who, source, config, parts)
-        _check_environment(who, agent.fingerprint, symmetry, config, specs, parts)
+        agent, symmetry = _load_agent(caller, source, config, parts)
+        _check_environment(caller, agent.fingerprint, symmetry, config, specs, parts)
         actor = learner.agent.actor
         check_weights(source, actor.state_dict(), agent.actor.state_dict())
         actor.load_state_dict(agent.actor.state_dict())
@@ -52,7 +52,7 @@ def load_initial_weights(
         state = read_checkpoint(checkpoint)
         fingerprint, stored = dict(state["fingerprint"]), dict(state["loss"])
         symmetry = state["symmetry"]
-    _check_environment(who, fingerprint, symmetry, config, specs, parts)
+    _check_environment(caller, fingerprint, symmetry, config, specs, parts)
     loss = learner.agent.loss
     own, given = loss.state_dict(), _weights_in(stored)
     check_weights(source, _weights_in(own), given)
@@ -60,13 +60,13 @@ def load_initial_weights(
 
 
 def _load_agent(
-    who: str, source: str, config: TrainConfig, parts: Mapping[str, Any]
+    caller: str, source: str, config: TrainConfig, parts: Mapping[str, Any]
 ) -> tuple[Agent, int | None]:
     """The agent that a file or name stands for, and the symmetry of the object that it observed."""
     known = source in shipped_agents() or "://" in source  # on the Hub
     if not known and not Path(source).is_file():
         raise ValueError(
-            f"{who}: expected a run's folder, a checkpoint, an agent's file, or a shipped agent "
+            f"{caller}: expected a run's folder, a checkpoint, an agent's file, or a shipped agent "
             f"({', '.join(shipped_agents())}); there is nothing of that name."
         )
     # The rest of its environment is the file's own, with which this run's is compared.
@@ -75,14 +75,14 @@ def _load_agent(
         agent = load_agent(source, parts=given, allow=_allowed(config, parts))
     except ModulesRefusedError as error:
         raise ValueError(
-            f"{who}: it was trained with parts that this run does not have; name them in this "
+            f"{caller}: it was trained with parts that this run does not have; name them in this "
             f"run's config, or give them to the Trainer as parts. ({error})"
         ) from error
     trained_with = agent.parts.get("pushed_object")
     if (was := agent.missing.get("pushed_object")) is not None:  # no file can name it
         if "pushed_object" not in parts:
             raise ValueError(
-                f"{who}: it was trained with {was} as pushed_object; give it to the Trainer as "
+                f"{caller}: it was trained with {was} as pushed_object; give it to the Trainer as "
                 "parts={'pushed_object': ...}."
             )
         trained_with = parts["pushed_object"]
@@ -129,7 +129,7 @@ def _find_checkpoint(path: Path) -> Path | None:
 
 
 def _check_environment(
-    who: str,
+    caller: str,
     stored: Any,
     symmetry: int | None,
     config: TrainConfig,
@@ -140,12 +140,12 @@ def _check_environment(
     own = {name: value for name, value in specs.fingerprint.items() if name != "reward"}
     given = {name: value for name, value in stored.items() if name != "reward"}
     if differences := fingerprint_differences(given, own):
-        raise ValueError(f"{who}: trained in another environment. " + "; ".join(differences))
+        raise ValueError(f"{caller}: trained in another environment. " + "; ".join(differences))
     entries = {entry["name"] for entry in own.get("observation", {}).get("entries", ())}
     now = observed_symmetry(config.env, parts.get("pushed_object"))
     if entries & _OF_YAW and symmetry != now:
         raise ValueError(
-            f"{who}: trained with objects that count as looking the same at {symmetry} yaw angles, "
+            f"{caller}: trained with objects that count as looking the same at {symmetry} yaw angles, "
             f"those of this run at {now}; set env.symmetry to {symmetry}."
         )
 

@@ -32,7 +32,7 @@ MakeWorker = Callable[[], SceneWorker]
 
 
 class CollectionEndedError(RuntimeError):
-    """The scenes are gone, through no fault of the run; it can go on from a checkpoint."""
+    """The scenes were lost through no fault of the run, which can continue from a checkpoint."""
 
 
 class Worker(ABC):
@@ -42,11 +42,11 @@ class Worker(ABC):
 
     @abstractmethod
     def _send(self, method: Callable[..., Any], args: Any, kwargs: Any) -> None:
-        """Hand a call over."""
+        """Submit a call."""
 
     @abstractmethod
     def _receive(self) -> Any:
-        """Wait for the result of the call that was handed over."""
+        """Wait for the result of the submitted call."""
 
     @abstractmethod
     def close(self) -> None:
@@ -66,7 +66,7 @@ class Worker(ABC):
         self._outstanding = True
 
     def wait(self, seconds: float) -> bool:
-        """Wait for the result for so many seconds at most; whether `result` then gives it at once.
+        """Wait for the result, at most this many seconds; True if `result` then returns at once.
 
         A worker that has no process of its own, and one on a Ray cluster, is ready in any case.
         """
@@ -110,9 +110,9 @@ class InlineWorker(Worker):
     def __init__(self, make_worker: MakeWorker) -> None:
         self._random_state = torch.get_rng_state()
         self._call: tuple[Callable[..., Any], Any, Any] | None = None
-        self._worker = self._apart(make_worker)
+        self._worker = self._with_own_random_state(make_worker)
 
-    def _apart(self, function: Callable[[], R]) -> R:
+    def _with_own_random_state(self, function: Callable[[], R]) -> R:
         """Call a function with the worker's random state in torch's place."""
         callers = torch.get_rng_state()
         torch.set_rng_state(self._random_state)
@@ -129,7 +129,7 @@ class InlineWorker(Worker):
         if self._call is None:
             raise RuntimeError("InlineWorker: there is no call to give the result of.")
         (method, args, kwargs), self._call = self._call, None
-        return self._apart(lambda: method(self._worker, *args, **kwargs))
+        return self._with_own_random_state(lambda: method(self._worker, *args, **kwargs))
 
     def close(self) -> None:
         """Free the simulators."""

@@ -18,7 +18,7 @@ class CommandQueue:
         """Add a command.
 
         Args:
-            command: What to do.
+            command: The command.
             key: Of waiting commands with the same key, such as the moves of one drag, only the last
                 is carried out.
         """

@@ -1,4 +1,4 @@
-"""`PlayConfig`: what the page starts with."""
+"""`PlayConfig`: initial settings of the page."""
 
 from pathlib import Path
 from typing import Annotated
@@ -38,7 +38,7 @@ class PlayConfig:
     difficulty: Fraction = 0.3
     """Difficulty of the scenes, 0 to 1."""
     goal: Goal = "position"
-    """What the episodes ask for: a position of the object's centre, or a pose of the object."""
+    """Kind of the goals: a position of the object's centre, or a pose of the object."""
     engine: Name | None = None
     """Physics engine: `sapien`, `mujoco`, or `module:name`; by default that in which an agent was
     trained, and SAPIEN for other policies."""
@@ -59,8 +59,6 @@ class PlayConfig:
     password: anyone who reaches it can use it."""
     port: Annotated[int, Field(ge=0, le=65535)] = 8080
     """Port to listen on; if it is taken, the next free one is used and printed."""
-    out: Path = Path("runs/play")
-    """Folder to which recorded videos are written."""
     allow: Several[Name] = ()
     """Modules from which the file of an agent, a run or a replayed set may import its author's own
     parts."""

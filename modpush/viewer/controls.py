@@ -1,19 +1,204 @@
-"""`Controls`: the panel beside the scene."""
+"""The panel beside the scene."""
 
+import functools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from modpush.viewer.episode_controls import EpisodeControls, TimeControls
+from modpush.envs.scenes.layouts import ALL_SCENES
+from modpush.envs.scenes.objects import OBJECTS
+from modpush.viewer.edits import OBSTACLE_SIZES
 from modpush.viewer.overlays import Overlays, window_picture
 from modpush.viewer.panel import Panel, assign
-from modpush.viewer.scene_controls import HandControls, PolicyControls, SceneControls
+from modpush.viewer.policies import POLICIES
 from modpush.viewer.session import Session
 
 if TYPE_CHECKING:
     from viser import ViserServer
 
 __all__ = ["Controls"]
+
+_NONE = "none"
+_MOVES = {
+    "away": ("I", (1.0, 0.0, 0.0)),
+    "towards": ("K", (-1.0, 0.0, 0.0)),
+    "left": ("J", (0.0, 1.0, 0.0)),
+    "right": ("L", (0.0, -1.0, 0.0)),
+    "turn left": ("U", (0.0, 0.0, 1.0)),
+    "turn right": ("O", (0.0, 0.0, -1.0)),
+}
+"""Key and action of each move by hand, seen from the robot."""
+
+
+class PolicyControls:
+    """Choice of the policy, and of a second one beside it."""
+
+    def __init__(self, panel: Panel) -> None:
+        self._session, gui = panel.session, panel.gui
+        names, policies = self._names(), self._session.policies
+        with gui.add_folder("Policy"):
+            self._first = gui.add_dropdown("Policy", names, initial_value=policies[0])
+            self._second = gui.add_dropdown(
+                "Beside it", (_NONE, *names), initial_value=(*policies, _NONE)[1]
+            )
+            self._file: Any = gui.add_text(
+                "Agent file", "", hint="File of an agent, or folder of a training run."
+            )
+            panel.button("Load the agent file", self._load)
+        self._fields = [panel.field(handle, self._choose) for handle in (self._first, self._second)]
+
+    def _names(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys((*POLICIES, *self._session.policies)))
+
+    def _choose(self, _: str) -> None:
+        chosen = (self._first.value, self._second.value)
+        self._session.choose_policies(*(name for name in chosen if name != _NONE))
+
+    def _load(self) -> None:
+        self._session.choose_policies(self._file.value, *self._session.policies[1:])
+
+    def update(self) -> None:
+        """Show which policies run, also after a choice that failed."""
+        names, policies = self._names(), self._session.policies
+        if not set(names) <= set(self._first.options):
+            self._first.options, self._second.options = names, (_NONE, *names)
+        for field, value in zip(self._fields, (*policies, _NONE)[:2], strict=True):
+            field.show(value)
+
+
+class SceneControls:
+    """Goal and obstacles."""
+
+    def __init__(self, panel: Panel) -> None:
+        self._session = session = panel.session
+        self.selected: int | None = None
+        """The obstacle that was clicked last."""
+        with panel.gui.add_folder("Goal and obstacles"):
+            panel.gui.add_markdown(
+                "Drag the goal and the obstacles. Shift-drag turns an obstacle or a goal pose, a click "
+                "selects an obstacle."
+            )
+            self._goal = panel.field(
+                panel.gui.add_vector2("Goal [m]", self._goal_now(), step=0.01),
+                lambda goal: session.move_goal(*goal),
+            )
+            for kind in OBSTACLE_SIZES:
+                panel.button(f"Add a {kind}", functools.partial(session.add_obstacle, kind))
+            panel.button("Remove the selected obstacle", self._remove, "delete")
+
+    def _goal_now(self) -> tuple[float, float]:
+        x, y = self._session.snapshots[0].scenario.goal_position
+        return round(x, 3), round(y, 3)
+
+    def select(self, index: int) -> None:
+        """Select an obstacle."""
+        self.selected = index
+
+    def _remove(self) -> None:
+        if self.selected is None:
+            raise ValueError("Click an obstacle to select it.")
+        index, self.selected = self.selected, None
+        self._session.remove_obstacle(index)
+
+    def update(self) -> None:
+        """Show where the goal is."""
+        self._goal.show(self._goal_now())
+
+
+class HandControls:
+    """Keys and buttons that move the tool, for the policy `hand`."""
+
+    def __init__(self, panel: Panel) -> None:
+        self._session = session = panel.session
+        with panel.gui.add_folder("By hand"):
+            keys = ", ".join(f"**{key}** {name}" for name, (key, _) in _MOVES.items())
+            panel.gui.add_markdown(f"For the policy *hand*; seen from the robot. {keys}.")
+            for names in (("left", "away", "towards", "right"), ("turn left", "turn right")):
+                panel.gui.add_button_group("", names).on_click(self._press)
+        for name, (key, action) in _MOVES.items():
+            panel.hotkey(
+                f"Move the tool: {name}", key, functools.partial(session.push_by_hand, *action)
+            )
+
+    def _press(self, event: Any) -> None:
+        _, action = _MOVES[event.target.value]
+        self._session.submit(functools.partial(self._session.push_by_hand, *action))
+
+
+_SPEEDS = ("0.25", "0.5", "1", "2", "4")
+
+
+def _scenes(session: Session) -> tuple[str, ...]:
+    """Names of the scene families, with one's own if the page was started with one."""
+    return tuple(dict.fromkeys((*ALL_SCENES, session.scene)))
+
+
+class TimeControls:
+    """Pause, single step and speed."""
+
+    def __init__(self, panel: Panel) -> None:
+        self._session = session = panel.session
+        self.speed = 1.0
+        """Speed as a multiple of real time."""
+        with panel.gui.add_folder("Time"):
+            self._paused = panel.field(
+                panel.gui.add_checkbox("Pause", session.paused), session.set_paused
+            )
+            panel.button("Single step", session.step_once, "N")
+            speed = panel.gui.add_dropdown("Speed", _SPEEDS, initial_value="1")
+            speed.on_update(self._set_speed)
+            panel.field(
+                panel.gui.add_checkbox("Continue after the end", session.auto_continue),
+                session.set_auto_continue,
+            )
+
+    def _set_speed(self, event: Any) -> None:
+        self.speed = float(event.target.value)
+
+    def update(self) -> None:
+        """Show the session's state."""
+        self._paused.show(self._session.paused)
+
+
+class EpisodeControls:
+    """Choice of the episode: seed, scene family, difficulty and object."""
+
+    def __init__(self, panel: Panel) -> None:
+        self._session = session = panel.session
+        gui = panel.gui
+        with gui.add_folder("Episode"):
+            self._seed = panel.field(
+                gui.add_number(
+                    "Stored episode" if session.replaying else "Seed", session.seed, min=0, step=1
+                ),
+                lambda seed: session.reset(int(seed)),
+            )
+            if not session.replaying:
+                self._scene = panel.field(
+                    gui.add_dropdown("Scene", _scenes(session), initial_value=session.scene),
+                    lambda name: session.choose_scene(scene=name),
+                )
+                self._difficulty = panel.field(
+                    gui.add_slider("Difficulty", 0.0, 1.0, 0.05, session.difficulty),
+                    lambda value: session.choose_scene(difficulty=float(value)),
+                )
+                self._object = panel.field(
+                    gui.add_dropdown("Object", tuple(OBJECTS), initial_value=session.pushed_object),
+                    lambda name: session.choose_scene(pushed_object=name),
+                )
+            panel.button("Reset to the seed", session.reset, "R")
+            panel.button("Again as changed", session.restart, "B")
+            panel.button("Next episode", session.next_episode, "M")
+
+    def update(self) -> None:
+        """Show the session's state."""
+        session = self._session
+        self._seed.show(session.seed)
+        if not session.replaying:
+            self._scene.show(session.scene)
+            self._difficulty.show(session.difficulty)
+            self._object.show(session.pushed_object)
+
 
 _OVERLAYS = {
     "path": "Planned path",
@@ -26,11 +211,11 @@ _STORED = ("path", "subgoal", "flags")  # what an evaluation keeps of an episode
 
 
 class Controls:
-    """Turns what is clicked into commands of the session, and shows how it stands.
+    """Turns clicks into commands of the session, and shows its state.
 
     Args:
         server: The page.
-        session: What runs behind it.
+        session: The session behind the page.
     """
 
     def __init__(self, server: "ViserServer", session: Session) -> None:
@@ -76,12 +261,12 @@ class Controls:
         return None if self.scene is None else self.scene.selected
 
     def select(self, index: int) -> None:
-        """Take an obstacle as the one that is meant."""
+        """Select an obstacle."""
         if self.scene is not None:
             self.scene.select(index)
 
     def update(self) -> None:
-        """Show how the session stands."""
+        """Show the session's state."""
         assign(self._status, "content", self._status_text())
         for part in self._parts:
             part.update()
@@ -95,7 +280,7 @@ class Controls:
                 assign(image, "label", f"{lane.name}: window, and what the autoencoder keeps")
 
     def _status_text(self) -> str:
-        """A line for each lane, and why the last command failed, as Markdown."""
+        """A line for each lane, and the error of the last command, as Markdown."""
         lines = []
         for name, shown in zip(self._session.names, self._session.snapshots, strict=True):
             end = "running"
@@ -103,8 +288,7 @@ class Controls:
                 end = "**success**"
             elif shown.flags["out_of_bounds"]:
                 end = "**out of bounds**"
-            value = "" if shown.value is None else f", critics expect {shown.value:.1f}"
-            lines.append(f"{name}: {end}, step {shown.step}{value}")
+            lines.append(f"{name}: {end}, step {shown.step}")
         if self._session.paused:
             lines.append("*paused*")
         if self._session.message:

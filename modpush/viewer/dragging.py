@@ -42,7 +42,7 @@ def make_draggable(
 
     Args:
         handle: The viser node that is grabbed.
-        center: Where it is now, x, y, yaw in the page's world [m, m, rad].
+        center: Its present x, y, yaw in the page's world [m, m, rad].
         move: Called with where its centre is dragged to [m].
         turn: Called with the yaw that it is turned to [rad].
     """

@@ -77,7 +77,7 @@ def move_obstacle(
 
     Args:
         scenario: The scene.
-        index: Which obstacle.
+        index: Index of the obstacle.
         x: Position [m].
         y: Position [m].
         yaw: Direction of its long axis [rad]; as it was if not given.
@@ -135,7 +135,7 @@ def add_obstacle(
 
     Args:
         scenario: The scene; its object pose and goal say where the way is.
-        kind: Which obstacle.
+        kind: Kind of the obstacle.
         keep_free: Further circles that it must not touch, centre (x, y) and radius [m].
         robot: The arm, which needs room around its base.
 
@@ -188,8 +188,8 @@ def check_scene(
 
     Args:
         scenario: The scene after a change.
-        object_pose: Where the object is [m, m, rad].
-        tool_pose: Where the tool's tip is [m, m, rad].
+        object_pose: Pose of the object [m, m, rad].
+        tool_pose: Pose of the tool's tip [m, m, rad].
         robot: The arm.
         tool: Its tool.
 

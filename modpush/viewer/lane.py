@@ -1,6 +1,6 @@
-"""One policy in one scene: what is simulated, and what there is to show of it."""
+"""One policy in one scene, and snapshots of it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -56,8 +56,6 @@ class Snapshot:
     """The inflated map on the camera's grid, `[H, W]`."""
     window: NDArray[np.float32] | None = None
     """The local window, `[S, S]` in [0, 1]."""
-    value: float | None = None
-    """The return that the critics expected of the last step's action, in units of the training reward."""
 
     @property
     def present(self) -> Scenario:
@@ -95,9 +93,8 @@ class PolicyLane:
         env: A `PushEnv` with transforms, batch size `[1]`. Path, sub-goal, map and window are shown
             where it emits them.
         policy: Acts on what `env` emits.
-        path_key: Where the planned path stands in what `env.step` returns, `[1, n, 2]` [m].
+        path_key: Key of the planned path in the result of `env.step`, `[1, n, 2]` [m].
         target_key: The same of the sub-goal, `[1, 2]` [m].
-        critics: What is expected of an action, `[1]`, from what the policy has written.
     """
 
     def __init__(
@@ -108,9 +105,8 @@ class PolicyLane:
         *,
         path_key: NestedKey = "path",
         target_key: NestedKey = "subgoal",
-        critics: Callable[[TensorDictBase], torch.Tensor] | None = None,
     ) -> None:
-        self.name, self.env, self.policy, self._critics = name, env, policy, critics
+        self.name, self.env, self.policy = name, env, policy
         self._path_key, self._target_key = path_key, target_key
         self._vae = _autoencoder(env)
         self._step = 0
@@ -128,15 +124,12 @@ class PolicyLane:
         """Take one control step."""
         with set_exploration_type(ExplorationType.DETERMINISTIC):
             chosen = self.policy(self._td)
-        value = None if self._critics is None else float(self._critics(chosen)[0])
         td = self.env.step(chosen)
         self._td = step_mdp(td)
         self._step += 1
-        return self._snapshot(self._td, td, value)
+        return self._snapshot(self._td, td)
 
-    def _snapshot(
-        self, now: TensorDictBase, plan: TensorDictBase, value: float | None = None
-    ) -> Snapshot:
+    def _snapshot(self, now: TensorDictBase, plan: TensorDictBase) -> Snapshot:
         """Snapshot of the state now, with the path and sub-goal that led here."""
         x, y, yaw = now["object_pose"][0].tolist()
         tool_x, tool_y, tool_yaw = now["ee_pose"][0].tolist()
@@ -156,7 +149,6 @@ class PolicyLane:
             subgoal=None if target is None else (float(target[0, 0]), float(target[0, 1])),
             occupancy=None if occupancy is None else occupancy[0, 0].numpy(),
             window=None if window is None else as_floats(window[0, 0]).numpy(),
-            value=value,
         )
 
     @torch.no_grad()

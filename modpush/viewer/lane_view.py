@@ -18,8 +18,7 @@ from modpush.geometry.shapes import Primitive, box, cylinder
 from modpush.geometry.workspace import WORKSPACE
 from modpush.viewer.dragging import make_draggable
 from modpush.viewer.lane import Snapshot
-from modpush.viewer.meshes import primitive_mesh
-from modpush.viewer.overlays import Overlays, map_picture, path_segments
+from modpush.viewer.overlays import Overlays, map_picture, path_segments, primitive_mesh
 from modpush.viewer.panel import assign
 from modpush.viewer.session import Session
 
@@ -48,9 +47,9 @@ class LaneView:
 
     Args:
         server: The page.
-        session: What runs behind it.
+        session: The session behind the page.
         root: Name of the lane's node.
-        offset: Where the robot of this lane stands along the page's y [m].
+        offset: Position of this lane's robot along the page's y [m].
         select: Called with the index of an obstacle that is clicked.
     """
 

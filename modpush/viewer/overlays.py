@@ -1,12 +1,17 @@
-"""Overlays of the scene."""
+"""Meshes, lines and pictures that the page shows."""
 
+import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
-__all__ = ["Overlays", "map_picture", "path_segments", "window_picture"]
+from modpush.geometry.footprint import outline_of
+from modpush.geometry.shapes import Primitive
+
+__all__ = ["Overlays", "map_picture", "path_segments", "primitive_mesh", "window_picture"]
 
 _RIM = (235, 120, 40)  # color of the inflated map
 _SCALE = 3  # screen pixels for each pixel of the window
@@ -53,3 +58,23 @@ def window_picture(
     joined = np.hstack([grey[0], gap, grey[1]])
     large = cv2.resize(joined, None, fx=_SCALE, fy=_SCALE, interpolation=cv2.INTER_NEAREST)
     return np.repeat(large[..., None], 3, axis=-1)
+
+
+_NUM_ARC = 32  # corners of a circle
+_NUM_CAP = 6  # rings of half a sphere
+
+
+def primitive_mesh(part: Primitive) -> trimesh.Trimesh:
+    """The surface of a primitive, all of which are convex, in the frame of its body."""
+    upright = Primitive(kind=part.kind, size=part.size, outline=part.outline)
+    outline = outline_of(upright, _NUM_ARC)
+    half = part.size[2] if part.kind in ("box", "prism") else part.size[1]
+    rings = [(-half, 1.0), (half, 1.0)]  # height, and scale of the outline
+    if part.kind == "capsule":
+        for angle in np.linspace(0.0, math.pi / 2, _NUM_CAP, endpoint=False):
+            height = half + part.size[0] * math.sin(angle)
+            rings += [(-height, math.cos(angle)), (height, math.cos(angle))]
+    points = np.concatenate(
+        [np.column_stack([scale * outline, np.full(len(outline), z)]) for z, scale in rings]
+    )
+    return trimesh.convex.convex_hull(points @ part.rotation().T + np.array(part.position))

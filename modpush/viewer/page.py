@@ -40,11 +40,11 @@ _LOCAL = ("127.0.0.1", "localhost", "::1")
 class Page:
     """A session and the page that shows it, to all tabs that look at it.
 
-    Time stands still while no tab is open, except for a recording. All tabs show the same session,
+    Time stands still while no tab is open. All tabs show the same session,
     and each can change it.
 
     Args:
-        config: What the page starts with.
+        config: Settings of the page.
 
     Raises:
         MissingExtraError: If viser is not installed; the message says how to install it.
@@ -76,7 +76,7 @@ class Page:
         """Run until `stop` is called or the program is interrupted."""
         due = time.monotonic()
         while not self._stopped.is_set():
-            if not self.server.get_clients() and self.session.recorder is None:
+            if not self.server.get_clients():
                 self._stopped.wait(_WAIT_FOR_TAB)
                 due = time.monotonic()
                 continue
@@ -124,7 +124,7 @@ class Page:
         self._stopped.set()
 
     def close(self) -> None:
-        """Close the page, finish what is being recorded, and free the simulators."""
+        """Close the page, and free the simulators."""
         self.stop()
         self.session.close()
         self.server.stop()
@@ -220,7 +220,7 @@ def play(config: PlayConfig | None = None) -> None:
     """Open the page, print its address, and run until interrupted (Ctrl-C).
 
     Args:
-        config: What the page starts with.
+        config: Settings of the page.
 
     Raises:
         MissingExtraError: If viser is not installed; the message says how to install it.

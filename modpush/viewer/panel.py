@@ -24,8 +24,8 @@ class Panel:
     """Makes the elements of the panel.
 
     Args:
-        gui: Where they are added.
-        session: What carries out their commands.
+        gui: The panel to which they are added.
+        session: The session that carries out their commands.
     """
 
     def __init__(self, gui: "GuiApi", session: Session) -> None:
@@ -54,7 +54,7 @@ class Field:
     """An element that shows a value of the session and lets a person set it.
 
     Args:
-        session: What carries out the command.
+        session: The session that carries out the command.
         handle: The element.
         command: Called with what a person has set.
     """

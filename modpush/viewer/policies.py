@@ -13,10 +13,7 @@ from modpush.viewer.config import PlayConfig
 from modpush.viewer.lane import PolicyLane
 
 if TYPE_CHECKING:
-    from torchrl.envs import EnvBase
-
     from modpush.recipes.agent_file import Agent
-    from modpush.training.critics import Critics
 
 __all__ = ["POLICIES", "HandPolicy", "make_lane"]
 
@@ -52,7 +49,7 @@ def make_lane(policy: str, config: PlayConfig | None = None) -> PolicyLane:
         agent = _load(policy, allow)
         name = policy if policy == "agent" else Path(policy).stem
         env = agent.make_env(1, **options)
-        return PolicyLane(name, env, agent.policy, critics=_critics(policy, env, allow))
+        return PolicyLane(name, env, agent.policy)
     # Here, since the simulator comes with it.
     from modpush.recipes.config import PushEnvConfig
     from modpush.recipes.make_env import make_push_env
@@ -65,18 +62,6 @@ def make_lane(policy: str, config: PlayConfig | None = None) -> PolicyLane:
     method = get_method(policy)
     keys = {"path_key": method.path_key, "target_key": method.target_key}
     return PolicyLane(policy, env, method.make_policy(), **keys)
-
-
-def _critics(policy: str, env: "EnvBase", allow: Collection[str]) -> "Critics | None":
-    """The critics of a training run; None where there is no checkpoint, or it cannot be read alone."""
-    if not Path(policy).is_dir():
-        return None
-    from modpush.training.critics import load_critics
-
-    try:
-        return load_critics(policy, env, allow=allow)
-    except ValueError:
-        return None
 
 
 def _load(policy: str, allow: Collection[str]) -> "Agent":

@@ -1,4 +1,4 @@
-"""`Session`: what runs behind the page, without the page."""
+"""`Session`: the policies and scenes behind the page."""
 
 from collections.abc import Callable, Hashable
 from dataclasses import replace
@@ -16,7 +16,6 @@ from modpush.viewer.commands import Command, CommandQueue
 from modpush.viewer.config import CONTROL_FREQ, PlayConfig
 from modpush.viewer.lane import Lane, PolicyLane, Snapshot
 from modpush.viewer.policies import HandPolicy, make_lane
-from modpush.viewer.recorder import Recorder
 from modpush.viewer.replay import ReplayLane
 
 __all__ = ["Session"]
@@ -32,7 +31,7 @@ class Session:
     `message`.
 
     Args:
-        config: What to start with.
+        config: Initial settings.
 
     Raises:
         ValueError: If a policy or a folder of the config is not there.
@@ -52,7 +51,6 @@ class Session:
         """The policies as they were given; empty in a replay."""
         self.snapshots: list[Snapshot] = []
         """Snapshot of each lane."""
-        self.recorder: Recorder | None = None
         self._commands = CommandQueue()
         self._ticks_since_end = 0
         if self.config.replay:
@@ -130,8 +128,6 @@ class Session:
             shown if shown.ended else lane.step()
             for lane, shown in zip(self.lanes, self.snapshots, strict=True)
         ]
-        if self.recorder is not None and not self.recorder.add(self.names, self.snapshots):
-            self.stop_recording()
 
     def step_once(self) -> None:
         """Pause, and take one control step."""
@@ -314,21 +310,7 @@ class Session:
             if isinstance(lane, PolicyLane) and isinstance(lane.policy, HandPolicy):
                 lane.policy.press((dx, dy, dyaw))
 
-    def start_recording(self) -> None:
-        """Record a video from now on."""
-        self.stop_recording()
-        self.recorder = Recorder(self.config.out)
-
-    def stop_recording(self) -> None:
-        """Finish the video, if one is being recorded."""
-        if self.recorder is not None:
-            self.recorder.close()
-            written = self.recorder.frames > 0
-            self.message = f"Wrote {self.recorder.path}." if written else "No step was recorded."
-        self.recorder = None
-
     def close(self) -> None:
-        """Finish what is being recorded, and free the simulators."""
-        self.stop_recording()
+        """Free the simulators."""
         for lane in self.lanes:
             lane.close()

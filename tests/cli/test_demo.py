@@ -2,12 +2,10 @@
 
 import subprocess
 import sys
-from types import SimpleNamespace
 
 import cv2
-import pytest
 
-from modpush.cli.demo import DemoConfig, _draw_scenarios, _verdict, show_demo
+from modpush.cli.demo import DemoConfig, show_demo
 
 
 def test_demo(tmp_path) -> None:
@@ -32,26 +30,3 @@ def test_the_demo_runs_in_another_engine(tmp_path, capsys) -> None:
         )
     )
     assert "demo.mp4 (no arm.mp4), table.md" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("metrics", "text"),
-    [
-        ({"success": True, "steps": 31}, "solved in 31 steps"),
-        (
-            {"success": False, "out_of_bounds": True, "steps": 12},
-            "failed: the object left the workspace after 12 steps",
-        ),
-        (
-            {"success": False, "out_of_bounds": False, "steps": 200, "final_distance": 0.123},
-            "failed: 12 cm from the goal after 200 steps",
-        ),
-    ],
-)
-def test_a_tile_says_how_its_episode_ended(metrics: dict, text: str) -> None:
-    assert _verdict(SimpleNamespace(metrics=SimpleNamespace(**metrics))) == text
-
-
-def test_the_paper_s_hard_scenes_can_be_shown() -> None:
-    config = DemoConfig(scenes=("diagonal_walls", "maze"), pushed_object=("small_cube",))
-    assert [s.scene for s in _draw_scenarios(config)] == ["diagonal_walls"] * 4 + ["maze"] * 4

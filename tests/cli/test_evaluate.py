@@ -69,7 +69,7 @@ def test_policies_and_sets_are_looked_up_before_an_episode_is_run(tmp_path: Path
     refused("both called 'smoke'", policy=("scripted",), sets=("smoke", str(file)))
 
 
-def test_a_set_of_ones_own_is_given_as_a_file(tmp_path: Path) -> None:
+def test_a_set_of_your_own_is_given_as_a_file(tmp_path: Path) -> None:
     EvaluationSet(name="mine", scenarios=load_set("smoke").scenarios[:1]).save(
         tmp_path / "s.json.gz"
     )

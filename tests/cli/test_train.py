@@ -40,22 +40,6 @@ def test_a_run_from_the_command_line(tmp_path) -> None:
     assert (folder / "curve.png").is_file()
 
 
-@pytest.mark.parametrize("with_checkpoint", [False, True])
-def test_an_interrupt_says_whether_there_is_a_checkpoint(
-    tmp_path, monkeypatch, capsys, with_checkpoint
-) -> None:
-    def interrupted(run: RunConfig) -> None:
-        if with_checkpoint:
-            RunFolder(run.out).checkpoints.save(8, {"config": {}})
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(training_run, "train_agent", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        train.main(["smoke", "--out", str(tmp_path / "run")])
-    expected = "a checkpoint is in" if with_checkpoint else "before the first checkpoint"
-    assert expected in capsys.readouterr().out
-
-
 def test_updates_run_on_as_many_threads_as_asked_for(tmp_path, monkeypatch) -> None:
     seen = set()
     learn = Learner.learn
@@ -132,18 +116,6 @@ def test_settings_of_a_file_replace_the_presets_and_options_those_of_the_file(tm
     assert run.train == replace(cpu, seed=4, total_steps=5_000, env=env)
 
 
-def test_a_short_form_stands_for_the_option_of_the_training_run() -> None:
-    options = ["--minutes=5", "--init_from", "small_cube", "--collector", "ray"]
-    run = training_run.parse_run(["cpu", *options, "--num-collectors", "2"])
-    assert run.train == replace(
-        TRAIN_PRESETS["cpu"][1],
-        max_minutes=5.0,
-        init_from="small_cube",
-        collector="ray",
-        num_collectors=2,
-    )
-
-
 def test_the_config_of_a_run_repeats_it_whatever_the_preset(tmp_path) -> None:
     for name, (_, config) in TRAIN_PRESETS.items():
         folder = RunFolder(tmp_path / name)
@@ -171,16 +143,3 @@ def test_a_file_of_settings_that_does_not_fit_is_named(tmp_path, capsys, content
     printed = capsys.readouterr().err
     assert message in printed
     assert str(file) in printed
-
-
-def test_parts_that_a_file_of_settings_names_can_be_allowed(tmp_path) -> None:
-    file = tmp_path / "mine.yaml"
-    file.write_text("env: {encoder: 'tests.own_parts:MeanHeight'}")
-    run = training_run.parse_run(["cpu", "--config", str(file), "--allow", "tests.own_parts"])
-    assert run.train.env.encoder == "tests.own_parts:MeanHeight"
-
-
-@pytest.mark.parametrize("arguments", [[], ["gpu"], ["--out", "runs/train"]])
-def test_a_preset_is_expected_first(capsys, arguments) -> None:
-    assert run_command(["train", *arguments]) == 2
-    assert "expected a preset first, one of ['cpu', 'any_object'" in capsys.readouterr().err

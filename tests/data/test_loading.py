@@ -1,15 +1,9 @@
 """Demonstrations as transitions, in modpush's and in TorchRL's own way."""
 
-import json
-from pathlib import Path
-
-import minari
 import numpy as np
 import pytest
 import torch
 
-import modpush._extras
-from modpush._extras import MissingExtraError
 from modpush.data import load_demonstrations
 from modpush.replay import TRANSITION_KEYS, KeepTransition, ReplayConfig, make_replay_buffer
 
@@ -63,31 +57,6 @@ def test_an_environment_that_observes_otherwise_is_refused(collected) -> None:
         ValueError, match=r"not the environment that they were recorded in\. .*observation, entries"
     ):
         found.make_env(1, encoder="none")
-
-
-def test_minari_lists_the_data_set(collected, monkeypatch) -> None:
-    monkeypatch.setenv("MINARI_DATASETS_PATH", str(collected / "minari"))
-    assert list(minari.list_local_datasets()) == ["modpush/push-v0"]
-    assert minari.load_dataset("modpush/push-v0").total_episodes == 6
-
-
-def test_what_is_not_there_or_not_ours_is_said(collected, tmp_path, monkeypatch) -> None:
-    with pytest.raises(FileNotFoundError, match="no Minari data set in"):
-        load_demonstrations(tmp_path)
-    folder = tmp_path / "other"
-    source = collected / "minari" / "modpush" / "push-v0" / "data"
-    folder.mkdir()
-    for path in source.iterdir():
-        (folder / path.name).write_bytes(path.read_bytes())
-    about = json.loads((folder / "metadata.json").read_text())
-    del about["modpush"]
-    (folder / "metadata.json").write_text(json.dumps(about))
-    with pytest.raises(ValueError, match="is not a data set of modpush"):
-        load_demonstrations(folder)
-    monkeypatch.setitem(modpush._extras.EXTRAS, "no_such_package", "data")
-    monkeypatch.setattr("modpush.data.loading._PACKAGES", ("no_such_package",))
-    with pytest.raises(MissingExtraError, match=r"pip install 'modpush\[data\]'"):
-        load_demonstrations(Path(folder))
 
 
 def test_rewards_are_the_environment_s(collected) -> None:

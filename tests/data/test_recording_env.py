@@ -48,12 +48,3 @@ def test_it_emits_what_push_env_does(recorder) -> None:
     cross = command[:, 0] - command[:, 1]
     assert abs(cross).max() < 1e-6  # the direction of (1, 1) is kept
     plain.close()
-
-
-def test_an_environment_without_images_is_refused() -> None:
-    env = make_push_env(ENV)
-    with pytest.raises(
-        ValueError, match=r"env must emit \['depth', 'segmentation'\].*keep_images=True"
-    ):
-        RecordingEnv(env)
-    env.close()

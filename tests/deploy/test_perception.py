@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from modpush.deploy import Perception
-from modpush.envs.depth.raycast import blank_image, draw
-from modpush.envs.depth.solids import Solids
+from modpush.envs.depth.raycast import Solids, blank_image, draw
 from modpush.envs.scenes.objects import OBJECTS, PAPER_OBJECTS
 from modpush.envs.scenes.obstacle import Obstacle
 from modpush.geometry import CAMERA as VIEW, Label

@@ -7,8 +7,7 @@ import torch
 from torch import Tensor
 
 from modpush.encoders import egocentric_window
-from modpush.envs.depth.raycast import blank_image, draw
-from modpush.envs.depth.solids import Solids
+from modpush.envs.depth.raycast import Solids, blank_image, draw
 from modpush.geometry import Label
 from modpush.geometry.shapes import box
 

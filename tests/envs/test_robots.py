@@ -165,7 +165,7 @@ def test_solids_that_a_urdf_does_not_know_are_refused() -> None:
 
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("tool", [SPOON, "tests.envs.test_robots:SPOON"], ids=["object", "name"])
-def test_a_tool_of_one_s_own_is_used(tool, engine) -> None:
+def test_a_tool_of_your_own_is_used(tool, engine) -> None:
     env = PushEnv(1, tool=tool, engine=engine, arm_in_depth=True, scene="posts", seed=0)
     env.rollout(3)
     transforms = dict(
@@ -199,7 +199,7 @@ def plain_arm(**changes) -> Robot:
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_an_arm_of_one_s_own_needs_no_inverse_kinematics(engine) -> None:
+def test_an_arm_of_your_own_needs_no_inverse_kinematics(engine) -> None:
     env = PushEnv(2, robot=plain_arm(), engine=engine, depth=None, seed=0)
     assert tip_errors(env, 10).max() < 0.005
     env.close()

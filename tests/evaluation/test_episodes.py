@@ -12,10 +12,10 @@ from torchrl.envs import Compose, EnvBase, ExcludeTransform, TransformedEnv
 from modpush.agents import ScriptedPusher
 from modpush.envs import Obstacle, PushEnv, Scenario
 from modpush.envs.scenes.sampling import sample_scenario
-from modpush.evaluation.episodes import Trajectory, _Log, _record, _restart, run_episodes
+from modpush.evaluation.episodes import _Log, _record, _restart, run_episodes
 from modpush.evaluation.sets import EvaluationSet, load_set
 from modpush.planners import DistanceField, OccupancyGrid, PlannerSubgoals
-from tests.evaluation.conftest import make_env, make_episode
+from tests.evaluation.conftest import make_env
 
 
 def test_every_episode_runs_once_and_as_it_was_given(env: EnvBase, free: EvaluationSet) -> None:
@@ -126,12 +126,6 @@ def test_scenes_that_are_free_get_the_episodes_that_follow(free: EvaluationSet) 
     assert [logs[row].poses["object_pose"] for row in (0, 2)] == [[[0, 1, 2]], [[6, 7, 8]]]
 
 
-def test_fewer_episodes_than_scenes(env: EnvBase, free: EvaluationSet) -> None:
-    episodes = list(run_episodes(env, ScriptedPusher(), [(3, free.scenarios[3])]))
-    assert [e.number for e in episodes] == [3]
-    assert not list(run_episodes(env, ScriptedPusher(), []))
-
-
 def test_idle_scenes_do_not_mind_what_the_policy_does(env: EnvBase, free: EvaluationSet) -> None:
     def policy(td: TensorDictBase) -> TensorDictBase:
         td = ScriptedPusher()(td)
@@ -142,7 +136,7 @@ def test_idle_scenes_do_not_mind_what_the_policy_does(env: EnvBase, free: Evalua
     assert episode.metrics.steps > 0
 
 
-def test_a_policy_state_is_carried_over_and_begins_anew(env: EnvBase, free: EvaluationSet) -> None:
+def test_a_policy_state_is_carried_over_and_begins_again(env: EnvBase, free: EvaluationSet) -> None:
     """Counts its own steps; starts again where `is_init` says so."""
     seen: list[list[int]] = []
 
@@ -228,31 +222,6 @@ def test_what_transforms_must_not_drop_is_named(env: EnvBase, free: EvaluationSe
     ):
         list(run_episodes(incomplete, still, [(0, free.scenarios[0])]))
     incomplete.close()
-
-
-def test_a_missing_key_is_named(env: EnvBase, free: EvaluationSet) -> None:
-    with pytest.raises(KeyError, match=r"key .*way.* is missing; there are .*object_pose"):
-        list(run_episodes(env, ScriptedPusher(), [(0, free.scenarios[0])], path_key="way"))
-
-
-def test_any_tensordict_module_is_a_policy(env: EnvBase, free: EvaluationSet) -> None:
-    still = TensorDictModule(
-        lambda pose: torch.zeros_like(pose), in_keys=["ee_pose"], out_keys=["action"]
-    )
-    (episode,) = run_episodes(env, still, [(0, free.scenarios[0])])
-    assert not episode.metrics.success
-    assert episode.metrics.steps == 200
-    assert episode.metrics.contact_rate == 0.0
-    assert episode.metrics.spl == 0.0
-    assert len(episode.trajectory.planned_path) == 2  # the common planner's
-
-
-def test_a_trajectory_survives_the_disk(tmp_path, free: EvaluationSet) -> None:
-    trajectory = make_episode(0, free.scenarios[0]).trajectory
-    trajectory.save(tmp_path / "a.npz")
-    loaded = Trajectory.load(tmp_path / "a.npz")
-    for name, value in vars(trajectory).items():
-        np.testing.assert_array_equal(getattr(loaded, name), value)
 
 
 def test_another_workspace_than_the_sets_is_refused() -> None:

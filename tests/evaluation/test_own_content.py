@@ -9,7 +9,6 @@ from torchrl.envs import TransformedEnv
 
 from modpush.agents import ScriptedPusher
 from modpush.envs import Obstacle, PushedObject, PushEnv, ScenarioConfig, sample_scenario
-from modpush.envs.gym_env import PushGymEnv
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.drawing import draw_top_view, to_pixels
 from modpush.envs.scenes.layouts import get_scene
@@ -102,21 +101,7 @@ def test_an_object_given_by_text_is_evaluated_and_drawn_without_saying_more(tmp_
     assert_an_l_is_drawn(draw_top_view(s, s.object_pose, (9, 9, 0)), np.array(s.object_pose))
 
 
-def test_an_object_that_nothing_is_known_of_is_named() -> None:
-    with pytest.raises(ValueError, match="pushed_object: there is no 'l_shape', expected one of"):
-        shortest_path(drawn(L_SHAPE, 1)[0])
-
-
-def test_gymnasium_draws_an_object_of_ones_own() -> None:
-    env = PushGymEnv(render_mode="rgb_array", pushed_object=L_SHAPE)
-    env.reset(seed=0)
-    picture = env.render()
-    pose = env.env.scenarios[0].object_pose
-    env.close()
-    assert_an_l_is_drawn(picture, np.array(pose))
-
-
-def test_results_with_an_object_of_ones_own_are_drawn(tmp_path) -> None:
+def test_results_with_an_object_of_your_own_are_drawn(tmp_path) -> None:
     mine = EvaluationSet(name="mine", scenarios=drawn(L_SHAPE, 2))
 
     def make(num_envs: int, objects) -> PushEnv:

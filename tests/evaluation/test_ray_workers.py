@@ -10,7 +10,6 @@ import pytest
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 
-from modpush._extras import MissingExtraError
 from modpush.agents import ScriptedPusher
 from modpush.envs import PushEnv
 from modpush.evaluation import EvaluationConfig, EvaluationSet, evaluate, load_set
@@ -91,12 +90,3 @@ def test_an_error_in_a_task_is_shown(cluster: Any, tmp_path: Path) -> None:
     config = EvaluationConfig(num_envs=2, workers="ray", progress=False)
     with pytest.raises(Exception, match="this environment cannot be made"):
         evaluate(ScriptedPusher(), few(), tmp_path / "run", make_env=broken, config=config)
-
-
-def test_without_ray_it_is_said_what_to_install(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("modpush._extras.importlib.util.find_spec", lambda name: None)
-    config = EvaluationConfig(num_envs=2, workers="ray", progress=False)
-    with pytest.raises(MissingExtraError, match=r"ray not installed; .*modpush\[ray\]"):
-        evaluate(ScriptedPusher(), few(), tmp_path / "run", make_env=make_env, config=config)

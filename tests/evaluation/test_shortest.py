@@ -74,13 +74,6 @@ def test_by_the_inscribed_circle_a_way_leads_through_a_narrower_gap() -> None:
     assert len(corners) == 2
 
 
-def test_no_way_is_the_straight_line() -> None:
-    cage = [Obstacle((2.0, 0.06, 0.06), (0.475, 0.0, 0.0))]
-    corners, length = shortest_path(scenario(*cage))
-    assert length == pytest.approx(0.4)
-    assert len(corners) == 2
-
-
 def test_every_episode_of_the_hard_sets_has_a_way() -> None:
     planner = LazyThetaStar()
     for name in ("smoke", "hard/small_cube", "hard_wide/small_cube", "obstacles/fragment"):

@@ -48,14 +48,6 @@ def test_goal_poses_also_count_without_contact() -> None:
     assert to_display(both).loc["b", "success_without_contact"] == "–"
 
 
-def test_alone_a_method_is_measured_over_what_it_solved() -> None:
-    assert summarize({"a": A}).loc["a", "contact_rate"] == pytest.approx(0.5)
-    nothing = summarize({"a": rows([0, 0], contact_rate=[1.0, 1.0], path_length=[1.0, 1.0])})
-    assert nothing.loc["a", "solved"] == 0
-    assert np.isnan(nothing.loc["a", "contact_rate"])
-    assert "–" in to_display(nothing)["contact_rate"].item()
-
-
 def test_compare_pairs_the_episodes() -> None:
     table = compare(A, B)
     assert table.loc["success", "count"] == 4

@@ -2,7 +2,6 @@
 
 import csv
 import dataclasses
-import json
 
 import pytest
 import torch
@@ -53,21 +52,6 @@ def test_collected_windows_are_as_the_config_says(data, config):
     assert not list(config.output.parent.glob("*.parts"))
     # The object's own place is free.
     assert (data.windows[:, 30:34, 30:34] == 0).all()
-
-
-def test_a_stopped_collection_goes_on_and_ends_the_same(collect, data, config, tmp_path):
-    again = dataclasses.replace(config, output=tmp_path / "again.safetensors")
-    parts = tmp_path / "again.parts"
-    parts.mkdir()
-    (parts / "config.json").write_text(json.dumps(again.recipe()))
-    collect.collect_part(again, 1, parts)  # stopped after this one
-    (parts / "00000.safetensors.7.tmp").write_bytes(b"half a file")
-    resumed = collect.main(again)
-    assert torch.equal(resumed.windows, data.windows)
-    (tmp_path / "again.parts").mkdir()
-    (tmp_path / "again.parts" / "config.json").write_text("{}")
-    with pytest.raises(ValueError, match="was begun with another config"):
-        collect.main(again)
 
 
 def test_training_stopped_and_resumed_ends_the_same(train, data, config, tmp_path, capsys):
@@ -127,17 +111,6 @@ def test_an_agent_is_trained_on_an_encoder_with_a_latent_of_another_size(
     env = load_agent(tmp_path / "run" / "best_agent.safetensors").make_env(1)
     assert env.reset()["latent"].shape == (1, 8)
     env.close()
-
-
-def test_training_needs_windows(train, data, config, tmp_path):
-    few = train.Config(data=config.output, output=tmp_path, batch_size=128)
-    with pytest.raises(ValueError, match="has 60 windows to train on and 10 held"):
-        train.main(few)
-    cut = tmp_path / "cut.safetensors"
-    cut.write_bytes(config.output.read_bytes()[:-9])
-    with pytest.raises(ValueError, match="is cut short"):
-        train.main(dataclasses.replace(few, data=cut))
-    assert not (tmp_path / "log.csv").exists()
 
 
 def test_the_report_is_written(data, config, tmp_path, capsys):

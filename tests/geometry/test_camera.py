@@ -1,5 +1,3 @@
-import math
-
 import numpy as np
 import pytest
 import torch
@@ -60,36 +58,3 @@ def test_each_point_may_have_its_own_height(method):
     np.testing.assert_array_equal(method(points, heights), one_by_one)
     tensor = method(torch.from_numpy(points), torch.from_numpy(heights))
     np.testing.assert_allclose(tensor.numpy(), one_by_one, rtol=1e-14)
-
-
-def test_precision_is_kept():
-    assert CAMERA.project(torch.zeros(2)).dtype == torch.float32
-    assert CAMERA.unproject(torch.zeros(2, dtype=torch.float64)).dtype == torch.float64
-
-
-@pytest.mark.parametrize(
-    ("fields", "message"),
-    [
-        ({"height": 0}, "height: .*greater than or equal to 1, got 0"),
-        ({"width": -3}, "width: .*greater than or equal to 1, got -3"),
-        ({"height": 256.0}, "height: .*valid integer, got 256.0"),
-        ({"width": True}, "width: .*valid integer, got True"),
-        ({"x": math.nan}, "x: .*finite number, got nan"),
-        ({"y": -math.inf}, "y: .*finite number, got -inf"),
-        ({"z": math.inf}, "z: .*finite number, got inf"),
-        ({"z": 0.0}, "z: .*greater than 0, got 0.0"),
-        ({"field_of_view": math.nan}, "field_of_view: .*finite number, got nan"),
-        ({"field_of_view": 3.5}, "field_of_view: .*less than 3.14159.*, got 3.5"),
-    ],
-)
-def test_impossible_cameras_are_refused(fields, message):
-    with pytest.raises(ValueError, match=f"{message}"):
-        Camera(**fields)
-
-
-def test_heights_are_numbers_below_the_camera():
-    camera, point = Camera(), torch.tensor([[0.5, 0.1]])
-    torch.testing.assert_close(camera.project(point, np.float32(0.1)), camera.project(point, 0.1))
-    for z in (camera.z, 2.0, torch.tensor([2.0])):
-        with pytest.raises(ValueError, match=r"Camera.project: z must be below the camera, at"):
-            camera.project(point, z)

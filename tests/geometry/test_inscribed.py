@@ -6,8 +6,7 @@ import pytest
 
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.geometry import Primitive, box, capsule, centered, cylinder
-from modpush.geometry.footprint import outline_of
-from modpush.geometry.inscribed import inscribed_radius
+from modpush.geometry.footprint import inscribed_radius, outline_of
 
 L_SHAPE = centered(box(0.10, 0.03, 0.04), box(0.03, 0.07, 0.04, (0.035, 0.05, 0.0)))
 

@@ -1,10 +1,8 @@
 import math
-from dataclasses import replace
 
 import numpy as np
-import pytest
 
-from modpush.geometry import Primitive, box, capsule, cylinder, prism
+from modpush.geometry import box, capsule, cylinder, prism
 from modpush.geometry.shapes import rpy_matrix
 
 SQUARE = ((0.02, 0.02), (-0.02, 0.02), (-0.02, -0.02), (0.02, -0.02))
@@ -36,30 +34,3 @@ def test_roll_comes_first_then_pitch_and_yaw_last():
         one, next_one = np.eye(3)[first], np.eye(3)[(first + 1) % 3]
         np.testing.assert_allclose(matrix @ one, cos * one + sin * next_one, atol=1e-12)
         np.testing.assert_allclose(matrix @ next_one, cos * next_one - sin * one, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (
-            lambda: Primitive(kind="cone", size=(1, 1, 1)),
-            "kind: Input should be 'box', .* or 'prism', got 'cone'",
-        ),
-        (lambda: box(0.1, 0.0, 0.1), "width: .*greater than 0"),
-        (lambda: cylinder(-0.1, 0.1), "radius: .*greater than 0, got -0.1"),
-        (lambda: box(0.1, math.nan, 0.1), "width: .*finite number, got nan"),
-        (lambda: box(0.1, 0.1, 0.1, (0.0, math.inf, 0.0)), r"position\[1\]: .*finite number"),
-        (lambda: prism((), 0.1), "needs 3 corners"),
-        (lambda: prism(SQUARE[:2], 0.1), "needs 3 corners"),
-        (
-            lambda: replace(prism(SQUARE, 0.1), outline=[(2 * x, y) for x, y in SQUARE]),
-            "must be its outline's half extents",
-        ),
-        (lambda: prism(SQUARE[::-1], 0.1), "convex and counter-clockwise"),
-        (lambda: prism((*SQUARE, (0.0, 0.0)), 0.1), "convex and counter-clockwise"),
-        (lambda: prism((*SQUARE, *SQUARE), 0.1), "convex and counter-clockwise"),
-    ],
-)
-def test_impossible_solids_are_refused(make, message):
-    with pytest.raises(ValueError, match=f"(Primitive|box|cylinder): .*{message}"):
-        make()

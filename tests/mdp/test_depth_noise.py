@@ -30,18 +30,6 @@ def test_noise_and_missing_pixels_have_the_given_size() -> None:
     assert torch.equal(depth, noise(images())["camera", "depth"])
 
 
-def test_without_noise_nothing_changes() -> None:
-    assert torch.equal(
-        DepthNoise(depth_key=("camera", "depth"))(images())["camera", "depth"],
-        images()["camera", "depth"],
-    )
-
-
-def test_a_missing_image_is_named() -> None:
-    with pytest.raises(KeyError, match=r"key .*depth.* is missing"):
-        DepthNoise(sigma=0.1)(images())
-
-
 def test_it_goes_before_the_planner_s_grid() -> None:
     """Missing pixels leave holes in the obstacles' cells; noise of a centimetre blocks free ones."""
     env = TransformedEnv(PushEnv(1, scene="slot", seed=0), OccupancyGrid(inflation=0.0))
@@ -63,13 +51,6 @@ def test_stored_transitions_get_it_before_and_after_the_step() -> None:
     noisy = DepthNoise(sigma=0.003, depth_key=("camera", "depth"))(step)
     for image in (noisy["camera", "depth"], noisy["next", "camera", "depth"]):
         assert image.std() == pytest.approx(0.003, abs=3e-5)
-
-
-def test_no_depth_becomes_negative() -> None:
-    near = TensorDict({"depth": torch.full((1, 1, 64, 64), 0.01)}, batch_size=[1])
-    depth = DepthNoise(sigma=0.05)(near)["depth"]
-    assert depth.min() == 0.0  # half of them and more would lie behind the camera
-    assert depth.max() > 0.05
 
 
 def test_where_nothing_is_seen_there_is_no_noise() -> None:

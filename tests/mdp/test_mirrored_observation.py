@@ -2,12 +2,11 @@
 
 import pytest
 import torch
-from torchrl.envs import Compose, TransformedEnv, check_env_specs
+from torchrl.envs import check_env_specs
 
-from modpush.envs import PushEnv, Scenario
-from modpush.mdp import ENTRIES, ActionFrame, MirroredObservation, PushObservation
-from modpush.recipes import PushEnvConfig, environment_fingerprint, make_push_env
-from tests.mdp.straight_path import StraightPath
+from modpush.envs import Scenario
+from modpush.mdp import ENTRIES, MirroredObservation, PushObservation
+from modpush.recipes import PushEnvConfig, make_push_env
 from tests.mdp.test_push_observation import make_state
 
 SYMMETRIC = [name for name, entry in ENTRIES.items() if entry.mirrored is not None]
@@ -98,28 +97,3 @@ def test_in_the_simulator_it_is_the_observation_of_the_mirrored_scene(encoder):
         mirror["mirrored_observation"], there["observation"], atol=1e-3, rtol=0
     )
     assert (there["observation"] - mirror["observation"]).abs().amax() > 0.1
-
-
-def test_a_policy_depends_on_the_observation_alone():
-    config = PushEnvConfig.preset("cpu", num_envs=1, encoder="rays")
-    plain, mirrored = make_push_env(config), make_push_env(config, mirrored=True)
-    assert environment_fingerprint(mirrored) == environment_fingerprint(plain)
-    plain.close()
-    mirrored.close()
-
-
-def test_actions_of_another_frame_are_refused():
-    config = PushEnvConfig.preset("cpu", action_frame="base")
-    with pytest.raises(
-        ValueError, match="mirrored needs actions in the observation's frame 'path'"
-    ):
-        make_push_env(config, mirrored=True)
-
-
-def test_it_stands_alone_on_an_environment():
-    entries = ("ee_position", "goal", "contact")
-    transforms = (StraightPath(), ActionFrame("path"), MirroredObservation("path", entries=entries))
-    env = TransformedEnv(PushEnv(num_envs=2), Compose(*transforms))
-    check_env_specs(env)
-    assert env.rollout(3)["mirrored_observation"].shape == (2, 3, 5)
-    env.close()

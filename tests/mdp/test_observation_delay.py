@@ -91,13 +91,6 @@ def test_torchrl_s_checks() -> None:
     serial.close()
 
 
-def test_as_many_keys_are_written_as_read() -> None:
-    with pytest.raises(ValueError, match="must be as many as in_keys, got 2 and 1 for 1"):
-        ObservationDelay(1, in_keys=["ee_pose"], out_keys=["a", "b"])
-    with pytest.raises(ValueError, match=r"steps must be \(lowest, highest\), got \(2, 0\)"):
-        ObservationDelay((2, 0), in_keys=["ee_pose"], out_keys=["a"])
-
-
 def noisy(scenes=4, episodes=0, **options) -> TransformedEnv:
     noise = PoseNoise(0.015, math.radians(7.5), **options)
     return TransformedEnv(PushEnv(scenes, scene="free", depth=None, seed=episodes), noise)

@@ -28,13 +28,6 @@ def test_a_fingerprint_survives_json_and_tells_each_column():
     }
 
 
-def test_permuted_entries_differ():
-    stored = fingerprint(entries=["goal", "subgoal"])
-    assert fingerprint_differences(stored, fingerprint(entries=["goal", "subgoal"])) == []
-    found = fingerprint_differences(stored, fingerprint(entries=["subgoal", "goal"]))
-    assert found == ["entries: ['goal', 'subgoal'] -> ['subgoal', 'goal']"]
-
-
 def test_other_frames_widths_and_scales_differ_and_rounding_does_not():
     def entry(scale):
         return [("own", Entry(lambda inputs: inputs.goal, scale=scale))]
@@ -51,11 +44,6 @@ def test_other_frames_widths_and_scales_differ_and_rounding_does_not():
     wide = fingerprint(entries=[("own", Entry(lambda inputs: inputs.latent, scale=2.0))])
     found = fingerprint_differences(stored, wide)
     assert found == ["values of 'own': 2 -> 32"]
-
-
-def test_before_there_is_an_observation_nothing_is_known():
-    with pytest.raises(RuntimeError, match="known after the environment's first reset"):
-        _ = PushObservation().columns
 
 
 def test_a_function_as_shift_is_called_for_each_observation():

@@ -1,7 +1,5 @@
 """The paper's reward, by hand."""
 
-import pickle
-
 import pytest
 import torch
 from tensordict import TensorDict
@@ -64,14 +62,6 @@ def test_the_papers_numbers(after, expected):
     assert reward_of(**after)["reward"].item() == pytest.approx(expected, abs=1e-6)
 
 
-def test_without_the_clip_going_further_away_costs_more():
-    # 0.9 of 0.6 m to go and the tip at 0.5 of 0.2 m: -1.5 - 2.5
-    after = reward_of(RewardConfig(clip=False), path=0.9, apart=0.5)
-    assert after["reward"].item() == pytest.approx(-4.0)
-    after = reward_of(RewardConfig(clip=False))
-    assert after["reward"].item() == pytest.approx(-1.0)  # nearer than at reset, as with the clip
-
-
 def test_the_terms_add_up_and_are_scaled():
     after = reward_of(RewardConfig(scale=0.1), obstacle_contact=True)
     assert after["reward"].item() == pytest.approx(-0.6)
@@ -85,21 +75,7 @@ def test_constant_normalisation_divides_by_its_lengths():
     assert reward.item() == pytest.approx(-1.0)
 
 
-def test_an_episode_that_begins_at_its_goal_has_a_reward():
-    # Both lengths are 0 at reset and stay so: nothing is left to go, rather than 0 / 0.
-    assert reward_of(start=(0.0, 0.0), path=0.0, apart=0.0)["reward"].item() == 0.0
-    # Any way from there is at least as far as at reset: -1 each.
-    assert reward_of(start=(0.0, 0.0), path=0.1, apart=0.1)["reward"].item() == -2.0
-
-
-def test_the_window_penalty_is_off_unless_weighted():
-    assert "window" not in reward_of(apart=0.15).get("reward_terms").keys()
-    config = RewardConfig(scale=1.0, weights={"window": 2.0})
-    assert reward_of(config, apart=0.15)["reward"].item() == -2.0
-    assert reward_of(config, apart=0.10)["reward"].item() == 0.0
-
-
-def test_a_term_of_ones_own_reads_the_outcome():
+def test_a_term_of_your_own_reads_the_outcome():
     config = RewardConfig(scale=1.0, weights={"goal": 1.0, "patience": 3.0})
     terms = {"patience": lambda outcome: -outcome.path_fraction}
     assert reward_of(config, terms=terms)["reward"].item() == pytest.approx(-1.5)
@@ -118,7 +94,7 @@ def test_a_penalty_for_the_action():
     assert after["reward_terms", "laziness"].item() == pytest.approx(-0.25)
 
 
-def test_a_term_that_reads_keys_of_ones_own_before_and_after():
+def test_a_term_that_reads_keys_of_your_own_before_and_after():
     def cooling(outcome):
         return outcome.before["arm", "heat"] - outcome["arm", "heat"]
 
@@ -164,10 +140,6 @@ def test_a_step_without_contact_costs_until_the_goal_is_reached():
     assert costs == [-1, 0, 0, 0]
 
 
-def test_detours_cost_nothing_unless_weighted():
-    assert "detour" not in PushReward().terms
-
-
 def test_every_term_has_its_sign():
     after = {"object_contact": True, **dict.fromkeys(FLAGS[1:], True), "apart": 0.2, "path": 0.4}
     weights = dict.fromkeys(REWARD_TERMS, 1.0)
@@ -192,51 +164,10 @@ def test_every_term_has_its_sign():
     }
 
 
-def test_bad_configs_are_refused():
-    with pytest.raises(ValueError, match=r"weights: there is no 'speed', expected one of"):
-        PushReward(RewardConfig(weights={"speed": 1.0}))
-    with pytest.raises(
-        ValueError, match=r"terms must have a weight in the config, .*, got \['effort'\]"
-    ):
-        PushReward(terms={"effort": effort})
-    with pytest.raises(ValueError, match="the term 'effort' twice"):
-        PushReward(
-            RewardConfig(weights={"effort": 1.0, "tests.mdp.own_parts:effort": 1.0}),
-            terms={"effort": effort},
-        )
-    with pytest.raises(ValueError, match=r"terms\.effort: Input should be callable .*got 3"):
-        PushReward(RewardConfig(weights={"effort": 1.0}), terms={"effort": 3})
-
-
 def test_a_term_of_a_wrong_shape_is_named():
     config = RewardConfig(weights={"flat": 1.0})
     with pytest.raises(ValueError, match=r"term 'flat' must be \[1, 1\], got \[1\]"):
         reward_of(config, terms={"flat": lambda outcome: outcome.path_fraction[..., 0]})
-
-
-@pytest.mark.parametrize("key", ["reward_start", "next"])
-def test_a_missing_key_is_named(key):
-    with pytest.raises(KeyError, match=f"key .*{key}.* is missing"):
-        PushReward()(transition().exclude(key))
-    stored = transition()
-    del stored["next", "path_length"]
-    with pytest.raises(KeyError, match=r"key .*path_length.* is missing"):
-        PushReward()(stored)
-
-
-def test_a_step_without_the_lengths_at_reset_is_refused_by_name():
-    env = TransformedEnv(PushEnv(1, depth=None, seed=0), Compose(StraightPath(), PushReward()))
-    td = env.rand_action(env.reset()).exclude("reward_start")
-    with pytest.raises(KeyError, match=r"key .*reward_start.* is missing"):
-        env.step(td)
-    env.close()
-
-
-def test_an_environment_without_a_planner_is_refused():
-    env = TransformedEnv(PushEnv(1, depth=None), PushReward())
-    with pytest.raises(KeyError, match=r"the environment does not emit \['path_length'\]"):
-        _ = env.observation_spec
-    env.close()
 
 
 def test_nested_keys_are_read():
@@ -295,12 +226,7 @@ def test_stored_transitions_are_rewarded_as_the_environment_did():
     assert torch.equal(sample["next", "reward"], rollout["next", "reward"][sample["index"]])
 
 
-def test_a_pickled_transform_rewards_alike():
-    copy = pickle.loads(pickle.dumps(PushReward()))
-    assert torch.equal(copy(transition())["next", "reward"], reward_of(RewardConfig())["reward"])
-
-
-def test_a_partial_reset_begins_anew_in_that_scene_only():
+def test_a_partial_reset_begins_again_in_that_scene_only():
     env = TransformedEnv(PushEnv(2, depth=None, seed=0), Compose(StraightPath(), PushReward()))
     td = env.reset()
     first = td["reward_start"].clone()
@@ -314,10 +240,3 @@ def test_a_partial_reset_begins_anew_in_that_scene_only():
     apart = (td["ee_pose"][:, :2] - td["object_pose"][:, :2]).norm(dim=-1)
     torch.testing.assert_close(td["reward_start"][1, 1], apart[1])
     env.close()
-
-
-def test_poses_in_double_precision_give_the_same_reward():
-    stored = transition().apply(lambda x: x.double() if x.is_floating_point() else x)
-    reward = PushReward(RewardConfig())(stored)["next", "reward"]
-    assert reward.dtype == torch.float32
-    torch.testing.assert_close(reward, reward_of()["reward"])

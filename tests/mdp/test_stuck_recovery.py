@@ -88,17 +88,6 @@ def test_what_moves_is_left_alone(which) -> None:
     assert active(run(StuckRecovery(patience=3), moves))[-1]  # type: ignore[arg-type]
 
 
-def test_stored_transitions_are_written_anew() -> None:
-    recovery = StuckRecovery(patience=2)
-    states = run(recovery, [(0.0, 0.0)] * 3)
-    stored = states[1].clone().set("next", poses())
-    again = recovery(stored)["next"]
-    assert again["recovering"].all()
-    assert torch.equal(again["recovery_state"], states[2]["recovery_state"])
-    with pytest.raises(KeyError, match="recovery_state"):
-        recovery(poses().set("next", poses()))
-
-
 def test_in_an_environment_scenes_are_kept_apart() -> None:
     recovery = pickle.loads(pickle.dumps(StuckRecovery(patience=2, duration=3)))
     env = TransformedEnv(PushEnv(2, depth=None, seed=0), recovery)
@@ -127,8 +116,3 @@ def test_the_shipped_agent_runs_with_it() -> None:
     rollout = env.rollout(60, recovering(agent.policy), break_when_any_done=False)
     assert rollout["next", "success"].any(1).all()
     env.close()
-
-
-def test_a_missing_key_is_named() -> None:
-    with pytest.raises(KeyError, match="key 'tip' is missing"):
-        TransformedEnv(PushEnv(1, depth=None), StuckRecovery(ee_pose_key="tip")).reset()

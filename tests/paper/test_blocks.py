@@ -1,12 +1,9 @@
 """The tables between the comments of the pages."""
 
 import re
-from pathlib import Path
 
-import pytest
-
-from paper.__main__ import COMMANDS, main
-from paper.blocks import BLOCK, BLOCKS, replace_blocks, write_blocks
+from paper.__main__ import COMMANDS
+from paper.blocks import BLOCK, BLOCKS, replace_blocks
 from paper.rows import ROOT
 
 PAGE = "Before.\n\n<!-- results: agents -->\n\n| old |\n\n<!-- end -->\n\nAfter.\n"
@@ -19,15 +16,6 @@ def test_a_table_replaces_what_stands_between_its_comments() -> None:
     assert written == PAGE.replace("old", "new")
     assert replace_blocks(written, {"agents": "| new |\n"}) == written
     assert replace_blocks(PAGE, {"success": "| new |\n"}) == PAGE
-
-
-def test_a_table_without_a_page_is_an_error(tmp_path: Path) -> None:
-    (tmp_path / "docs").mkdir()
-    (tmp_path / "docs" / "page.md").write_text(PAGE)
-    assert write_blocks({"agents": "| new |"}, tmp_path) == [tmp_path / "docs" / "page.md"]
-    assert "| new |" in (tmp_path / "docs" / "page.md").read_text()
-    with pytest.raises(ValueError, match=r"no page has .* of \['success'\]"):
-        write_blocks({"success": "| new |"}, tmp_path)
 
 
 def test_every_table_has_its_place_in_one_page() -> None:
@@ -44,16 +32,3 @@ def test_the_commands_on_the_pages_exist() -> None:
     assert {"run", "rows", "tables", "sweep"} <= named <= set(COMMANDS)
     for file in re.findall(r"paper/sweeps/\w+\.yaml", text):
         assert (ROOT / file).is_file()
-
-
-def test_the_command_names_its_subcommands(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--help"]) == 0
-    assert "python -m paper rows" in capsys.readouterr().out
-    assert main(["reproduce"]) == 2
-    assert "no 'reproduce', there are ['run', 'rows', 'tables'" in capsys.readouterr().out
-    assert main(["tables", "nothing"]) == 2
-    assert "paper tables: tables: names must be some of" in capsys.readouterr().err
-    for name in ("run", "rows", "tables", "examples", "runtime", "dynamics", "sets", "sweep"):
-        with pytest.raises(SystemExit) as ended:
-            main([name, "--help"])
-        assert ended.value.code == 0

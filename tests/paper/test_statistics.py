@@ -9,10 +9,8 @@ import pytest
 from scipy import stats
 
 from modpush.evaluation.sets import EVALUATION_SETS
-from modpush.evaluation.stats import paired_t_test
 from paper.published import PAPER, printed_rows
 from paper.statistics import (
-    against_method,
     against_printed,
     judge,
     make_cells,
@@ -83,18 +81,6 @@ def test_methods_are_compared_on_the_same_episodes_only(other: pd.DataFrame) -> 
         make_tests({"mine": AGENT, "corridor": other})
 
 
-def test_against_a_method_the_paired_test_and_the_sign_decide() -> None:
-    better = paired_t_test([1.0, 0.9, 1.0, 0.8], [0.1, 0.2, 0.0, 0.0])  # t = 11.5
-    worse = paired_t_test([0.1, 0.2, 0.0, 0.0], [1.0, 0.9, 1.0, 0.8])
-    unclear = paired_t_test([1.0, 0.0, 1.0, 0.0], [0.0, 1.0, 0.0, 0.9])  # t = 0.04
-    assert against_method("success", better) == "ahead"
-    assert against_method("success", worse) == "behind"
-    assert against_method("collision_rate_at_end", better) == "behind"  # less is better
-    assert against_method("path_length", worse) == "ahead"
-    assert against_method("spl", unclear) == "level"
-    assert against_method("spl", paired_t_test([1.0], [0.0])) == "level"  # one pair proves nothing
-
-
 @pytest.mark.parametrize(
     ("metric", "cell", "printed", "runs", "verdict"),
     [
@@ -148,15 +134,6 @@ def test_printed_figures_stand_beside_what_is_measured_as_there() -> None:
     assert judge(cells, "hard_wide/small_cube").empty
     # Rows of an early version lack these columns; ours of the same name stands in.
     assert set(judge(make_cells(ROWS), "obstacles/fragment")["metric"]) == {"success"}
-
-
-def test_agents_are_judged_against_those_that_were_trained_alike() -> None:
-    cells = make_cells({"mine": AGENT, "fragment": CORRIDOR, "corridor": FAITHFUL})
-    pairs = judge(cells, "obstacles/fragment").groupby("method")["versus"].unique().map(set)
-    assert pairs["mine"] == {"paper: agent", "paper: controller"}
-    assert pairs["fragment"] == {"paper: agent, retrained", "paper: controller"}
-    # Without a retrained row in the paper, both stand beside its agent.
-    assert set(judge(cells, "obstacles/large_cube")["versus"]) == pairs["mine"]
 
 
 def test_the_paper_s_figures_are_those_of_its_sets() -> None:

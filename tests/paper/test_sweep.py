@@ -14,8 +14,8 @@ from scipy import stats
 
 from modpush.training import TRAIN_PRESETS, RunFolder
 from paper.rows import ROOT
-from paper.sweep import is_finished, load_trials, run_trials
-from paper.sweep_results import collect_trials, draw_sweep, sweep_table, sweep_text
+from paper.sweep import is_finished, load_trials
+from paper.sweep_results import sweep_table
 
 SWEEPS = ROOT / "paper" / "sweeps"
 
@@ -42,28 +42,6 @@ def test_overrides_reach_the_configuration(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("override", "text"),
-    [
-        ("env.encoderr: none", "variant 'b': .*encoderr"),
-        ("envv.encoder: none", "variant 'b': there is no field 'envv.encoder'"),
-        ("env.encoder: 3", r"variant 'b': .*env.encoder"),
-    ],
-)
-def test_a_wrong_override_names_variant_and_field(tmp_path: Path, override: str, text: str) -> None:
-    file = write_sweep(tmp_path / "sweep.yaml", f"[{{name: b, overrides: {{{override}}}}}]")
-    with pytest.raises(ValueError, match=text):
-        load_trials(file)
-
-
-def test_groups_are_chosen_beside_the_first_variant(tmp_path: Path) -> None:
-    variants = "[{name: a}, {name: b, group: x}, {name: c, group: y}]"
-    file = write_sweep(tmp_path / "sweep.yaml", variants)
-    assert [trial.variant for trial in load_trials(file, groups=["y"])] == ["a", "c"]
-    with pytest.raises(ValueError, match=r"groups must be some of \['x', 'y'\], got \['z'\]"):
-        load_trials(file, groups=["z"])
-
-
-@pytest.mark.parametrize(
     ("name", "count"), [("ablations", 3 * 39), ("hard_further", 9), ("latent_sizes", 12)]
 )
 def test_the_sweeps_are_as_many_runs_as_their_files_say(name: str, count: int) -> None:
@@ -73,33 +51,6 @@ def test_the_sweeps_are_as_many_runs_as_their_files_say(name: str, count: int) -
     assert len(set(configs)) == len(configs)  # no variant changes nothing
     if name == "latent_sizes":
         assert trials[0].config == load_trials(SWEEPS / "ablations.yaml")[0].config
-
-
-def test_a_run_that_fails_leaves_the_others_alone(tmp_path: Path) -> None:
-    file = write_sweep(
-        tmp_path / "sweep.yaml",
-        "[{name: good}, {name: bad, overrides: {env.planner: 'modpush.planners:NoSuchPlanner'}}]",
-        "preset: smoke\noverrides: {total_steps: 48, evaluation_episodes: 1}",
-    )
-    trials = load_trials(file)
-    assert run_trials(trials, tmp_path / "out", jobs=2) == ["bad/seed_0"]
-    assert "NoSuchPlanner" in (tmp_path / "out" / "bad" / "seed_0.txt").read_text()
-    finished, curves = collect_trials(trials, tmp_path / "out")
-    assert finished["variant"].tolist() == ["good"]
-    assert finished["finished"].all()
-    draw_sweep(curves, tmp_path / "curves.png")
-    assert (tmp_path / "curves.png").stat().st_size > 1000
-    text = sweep_text(finished, curves, "the command", tmp_path / "out")
-    assert "| command | `the command` |" in text
-    assert "1 of 1 runs are finished" in text
-
-    # A finished run is not run again, and one of another configuration is not touched.
-    log = tmp_path / "out" / "good" / "seed_0.txt"
-    before = log.stat().st_mtime_ns
-    assert run_trials(trials[:1], tmp_path / "out") == []
-    assert log.stat().st_mtime_ns == before
-    with pytest.raises(ValueError, match=r"seed_0.yaml is of another configuration"):
-        run_trials(load_trials(file, total_steps=96)[:1], tmp_path / "out")
 
 
 @pytest.mark.slow

@@ -106,17 +106,3 @@ def test_start_and_goal_in_one_cell():
     assert paths.found.item()
     assert paths.length.item() == pytest.approx(0.4)
     assert paths.count.item() == 2
-
-
-def test_neighbours_are_4_or_8():
-    with pytest.raises(ValueError, match=r"AStar: neighbours: .*Input should be 4 or 8, got 6"):
-        AStar(neighbours=6)
-
-
-def test_bad_weights_are_refused():
-    blocked = torch.zeros(1, 4, 4, dtype=torch.bool)
-    ends = torch.zeros(1, 2), torch.ones(1, 2)
-    with pytest.raises(ValueError, match=r"weight must have the occupancy's shape \[1, 4, 4\]"):
-        AStar().plan_weighted(blocked, torch.ones(1, 4, 5), *ends)
-    with pytest.raises(ValueError, match=r"weight must be > 0 and finite, got values from 0\.0"):
-        AStar().plan_weighted(blocked, torch.zeros(1, 4, 4), *ends)

@@ -1,13 +1,11 @@
 """Whether two points are joined, against scipy's graph search and the planners."""
 
 import numpy as np
-import pytest
 import torch
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from modpush.planners import DistanceField
-from modpush.planners.connected import are_connected
+from modpush.planners.occupancy_map import are_connected
 
 
 def maps(count: int, side: int = 24) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
@@ -43,20 +41,6 @@ def test_it_agrees_with_a_graph_search_from_free_cells() -> None:
     assert 50 < found.sum() < 250
 
 
-def test_it_agrees_with_a_planner_from_any_cells() -> None:
-    blocked, start, end = maps(300)
-    found = are_connected(blocked, start, end)
-    expected = DistanceField().plan(blocked, start, end).found
-    # From a blocked cell several free ones may be equally near, of which each takes its own.
-    rows = torch.arange(len(blocked))
-    inside = ~(
-        blocked[rows, start[:, 1].long(), start[:, 0].long()]
-        | blocked[rows, end[:, 1].long(), end[:, 0].long()]
-    )
-    assert torch.equal(found[inside], expected[inside])
-    assert (found == expected).float().mean() > 0.9
-
-
 def test_a_point_in_a_blocked_cell_goes_to_the_free_one_that_is_nearest() -> None:
     """A wall at u = 4. The cell (3, 7) is blocked as well: its neighbours are on the left."""
     blocked = torch.zeros(1, 9, 9, dtype=torch.bool)
@@ -65,24 +49,3 @@ def test_a_point_in_a_blocked_cell_goes_to_the_free_one_that_is_nearest() -> Non
     for ends, joined in (((inside, left), True), ((inside, right), False)):
         assert are_connected(blocked, *ends).item() == joined
         assert are_connected(blocked, *ends[::-1]).item() == joined
-
-
-def test_points_outside_the_grid_go_to_its_nearest_cell() -> None:
-    blocked = torch.zeros(1, 8, 8, dtype=torch.bool)
-    blocked[:, :, 4] = True
-    left, right = torch.tensor([[-3.0, 4.0]]), torch.tensor([[30.0, 4.0]])
-    assert not are_connected(blocked, left, right).item()
-    assert are_connected(blocked, left, torch.tensor([[2.0, 1.0]])).item()
-
-
-def test_nothing_is_joined_where_all_is_blocked() -> None:
-    point = torch.zeros(1, 2)
-    assert not are_connected(torch.ones(1, 4, 4, dtype=torch.bool), point, point).item()
-
-
-def test_wrong_arguments_are_named() -> None:
-    blocked, point = torch.zeros(2, 4, 4, dtype=torch.bool), torch.zeros(2, 2)
-    with pytest.raises(TypeError, match="blocked"):
-        are_connected(blocked.float(), point, point)
-    with pytest.raises(ValueError, match=r"end must be \[B, 2\]"):
-        are_connected(blocked, point, torch.zeros(3, 2))

@@ -6,7 +6,7 @@ import pytest
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.data import LazyTensorStorage, ReplayBuffer, Unbounded
-from torchrl.envs import Compose, SerialEnv, TransformedEnv, check_env_specs
+from torchrl.envs import Compose, TransformedEnv, check_env_specs
 
 from modpush.geometry import Camera
 from modpush.planners import OccupancyGrid, PoseField, PoseSubgoals, polygon_support, poses_along
@@ -68,14 +68,6 @@ def test_specs_hold(num_envs):
     check_env_specs(make_env(num_envs))
 
 
-def test_each_step_is_planned_from_its_own_state():
-    rollout = make_env(3).rollout(14, ahead, break_when_any_done=False)
-    assert rollout["next", "pose_path_length"].std() > 0.01
-    check_row_by_row(rollout.select("next")["next"].exclude("reward", "done"))
-    workers = SerialEnv(2, lambda: make_env(2)).rollout(6, ahead, break_when_any_done=False)
-    check_row_by_row(workers["next"])
-
-
 def test_stored_data_are_planned_again():
     rollout = make_env(2).rollout(6, ahead, break_when_any_done=False).reshape(-1)
     buffer = ReplayBuffer(storage=LazyTensorStorage(12), batch_size=12)
@@ -116,16 +108,3 @@ def test_the_full_circle_takes_the_goal_s_yaw_as_it_is():
     half = PoseSubgoals(PoseField(SMALL))(data.clone())["pose_path_length"]
     full = PoseSubgoals(PoseField(SMALL), symmetry_key=None)(data)["pose_path_length"]
     assert full.item() > half.item() + 0.1
-
-
-def test_what_is_missing_is_named():
-    plain = TransformedEnv(TableEnv(1), Compose(OccupancyGrid(camera=SMALL), PoseSubgoals()))
-    with pytest.raises(KeyError, match=r"does not emit.*goal_pose"):
-        print(plain.observation_spec)
-    data = make_env(1).reset().exclude(*WRITTEN)
-    with pytest.raises(KeyError, match="'object_support' is missing"):
-        PoseSubgoals(PoseField(SMALL))(data.exclude("object_support"))
-    with pytest.raises(ValueError, match=r"blocked must be \[B, H, 8 \* ceil\(W / 64\)\]"):
-        PoseSubgoals()(data)
-    with pytest.raises(ValueError, match="PoseSubgoals: planner"):
-        PoseSubgoals("distance_field")

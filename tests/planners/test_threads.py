@@ -11,7 +11,6 @@ import pytest
 import torch
 
 from modpush.geometry import Camera
-from modpush.planners import AStar, OccupancyMap
 from tests.planners.test_planner import MAKERS, QUICK_ON_THREADS
 
 BATCHES = (1, 7, 30, 64)
@@ -76,7 +75,7 @@ def test_a_planner_shared_by_threads_plans_as_on_one(torch_threads, make):
 
 
 @every_planner
-def test_threads_with_batches_of_one_size_do_not_meet(torch_threads, make):
+def test_threads_with_batches_of_one_size_do_not_interfere(torch_threads, make):
     planner = make()
 
     def call(*query):
@@ -86,30 +85,6 @@ def test_threads_with_batches_of_one_size_do_not_meet(torch_threads, make):
     assert_threads_get_the_same(
         call, [(occupancy[k::4], start[k::4], goal[k::4]) for k in range(4)], rounds=50
     )
-
-
-def test_an_occupancy_map_shared_by_threads_sees_as_on_one(torch_threads):
-    occupancy_map = OccupancyMap(SMALL)
-    inputs = []
-    for batch in BATCHES:
-        depth = torch.full((batch, 48, 48), SMALL.z)
-        depth[some_queries(batch)[0]] -= 0.06
-        inputs.append((depth, torch.linspace(0.0, 0.05, batch)))
-    assert_threads_get_the_same(occupancy_map, inputs)
-
-
-def test_weights_of_one_thread_stay_its_own():
-    planner = AStar()
-    occupancy, start, goal = some_queries(30)
-    heavy = torch.ones(30, 48, 48)
-    heavy[:, :, 24:] = 5.0
-
-    def call(weight):
-        paths = planner.plan_weighted(occupancy, weight, start, goal)
-        return paths.length, paths.waypoints
-
-    weights = [torch.ones(30, 48, 48), heavy, heavy.flip(2), heavy.transpose(1, 2).contiguous()]
-    assert_threads_get_the_same(call, [(weight,) for weight in weights])
 
 
 def test_torch_keeps_its_number_of_threads_where_there_are_more_cores():

@@ -3,14 +3,13 @@
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import torch
 from box_images import render, square
 from tensordict import TensorDict
 from torchrl.data import LazyTensorStorage, ReplayBuffer
-from torchrl.envs import Compose, ParallelEnv, SerialEnv, TransformedEnv, check_env_specs
-from torchrl.envs.transforms import DTypeCastTransform, ExcludeTransform, RenameTransform
+from torchrl.envs import Compose, TransformedEnv, check_env_specs
+from torchrl.envs.transforms import RenameTransform
 
 from modpush.envs import PushEnv
 from modpush.envs.scenes.obstacle import Obstacle
@@ -28,8 +27,7 @@ from modpush.planners import (
     occupancy,
     points_ahead,
 )
-from modpush.planners.connected import are_connected
-from modpush.planners.path_points import point_along
+from modpush.planners.occupancy_map import are_connected
 from tests.planners.table_scene import TableEnv
 
 SMALL = Camera(height=64, width=64)
@@ -70,27 +68,6 @@ def check_row_by_row(env, rollout):
 @pytest.mark.parametrize("mode", ["fraction", "lookahead"])
 def test_specs_hold(num_envs, mode):
     check_env_specs(make_env(num_envs, mode=mode, max_waypoints=12))
-
-
-def test_specs_hold_in_serial_workers():
-    check_env_specs(SerialEnv(2, lambda: make_env(2)))
-
-
-# tests/recipes/test_make_env.py runs the whole stack in a parallel worker.
-@pytest.mark.parametrize("batched", [SerialEnv, pytest.param(ParallelEnv, marks=pytest.mark.slow)])
-def test_the_same_in_one_process_and_in_workers(batched):
-    def actions(tensordict):
-        return steer(tensordict, [0.3, 1.0])
-
-    alone = make_env().rollout(14, actions, break_when_any_done=False)
-    env = batched(2, make_env)
-    try:
-        rollout = env.rollout(14, actions, break_when_any_done=False)
-    finally:
-        env.close()
-    for key in WRITTEN:
-        for worker in range(2):
-            assert torch.equal(rollout[worker]["next", key], alone["next", key]), key
 
 
 def test_lags_by_hand():
@@ -151,40 +128,6 @@ def test_automatic_resets_begin_new_histories():
                 assert torch.equal(then[1:], history[:-1])
 
 
-def test_a_cloned_state_goes_on_as_the_original():
-    env = make_env(2)
-    tensordict = env.reset()
-    for _ in range(3):
-        tensordict = env.step(steer(tensordict, [0.2, 0.8]))["next"]
-    copy, pose = tensordict.clone(), env.base_env.pose.clone()
-    one = env.step(steer(tensordict, [0.0, 1.0]))["next"]
-    for _ in range(3):
-        env.step(steer(tensordict, [1.0, 0.0]))  # something else meanwhile
-    env.base_env.pose = pose
-    again = env.step(steer(copy, [0.0, 1.0]))["next"]
-    for key in WRITTEN:
-        assert torch.equal(one[key], again[key]), key
-
-
-def test_bare_data_are_planned_as_first_steps():
-    env = TableEnv(2)
-    bare = env.reset().exclude("done", "terminated", "truncated")
-    transform = Compose(OccupancyGrid(camera=SMALL), PlannerSubgoals(LazyThetaStar(), camera=SMALL))
-    out = transform(bare.clone())
-    assert (out["subgoal_past"] == out["subgoal"].unsqueeze(-2)).all()
-    expected = make_env(2).reset()
-    for key in WRITTEN:
-        torch.testing.assert_close(out[key], expected[key])
-
-
-def test_before_a_model_they_are_modules():
-    module = torch.nn.Sequential(
-        OccupancyGrid(camera=SMALL), PlannerSubgoals(LazyThetaStar(), camera=SMALL)
-    )
-    out = module(TableEnv(1).reset())
-    assert out["subgoal"].shape == (1, 2)
-
-
 class Fickle(Planner):
     """Finds a path only while the start is in the image's lower half."""
 
@@ -224,17 +167,6 @@ def test_a_reset_without_a_path_points_straight_at_the_goal():
     torch.testing.assert_close(tensordict["path_length"], away.norm(dim=-1, keepdim=True))
 
 
-def test_the_object_may_leave_the_image_or_run_into_obstacles():
-    env = make_env(1)
-    tensordict = env.reset()
-    for x, y in ((0.5, 0.0), (5.0, 9.0), (-4.0, 0.0), (0.6, 0.46), (0.701, 0.0)):
-        env.base_env.pose[:] = torch.tensor([x, y, 0.0])
-        tensordict = env.step(steer(tensordict, [0.0, 0.0]))["next"]
-        assert tensordict["path_found"].item()
-        assert tensordict["path_length"].isfinite().all()
-        assert tensordict["subgoal"].isfinite().all()
-
-
 def straight_and_bent():
     return Paths.from_waypoints(
         [torch.tensor([[0.0, 0.0], [30.0, 0.0], [30.0, 20.0]])], torch.zeros(1, 2)
@@ -267,32 +199,6 @@ def test_points_ahead_by_hand():
     with pytest.raises(ValueError, match="distances must be finite and >= 0, got"):
         points_ahead(straight_and_bent(), (-1.0,))
     assert points_ahead(straight_and_bent(), ()).shape == (1, 0, 2)
-
-
-def test_cells_as_whole_numbers_make_a_path():
-    cells = [torch.tensor([[0, 0], [3, 4]]), None]
-    paths = Paths.from_waypoints(cells, torch.tensor([[0, 0], [7, 7]]))
-    assert paths.length.tolist() == [5.0, math.inf]
-    assert paths.waypoints.dtype == torch.float32
-    whole = point_along(torch.tensor([[[0, 0], [6, 8]]]), torch.tensor([5]))
-    assert whole.tolist() == [[3.0, 4.0]]
-
-
-def test_poses_in_double_precision_are_planned_in_single():
-    env = TransformedEnv(
-        PushEnv(1),
-        Compose(
-            DTypeCastTransform(
-                torch.float32,
-                torch.float64,
-                in_keys=["object_pose", "goal_position", "ee_pose"],
-            ),
-            OccupancyGrid(),
-            PlannerSubgoals("distance_field"),
-        ),
-    )
-    check_env_specs(env)
-    env.close()
 
 
 def test_points_ahead_are_written_and_kept_where_there_is_no_path():
@@ -368,39 +274,6 @@ def test_keys_can_be_renamed_and_nested():
     check_env_specs(env)
 
 
-def test_the_object_s_radius_can_come_from_the_tensordict():
-    data = TableEnv(2).reset().set("radius", torch.tensor([[0.02], [0.06]]))
-    out = OccupancyGrid(object_radius_key="radius", camera=SMALL)(data)
-    alone = OccupancyGrid(0.06, camera=SMALL)(data.clone())
-    assert torch.equal(out["occupancy"][1], alone["occupancy"][1])
-    assert out["occupancy"][0].sum() < alone["occupancy"][0].sum()
-
-
-def test_occupancy_without_a_segmentation_key():
-    data = TableEnv(2).reset()
-    expected = OccupancyGrid(camera=SMALL)(data.clone())["occupancy"]
-    data.pop("segmentation")
-    out = OccupancyGrid(camera=SMALL, segmentation_key=None)(data)["occupancy"]
-    # The object stands clear of the bar: both ways of knowing it agree.
-    assert torch.equal(out, expected)
-
-
-@pytest.mark.parametrize(
-    ("kwargs", "message"),
-    [
-        ({"mode": "half"}, "mode: .*Input should be 'fraction' or 'lookahead', got 'half'"),
-        ({"fraction": 0.0}, "fraction: .*greater than 0, got 0.0"),
-        ({"lookahead": 0.0}, "lookahead: .*greater than 0, got 0.0"),
-        ({"lags": ()}, r"lags: .*at least 1 item.*got \(\)"),
-        ({"lags": (-1,)}, r"lags\[0\]: .*greater than or equal to 0, got -1"),
-        ({"max_waypoints": 1}, "max_waypoints must be 0 or >= 2, got 1"),
-    ],
-)
-def test_bad_options_are_refused(kwargs, message):
-    with pytest.raises(ValueError, match=message):
-        PlannerSubgoals(LazyThetaStar(), **kwargs)
-
-
 def test_missing_keys_and_wrong_sizes_are_named():
     with pytest.raises(KeyError, match="'depth' is missing; there are \\['goal_position'\\]"):
         OccupancyGrid()(TensorDict(goal_position=torch.zeros(1, 2), batch_size=[1]))
@@ -451,31 +324,6 @@ def test_a_next_that_cannot_be_rewritten_is_refused():
         PlannerSubgoals(LazyThetaStar(), camera=SMALL)(stored.exclude(("next", "occupancy")))
 
 
-def test_a_next_without_anything_of_the_transform_is_left_alone():
-    first = TableEnv(2).reset()
-    first["next"] = TensorDict(reward=torch.zeros(2, 1), batch_size=[2])
-    out = OccupancyGrid(camera=SMALL)(first)
-    assert list(out["next"].keys()) == ["reward"]
-    assert out["occupancy"].any()
-
-
-def test_without_its_history_past_sub_goals_are_refused():
-    env = make_env(2).append_transform(ExcludeTransform("subgoal_history"))
-    with pytest.raises(KeyError, match=r"subgoal_history.* is missing in the step before"):
-        env.rollout(2)
-    stored = make_env(2).rollout(3, break_when_any_done=False).reshape(-1)
-    with pytest.raises(KeyError, match=r"subgoal_history.* is missing in the step before"):
-        PlannerSubgoals(LazyThetaStar(), camera=SMALL)(stored.exclude("subgoal_history"))
-
-
-def test_a_history_of_other_lags_is_refused():
-    stored = make_env(2).rollout(3, break_when_any_done=False).reshape(-1)
-    with pytest.raises(
-        ValueError, match=r"'subgoal_history' must be \[..., 3, 2\], got \[6, 6, 2\]"
-    ):
-        PlannerSubgoals(LazyThetaStar(), camera=SMALL, lags=(2,))(stored)
-
-
 def test_an_environment_that_lacks_a_key_is_refused_at_once():
     grid = OccupancyGrid(camera=SMALL, depth_key="range")
     with pytest.raises(KeyError, match=r"the environment does not emit \['range'\]"):
@@ -522,7 +370,7 @@ def gap_seen(gap: float) -> TensorDict:
     return TensorDict({"depth": depth, "segmentation": segmentation, **poses}, [1])
 
 
-def test_a_way_that_closes_on_the_way_is_looked_for_again(monkeypatch):
+def test_a_path_that_closes_is_searched_again(monkeypatch):
     """And only then: while the cells stay what they were, there is nothing to look for."""
     searched = []
     monkeypatch.setattr(
@@ -585,18 +433,6 @@ def test_a_map_stays_narrow_until_its_episode_ends(widest_env):
     assert td["path_found"].all()
 
 
-def test_the_widest_map_is_found_again_on_stored_data(widest_env):
-    td = widest_env.reset(scenarios=[two_bars(gap) for gap in (0.09, 0.064, 0.064)])
-    names = ["occupancy", "map_choice", "blocked_bits"]
-    for stored in (td.clone(), td.exclude("map_choice", "blocked_bits")):
-        widest_env.transform[0](stored)
-        assert all(torch.equal(stored[name], td[name]) for name in names)
-
-
-def test_specs_hold_with_the_widest_map(widest_env):
-    check_env_specs(widest_env)
-
-
 def wall(half_length: float) -> Scenario:
     """Object and goal on both sides of a bar along y, in the middle of the workspace."""
     bar = Obstacle((2 * half_length, 0.06, 0.06), (0.5, 0.0, math.pi / 2))
@@ -639,29 +475,6 @@ def test_each_radius_is_tried_with_all_margins():
     env.close()
 
 
-def test_specs_hold_with_several_margins(margins_env):
-    check_env_specs(margins_env)
-
-
-def test_several_margins_are_refused_if_there_are_none():
-    with pytest.raises(ValueError, match="margin must be a number or several"):
-        OccupancyGrid(bounds=WORKSPACE, margin=())
-
-
-def test_every_radius_can_have_a_nested_key():
-    data = TableEnv(2).reset()
-    data["object", "outer"], data["object", "inner"] = torch.full((2, 2, 1), 0.06).unbind()
-    expected = OccupancyGrid(0.06, camera=SMALL)(data.clone())["occupancy"]
-    outer = OccupancyGrid(camera=SMALL, object_radius_key=("object", "outer"))
-    inner = OccupancyGrid(
-        camera=SMALL, inflation="inscribed", inscribed_radius_key=("object", "inner")
-    )
-    assert torch.equal(outer(data.clone())["occupancy"], expected)
-    assert torch.equal(inner(data.clone())["occupancy"], expected)
-    with pytest.raises(KeyError, match=r"key .*object.*inner.* is missing"):
-        inner(data.exclude(("object", "inner")))
-
-
 def test_the_inflation_does_not_change_what_counts_as_the_object():
     data = TableEnv(2).reset()
     data.pop("segmentation")
@@ -694,30 +507,6 @@ def test_cells_outside_the_workspace_can_block():
             OccupancyGrid(bounds=wrong)
     with pytest.raises(ValueError, match=r"bounds must be two corners \(x, y\)"):
         OccupancyGrid(bounds=((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)))
-
-
-def test_cells_outside_the_workspace_hold_on_environments():
-    env = TransformedEnv(TableEnv(2), OccupancyGrid(camera=SMALL, bounds=((0.2, -0.4), (0.9, 0.4))))
-    check_env_specs(env)
-
-
-def test_an_empty_batch_has_no_points_ahead():
-    transform = PlannerSubgoals(DistanceField(), camera=SMALL, ahead=(0.1, 0.2))
-    data = TensorDict(
-        {
-            "occupancy": torch.zeros(0, 1, 64, 64, dtype=torch.bool),
-            "object_pose": torch.zeros(0, 3),
-            "goal_position": torch.zeros(0, 2),
-        },
-        batch_size=[0],
-    )
-    assert transform(data)["path_ahead"].shape == (0, 2, 2)
-
-
-def test_numbers_may_come_as_arrays():
-    transform = PlannerSubgoals(DistanceField(), lags=np.array([1, 5]), ahead=np.array([0.1]))
-    assert (transform.lags, transform.ahead) == ((1, 5), (0.1,))
-    assert OccupancyGrid(margin=np.array([0.0, -0.02])).margins == (0.0, -0.02)
 
 
 def test_a_pose_that_is_not_finite_is_named_where_a_way_is_looked_for(margins_env):

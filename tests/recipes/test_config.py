@@ -7,28 +7,12 @@ from modpush.recipes import make_push_env
 from modpush.recipes.config import PushEnvConfig
 
 
-def test_unknown_names_are_answered_with_what_there_is():
-    with pytest.raises(ValueError, match=r"encoder must be one of .*'rays'.* got 'eyes'"):
-        PushEnvConfig(encoder="eyes")
-    with pytest.raises(ValueError, match=r"planner must be one of .*'a_star'.* got 'luck'"):
-        PushEnvConfig(planner="luck")
-    with pytest.raises(ValueError, match=r"pushed_object: there is no 'duck', expected one of"):
-        PushEnvConfig().with_fields(pushed_object="duck")
-    with pytest.raises(ValueError, match="preset must be one of"):
-        PushEnvConfig.preset("gpu")
-
-
-def test_a_part_of_ones_own_is_not_imported_by_a_config():
+def test_a_part_of_your_own_is_not_imported_by_a_config():
     """A config may come from a file, and a file must not decide what code is run."""
     names = {"encoder": "Encoder", "planner": "plan", "scene": "s", "depth": "Camera"}
     config = PushEnvConfig().with_fields(**{k: f"no_such_module:{n}" for k, n in names.items()})
     with pytest.raises(ValueError, match="cannot import 'no_such_module'"):
         make_push_env(config)
-
-
-def test_an_encoder_that_nothing_would_train_is_refused():
-    with pytest.raises(ValueError, match=r"encoder must be one of .*'end_to_end'.* got 'conv'"):
-        PushEnvConfig(encoder="conv")
 
 
 def test_single_fields_are_set_wherever_they_are() -> None:

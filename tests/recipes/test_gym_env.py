@@ -1,22 +1,17 @@
 """`modpush/Push-v0`: the paper's observation and reward through Gymnasium's front door."""
 
 import gymnasium as gym
-import imageio
 import numpy as np
 import pytest
 import torch
 from gymnasium.utils.env_checker import check_env
-from gymnasium.wrappers import RecordVideo
-from stable_baselines3 import SAC
 from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
 from tensordict import TensorDict
-from torchrl.envs import GymEnv
-from torchrl.envs.utils import check_env_specs, step_mdp
+from torchrl.envs.utils import step_mdp
 
 import modpush.envs  # noqa: F401  # registers the environment
 from modpush.data import CollectConfig
 from modpush.encoders import RayScan
-from modpush.mdp import RewardConfig
 from modpush.planners import OccupancyGrid
 from modpush.recipes import PaperGymEnv, PushEnvConfig, load_agent, make_push_env
 
@@ -91,66 +86,6 @@ def test_options_are_obeyed_or_refused() -> None:
         PaperGymEnv(render_mode="human")
 
 
-def test_several_scenes_at_once() -> None:
-    envs = gym.make_vec("modpush/Push-v0", num_envs=2, encoder="rays", max_episode_steps=3)
-    observation, _ = envs.reset(seed=0)
-    assert observation.shape == (2, envs.single_observation_space.shape[0])
-    assert (observation[0] != observation[1]).any()
-    for _ in range(5):
-        observation, _, _, _, _ = envs.step(envs.action_space.sample())
-        assert np.isfinite(observation).all()
-    envs.close()
-
-
-def test_torchrls_gym_env() -> None:
-    env = GymEnv("modpush/Push-v0", scene="slot", encoder="rays")
-    check_env_specs(env)
-    assert env.rollout(3)["next", "observation"].shape == (3, 55)
-    env.close()
-
-
-def test_gymnasium_records_a_video(env, tmp_path) -> None:
-    recorded = RecordVideo(env, str(tmp_path / "videos"), disable_logger=True)
-    recorded.reset(seed=0)
-    for _ in range(4):
-        recorded.step(recorded.action_space.sample())
-    recorded.close()
-    (video,) = tmp_path.glob("videos/*.mp4")
-    with imageio.get_reader(video) as reader:
-        assert reader.count_frames() == 5
-        assert reader.get_data(0).std() > 10
-
-
-@pytest.mark.slow
-def test_stable_baselines_sac_learns_on_it() -> None:
-    """Free space, 3000 steps: the tool touches the object in far more steps than with random actions.
-
-    With seeds 0, 1 and 2 it touched it in 3, 0 and 3 % of the first 500 steps and in 55, 45 and 53 % of
-    the last. The temperature that SAC begins with has to fit a reward of order 0.1.
-    """
-    weights = {"goal": 50.0, "distance": 1.0, "approach": 1.0, "touch": 1.0}
-    env = gym.make(
-        "modpush/Push-v0",
-        scene="free",
-        encoder="none",
-        distance=(0.06, 0.1),
-        max_episode_steps=60,
-        reward=RewardConfig(weights=weights, scale=0.1, normalisation="constant"),
-    )
-    contacts: list[bool] = []
-
-    def note(found: dict, _: dict) -> bool:
-        contacts.extend(info["object_contact"] for info in found["infos"])
-        return True
-
-    settings = {"gamma": 0.98, "learning_rate": 1e-3, "ent_coef": "auto_0.02"}
-    model = SAC("MlpPolicy", env, learning_starts=600, seed=0, **settings)
-    model.learn(3000, callback=note)
-    assert np.mean(contacts[:600]) < 0.1
-    assert np.mean(contacts[-500:]) > 0.25
-    env.close()
-
-
 @pytest.mark.parametrize("preset", ["paper", "authors", "cpu"])
 def test_a_preset_whose_fields_are_all_given_is_that_of_make_push_env(preset) -> None:
     config = PushEnvConfig.preset(preset, num_envs=1, encoder="none")
@@ -166,17 +101,3 @@ def test_a_preset_whose_fields_are_all_given_is_that_of_make_push_env(preset) ->
     assert grids[0].margins == grids[1].margins
     env.close()
     expected.close()
-
-
-@pytest.mark.parametrize("name", ["modpush/Push-v0", "ClutterPushState-v1"])
-@pytest.mark.parametrize("limit", [None, 4, 205])
-def test_gymnasium_ends_episodes_where_it_is_asked_to(name, limit) -> None:
-    options = {"encoder": "none"} if name == "modpush/Push-v0" else {}
-    env = gym.make(name, scene="free", max_episode_steps=limit, **options)
-    env.reset(seed=0)
-    steps, ended = 0, False
-    while not ended and steps < 210:
-        *_, terminated, truncated, _ = env.step(np.zeros(3, np.float32))
-        ended, steps = terminated or truncated, steps + 1
-    env.close()
-    assert (steps, terminated) == (limit or 200, False)

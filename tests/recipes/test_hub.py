@@ -47,19 +47,3 @@ def test_a_damaged_file_on_the_hub_is_refused(hub: Hub) -> None:
     files["agent.safetensors"] = bytes(content)
     with pytest.raises(ValueError, match="checksum"):
         load_agent("hf://someone/pusher")
-
-
-def test_what_is_not_there_and_malformed_names_are_said(hub: Hub) -> None:
-    with pytest.raises(OSError, match="load_agent: hf://someone/nothing cannot be read"):
-        load_agent("hf://someone/nothing")
-    with pytest.raises(ValueError, match="expected hf://owner/name or hf://owner/name@revision"):
-        load_agent("hf://pusher")
-    hub.shutdown()
-    hub.server_close()
-    with pytest.raises(OSError, match="load_agent: hf://someone/pusher cannot be read"):
-        load_agent("hf://someone/pusher")
-    agent = load_agent("small_cube")
-    with pytest.raises(OSError, match="push_to_hub: someone/pusher cannot be written"):
-        push_to_hub(agent, "someone/pusher", token="hf_test")
-    with pytest.raises(ValueError, match="repository must be 'owner/name', got 'pusher'"):
-        push_to_hub(agent, "pusher")

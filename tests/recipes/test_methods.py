@@ -11,10 +11,8 @@ from modpush.mdp import StuckRecovery
 from modpush.planners import OccupancyGrid
 from modpush.recipes import (
     METHODS,
-    PushEnvConfig,
     get_method,
     load_agent,
-    make_push_env,
 )
 from modpush.recipes.agent_file import shipped_agents
 
@@ -64,21 +62,6 @@ def test_the_environment_is_as_a_set_says(name: str) -> None:
     else:
         assert env.transform[1].inflation == "inscribed"
     env.close()
-
-
-def test_an_agent_s_environment_is_as_a_set_says_and_not_as_it_was_trained_in() -> None:
-    conditions = EpisodeConditions(max_episode_steps=40, sim_freq=240, inflation="inscribed")
-    config = PushEnvConfig().with_fields(
-        num_envs=1, encoder="rays", max_episode_steps=9, tool="rod"
-    )
-    options = conditions.agent_options("circumscribed")
-    env = make_push_env(config, **options, seed=0)
-    assert not conditions.differences(env.simulation)
-    (grid,) = (t for t in env.transform if isinstance(t, OccupancyGrid))
-    assert grid.inflation == "inscribed"
-    env.close()
-    own = EpisodeConditions(inflation="circumscribed")
-    assert "inflation" not in own.agent_options(0.05)  # on the other sets it plans on its own map
 
 
 @pytest.mark.parametrize("name", shipped_agents())

@@ -3,8 +3,6 @@
 from dataclasses import asdict, fields
 from functools import reduce
 
-import pytest
-
 from modpush.agents import TQCConfig
 from modpush.encoders.vae.model import DepthVAE
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES
@@ -179,54 +177,3 @@ def test_all_in_which_the_cpu_preset_departs_from_the_paper():
         "greedy_envs": 4,
         "evaluate_every": 50_000,
     }
-
-
-def test_all_in_which_paper_cpu_departs_from_the_paper():
-    """Observation, planner, sub-goals, replay, stages and weights are the paper's."""
-    assert changed(TRAIN_PRESETS["paper_cpu"][1], PAPER) == {
-        "env.num_envs": 16,
-        "env.frame": "path",
-        "env.action_frame": None,
-        "env.entries": PAPER_ENTRIES,  # which are not the default in the path's frame
-        "env.inflation": "widest",
-        "env.planner_margin": 0.02,
-        "env.reward.scale": 0.1,
-        "env.reward.clip": False,
-        "env.recovery": True,
-        "tqc.hidden_sizes": (256, 256),
-        "tqc.actor_lr": 3e-4,
-        "tqc.critic_lr": 3e-4,
-        "tqc.alpha_lr": 3e-4,
-        "tqc.alpha_init": 0.02,
-        "tqc.batch_size": 256,
-        "tqc.updates_per_step": 1 / 8,
-        "tqc.precision": "auto",
-        "replay.batch_size": 256,
-        "replay.n_steps": 3,
-        "curriculum.window": 12,
-        "first_actions": "scripted",
-        "actor_average": 0.999,
-        "zero_init_latent": True,
-        "greedy_envs": 4,
-        "total_steps": 1_000_000,
-    }
-
-
-@pytest.mark.parametrize(
-    ("name", "first"), [("refine", "cpu"), ("refine_any_object", "any_object")]
-)
-def test_refining_changes_weights_of_the_reward_alone(name, first):
-    departures = changed(TRAIN_PRESETS[name][1], TRAIN_PRESETS[first][1])
-    weights = departures.pop("env.reward.weights")
-    before = TRAIN_PRESETS[first][1].env.reward.weights
-    assert {
-        key: weight / before[key] for key, weight in weights.items() if weight != before[key]
-    } == {
-        "object_collision": pytest.approx(8 / 1.5),
-        "tool_collision": 8.0,
-        "no_contact": 6.0,
-        "detour": 4.0,
-    }
-    assert departures.pop("init_from") == f"runs/train_{first}"  # where the first writes by default
-    departures.pop("tqc.learning_starts", None)
-    assert departures == {"evaluate_every": 25_000}

@@ -99,8 +99,3 @@ def test_with_noise_the_policy_plans_from_what_it_observes_and_the_reward_from_t
     assert not torch.allclose(last, td["next", "pose_path_length"], atol=1e-3)
     progress = first - last + 2 * (first.clamp_max(0.04) - last.clamp_max(0.04))
     assert torch.allclose(td["next", "reward"], progress, atol=1e-6)
-
-
-def test_goal_positions_have_no_poses_to_plan() -> None:
-    with pytest.raises(ValueError, match="plan_poses needs goal='pose', got 'position'"):
-        PushEnvConfig(plan_poses=True)

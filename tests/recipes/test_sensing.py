@@ -7,7 +7,7 @@ import torch
 from torchrl.envs import check_env_specs
 
 from modpush import PushEnvConfig, evaluate, load_agent, make_push_env
-from modpush.envs import SENSING, EpisodeConditions, SensingConfig
+from modpush.envs import SENSING, EpisodeConditions
 from modpush.evaluation import EvaluationConfig, load_set
 from modpush.mdp import ActionDelay, ObservationDelay, PoseNoise, StuckRecovery
 from modpush.recipes import get_method
@@ -139,19 +139,3 @@ def test_hand_written_policies_and_factories_without_conditions_refuse(tmp_path)
             tmp_path,
             make_env=lambda num_envs, objects: make_push_env(CPU),
         )
-
-
-@pytest.mark.parametrize(
-    ("fields", "message"),
-    [
-        ({"action_delay": (3, 1)}, r"SensingConfig: action_delay must be \(lowest, highest\)"),
-        ({"observation_delay": -1}, "SensingConfig: observation_delay.*greater than or equal to 0"),
-        ({"position_noise": -0.1}, "SensingConfig: position_noise.*greater than or equal to 0"),
-        ({"yaw_noise": math.nan}, "SensingConfig: yaw_noise.*finite"),
-    ],
-)
-def test_wrong_values_are_refused(fields, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        SensingConfig(**fields)
-    with pytest.raises(ValueError, match=message):
-        PushEnvConfig(**fields)

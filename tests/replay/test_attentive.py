@@ -14,7 +14,6 @@ from torchrl.data import (
     LazyTensorStorage,
     ListStorage,
     RandomSampler,
-    ReplayBuffer,
     TensorDictReplayBuffer,
 )
 
@@ -98,35 +97,6 @@ def test_each_query_keeps_the_best_of_its_own_candidates(similarity):
         assert sorted(sample["index"].tolist()) == sorted(expected)
 
 
-def test_a_query_is_taken_as_it_is_when_it_is_set():
-    sampler, query = AttentiveSampler(2), torch.ones(1, WIDTH)
-    buffer = make_buffer(sampler)
-    buffer.extend(transitions(40))
-    sampler.set_query(query)
-    query.zero_()  # the caller's memory is the caller's
-    assert torch.equal(sampler._queries(buffer.storage), torch.ones(1, WIDTH))
-
-
-@settings(deadline=None, max_examples=30)
-@given(queries=st.integers(1, 12), batch_size=st.integers(1, 20), k=st.integers(1, 4))
-def test_each_query_gets_its_share_of_its_own_candidates(queries, batch_size, k):
-    sampler = Recording(k)
-    buffer = make_buffer(sampler, batch_size=batch_size)
-    # Query q is the q-th unit vector, and so is every stored row: the similarity names the query.
-    rows = torch.eye(queries).repeat(100 // queries, 1)
-    buffer.extend(TensorDict({"observation": rows}, batch_size=[len(rows)]))
-    served = []
-    sampler.similarity = lambda c, q: served.append((q, c.shape[1])) or cosine(c, q)
-    sampler.set_query(torch.eye(queries))
-    assert len(buffer.sample()) == batch_size
-    counts = torch.zeros(queries)
-    for q, num_candidates in served:
-        assert num_candidates % k == 0
-        counts[q.argmax(-1)] += num_candidates // k
-    assert counts.sum() == batch_size
-    assert counts.max() - counts.min() <= 1
-
-
 def test_remainders_rotate_among_queries():
     sampler, chosen = AttentiveSampler(1), torch.zeros(3)
     buffer = make_buffer(sampler, batch_size=1)
@@ -185,19 +155,6 @@ def test_default_query_is_the_newest_entry_also_after_wrap_around():
             torch.testing.assert_close(sampler._queries(buffer.storage), newest)
             assert buffer.sample()["age"].max() < 50
     assert torch.equal(buffer[int(buffer._writer._cursor) - 1]["observation"], newest[0])
-
-
-def test_an_explicit_query_stays_until_it_is_taken_back():
-    sampler = AttentiveSampler(2)
-    buffer = make_buffer(sampler)
-    buffer.extend(transitions(30))
-    query = torch.randn(2, WIDTH)
-    sampler.set_query(query)
-    buffer.extend(transitions(30, seed=1))
-    torch.testing.assert_close(sampler._queries(buffer.storage), query)
-    sampler.set_query(None)
-    newest = transitions(30, seed=1)["observation"][-1:]
-    torch.testing.assert_close(sampler._queries(buffer.storage), newest)
 
 
 def test_age_counts_writes():
@@ -295,14 +252,6 @@ def test_a_renamed_nested_key():
     torch.testing.assert_close(sample["similarity"], expected)
 
 
-def test_observations_of_several_dimensions_are_flattened():
-    sampler = AttentiveSampler(2)
-    buffer = make_buffer(sampler)
-    buffer.extend(TensorDict({"observation": torch.randn(30, 2, 3)}, batch_size=[30]))
-    assert buffer.sample()["observation"].shape == (8, 2, 3)
-    assert sampler._queries(buffer.storage).shape == (1, 6)
-
-
 def test_similarity_in_a_learned_latent():
     torch.manual_seed(0)
     encoder = nn.Linear(WIDTH, 2)
@@ -315,60 +264,6 @@ def test_similarity_in_a_learned_latent():
     expected = -(encoder(sample["observation"]) - encoder(query)).norm(dim=-1)
     torch.testing.assert_close(sample["similarity"], expected.detach())
     assert not sample["similarity"].requires_grad
-
-
-def test_a_zero_vector_is_similar_to_nothing():
-    assert cosine(torch.zeros(1, 2, 3), torch.ones(1, 3)).tolist() == [[0, 0]]
-    assert cosine(torch.ones(1, 2, 3), torch.zeros(1, 3)).tolist() == [[0, 0]]
-
-
-def test_emptying_forgets_the_query():
-    sampler = AttentiveSampler(2)
-    buffer = make_buffer(sampler)
-    buffer.extend(transitions(40))
-    sampler.set_query(torch.ones(WIDTH))
-    buffer.empty()
-    buffer.extend(transitions(40, seed=2))
-    newest = transitions(40, seed=2)["observation"][-1:]
-    torch.testing.assert_close(sampler._queries(buffer.storage), newest)
-
-
-@pytest.mark.parametrize(
-    ("kwargs", "message"),
-    [
-        ({"k": 0.5}, "AttentiveSampler: k must be >= 1, got 0.5."),
-        ({"k": float("nan")}, "AttentiveSampler: k must be >= 1, got nan."),
-        ({"k_end": 0, "annealing_num_samples": 3}, "k_end must be >= 1, got 0."),
-        ({"k_end": 1}, "annealing_num_samples must be >= 1 where k_end is given, got 0."),
-        ({"num_queries": 0}, "num_queries: .*greater than or equal to 1, got 0."),
-        ({"similarity": "dot"}, r"there is no 'dot', expected one of \['cosine', 'negative_l2'\]"),
-    ],
-)
-def test_bad_arguments(kwargs, message):
-    with pytest.raises(ValueError, match=message):
-        AttentiveSampler(**kwargs)
-
-
-@pytest.mark.parametrize(
-    ("query", "message"),
-    [
-        (torch.zeros(2, 2, 2), r"query must be \[Q, D\] or \[D\], got \(2, 2, 2\)."),
-        (torch.zeros(0, 3), r"query must be \[Q, D\] or \[D\], got \(0, 3\)."),
-        (torch.tensor([[0.0], [float("nan")]]), r"query must be finite, got NaN in rows \[1\]."),
-    ],
-)
-def test_bad_queries(query, message):
-    with pytest.raises(ValueError, match=message):
-        AttentiveSampler().set_query(query)
-
-
-def test_a_query_of_another_width():
-    sampler = AttentiveSampler(2)
-    buffer = make_buffer(sampler)
-    buffer.extend(transitions(30))
-    sampler.set_query(torch.zeros(5))
-    with pytest.raises(ValueError, match=r"the query is 5 wide, 'observation' is 4."):
-        buffer.sample()
 
 
 def draw_often(buffer):
@@ -391,21 +286,6 @@ def test_nan_in_what_is_stored():
         ValueError, match="the query, 'observation' of the newest entries, must be finite"
     ):
         buffer.sample()
-
-
-def test_candidates_are_counted_as_they_are_rounded_for_each_query():
-    sampler = AttentiveSampler(1.5, num_queries=3, candidate_replacement=False)
-    buffer = make_buffer(sampler, batch_size=3)
-    buffer.extend(transitions(5))
-    # Each of three queries keeps one entry of ceil(1.5) = 2, six together; 1.5 * 3 is below five.
-    assert sampler.num_candidates(buffer.storage, 3) == 6
-    assert not buffer.can_sample()
-    message = "got 1.5 \\* 3, rounded up to 6, for 5 entries."
-    with pytest.raises(ValueError, match=message):
-        buffer.sample()
-    buffer.extend(transitions(1))
-    assert buffer.can_sample()
-    assert len(buffer.sample()) == 3
 
 
 @settings(deadline=None, max_examples=60)
@@ -433,65 +313,6 @@ def test_what_can_be_sampled_is_sampled(queries, batch_size, k, written, given_q
             buffer.sample()
 
 
-def test_a_storage_of_bare_tensors():
-    buffer = ReplayBuffer(storage=LazyTensorStorage(100), sampler=AttentiveSampler(2), batch_size=8)
-    buffer.extend(torch.randn(50, WIDTH))
-    with pytest.raises(TypeError, match=r"the storage must hold tensordicts, got Tensor"):
-        buffer.sample()
-
-
-def test_no_query_yet():
-    filled = make_buffer(RandomSampler())
-    filled.extend(transitions(50))
-    storage = LazyTensorStorage(100)
-    storage.load_state_dict(filled.storage.state_dict())
-    sampler = AttentiveSampler(2)
-    with pytest.raises(RuntimeError, match=r"there is no query yet: .* Call set_query first."):
-        sampler.sample(storage, 8)
-    sampler.set_query(torch.zeros(WIDTH))
-    _, info = sampler.sample(storage, 8)
-    assert info["age"].tolist() == [-1] * 8
-
-
-def test_a_missing_key_lists_the_keys_there_are():
-    buffer = make_buffer(AttentiveSampler(2, key="state"))
-    buffer.extend(transitions(30))
-    with pytest.raises(KeyError, match=r"key .*state.* not found, the storage has .*observation"):
-        buffer.sample()
-
-
-@pytest.mark.ray
-def test_a_ray_buffer():
-    ray = pytest.importorskip("ray")
-    from torchrl.data import RayReplayBuffer
-
-    buffer = RayReplayBuffer(
-        storage=partial(LazyTensorStorage, 100),
-        sampler=partial(AttentiveSampler, 2),
-        batch_size=8,
-        ray_init_config={"address": "local", "num_cpus": 1},  # not another test's cluster
-    )
-    try:
-        buffer.extend(transitions(40))
-        assert len(buffer.sample()) == 8
-    finally:
-        buffer.close()
-        ray.shutdown()  # the buffer connects this process to Ray, and leaves it connected
-
-
-def test_bytes_are_compared_as_floats():
-    data = transitions(60)
-    window = torch.randint(0, 256, (60, 1, 4, 4), dtype=torch.uint8)
-    samples = []
-    for values in (window, window.float()):
-        buffer = make_buffer(AttentiveSampler(2, key="window"))
-        buffer.set_rng(torch.Generator().manual_seed(0))
-        buffer.extend(TensorDict({**data, "window": values}, batch_size=[60]))
-        samples.append(buffer.sample())
-    assert torch.equal(samples[0]["index"], samples[1]["index"])
-    assert torch.equal(samples[0]["similarity"], samples[1]["similarity"])
-
-
 @pytest.mark.parametrize("reshaped", ["steps outermost", "two dimensions"])
 def test_the_newest_are_one_per_environment(reshaped):
     """As the docstring promises: for `[time, env].reshape(-1)`, and for two dimensions."""
@@ -509,17 +330,6 @@ def test_the_newest_are_one_per_environment(reshaped):
     queries = torch.cat(served)
     expected = data["observation"][:, -1]
     assert {tuple(row) for row in queries.tolist()} == {tuple(row) for row in expected.tolist()}
-
-
-def test_a_buffer_that_was_saved_with_another_sampler_is_refused(tmp_path):
-    other = make_buffer(RandomSampler())
-    other.extend(transitions(20))
-    other.dumps(tmp_path)
-    buffer = make_buffer(AttentiveSampler(2))
-    with pytest.raises(FileNotFoundError, match="the buffer was saved with another sampler"):
-        buffer.loads(tmp_path)
-    with pytest.raises(ValueError, match=r"the state must hold \['k', .*\], got \[\]"):
-        buffer.sampler.load_state_dict(other.sampler.state_dict())
 
 
 @pytest.mark.parametrize("where", ["state_dict", "files"])
@@ -548,12 +358,3 @@ def test_a_buffer_that_was_written_to_takes_a_state_s_newest_entry_over(where, t
         assert sampler._cursor.age(buffer.storage, torch.tensor([59, 58, 0])).tolist() == [0, 1, 59]
     buffer.extend(numbered(2, 700))
     assert sampler._queries(buffer.storage)[0, 0] == 701
-
-
-def test_a_key_of_a_group_is_refused_with_what_is_in_it():
-    buffer = TensorDictReplayBuffer(
-        storage=LazyTensorStorage(50), sampler=AttentiveSampler(key="agent", k=2), batch_size=4
-    )
-    buffer.extend(TensorDict({"agent": {"state": torch.rand(20, 3)}}, [20]))
-    with pytest.raises(TypeError, match=r"key 'agent' must be of one tensor, got .*\['state'\]"):
-        buffer.sample()

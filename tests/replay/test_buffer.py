@@ -54,28 +54,6 @@ def test_the_sampler_takes_its_settings_from_the_config():
     assert (sampler.similarity.__name__, sampler.num_queries) == ("negative_l2", 2)
 
 
-@pytest.mark.parametrize(
-    ("kwargs", "message"),
-    [
-        ({"sampler": "best"}, r"sampler must be one of \['attentive', .*, got 'best'."),
-        ({"similarity": "dot"}, r"similarity must be one of \['cosine', .*, got 'dot'."),
-        ({"sampler": ":name"}, r"or 'module:name', got ':name'."),
-        (
-            {"capacity": 100, "batch_size": 10, "k": 1, "k_end": 20, "k_annealing_samples": 5},
-            r"k_end \* batch_size must be <= capacity, got 200 > 100.",
-        ),
-        ({"k_end": 1.0}, "k_annealing_samples must be >= 1 where k_end is given, got 0."),
-        (
-            {"capacity": 100, "batch_size": 26},
-            r"k \* batch_size must be <= capacity, got 104 > 100.",
-        ),
-    ],
-)
-def test_bad_configs(kwargs, message):
-    with pytest.raises(ValueError, match=message):
-        ReplayConfig(**kwargs)
-
-
 class Recorder(RandomSampler):
     """Keeps the priorities that it is told."""
 
@@ -120,11 +98,6 @@ def test_own_similarities(where):
     buffer.sampler.set_query(query)
     sample = buffer.sample()
     torch.testing.assert_close(sample["similarity"], sample["observation"] @ query)
-
-
-def test_a_similarity_for_another_sampler_is_refused():
-    with pytest.raises(ValueError, match="similarity is for attentive samplers, got a Random"):
-        make_replay_buffer(ReplayConfig(**SMALL, sampler="uniform"), similarity="cosine")
 
 
 def test_priorities_are_written_back():

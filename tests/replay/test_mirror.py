@@ -52,12 +52,6 @@ def test_a_transition_is_mirrored_whole_or_not_at_all():
     assert (given == before).all()
 
 
-@pytest.mark.parametrize(("fraction", "sign"), [(0.0, 1.0), (1.0, -1.0)])
-def test_none_and_all(fraction, sign):
-    batch = MirrorTransitions(fraction=fraction)(transitions())
-    assert torch.equal(batch["observation"], sign * transitions()["observation"])
-
-
 @pytest.mark.parametrize("n_steps", [1, 3])
 @pytest.mark.parametrize("sampler", ["attentive", "uniform"])
 def test_samples_of_a_replay_buffer_are_mirrored(n_steps, sampler):
@@ -93,17 +87,3 @@ def test_in_torchrls_own_buffer_a_seed_gives_the_same_batch():
         torch.manual_seed(5)
         batches.append(buffer.sample())
     assert torch.equal(batches[0]["observation"], batches[1]["observation"])
-
-
-def test_a_missing_mirror_image_is_named():
-    with pytest.raises(KeyError, match=r"key .*mirrored_observation.* is missing"):
-        MirrorTransitions()(transitions().exclude("mirrored_observation"))
-    with pytest.raises(ValueError, match="fraction"):
-        MirrorTransitions(fraction=1.5)
-
-
-def test_an_action_of_another_width_is_refused():
-    batch = transitions()
-    batch["action"] = batch["action"][:, :1]
-    with pytest.raises(ValueError, match=r"'action' must have 3 components.*got \[64, 1\]"):
-        MirrorTransitions()(batch)

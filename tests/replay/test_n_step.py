@@ -9,7 +9,6 @@ from torchrl.modules import ValueOperator
 
 from modpush.agents import TQCConfig, make_tqc_from_specs
 from modpush.replay import (
-    NStepTransform,
     ReplayConfig,
     extend_rollout,
     forget_open_steps,
@@ -94,23 +93,6 @@ def test_no_sum_spans_a_reset_that_the_data_do_not_show():
     assert (stored["next", "observation"] - stored["observation"] == 3).all()
 
 
-def test_stored_entries_are_those_that_a_loss_reads():
-    buffer = make_buffer()
-    extend_rollout(buffer, stretch(2, 5), num_envs=2)
-    known = set(stretch(2, 5).keys(True, True))
-    assert set(buffer.storage[:].keys(True, True)) - known == {"steps_to_next_obs", "index"}
-
-
-def test_stretches_of_other_shapes_are_refused():
-    message = r"transitions must be \[T \* num_envs\] for 2 environments, got \[3\]"
-    with pytest.raises(ValueError, match=message):
-        extend_rollout(make_buffer(), stretch(1, 3), num_envs=2)
-    with pytest.raises(
-        ValueError, match=r"must be \[num_envs, time\] or \[time\], got \[1, 2, 3\]"
-    ):
-        NStepTransform(3, GAMMA).inv(stretch(1, 6).reshape(1, 2, 3))
-
-
 def linear_constant(config, specs):
     """The same as a network that can be batched: weights of zero and a bias."""
     network = nn.Linear(2, 2)
@@ -164,14 +146,6 @@ def test_targets_discount_by_the_number_of_steps(critic):
     assert agent.update(buffer.sample())["loss_qvalue"].isfinite()
 
 
-def test_nothing_waits_in_an_emptied_buffer():
-    buffer = make_buffer()
-    extend_rollout(buffer, stretch(1, 5), num_envs=1)
-    buffer.empty()
-    extend_rollout(buffer, stretch(1, 6, start=50), num_envs=1)
-    assert buffer[:]["observation"].flatten().tolist() == [50, 51, 52]
-
-
 @pytest.mark.parametrize("way", ["state_dict", "dumps"])
 @pytest.mark.parametrize("begun", [0, 5])  # transitions that wait in the other buffer
 def test_what_waits_is_part_of_the_state(tmp_path, way, begun):
@@ -188,29 +162,6 @@ def test_what_waits_is_part_of_the_state(tmp_path, way, begun):
         extend_rollout(each, stretch(2, 3, start=5), num_envs=2)
     assert (buffer[:] == other[:]).all()
     assert buffer[:]["observation"].max() == 104  # seven steps but for the last three
-
-
-def test_nothing_waits_after_the_state_of_a_new_buffer():
-    buffer, other = make_buffer(), make_buffer()
-    for each, first in ((buffer, 0), (other, 70)):
-        extend_rollout(each, stretch(1, 4, start=first), num_envs=1)
-    forget_open_steps(buffer)
-    other.load_state_dict(buffer.state_dict())
-    extend_rollout(other, stretch(1, 4, start=20), num_envs=1)
-    assert other[:]["observation"].flatten().tolist() == [0, 20]
-
-
-def test_stored_returns_are_not_summed_again():
-    buffer, other = make_buffer(), make_buffer()
-    extend_rollout(buffer, stretch(1, 9), num_envs=1)
-    rows = buffer[:].exclude("index")
-    other.extend(rows.clone())
-    assert (other[:].exclude("index") == rows).all()
-    other[torch.tensor([0, 1])] = rows[4:].clone()
-    assert other[:]["observation"].flatten().tolist() == [4, 5, 2, 3, 4, 5]
-    assert "index" in other[:]
-    with pytest.raises(KeyError, match="steps_to_next_obs"):
-        other[torch.tensor([0, 1])] = stretch(1, 2)
 
 
 def test_no_batch_prepared_ahead_outlives_empty():

@@ -119,13 +119,6 @@ def test_only_written_entries_are_drawn_and_an_emptied_buffer_begins_again():
     assert (sample["priority_weight"] == 1).all()
 
 
-def test_a_changed_alpha_keeps_the_priorities():
-    buffer = filled(alpha=0.6)
-    buffer.sampler.alpha = 1.2
-    weights = buffer.sampler.state_dict()["weights"][:11]
-    torch.testing.assert_close(weights / weights.sum(), probabilities(1.2))
-
-
 @pytest.mark.parametrize("how", ["state_dict", "dumps", "buffer_state"])
 def test_a_saved_sampler_draws_the_same(how, tmp_path):
     buffer, other = filled(), make_buffer(PrioritizedSampler(16, 1.0, 1.0))
@@ -143,31 +136,6 @@ def test_a_saved_sampler_draws_the_same(how, tmp_path):
         np.random.seed(1)  # noqa: NPY002
         samples.append(one.sample())
     assert (samples[0] == samples[1]).all()
-
-
-def test_states_of_other_samplers_are_refused(tmp_path):
-    sampler = PrioritizedSampler(16, 0.6, 0.4)
-    state = sampler.state_dict()
-    sampler.load_state_dict(state)  # of an empty one
-    with pytest.raises(
-        ValueError, match="weights must be 16 numbers >= 0, the capacity, got shape"
-    ):
-        sampler.load_state_dict(PrioritizedSampler(8, 0.6, 0.4).state_dict())
-    with pytest.raises(ValueError, match="the state must hold"):
-        sampler.load_state_dict({"alpha": 1.0})
-    with pytest.raises(ValueError, match=r"alpha: .*greater than or equal to 0, got -1"):
-        sampler.load_state_dict({**state, "alpha": -1.0})
-    with pytest.raises(FileNotFoundError):
-        sampler.loads(tmp_path)
-
-
-@pytest.mark.parametrize("bad", [-1.0, float("nan"), float("inf")])
-def test_priorities_that_are_none_are_refused(bad):
-    buffer = filled()
-    with pytest.raises(ValueError, match="priority must be finite and >= 0, got"):
-        buffer.update_priority(torch.tensor([0, 1]), torch.tensor([1.0, bad]))
-    with pytest.raises(ValueError, match=r"alpha: .*greater than or equal to 0, got -0\.5"):
-        PrioritizedSampler(8, -0.5, 0.4)
 
 
 def test_several_dimensions():

@@ -29,7 +29,7 @@ def transitions(start, count, envs=2):
 @pytest.mark.parametrize("sampler", ["attentive", "uniform"])
 @pytest.mark.parametrize("n_steps", [1, 3])
 @pytest.mark.parametrize("steps", [10, 90])  # 90 of two environments go around
-def test_a_restored_buffer_goes_on_alike(tmp_path, storage, sampler, n_steps, steps):
+def test_a_restored_buffer_continues_alike(tmp_path, storage, sampler, n_steps, steps):
     config = ReplayConfig(
         capacity=128, batch_size=4, k=2, storage=storage, sampler=sampler, n_steps=n_steps
     )

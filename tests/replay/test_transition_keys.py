@@ -1,4 +1,3 @@
-import pytest
 from torchrl.collectors import Collector
 
 from modpush.agents import TQCConfig, make_tqc
@@ -27,12 +26,3 @@ def test_a_collector_s_transition_shrinks_and_a_learner_still_learns_from_it() -
     buffer.extend(kept.reshape(-1))
     losses = agent.update(buffer.sample())
     assert all(loss.isfinite().all() for loss in losses.values())
-
-
-def test_further_keys_are_kept_and_missing_ones_named() -> None:
-    env = make_push_env(PushEnvConfig.preset("cpu", num_envs=1, encoder="none"))
-    data = env.rollout(2)
-    env.close()
-    assert "subgoal" in KeepTransition("subgoal")(data).keys()
-    with pytest.raises(KeyError, match=r"key .*window.* is missing; there are"):
-        KeepTransition("window")(data)

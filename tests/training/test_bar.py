@@ -2,8 +2,7 @@
 
 from dataclasses import replace
 
-from modpush.training import TRAIN_PRESETS
-from modpush.training.bar import TrainingBar
+from modpush.training.log import TrainingBar
 from tests.training.conftest import SMOKE
 
 ROW = {"noisy/success": 0.93, "speed/steps": 250.0, "speed/updates": 120.0}
@@ -23,15 +22,6 @@ def test_it_says_whose_success_it_shows(capsys):
     assert "success (random)=0.93" in shown(capsys, drawn, random=True)
     text = shown(capsys, row={**ROW, "greedy/success": 0.5}, best=0.25)
     assert "success (policy)=0.50, best=0.250, steps/s=250, updates/s=120]" in text
-
-
-def test_it_shows_what_there_is_and_nothing_else(capsys):
-    assert "level=3" in shown(capsys, level="3")
-    text = shown(capsys, row={k: v for k, v in ROW.items() if k != "noisy/success"})
-    assert "level" not in text
-    assert "success" not in text  # no episode has ended
-    assert "best" not in text
-    assert not shown(capsys, TRAIN_PRESETS["smoke"][1])  # without progress
 
 
 def test_an_evaluation_is_named_and_does_not_count_for_the_time_left(capsys, monkeypatch):

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from modpush._experimental import warn_experimental
+from modpush._extras import warn_experimental
 from modpush.agents import TQCConfig, make_tqc_from_specs
 from modpush.envs import PushEnv
 from modpush.recipes import load_agent

@@ -1,11 +1,9 @@
 """Learning curves of runs that were evaluated on different scene families."""
 
-from pathlib import Path
-
 import pandas as pd
 import pytest
 
-from modpush.training.curve import _by_name, draw_curve, success_in_common
+from modpush.training.curve import draw_curve, success_in_common
 
 SHARED = {"contact_rate": 0.5, "collision_rate_object": 0.0, "updates": 3, "minutes": 1.0}
 
@@ -23,12 +21,6 @@ def test_success_is_compared_over_the_families_in_common(tables):
     assert tables[1]["success"].item() == 0.45  # as it was
 
 
-def test_runs_of_the_same_families_keep_their_success(tables):
-    pair = [tables[0], tables[0].copy()]
-    success_in_common(pair)
-    assert pair[0]["success"].item() == 0.6
-
-
 def test_a_row_of_panels_for_each_axis(tables, tmp_path):
     for name, table in zip("ab", tables, strict=True):
         (tmp_path / name).mkdir()
@@ -41,8 +33,3 @@ def test_a_row_of_panels_for_each_axis(tables, tmp_path):
     assert height[1] == pytest.approx(3 * height[0], abs=2)
     with pytest.raises(FileNotFoundError):
         draw_curve([tmp_path / "none"], tmp_path / "no.png")
-
-
-def test_folders_of_the_same_name_are_told_apart():
-    runs = [Path("a/seed_0"), Path("b/seed_0"), Path("c")]
-    assert [*_by_name(runs)] == ["a/seed_0", "b/seed_0", "c"]

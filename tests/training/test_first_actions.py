@@ -4,10 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
-from modpush.training.first_actions import FirstActions
 from modpush.training.learner import weights_of
 from modpush.training.scene_worker import SceneWorker
 
@@ -38,28 +36,10 @@ def test_the_scripted_pusher_solves_episodes_in_the_agents_own_frame(frames) -> 
     assert not rollout.success_by_family, "episodes of the warm-up must not count"
 
 
-def test_random_actions_solve_none_of_them() -> None:
-    env = SMOKE.env.with_fields(max_episode_steps=100)
-    worker = worker_of(replace(SMOKE, env=env, first_actions="random"))
-    distances = (worker._td["goal_position"] - worker._td["object_pose"][:, :2]).norm(dim=-1)
-    torch.testing.assert_close(distances, torch.full((2,), 0.06), atol=1e-4, rtol=0)
-    rollout = worker.collect(300, None)
-    worker.close()
-    assert np.mean([episode["success"] for episode in rollout.episodes]) < 0.5
-
-
 def test_a_run_from_trained_weights_has_no_first_actions_of_another() -> None:
     worker = SceneWorker(replace(SMOKE, init_from="small_cube"))
     worker.close()
     assert worker.curriculum.warm_up == 0
-
-
-def test_first_actions_are_noisy() -> None:
-    worker = worker_of(SMOKE)
-    policy = FirstActions(SMOKE.env)
-    one, other = (policy(worker._td.clone())["action"] for _ in range(2))
-    worker.close()
-    assert (one - other).abs().max() > 0.01
 
 
 def test_the_evaluated_actor_is_the_moving_average_of_all_updates(tmp_path) -> None:
@@ -85,9 +65,3 @@ def test_the_evaluated_actor_is_the_moving_average_of_all_updates(tmp_path) -> N
     for name in found:
         np.testing.assert_allclose(found[name], expected[name], rtol=1e-5, atol=1e-7)
     assert any(not np.allclose(found[name], seen[-1][name], atol=1e-6) for name in found)
-
-
-def test_without_averaging_the_newest_weights_are_evaluated(tmp_path) -> None:
-    trainer = Trainer(replace(SMOKE, actor_average=0.0, total_steps=192), tmp_path / "run")
-    trainer.run()
-    assert trainer.learner.averaged_actor is trainer.learner.agent.actor

@@ -100,8 +100,3 @@ def test_held_out_episodes_are_as_hard_and_as_far_as_the_environments():
     assert all(0.4 <= scenario.difficulty <= 0.5 for scenario in drawn)
     away = [math.dist(s.object_pose[:2], s.goal_position) for s in drawn]
     assert all(0.55 <= distance <= 0.6 for distance in away)
-
-
-def test_a_family_given_as_a_part_by_its_name():
-    drawn = held_out_scenarios(SMOKE, scene="slot")
-    assert {scenario.scene for scenario in drawn} == {"slot"}

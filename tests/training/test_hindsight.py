@@ -16,7 +16,6 @@ from modpush.recipes import make_push_env
 from modpush.replay import NStepTransform
 from modpush.training import TRAIN_PRESETS, Trainer
 from modpush.training.hindsight import Hindsight, n_step_returns
-from modpush.training.scene_worker import SceneWorker
 
 POSE = TRAIN_PRESETS["pose"][1]
 SMALL = replace(
@@ -204,11 +203,6 @@ def test_what_does_not_fit_is_refused(changes, message) -> None:
         replace(POSE, env=POSE.env.with_fields(**changes))
 
 
-def test_a_cluster_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"hindsight needs .*collector='local', got .*'ray'"):
-        replace(POSE, collector="ray")
-
-
 def test_a_recording_is_needed_and_says_what_it_lacks() -> None:
     engines = []
 
@@ -240,10 +234,3 @@ def test_a_recording_is_needed_and_says_what_it_lacks() -> None:
         engines[0].check_packed(np.array([5.0], dtype=np.float32), env.scenarios[0])
     assert set(engines[0].gaps().values()) == {float("inf")}
     env.close()
-
-
-def test_specs_of_a_worker_with_hindsight_are_those_without() -> None:
-    with_goals, without = (
-        SceneWorker(replace(SMALL, hindsight=on)).specs() for on in (True, False)
-    )
-    assert with_goals.fingerprint == without.fingerprint

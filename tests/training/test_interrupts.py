@@ -6,7 +6,6 @@ import shutil
 import signal
 import time
 from dataclasses import replace
-from types import SimpleNamespace
 
 import pandas as pd
 import psutil
@@ -14,12 +13,9 @@ import pytest
 import torch
 
 from modpush._atomic import FolderLock, FolderLockedError
-from modpush.evaluation.episodes import run_episodes
-from modpush.training import Trainer, check_run_folder
+from modpush.training import Trainer
 from modpush.training.learner import Learner
 from modpush.training.run_folder import RunFolder
-from modpush.training.signals import interrupts_noted
-from tests.damage import damages
 from tests.test_files import Poison
 from tests.training.conftest import SMOKE
 from tests.training.test_training import assert_same, numbers, start, train, wait_for_checkpoint
@@ -60,28 +56,6 @@ def test_a_resumed_run_keeps_its_precision_on_another_processor(tmp_path, monkey
     trainer = Trainer(auto, tmp_path / "run", resume=True)
     assert trainer.learner.agent.update.precision == "bfloat16"
     trainer.close()
-
-
-@pytest.mark.parametrize("number", [1, 2])
-def test_an_evaluation_that_is_interrupted_is_made_up_for(tmp_path, monkeypatch, number):
-    """The first one comes between two checkpoints, the second together with the last one."""
-    folder, trainers, begun = tmp_path / "run", [], []
-
-    def interrupted(*args, **kwargs):
-        begun.append(None)
-        for episode in run_episodes(*args, **kwargs):
-            yield episode
-            trainers[-1].interrupted |= len(begun) == number
-
-    monkeypatch.setattr("modpush.training.held_out.run_episodes", interrupted)
-    trainers.append(Trainer(SMOKE, folder))
-    with pytest.raises(KeyboardInterrupt, match="a checkpoint is in"):
-        trainers[-1].run()
-    rows = pd.read_csv(folder / "evaluations.csv") if number > 1 else []
-    assert len(rows) == number - 1, "what ended before the others says nothing of the policy"
-    trainers.append(Trainer(SMOKE, folder, resume=True))
-    trainers[-1].run()
-    assert pd.read_csv(folder / "evaluations.csv")["step"].tolist() == [96, 192]
 
 
 def test_a_run_ends_after_its_minutes_like_a_completed_one(unbroken, tmp_path):
@@ -136,17 +110,6 @@ def test_a_signal_to_all_processes_ends_a_run_with_a_checkpoint(tmp_path, name):
     assert best["step"] in (96, 192)
 
 
-def test_under_nohup_a_run_outlives_its_terminal(hang_up):
-    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # what nohup does before it begins a program
-    run = SimpleNamespace(interrupted=False)
-    with interrupts_noted(run):
-        os.kill(os.getpid(), signal.SIGHUP)
-        assert not run.interrupted
-        os.kill(os.getpid(), signal.SIGTERM)
-        assert run.interrupted
-    assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
-
-
 @pytest.mark.usefixtures("hang_up")
 def test_every_signal_writes_a_checkpoint_and_is_left_alone_outside_a_run(tmp_path):
     numbers_of_signals = [getattr(signal, name) for name in SIGNALS]
@@ -178,15 +141,6 @@ def test_a_damaged_checkpoint_is_refused_and_without_it_the_one_before_is_used(u
     assert_same(numbers(unbroken), numbers(copied))
 
 
-def test_every_damage_of_a_checkpoint_is_noticed(copied):
-    folder = RunFolder(copied)
-    path = folder.checkpoints.latest()
-    for content in damages(path.read_bytes(), 40, 20):
-        path.write_bytes(content)
-        with pytest.raises(ValueError, match=path.name):
-            folder.checkpoints.load()
-
-
 def test_checkpoints_of_another_run_are_refused(copied, tmp_path):
     other = replace(SMOKE, seed=5, total_steps=64)
     train(tmp_path / "other", other)
@@ -215,7 +169,7 @@ def test_a_run_that_ended_before_its_first_checkpoint_can_begin_again(unbroken, 
     Trainer(SMOKE, folder).close()  # as a kill leaves it: config and log, no checkpoint
     (folder / ".log.csv.host.1.tmp").touch()
     Trainer(SMOKE, folder).close()
-    with pytest.warns(UserWarning, match="ended before its first checkpoint; it begins anew"):
+    with pytest.warns(UserWarning, match="ended before its first checkpoint; it starts again"):
         train(folder, resume=True)
     assert_same(numbers(unbroken), numbers(folder))
 
@@ -240,9 +194,3 @@ def test_a_worker_ends_with_a_killed_parent_at_once(tmp_path):
     process.communicate()
     _, alive = psutil.wait_procs(workers, timeout=20)
     assert not alive
-
-
-def test_the_check_of_a_folder_writes_nothing(copied):
-    before = sorted(copied.rglob("*"))
-    check_run_folder(copied, SMOKE, resume=True)
-    assert sorted(copied.rglob("*")) == before

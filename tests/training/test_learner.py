@@ -72,18 +72,6 @@ def test_the_present_states_are_those_of_all_scenes_of_all_collectors(tmp_path: 
     assert torch.equal(learner.buffer.sampler._queries(None), torch.from_numpy(expected))
 
 
-def test_steps_that_wait_are_dropped_where_the_scenes_begin_anew(tmp_path: Path) -> None:
-    learner = make_learner(tmp_path, replay=replace(SMOKE.replay, n_steps=3))
-    learner.store(rollout(1))
-    learner.store(rollout(2, source=1))
-    learner.forget_open_steps()
-    for number, source in ((3, 0), (4, 1)):
-        learner.store(rollout(number, source=source))
-    # Of four steps the last three wait: one of each scene and rollout is stored, and no sum of a
-    # rollout that was forgotten is completed by the one that follows.
-    assert sorted(learner.buffer[:]["observation"][:, 0].tolist()) == [1, 1, 2, 2, 3, 3, 4, 4]
-
-
 def test_columns_without_effect_are_so_in_actor_critics_and_targets(tmp_path: Path) -> None:
     loss = make_learner(tmp_path).agent.loss
     zero_input_weights(loss, slice(1, 3))

@@ -18,12 +18,9 @@ import pytest
 import torch
 import yaml
 from tensordict import TensorDict
-from torchrl.collectors import Evaluator
-from torchrl.envs import EnvBase
 
 import modpush
 from modpush.recipes.agent_file import load_agent
-from modpush.recipes.make_env import make_push_env
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
 from modpush.training.learner import Learner
 from modpush.training.rollout import Rollout
@@ -99,31 +96,6 @@ def test_two_collectors_train(cluster: Any, tmp_path: Path) -> None:
     assert load_agent(tmp_path / "run" / "last_agent.safetensors").policy is not None
 
 
-def test_what_the_actors_act_with_is_what_was_learned(cluster: Any, tmp_path: Path) -> None:
-    config = replace(TWO, num_collectors=1, total_steps=96, greedy_envs=TWO.env.num_envs - 1)
-    trainer = Noting(config, tmp_path / "run")
-    sent: list[dict[str, Any]] = []
-    collect = trainer.collect
-
-    def noting_collect() -> None:
-        sent.append(trainer.learner.actor_weights())
-        collect()
-
-    trainer.collect = noting_collect  # type: ignore[method-assign]
-    trainer.rollouts, trainer.after = [], {}
-    trainer.run()
-    greedy = slice(1, config.env.num_envs)
-    last = trainer.rollouts[-1]
-    actor = trainer.learner.agent.actor
-    weights = sent[last.version - 1]
-    actor.load_state_dict({name: torch.from_numpy(value) for name, value in weights.items()})
-    shape = (config.rollout_length, config.env.num_envs, -1)
-    observation = torch.from_numpy(last.transitions["observation"]).reshape(shape)[:, greedy]
-    action = torch.from_numpy(last.transitions["action"]).reshape(shape)[:, greedy]
-    expected = actor.get_dist(TensorDict({"observation": observation})).deterministic_sample
-    torch.testing.assert_close(action, expected)
-
-
 @pytest.mark.slow
 def test_an_agent_learns(cluster: Any, tmp_path: Path) -> None:
     """0.68 of 120 held-out episodes after these steps in `benchmarks/bench_scale.py`."""
@@ -162,7 +134,7 @@ def test_a_collector_that_is_killed_is_begun_again(cluster: Any, tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_goes_on_after_an_interrupt_and_on_one_machine(cluster: Any, tmp_path: Path) -> None:
+def test_continues_after_an_interrupt_and_on_one_machine(cluster: Any, tmp_path: Path) -> None:
     trainer = Noting(TWO, tmp_path / "run")
     trainer.rollouts = []
     trainer.after = {5: lambda: setattr(trainer, "interrupted", True)}
@@ -214,26 +186,6 @@ def test_steps_of_two_collectors_are_not_summed_together(tmp_path: Path) -> None
     assert rows[1] == rows[0]
 
 
-def test_more_collectors_than_cpus_are_refused(cluster: Any, tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError, match="3 CPUs are needed, Ray has 2"):
-        Trainer(replace(TWO, num_collectors=3), tmp_path / "run")
-
-
-def test_collectors_without_ray_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="num_collectors=2 needs collector='ray', got 'local'"):
-        Trainer(replace(SMOKE, num_collectors=2), tmp_path / "run")
-
-
-def failing_env(*args: Any, **kwargs: Any) -> Any:
-    raise ValueError("this environment cannot be made")
-
-
-@pytest.mark.slow
-def test_an_error_in_a_collector_is_shown(cluster: Any, tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError, match="this environment cannot be made"):
-        Trainer(TWO, tmp_path / "run", make_env=failing_env)
-
-
 DRIVER = """
 import sys
 from dataclasses import replace
@@ -272,7 +224,7 @@ def test_a_run_whose_cluster_is_lost_continues_from_its_last_checkpoint(tmp_path
 
 
 SESSION = """
-from modpush._ray import ray_session
+from modpush._processes import ray_session
 
 with ray_session("test", 1):
     pass
@@ -308,28 +260,6 @@ def wait_for(condition: Callable[[], bool], process: subprocess.Popen[bytes]) ->
     raise AssertionError("it did not happen in two minutes")
 
 
-def make_free_env() -> EnvBase:
-    return make_push_env(load_agent("small_cube").config, num_envs=2, scene=("free",), seed=0)
-
-
-@pytest.mark.slow
-def test_torchrl_s_evaluator_runs_the_environment_in_an_actor(cluster: Any) -> None:
-    evaluator = Evaluator(
-        make_free_env,
-        policy_factory=lambda env: load_agent("small_cube").policy,
-        backend="ray",
-        num_gpus=0,
-        max_steps=200,
-    )
-    try:
-        result = evaluator.evaluate()
-        assert result["eval/reward"] > 0.0, "the agent reaches its goals"
-        assert 0 < result["eval/episode_length"] <= 200
-        assert result["eval/video"].shape[2] == 3, "drawn without a renderer"
-    finally:
-        evaluator.shutdown()
-
-
 def test_the_cluster_file_is_one_that_ray_takes() -> None:
     pytest.importorskip("ray")
     from ray.autoscaler._private.util import prepare_config, validate_config
@@ -337,3 +267,28 @@ def test_the_cluster_file_is_one_that_ray_takes() -> None:
     text = (Path(modpush.__file__).parents[1] / "examples" / "cluster.yaml").read_text()
     validate_config(prepare_config(yaml.safe_load(text)))
     assert f"torch=={torch.__version__.split('+')[0]}" in text
+
+
+def test_what_the_actors_act_with_is_what_was_learned(cluster: Any, tmp_path: Path) -> None:
+    config = replace(TWO, num_collectors=1, total_steps=96, greedy_envs=TWO.env.num_envs - 1)
+    trainer = Noting(config, tmp_path / "run")
+    sent: list[dict[str, Any]] = []
+    collect = trainer.collect
+
+    def noting_collect() -> None:
+        sent.append(trainer.learner.actor_weights())
+        collect()
+
+    trainer.collect = noting_collect  # type: ignore[method-assign]
+    trainer.rollouts, trainer.after = [], {}
+    trainer.run()
+    greedy = slice(1, config.env.num_envs)
+    last = trainer.rollouts[-1]
+    actor = trainer.learner.agent.actor
+    weights = sent[last.version - 1]
+    actor.load_state_dict({name: torch.from_numpy(value) for name, value in weights.items()})
+    shape = (config.rollout_length, config.env.num_envs, -1)
+    observation = torch.from_numpy(last.transitions["observation"]).reshape(shape)[:, greedy]
+    action = torch.from_numpy(last.transitions["action"]).reshape(shape)[:, greedy]
+    expected = actor.get_dist(TensorDict({"observation": observation})).deterministic_sample
+    torch.testing.assert_close(action, expected)

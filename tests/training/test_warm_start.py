@@ -9,11 +9,9 @@ from torchrl.data import Bounded, Composite, Unbounded
 
 from modpush import load_agent
 from modpush.agents import TQCConfig, make_tqc_from_specs
-from modpush.envs.scenes.objects import OBJECTS
-from modpush.training import Trainer, load_critics
+from modpush.training import Trainer
 from modpush.training.run_folder import RunFolder
 from modpush.training.warm_start import _copy_to_targets
-from tests.own_parts import one_post
 from tests.training.conftest import SMOKE
 
 
@@ -65,16 +63,6 @@ def test_it_acts_with_these_weights_from_the_first_step(unbroken, tmp_path):
     assert not (rollout.transitions["action"] == other.transitions["action"]).all()
 
 
-def test_a_resumed_run_keeps_what_it_has_learned(unbroken, tmp_path, monkeypatch):
-    """It begins with its checkpoint, and not with the weights that it once began with."""
-    config = replace(SMOKE, init_from=str(unbroken), total_steps=16)
-    Trainer(config, tmp_path / "run").run()
-    monkeypatch.setattr("modpush.training.trainer.load_initial_weights", None)
-    resumed = Trainer(replace(config, total_steps=32), tmp_path / "run", resume=True)
-    resumed.close()
-    assert resumed.steps == 16
-
-
 def test_the_target_of_a_trained_actor_begins_as_the_actor():
     config, observed = TQCConfig(hidden_sizes=(8,), loss="td3"), Composite(observation=Unbounded(3))
     loss = make_tqc_from_specs(config, observed, Bounded(-1, 1, (2,))).loss
@@ -103,18 +91,6 @@ def test_what_cannot_be_taken_over_is_refused_before_any_work(unbroken, tmp_path
     begin(tmp_path / "run", init_from=str(unbroken), env=replace(fragment, symmetry=4))
 
 
-def test_an_agent_with_parts_of_the_runs_own_modules(tmp_path):
-    reward = replace(SMOKE.env.reward, weights={"tests.own_parts:small_actions": 0.1})
-    config = replace(SMOKE, env=replace(SMOKE.env, reward=reward), total_steps=64)
-    Trainer(config, tmp_path / "run").run()
-    file = tmp_path / "run" / "last_agent.safetensors"
-    with pytest.raises(ValueError, match="imported only if you say so"):
-        begin(tmp_path / "other", init_from=str(file))
-    agent = begin(tmp_path / "more", env=config.env, init_from=str(file))
-    saved = load_agent(file, allow=("tests.own_parts",)).actor.state_dict()
-    assert_equal(saved, agent.actor.state_dict())
-
-
 def test_a_run_without_its_buffer_fills_one_before_it_learns_on(unbroken, tmp_path):
     config = replace(SMOKE, save_buffer=False)
     Trainer(replace(config, total_steps=96), tmp_path / "run").run()
@@ -136,50 +112,6 @@ def test_a_run_without_its_buffer_fills_one_before_it_learns_on(unbroken, tmp_pa
     assert table["step"].tolist() == [96, 192]
 
 
-def test_the_runs_own_settings_stay(unbroken, tmp_path):
-    tqc = replace(SMOKE.tqc, gamma=0.5, target_entropy=-7.0, min_alpha=0.001, max_alpha=2.0)
-    agent = begin(tmp_path / "run", init_from=str(unbroken), tqc=tqc)
-    state = RunFolder(unbroken).checkpoints.load()["loss"]
-    loss = agent.loss
-    assert loss.value_estimator.gamma.item() == 0.5
-    assert float(loss.target_entropy) == -7.0
-    assert loss.max_log_alpha.exp().item() == pytest.approx(2.0)
-    assert torch.equal(loss.log_alpha, state["log_alpha"])
-    for name, value in loss.state_dict().items():
-        if "_params." in name:
-            assert torch.equal(value, state[name]), name
-
-
-def test_an_agent_with_parts_given_as_objects(tmp_path):
-    parts = {"scene": one_post}
-    Trainer(replace(SMOKE, total_steps=64), tmp_path / "run", parts=parts).run()
-    file = tmp_path / "run" / "last_agent.safetensors"
-    config = replace(SMOKE, init_from=str(file))
-    with pytest.raises(ValueError, match=r"parts that this run does not have; .* as parts"):
-        Trainer(config, tmp_path / "without")
-    trainer = Trainer(config, tmp_path / "with", parts=parts)
-    trainer.close()
-    saved = load_agent(file, parts=parts).actor.state_dict()
-    assert_equal(saved, trainer.learner.agent.actor.state_dict())
-
-
-def test_an_object_that_is_given_counts_for_the_run_that_it_is_given_to(unbroken, tmp_path):
-    parts = {"pushed_object": OBJECTS["fragment"]}
-    for source in (unbroken, unbroken / "last_agent.safetensors"):
-        with pytest.raises(ValueError, match=r"looking the same at 4 yaw angles.*of this run at 1"):
-            Trainer(replace(SMOKE, init_from=str(source)), tmp_path / "run", parts=parts)
-    Trainer(replace(SMOKE, total_steps=64), tmp_path / "fragment", parts=parts).run()
-    own = tmp_path / "fragment"
-    for source in (own, own / "last_agent.safetensors"):
-        config = replace(SMOKE, init_from=str(source))
-        Trainer(config, tmp_path / source.name / "more", parts=parts).close()
-        refused = (
-            "looking the same at 1 yaw angles.*of this run at 4|give it to the Trainer as parts"
-        )
-        with pytest.raises(ValueError, match=refused):
-            Trainer(config, tmp_path / source.name / "other")
-
-
 def test_the_target_of_a_trained_encoder_begins_as_the_encoder(tmp_path):
     changes = {
         "env": replace(SMOKE.env, encoder="end_to_end", window_size=32),
@@ -194,7 +126,3 @@ def test_the_target_of_a_trained_encoder_begins_as_the_encoder(tmp_path):
     assert names
     for name in names:
         assert torch.equal(state[name], state[f"target_{name}"]), name
-    env = load_agent(file, allow=("tests",)).make_env(2)
-    with pytest.raises(ValueError, match="an encoder that was trained with them"):
-        load_critics(tmp_path / "run", env)
-    env.close()

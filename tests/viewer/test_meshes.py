@@ -9,7 +9,7 @@ from modpush.envs.engines.sapien.obstacle_bodies import obstacle_part
 from modpush.envs.robot.named import ROBOTS
 from modpush.envs.robot.tools import TOOLS
 from modpush.geometry import box, capsule, cylinder, prism
-from modpush.viewer.meshes import primitive_mesh
+from modpush.viewer.overlays import primitive_mesh
 
 TRIANGLE = ((0.0, 0.0), (0.3, 0.0), (0.0, 0.2))
 

@@ -22,8 +22,12 @@ from modpush.agents.corridor.motion import (
     push_velocity,
     turn_wide_side,
 )
-from modpush.agents.corridor.path import plan_object_path
-from modpush.agents.corridor.scene import CorridorScene, ObstacleDistances, direction_of
+from modpush.agents.corridor.scene import (
+    CorridorScene,
+    ObstacleDistances,
+    direction_of,
+    plan_object_path,
+)
 from modpush.agents.corridor.target import choose_targets
 from modpush.geometry import Camera
 from modpush.planners import LazyThetaStar

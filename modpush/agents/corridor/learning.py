@@ -20,7 +20,7 @@ from modpush._batching import sum_in_order
 from modpush.agents.corridor import authors_code
 from modpush.agents.corridor.config import CorridorConfig
 from modpush.agents.corridor.scene import direction_of
-from modpush.geometry.angles import wrap_angle
+from modpush.geometry.frames import wrap_angle
 
 
 class Stance(NamedTuple):

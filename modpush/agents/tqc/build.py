@@ -15,7 +15,7 @@ from torchrl.modules import AdditiveGaussianModule, ProbabilisticActor
 from torchrl.objectives import LossModule, SoftUpdate
 
 from modpush._arguments import checked_arguments
-from modpush._experimental import warn_experimental
+from modpush._extras import warn_experimental
 from modpush.agents.tqc.config import TQCConfig
 from modpush.agents.tqc.encoder import make_trained_encoder
 from modpush.agents.tqc.factories import (
@@ -24,9 +24,9 @@ from modpush.agents.tqc.factories import (
     LOSSES,
     ActorFactory,
     CriticFactory,
+    LearnerSpecs,
     LossFactory,
 )
-from modpush.agents.tqc.specs import LearnerSpecs
 from modpush.agents.tqc.update import TQCUpdate, processor_precision
 from modpush.parts import find_part
 

@@ -61,7 +61,7 @@ def make_trained_encoder(encoder: str | nn.Module | Callable[[], nn.Module]) -> 
     """The encoder that a text, a class or function that makes one, or a module stands for.
 
     Raises:
-        ValueError: If the text names nothing that can be imported.
+        ValueError: If the text is not that of an importable encoder.
         TypeError: If the result is not a module with an int `latent_dim`.
     """
     module = find_part("encoder", encoder, {})

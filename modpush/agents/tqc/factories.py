@@ -1,13 +1,17 @@
-"""The parts of an agent by name: actor networks, critic networks and losses.
+"""The parts of an agent by name, actor networks, critic networks and losses, and their specs.
 
 A part of your own is a function of the same signature, given as an object or as "module:name".
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 from tensordict.nn import TensorDictModule
+from tensordict.utils import NestedKey
+from torch import nn
+from torchrl.data import Bounded, Composite
 from torchrl.modules import ProbabilisticActor, ValueOperator
 from torchrl.objectives import LossModule, SACLoss, TD3Loss
 
@@ -15,7 +19,6 @@ from modpush.agents.tqc.config import TQCConfig
 from modpush.agents.tqc.encoder import EncoderTQCLoss
 from modpush.agents.tqc.loss import TQCLoss
 from modpush.agents.tqc.networks import make_actor, make_critic
-from modpush.agents.tqc.specs import LearnerSpecs
 
 __all__ = [
     "ACTORS",
@@ -23,6 +26,7 @@ __all__ = [
     "LOSSES",
     "ActorFactory",
     "CriticFactory",
+    "LearnerSpecs",
     "LossFactory",
     "entropy_settings",
     "mlp_actor",
@@ -30,6 +34,50 @@ __all__ = [
     "scalar_loss",
     "tqc_loss",
 ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearnerSpecs:
+    """Specs and keys that the networks and the loss read and write; an argument of their factories."""
+
+    observation: Composite
+    """Specs of everything that the environment observes, without batch dimensions."""
+    action: Bounded
+    """Spec of one action, `[A]`."""
+    observation_key: NestedKey = "observation"
+    """Key of the flat observation, `[*B, D]`."""
+    action_key: NestedKey = "action"
+    """Key of the action, `[*B, A]`."""
+    encoder: nn.Module | None = None
+    """Image encoder to be trained with the critics, or None; it has an int `latent_dim`."""
+    image_key: NestedKey = "window"
+    """Key of the images that the encoder reads, `[*B, C, H, W]`."""
+
+    @property
+    def observation_dim(self) -> int:
+        """Width of the flat observation.
+
+        Raises:
+            ValueError: If there is no such observation, or it is not flat.
+        """
+        spec = self.observation.get(self.observation_key, None)
+        if spec is None:
+            keys = list(self.observation.keys(True, True))
+            raise ValueError(
+                f"make_tqc: observation_key {self.observation_key!r} not found, the env has {keys}."
+            )
+        if len(spec.shape) != 1:
+            raise ValueError(
+                f"make_tqc: {self.observation_key!r} must be a flat observation [D], got shape "
+                f"{tuple(spec.shape)}; flatten it with torchrl's FlattenObservation or CatTensors."
+            )
+        return spec.shape[0]
+
+    @property
+    def latent_dim(self) -> int:
+        """Width of the encoder's latent, 0 without an encoder."""
+        return 0 if self.encoder is None else int(self.encoder.latent_dim)  # type: ignore[arg-type]
+
 
 ActorFactory = Callable[[TQCConfig, LearnerSpecs], ProbabilisticActor]
 """Makes the policy. It must write the action within its bounds; it may read any observed key."""

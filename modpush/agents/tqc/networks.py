@@ -46,11 +46,11 @@ def make_actor(
         observation_dim: Width of the observation.
         action_spec: Spec of one action, `[A]`, bounded.
         hidden_sizes: Widths of the hidden layers, ReLU after each.
-        observation_key: Where the observation is read, `[*B, observation_dim]`.
-        action_key: Where the action is written, `[*B, A]`.
+        observation_key: Key of the observation, read, `[*B, observation_dim]`.
+        action_key: Key of the action, written, `[*B, A]`.
         encoder: Encoder whose latent is read beside the observation, without gradient; see
             `encode_images`.
-        image_key: Where the encoder's images are read, `[*B, C, H, W]`.
+        image_key: Key of the encoder's images, read, `[*B, C, H, W]`.
         deterministic: Make a policy without randomness, for TD3.
         device: Device of the parameters.
 
@@ -124,8 +124,8 @@ def make_critic(
         hidden_sizes: Widths of the hidden layers, ReLU after each.
         layer_norm: Normalise each hidden layer before its ReLU.
         latent_dim: Width of an image's latent, which is read under `"image_latent"`; 0 for none.
-        observation_key: Where the observation is read, `[*B, observation_dim]`.
-        action_key: Where the action is read, `[*B, action_dim]`.
+        observation_key: Key of the observation, read, `[*B, observation_dim]`.
+        action_key: Key of the action, read, `[*B, action_dim]`.
         device: Device of the parameters.
 
     Returns:

@@ -23,7 +23,7 @@ def truncate_atoms(atoms: Tensor, num_dropped: int) -> Tensor:
 
     Args:
         atoms: Atoms of `N` target critics, `[N, *B, n]`, constants.
-        num_dropped: How many of the `N * n` pooled atoms to drop.
+        num_dropped: Number of the `N * n` pooled atoms to drop.
 
     Returns:
         The lowest atoms in ascending order, `[*B, N * n - num_dropped]`.

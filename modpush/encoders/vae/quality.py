@@ -11,10 +11,9 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 from modpush._arguments import checked_arguments
 from modpush._types import Count
 from modpush.encoders.base import evaluating
-from modpush.encoders.vae.loss import bernoulli_entropy, kl_divergence
-from modpush.encoders.vae.model import DepthVAE
+from modpush.encoders.vae.model import DepthVAE, bernoulli_entropy, kl_divergence
 
-__all__ = ["Quality", "encode_all", "linear_probe", "mlp_probe", "r_squared", "vae_quality"]
+__all__ = ["Quality", "encode_all", "linear_probe", "r_squared", "vae_quality"]
 
 _BATCH = 512
 
@@ -153,52 +152,6 @@ def linear_probe(train: tuple[Tensor, Tensor], test: tuple[Tensor, Tensor]) -> f
     one = [torch.cat([x, torch.ones_like(x[:, :1])], 1).double() for x, _ in (train, test)]
     weights = torch.linalg.lstsq(one[0], train[1].double()).solution
     return r_squared(one[1] @ weights, test[1].double())
-
-
-def mlp_probe(
-    train: tuple[Tensor, Tensor],
-    test: tuple[Tensor, Tensor],
-    *,
-    width: int = 256,
-    epochs: int = 40,
-    seed: int = 0,
-) -> float:
-    """R² on the test part of a network with two hidden layers, fitted on the training part.
-
-    Args:
-        train: Latents `[N, d]` and targets `[N, T]`.
-        test: The same of the test part.
-        width: Width of the hidden layers.
-        epochs: Number of passes over the training part.
-        seed: Seed of the initialisation and of the order of the windows.
-
-    Raises:
-        ValueError: If an argument is not such a pair.
-    """
-    _check_probe(train=train, test=test)
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
-        mean, std = train[0].mean(0), train[0].std(0).clamp_min(1e-6)
-        model = nn.Sequential(
-            nn.Linear(train[0].shape[1], width),
-            nn.ReLU(),
-            nn.Linear(width, width),
-            nn.ReLU(),
-            nn.Linear(width, train[1].shape[1]),
-        ).to(train[0].device)
-        steps = epochs * -(-len(train[0]) // 256)
-        optimizer = torch.optim.Adam(model.parameters(), fused=True)
-        schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, 2e-3, total_steps=steps + 1)
-        with torch.enable_grad():
-            for _ in range(epochs):
-                for rows in torch.randperm(len(train[0])).split(256):
-                    error = model((train[0][rows] - mean) / std) - train[1][rows]
-                    optimizer.zero_grad()
-                    error.square().mean().backward()
-                    optimizer.step()
-                    schedule.step()
-        with torch.no_grad():
-            return r_squared(model((test[0] - mean) / std), test[1])
 
 
 def _check_probe(**parts: tuple[Tensor, Tensor]) -> None:

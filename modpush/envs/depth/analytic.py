@@ -1,18 +1,53 @@
-"""`AnalyticDepthCamera`: the depth image, computed from the known shapes."""
+"""`AnalyticDepthCamera`, computed from the known shapes, and the depth cameras by name."""
 
+import sys
 from numbers import Integral
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush.envs.depth.base import DepthCamera, SceneView
-from modpush.envs.depth.raycast import blank_image, cast_pixels, draw, warmup
-from modpush.envs.depth.solids import Solids
-from modpush.geometry.camera import CAMERA
-from modpush.geometry.labels import Label
+from modpush.envs.depth.base import DepthCamera, DepthCameraFactory, SceneView
+from modpush.envs.depth.raycast import Solids, blank_image, cast_pixels, draw, warmup
+from modpush.geometry.camera import CAMERA, Label
 from modpush.geometry.shapes import box
+from modpush.parts import find_part
 
-__all__ = ["AnalyticDepthCamera"]
+__all__ = ["DEPTH_CAMERAS", "AnalyticDepthCamera", "ImageMemory", "find_depth_camera"]
+
+
+class ImageMemory:
+    """Arrays for a batch of images, used again once the images in them are released.
+
+    Allocated again in every step, 2.5 MiB for eight scenes, they cost more (in page
+    faults) than what is drawn into them. `torch.from_numpy` keeps its array alive for as long as a
+    tensor on the same memory lives, so the arrays' reference counts tell.
+    """
+
+    _KEPT = 4  # beyond these, arrays come from the system and go back to it
+
+    def __init__(self, num_envs: int) -> None:
+        self._shape = (num_envs, 1, CAMERA.height, CAMERA.width)
+        self._arrays: list[tuple[NDArray[np.float32], NDArray[np.uint8]]] = []
+        self._free = self._count(self._new())
+
+    def _new(self) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+        return np.empty(self._shape, np.float32), np.empty(self._shape, np.uint8)
+
+    @staticmethod
+    def _count(pair: tuple[NDArray[np.float32], NDArray[np.uint8]]) -> tuple[int, int]:
+        return sys.getrefcount(pair[0]), sys.getrefcount(pair[1])
+
+    def take(self) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+        """Depth and segmentation to write into, `[B, 1, H, W]` each; make tensors of them at once."""
+        for pair in self._arrays:
+            if self._count(pair) == self._free:
+                return pair
+        pair = self._new()
+        if len(self._arrays) < self._KEPT:
+            self._arrays.append(pair)
+        return pair
+
 
 Placed = tuple[Solids, NDArray[np.float64], int]
 """Solids, their poses and their label, as `raycast.draw` takes them."""
@@ -23,7 +58,7 @@ class AnalyticDepthCamera(DepthCamera):
 
     Args:
         scenes: Scenes that the camera sees.
-        arm_in_depth: Whether the camera sees the arm.
+        arm_in_depth: True if the camera sees the arm.
     """
 
     def __init__(self, scenes: SceneView, arm_in_depth: bool = False) -> None:
@@ -108,7 +143,7 @@ class AnalyticDepthCamera(DepthCamera):
             )
 
     def _moving(self, index: int) -> list[Placed]:
-        """The bodies that are drawn anew in every image: solids, poses, label."""
+        """The bodies that are drawn again in every image: solids, poses, label."""
         scenes = self.scenes
         name = scenes.scenarios[index].pushed_object
         pose = scenes.object_transform_of(index)[None]
@@ -124,3 +159,25 @@ class AnalyticDepthCamera(DepthCamera):
     def _boxes(self, index: int, rows: NDArray[np.int64]) -> Solids:
         obstacles = self.scenes.scenarios[index].obstacles
         return Solids.of(box(*obstacles[i].size) for i in rows)
+
+
+DEPTH_CAMERAS: dict[str, DepthCameraFactory | str] = {
+    "analytic": AnalyticDepthCamera,
+    "sapien": "modpush.envs.engines.sapien.rendered_camera:RenderedDepthCamera",
+}
+"""The shipped depth cameras by name, or where they are."""
+
+
+def find_depth_camera(depth: str | DepthCameraFactory) -> DepthCameraFactory:
+    """Factory of a depth camera, by name, by `"module:name"`, or passed through.
+
+    Raises:
+        ValueError: If there is no such camera (the known ones are listed), or if it cannot be called.
+    """
+    found: Any = find_part("depth", find_part("depth", depth, DEPTH_CAMERAS), {})
+    if not callable(found):
+        raise ValueError(
+            f"PushEnv: depth must be a DepthCamera's class or a function (scenes, arm_in_depth) -> "
+            f"DepthCamera, got {found!r}."
+        )
+    return found

@@ -61,7 +61,7 @@ class DepthCamera(ABC):
 
     Args:
         scenes: Scenes that the camera sees.
-        arm_in_depth: Whether the camera sees the arm.
+        arm_in_depth: True if the camera sees the arm.
     """
 
     needs_renderer: ClassVar[bool] = False
@@ -89,4 +89,4 @@ class DepthCamera(ABC):
 
 
 DepthCameraFactory = Callable[[Any, bool], DepthCamera]
-"""From a `SceneView` and whether the arm is seen to a depth camera; a class is one."""
+"""`(SceneView, arm_in_depth) -> DepthCamera`; a class of cameras is one."""

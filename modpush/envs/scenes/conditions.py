@@ -49,7 +49,7 @@ class EpisodeConditions:
     sim_freq: Annotated[Count, Le(100_000)] | None = 120
     """Physics steps per second [Hz]; None for the engine's own."""
     goal: Goal = "position"
-    """What the episodes ask for: a position of the object's centre, or a pose of the object."""
+    """Kind of the goals: a position of the object's centre, or a pose of the object."""
     position_tolerance: Length = GOAL_THRESHOLD
     """Distance of the object's centre from the goal at which an episode succeeds [m]."""
     yaw_tolerance: YawTolerance = math.radians(10)

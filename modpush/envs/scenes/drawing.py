@@ -72,14 +72,14 @@ def draw_top_view(
         scenario: What the episode started from.
         object_pose: x, y, yaw now [m, m, rad].
         ee_pose: x, y, yaw of the tool's tip now.
-        object_path: Where the object has been, `[n, 2]` [m].
-        ee_path: Where the tool has been, `[n, 2]` [m].
+        object_path: Positions of the object until now, `[n, 2]` [m].
+        ee_path: Positions of the tool until now, `[n, 2]` [m].
         planned_path: A planned way, `[n, 2]` [m], magenta.
         subgoal: x, y of the present sub-goal [m], a magenta disc.
         inflation: Obstacles get a light rim of this width, where the object's centre cannot be [m].
-        obstacle_poses: Where the obstacles are now, `[n, 3]`; where they started by default.
+        obstacle_poses: Present poses of the obstacles, `[n, 3]`; by default those at the start.
         caption: Lines at the top; with them goes a legend of the colours at the bottom.
-        tool: What the arm holds.
+        tool: The arm's tool.
         objects: Your own objects by name, as in `PushEnv.pushed_objects`.
         position_tolerance: Radius of the disc around the goal [m]. A goal pose is drawn as the object's
             outline there.

@@ -187,7 +187,7 @@ def random_clutter(
     Args:
         rng: Source of randomness.
         difficulty: Not used: `num_cubes` says how hard it is.
-        num_cubes: How many, up to `MAX_OBSTACLES`.
+        num_cubes: Number of cubes, up to `MAX_OBSTACLES`.
         spacing: Least distance between the cubes' circumscribed circles [m].
 
     Raises:

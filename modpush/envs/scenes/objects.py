@@ -15,12 +15,12 @@ from modpush.geometry.footprint import (
     area_and_centroid,
     centroid,
     circumscribed_radius,
+    inscribed_radius,
     outline_of,
     support,
     vertical_range,
     yaw_symmetry,
 )
-from modpush.geometry.inscribed import inscribed_radius
 from modpush.geometry.shapes import Primitive, box, cylinder, prism
 from modpush.parts import find_part
 
@@ -246,7 +246,7 @@ def get_object(
     evaluation and drawing find it again.
 
     Args:
-        name: What to look up.
+        name: Name of an object.
         objects: Objects by name, as in `PushEnv.pushed_objects`, that are looked up before the
             shipped ones.
 

@@ -85,7 +85,7 @@ class Obstacle:
     """x and y of the centre, and yaw of the long axis, robot's base frame [m, m, rad]; where it moves by
     itself, those at the episode's start."""
     motion: Patrol | None = None
-    """How it moves by itself, whatever is in its way; None for an obstacle that does not."""
+    """Motion of a moving obstacle, which nothing stops; None for one that stands."""
 
     def __post_init__(self) -> None:
         (x0, y0), (x1, y1) = _TABLE

@@ -33,12 +33,12 @@ class SensingConfig:
 
     @property
     def noisy(self) -> bool:
-        """Whether the object's pose has noise."""
+        """True if the object's pose has noise."""
         return self.position_noise > 0 or self.yaw_noise > 0
 
     @property
     def exact(self) -> bool:
-        """Whether the policy observes the present, true state."""
+        """True if the policy observes the present, true state."""
         return not self.noisy and self.observation_delay == (0, 0)
 
 

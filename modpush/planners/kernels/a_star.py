@@ -9,8 +9,14 @@ from numpy.typing import NDArray
 from modpush._batching import BatchKernel
 from modpush._kernels import njit
 from modpush.planners.kernels.heap import heap_pop, heap_set
-from modpush.planners.kernels.maps import Maps, refresh_map
-from modpush.planners.kernels.paths import PathArrays, Queries, place_ends, write_path
+from modpush.planners.kernels.maps import (
+    Maps,
+    PathArrays,
+    Queries,
+    place_ends,
+    refresh_map,
+    write_path,
+)
 from modpush.planners.kernels.visibility import FRACTION_BITS, ONE, SE
 
 __all__ = ["Steps", "plan_all", "search_cells"]

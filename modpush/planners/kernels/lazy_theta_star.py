@@ -6,8 +6,16 @@ from numpy.typing import NDArray
 
 from modpush._batching import BatchKernel
 from modpush._kernels import njit
-from modpush.planners.kernels.maps import MAX_CORNERS, Maps, corner_count, refresh_map
-from modpush.planners.kernels.paths import PathArrays, Queries, place_ends, write_path
+from modpush.planners.kernels.maps import (
+    MAX_CORNERS,
+    Maps,
+    PathArrays,
+    Queries,
+    corner_count,
+    place_ends,
+    refresh_map,
+    write_path,
+)
 from modpush.planners.kernels.taut_search import taut_search
 from modpush.planners.kernels.theta_search import solve_over_grid
 from modpush.planners.kernels.visibility import line_of_sight

@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 from modpush._batching import BatchKernel
 from modpush._kernels import njit
 from modpush.planners.kernels.footprint_poses import BLOCKED, PoseGrid, mark_poses
-from modpush.planners.kernels.pose_nodes import (
+from modpush.planners.kernels.pose_search import (
     corners_around,
     cost_at,
     find_nearest,
     is_same,
     move_cost,
     put,
+    search_poses,
 )
-from modpush.planners.kernels.pose_search import search_poses
 
 __all__ = ["PoseFields", "PoseQueries", "empty_fields", "refresh_fields"]
 

@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 from modpush._batching import BatchKernel
 from modpush._kernels import njit
 from modpush.planners.kernels.pose_field import PoseFields, PoseQueries
-from modpush.planners.kernels.pose_nodes import (
+from modpush.planners.kernels.pose_search import (
     are_joined,
     corners_around,
     cost_at,
+    descend,
     find_nearest,
     is_same,
     move_cost,
     put,
 )
-from modpush.planners.kernels.pose_search import descend
 
 __all__ = ["PosePathArrays", "read_paths"]
 

@@ -33,7 +33,7 @@ def touches(dx: int, dy: int, bx: int, by: int) -> bool:
     Args:
         dx: Direction, x.
         dy: Direction, y.
-        bx: Which way the blocked cell lies from the corner, -1 or 1.
+        bx: Direction of the blocked cell from the corner along x, -1 or 1.
         by: The same for y.
     """
     return (dx * bx) * (dy * by) <= 0
@@ -48,7 +48,7 @@ def stays_taut(ax: int, ay: int, cx: int, cy: int, bx: int, by: int) -> bool:
         ay: The same, y.
         cx: Direction in which it leaves, x.
         cy: The same, y.
-        bx: Which way the blocked cell lies from the corner, -1 or 1.
+        bx: Direction of the blocked cell from the corner along x, -1 or 1.
         by: The same for y.
 
     Returns:
@@ -122,7 +122,7 @@ def taut_search(
         codes: `[H + 1, W + 1]` uint8 from `visibility.vertex_codes`.
         nodes: `[N, 4]` int64, rows as from `visibility.convex_corners`; the root and the target are
             among them, with (0, 0) for the blocked cell's direction.
-        root: Where to start.
+        root: Node to start from.
         target: Stop when this node's path is known. -1: continue until all are.
         cost: `[N]` float64, overwritten with the paths' lengths [cells], inf where none is known.
         parent: `[N]` int32, overwritten with the node before on the path, the root's itself, -1

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from modpush._kernels import njit
 from modpush.planners.kernels.heap import heap_pop, heap_set
-from modpush.planners.kernels.maps import Maps
-from modpush.planners.kernels.paths import PathArrays, Queries, write_path
+from modpush.planners.kernels.maps import Maps, PathArrays, Queries, write_path
 from modpush.planners.kernels.visibility import FRACTION_BITS, NE, NW, ONE, SE, SW, line_of_sight
 
 # The eight neighbours, and for each the cells of which one must be free to go there.

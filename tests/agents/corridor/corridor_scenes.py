@@ -3,8 +3,12 @@
 import numpy as np
 import torch
 
-from modpush.agents.corridor.path import corridor_cost, least_cost_path
-from modpush.agents.corridor.scene import CorridorScene, obstacle_distance
+from modpush.agents.corridor.scene import (
+    CorridorScene,
+    corridor_cost,
+    least_cost_path,
+    obstacle_distance,
+)
 
 
 def wall(height=40, width=60, rows=slice(18, 22), columns=slice(0, 40)):

@@ -3,8 +3,7 @@
 import numpy as np
 import torch
 
-from modpush.agents.corridor.path import corridor_cost
-from modpush.agents.corridor.scene import obstacle_distance
+from modpush.agents.corridor.scene import corridor_cost, obstacle_distance
 from tests.agents.corridor.corridor_scenes import plan, wall
 
 

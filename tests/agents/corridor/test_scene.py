@@ -9,12 +9,10 @@ from modpush.agents.corridor.scene import (
     ObstacleDistances,
     away_from_obstacles,
     least_clearance,
-    object_clearance,
     obstacle_distance,
-    tool_repulsion,
 )
 from modpush.geometry import Camera
-from tests.agents.corridor.corridor_scenes import scene, wall
+from tests.agents.corridor.corridor_scenes import wall
 
 
 def test_distances_are_exact():
@@ -52,23 +50,3 @@ def test_away_from_obstacles_by_hand():
     assert away_from_obstacles(distance, 10.0, 14.0) == pytest.approx((0.0, -1.0, 4.0), abs=1e-3)
     assert away_from_obstacles(distance, 44.0, 20.0)[0] == pytest.approx(1.0, abs=1e-3)
     assert away_from_obstacles(np.full((5, 5), np.inf, np.float32), 2, 2) == (0.0, 0.0, np.inf)
-
-
-def test_clearance_of_the_object_in_metres():
-    camera = Camera(height=40, width=60)
-    spots = camera.unproject(torch.tensor([[10.0, 14.0], [10.0, -30.0]]))
-    clear = object_clearance(scene([obstacle_distance(wall())] * 2, camera, spots))
-    assert clear.tolist() == pytest.approx([4 * camera.cell_size, 18 * camera.cell_size], rel=1e-3)
-
-
-def test_repulsion_turns_pixels_into_metres():
-    camera = Camera(height=40, width=60)
-    distance = obstacle_distance(wall())
-    above = camera.unproject(torch.tensor([[10.0, 14.0]]))  # 4 cells above the wall
-    push = tool_repulsion(scene([distance], camera, tool_position=above), 8 * camera.cell_size)
-    torch.testing.assert_close(push, torch.tensor([[0.5, 0.0]]), atol=1e-3, rtol=0)  # up is +x
-    right = camera.unproject(torch.tensor([[43.0, 20.0]]))  # 4 cells to the wall's right
-    push = tool_repulsion(scene([distance], camera, tool_position=right), 8 * camera.cell_size)
-    torch.testing.assert_close(push, torch.tensor([[0.0, -0.5]]), atol=0.02, rtol=0)  # right is -y
-    none = tool_repulsion(scene([distance], camera, tool_position=above), 0.0)
-    assert none.tolist() == [[0.0, 0.0]]

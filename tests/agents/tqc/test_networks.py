@@ -1,6 +1,5 @@
 """The networks of actor and critics."""
 
-import pytest
 import torch
 from tensordict import TensorDict
 from torch import nn
@@ -17,9 +16,3 @@ def test_log_standard_deviation_is_clamped():
         head.bias.data[1] = bias
         data = actor(TensorDict({"observation": torch.zeros(1, 2)}, batch_size=[1]))
         torch.testing.assert_close(data["scale"].squeeze(), scale)
-
-
-def test_an_observation_of_another_environment_is_refused():
-    actor = make_actor(2, Bounded(-1, 1, (1,)), (4,))
-    with pytest.raises(ValueError, match="expected 2 input values, got 3"):
-        actor(TensorDict({"observation": torch.zeros(1, 3)}, batch_size=[1]))

@@ -1,10 +1,7 @@
 """Own networks and losses: by name, as "module:name" and as objects."""
 
-import re
-
 import pytest
 import torch
-from tensordict import TensorDict
 from tensordict.nn import TensorDictModule
 from torch import nn
 from torchrl.data import Bounded, Composite, Unbounded
@@ -137,23 +134,3 @@ def test_factories_see_the_config_and_the_specs():
 
     build(critic=critic)
     assert seen == [(SMALL, 3, (1,), 0)] * 2
-
-
-@pytest.mark.parametrize("part", ["loss", "actor", "critic"])
-def test_an_unknown_name_lists_those_there_are(part):
-    message = re.escape(f"{part}: there is no 'best', expected one of [")
-    with pytest.raises(ValueError, match=message):
-        build(**{part: "best"})
-
-
-def test_a_loss_that_reports_no_loss_is_refused():
-    class Nothing(SACLoss):
-        def forward(self, tensordict):
-            return TensorDict({"value": torch.zeros(())})
-
-    def loss(config, actor, critics, specs):
-        return Nothing(actor, critics)
-
-    message = r"Nothing must return outputs named loss_\*, it returned \['value'\]"
-    with pytest.raises(KeyError, match=message):
-        build(SCALAR_CRITICS, loss=loss).update(make_pendulum_batch(0))

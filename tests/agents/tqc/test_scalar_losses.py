@@ -65,15 +65,3 @@ def test_targets_are_discounted_by_the_configs_gamma(env, name):
     squares = batch["next", "reward"].square().mean()  # summed over two critics
     torch.testing.assert_close(agent.loss(batch)["loss_qvalue"], 2 * squares, rtol=1e-4, atol=0)
     assert agent.loss.value_estimator.gamma.item() == pytest.approx(0.9)
-
-
-def test_only_tqc_trains_an_encoder(env):
-    with pytest.raises(ValueError, match="loss must be 'tqc' to train an image encoder, got 'sac'"):
-        make_tqc(SMALL, env, loss="sac", encoder=TinyEncoder())
-
-
-class TinyEncoder(torch.nn.Module):
-    latent_dim = 2
-
-    def forward(self, images):
-        return images.flatten(1)[:, :2]

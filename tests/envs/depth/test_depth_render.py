@@ -13,7 +13,7 @@ from modpush.envs.depth.analytic import AnalyticDepthCamera
 from modpush.envs.depth.raycast import blank_image
 from modpush.envs.engines.sapien.rendered_camera import RenderedDepthCamera
 from modpush.envs.scenes.sampling import sample_scenario
-from modpush.geometry.labels import Label
+from modpush.geometry.camera import Label
 
 # Each family several times and each object; every pair and more among the slow tests.
 COUNTS = [pytest.param(40, id="quick"), pytest.param(200, id="slow", marks=pytest.mark.slow)]

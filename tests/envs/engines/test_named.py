@@ -161,7 +161,7 @@ def test_what_mujoco_cannot_do_is_said(options, message) -> None:
     [OWN, MujocoEngine, functools.partial(MujocoEngine)],
     ids=["name", "class", "function"],
 )
-def test_an_engine_of_one_s_own_is_used(engine) -> None:
+def test_an_engine_of_your_own_is_used(engine) -> None:
     rate = {} if engine is OWN or engine is MujocoEngine else {"sim_freq": 480}
     env = PushEnv(1, engine=engine, depth=None, **rate)
     env.rollout(2)

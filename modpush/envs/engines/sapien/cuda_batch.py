@@ -11,7 +11,7 @@ import sapien
 import torch
 from torch import Tensor
 
-from modpush._experimental import warn_experimental
+from modpush._extras import warn_experimental
 from modpush.envs.depth.base import DepthCameraFactory
 from modpush.envs.engines.base import SceneSpec
 from modpush.envs.engines.sapien.task import ClutterPushEnv

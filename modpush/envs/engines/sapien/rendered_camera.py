@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from modpush.envs.depth.base import DepthCamera
 from modpush.envs.engines.sapien.engine import SapienEngine
 from modpush.envs.engines.sapien.rendering import NO_RENDERER, camera_pose
-from modpush.geometry.camera import CAMERA
-from modpush.geometry.labels import Label
+from modpush.geometry.camera import CAMERA, Label
 
 if TYPE_CHECKING:
     from modpush.envs.engines.sapien.task import ClutterPushEnv

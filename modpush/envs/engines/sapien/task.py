@@ -42,11 +42,11 @@ from modpush.envs.outcome import GOAL_THRESHOLD, is_at_goal, is_out_of_bounds
 from modpush.envs.robot.control import start_joints
 from modpush.envs.robot.named import ROBOTS
 from modpush.envs.robot.tools import TOOLS
+from modpush.envs.scene_state import make_generators
 from modpush.envs.scenes.arm_room import check_arm_is_free
 from modpush.envs.scenes.objects import get_object_of
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
-from modpush.envs.seeding import make_generators
 from modpush.envs.simulation_config import set_fields
 from modpush.geometry.workspace import BOUNDS_MARGIN
 

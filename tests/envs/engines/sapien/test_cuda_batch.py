@@ -3,7 +3,7 @@ import warnings
 import pytest
 import torch
 
-from modpush._experimental import warn_experimental
+from modpush._extras import warn_experimental
 from modpush.envs import OBJECTS
 from modpush.envs.engines.base import SceneSpec
 from modpush.envs.engines.sapien.cuda_batch import CudaBatch
