@@ -43,12 +43,15 @@ MAY_KNOW = {
     "training": _STACK | {"recipes", "evaluation"},
     "export": {"geometry", "encoders", "mdp", "agents", "planners", "recipes"},
     "data": {"geometry", "envs", "mdp", "recipes", "evaluation"},
+    "deploy": _STACK - {"replay"} | {"recipes", "export"},
     "viewer": _STACK - {"replay"} | {"recipes", "evaluation", "training"},
-    "cli": _STACK | {"recipes", "evaluation", "training", "export", "data", "viewer"},
+    "cli": _STACK | {"recipes", "evaluation", "training", "export", "data", "deploy", "viewer"},
 }
 """What each package may import besides itself and the shared modules."""
 SIMULATOR = {"sapien", "mani_skill", "mujoco"}
-WITHOUT_SIMULATOR = sorted(set(MAY_KNOW) - {"recipes", "training", "export", "data", "cli"})
+WITHOUT_SIMULATOR = sorted(
+    set(MAY_KNOW) - {"recipes", "training", "export", "data", "deploy", "cli"}
+)
 
 
 def imported_modules(source: str, package: str) -> set[str]:

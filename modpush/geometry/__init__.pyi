@@ -1,4 +1,5 @@
 from .camera import CAMERA as CAMERA, Camera as Camera, Label as Label
+from .camera_model import CameraModel as CameraModel
 from .footprint import centered as centered
 from .frames import (
     Frame as Frame,

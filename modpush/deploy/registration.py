@@ -1,0 +1,301 @@
+"""How well a pose of a known object explains a depth image, and the search for the best one. Compiled.
+
+For each pixel near the object, the depth at which it would show it is compared with what it shows.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modpush._kernels import njit
+from modpush.deploy.image_kernels import ARM, GOOD
+from modpush.deploy.outlines import overlap, place
+from modpush.envs.scenes.objects import PushedObject
+from modpush.geometry.footprint import outline_of, side_planes, vertical_range
+
+__all__ = [
+    "BEHIND",
+    "EXPLAINED",
+    "HIDDEN",
+    "UNEXPLAINED",
+    "ObjectShape",
+    "best_pose",
+    "compare",
+    "gather",
+]
+
+EXPLAINED, UNEXPLAINED, HIDDEN = 0, 1, 2
+"""What a pixel shows: the table or a known obstacle; something else; the arm, perhaps."""
+BEHIND = 0.010
+"""Difference of depths that contradicts a pose [m]: five times the noise at 1 m."""
+_OVER_TABLE = 0.009
+"""Height over what is known below which a pixel is explained by it [m]."""
+_OVERLAP = 0.0015
+"""Overlap of tool and object that costs as much as a tenth of the object's pixels [m]."""
+
+Floats = NDArray[np.float64]
+Image = NDArray[np.float32]
+
+
+class ObjectShape(NamedTuple):
+    """The upright parts of an object as arrays that the kernels read; a capsule counts as a cylinder."""
+
+    sides: Floats
+    """Outward normal (x, y) and distance from the origin of each part's sides, `[n, m, 3]` [m]."""
+    counts: NDArray[np.int64]
+    """Number of sides of each part, 0 of a cylinder, `[n]`."""
+    circles: Floats
+    """Axis (x, y) and radius of each cylinder, `[n, 3]` [m]; radius 0 for other parts."""
+    levels: Floats
+    """Lower and upper end of each part over the table, `[n, 2]` [m]."""
+
+    @classmethod
+    def of(cls, item: PushedObject) -> "ObjectShape":
+        """The shape of an object that stands on the table."""
+        n = len(item.parts)
+        planes, circles = [np.zeros((0, 3))] * n, np.zeros((n, 3))
+        for i, part in enumerate(item.parts):
+            if part.kind in ("box", "prism"):
+                planes[i] = np.column_stack(side_planes(outline_of(part)))
+            else:
+                circles[i] = (*part.position[:2], part.size[0])
+        counts = np.array([len(of_part) for of_part in planes], dtype=np.int64)
+        sides = np.zeros((n, max(1, counts.max()), 3))
+        for row, of_part in zip(sides, planes, strict=True):
+            row[: len(of_part)] = of_part
+        levels = np.array([vertical_range(part) for part in item.parts]) + item.height / 2
+        return cls(sides, counts, circles, levels)
+
+
+@njit(error_model="numpy")
+def gather(
+    depth: Image,
+    kind: NDArray[np.uint8],
+    rays: Image,
+    origin: Floats,
+    box: tuple[int, int, int, int],
+    stride: int,
+    known: Image,
+    corner: Floats,
+    cell: float,
+    out: Floats,
+) -> int:
+    """Collect the pixels in a rectangle (u0, v0, u1, v1) of an image.
+
+    Args:
+        depth: `[H, W]` [m].
+        kind: `[H, W]`, what each pixel is, from `sort_pixels`.
+        rays: `[H, W, 3]`.
+        origin: The pinhole [m].
+        box: The rectangle [px].
+        stride: Distance of the pixels that are read [px].
+        known: Heights up to which the table and known obstacles reach around each cell [m].
+        corner: Centre of the first cell.
+        cell: Side of a cell [m].
+        out: Overwritten with ray (x, y, z), depth, and what the pixel shows, `[n, 5]`.
+
+    Returns:
+        The number of pixels.
+    """
+    n = 0
+    u0, v0, u1, v1 = box
+    for v in range(v0, v1, stride):
+        for u in range(u0, u1, stride):
+            if kind[v, u] != ARM and kind[v, u] != GOOD:
+                continue
+            x, y, z = rays[v, u, 0], rays[v, u, 1], rays[v, u, 2]
+            out[n, 0], out[n, 1], out[n, 2], out[n, 3] = x, y, z, depth[v, u]
+            out[n, 4] = HIDDEN
+            if kind[v, u] == GOOD:
+                d = depth[v, u]
+                i = int(math.floor((corner[0] - origin[0] - d * x) / cell + 0.5))
+                j = int(math.floor((corner[1] - origin[1] - d * y) / cell + 0.5))
+                height = np.float32(0.0)
+                if 0 <= i < known.shape[0] and 0 <= j < known.shape[1]:
+                    height = known[i, j]
+                over = origin[2] + d * z > height + _OVER_TABLE
+                out[n, 4] = UNEXPLAINED if over else EXPLAINED
+            n += 1
+            if n == len(out):
+                return n
+    return n
+
+
+@njit(error_model="numpy")
+def compare(
+    pose: Floats,
+    pixels: Floats,
+    origin: Floats,
+    radius: float,
+    sides: Floats,
+    counts: NDArray[np.int64],
+    circles: Floats,
+    levels: Floats,
+) -> tuple[float, float, int, int]:
+    """Compare a pose of an object with pixels.
+
+    Args:
+        pose: x, y, yaw [m, m, rad].
+        pixels: `[n, 5]` from `gather`.
+        origin: The pinhole [m].
+        radius: Of the circle around the object's footprint [m].
+        sides: See `ObjectShape`.
+        counts: See `ObjectShape`.
+        circles: See `ObjectShape`.
+        levels: See `ObjectShape`.
+
+    Returns:
+        What contradicts the pose, all pixels together; that on the object alone; the number of pixels on
+        the object that show something; and the number of all pixels on the object.
+    """
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    dx, dy, oz = origin[0] - pose[0], origin[1] - pose[1], origin[2]
+    ox, oy = cos * dx + sin * dy, -sin * dx + cos * dy
+    # The ball around the object, by which most rays are told to miss it.
+    top = levels[:, 1].max()
+    ball_z = oz - 0.5 * top
+    outside = ox * ox + oy * oy + ball_z * ball_z - radius * radius - 0.25 * top * top
+    total, own, shown, covered = 0.0, 0.0, 0, 0
+    for i in range(len(pixels)):
+        x, y, z = pixels[i, 0], pixels[i, 1], pixels[i, 2]
+        rx, ry = cos * x + sin * y, -sin * x + cos * y
+        along = ox * rx + oy * ry + ball_z * z
+        first = np.inf
+        if along * along > (rx * rx + ry * ry + z * z) * outside:
+            for k in range(len(counts)):
+                near, far = (levels[k, 1] - oz) / z, (levels[k, 0] - oz) / z
+                if near > far:
+                    near, far = far, near
+                for m in range(counts[k]):
+                    nx, ny = sides[k, m, 0], sides[k, m, 1]
+                    rate = nx * rx + ny * ry
+                    gap = sides[k, m, 2] - nx * ox - ny * oy
+                    if rate < 0.0:
+                        near = max(near, gap / rate)
+                    elif rate > 0.0:
+                        far = min(far, gap / rate)
+                    elif gap < 0.0:
+                        far = -np.inf
+                if circles[k, 2] > 0.0:
+                    cx, cy = ox - circles[k, 0], oy - circles[k, 1]
+                    a, b = rx * rx + ry * ry, cx * rx + cy * ry
+                    inside = b * b - a * (cx * cx + cy * cy - circles[k, 2] ** 2)
+                    if inside < 0.0:
+                        far = -np.inf
+                    else:
+                        root = math.sqrt(inside)
+                        near, far = max(near, (-b - root) / a), min(far, (-b + root) / a)
+                if near <= far:
+                    first = min(first, near)
+        what = int(pixels[i, 4])
+        if first == np.inf:
+            if what == UNEXPLAINED:
+                total += 1.0
+            continue
+        covered += 1
+        if what == HIDDEN:
+            continue
+        behind = (pixels[i, 3] - first) / BEHIND
+        if behind < -1.0 and what == EXPLAINED:
+            continue  # a known obstacle before it
+        shown += 1
+        cost = min(1.0, behind * behind)
+        total += cost
+        own += cost
+    return total, own, shown, covered
+
+
+@njit(error_model="numpy")
+def _cost(
+    pose: Floats,
+    prior: Floats,
+    spread: Floats,
+    weight: float,
+    tool: Floats,
+    tool_corners: NDArray[np.int64],
+    outlines: Floats,
+    corners: NDArray[np.int64],
+    pixels: Floats,
+    origin: Floats,
+    radius: float,
+    shape: tuple,
+) -> float:
+    """What contradicts a pose: the pixels, its distance from a prior, and overlap with the tool."""
+    total = compare(pose, pixels, origin, radius, *shape)[0]
+    for axis in range(3):
+        total += 0.03 * weight * ((pose[axis] - prior[axis]) / spread[axis]) ** 2
+    body = np.empty_like(outlines[0])
+    for part in range(len(outlines)):
+        n = corners[part]
+        place(outlines[part, :n], pose[0], pose[1], pose[2], body[:n])
+        for k in range(len(tool)):
+            depth = overlap(tool[k, : tool_corners[k]], body[:n])[0]
+            if depth > 0.0:
+                total += 0.1 * weight * (depth / _OVERLAP) ** 2
+    return total
+
+
+@njit(error_model="numpy")
+def best_pose(
+    starts: Floats,
+    step: float,
+    arm: float,
+    prior: Floats,
+    spread: Floats,
+    weight: float,
+    tool: Floats,
+    tool_corners: NDArray[np.int64],
+    outlines: Floats,
+    corners: NDArray[np.int64],
+    pixels: Floats,
+    origin: Floats,
+    radius: float,
+    shape: tuple,
+    keep: int,
+) -> tuple[Floats, float]:
+    """The pose that explains pixels best, by a pattern search from the best of some poses.
+
+    Args:
+        starts: Poses to begin with, `[n, 3]` [m, m, rad].
+        step: First step of the search [m]; it is halved down to a sixteenth.
+        arm: Length by which a step is divided for yaw [m].
+        prior: Pose that is expected.
+        spread: Standard deviation of it, `[3]` [m, m, rad].
+        weight: Number of pixels that the object covers, which sets the weight of all that is no pixel.
+        tool: Outlines of the tool, `[k, n, 2]` [m].
+        tool_corners: Number of corners of each.
+        outlines: Outlines of the object's parts, `[k, n, 2]` [m].
+        corners: Number of corners of each.
+        pixels: `[n, 5]` from `gather`.
+        origin: The pinhole [m].
+        radius: Of the circle around the object's footprint [m].
+        shape: The arrays of its `ObjectShape`.
+        keep: Number of poses from which is searched.
+
+    Returns:
+        The pose, and its cost [px].
+    """
+    rest = (prior, spread, weight, tool, tool_corners, outlines, corners, pixels, origin, radius)
+    first = np.empty(len(starts))
+    for i in range(len(starts)):
+        first[i] = _cost(starts[i], *rest, shape)
+    best, least = starts[0].copy(), np.inf
+    trial = np.empty(3)
+    for i in np.argsort(first)[:keep]:
+        pose, cost, size = starts[i].copy(), first[i], step
+        while size > step / 17:
+            moved = False
+            for axis in range(3):
+                for sign in (-1.0, 1.0):
+                    trial[:] = pose
+                    trial[axis] += sign * (size if axis < 2 else size / arm)
+                    found = _cost(trial, *rest, shape)
+                    if found < cost - 1e-9:
+                        pose[:], cost, moved = trial, found, True
+            if not moved:
+                size *= 0.5
+        if cost < least:
+            best[:], least = pose, cost
+    return best, least
