@@ -55,6 +55,16 @@ MAY_KNOW = {
     },
     "export": {"geometry", "encoders", "mdp", "agents", "planners", "recipes"},
     "data": {"geometry", "envs", "mdp", "recipes", "evaluation"},
+    "deploy": {
+        "geometry",
+        "envs",
+        "planners",
+        "encoders",
+        "mdp",
+        "agents",
+        "recipes",
+        "export",
+    },
     "cli": {
         "geometry",
         "envs",
@@ -68,6 +78,7 @@ MAY_KNOW = {
         "training",
         "export",
         "data",
+        "deploy",
         "viewer",
     },
     "viewer": {
@@ -84,7 +95,9 @@ MAY_KNOW = {
 }
 """What each package may import besides itself and the shared modules."""
 SIMULATOR = {"sapien", "mani_skill", "mujoco"}
-WITHOUT_SIMULATOR = sorted(set(MAY_KNOW) - {"recipes", "training", "export", "data", "cli"})
+WITHOUT_SIMULATOR = sorted(
+    set(MAY_KNOW) - {"recipes", "training", "export", "data", "deploy", "cli"}
+)
 
 
 def imported_modules(source: str, package: str) -> set[str]:

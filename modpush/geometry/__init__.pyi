@@ -3,6 +3,7 @@ from .angles import (
     wrap_angle as wrap_angle,
 )
 from .camera import CAMERA as CAMERA, Camera as Camera
+from .camera_model import CameraModel as CameraModel
 from .footprint import centered as centered
 from .frames import (
     Frame as Frame,
