@@ -1,2 +1,19 @@
+from .controller import PushController as PushController
 from .estimate import ObjectEstimate as ObjectEstimate, Perceived as Perceived
+from .guard import Guard as Guard
+from .limits import Limits as Limits
 from .perception import Perception as Perception
+from .policy_file import load_policy as load_policy
+from .pushing import (
+    DepthImage as DepthImage,
+    Pushed as Pushed,
+    push as push,
+)
+from .robot_interface import (
+    Command as Command,
+    RobotInterface as RobotInterface,
+    RobotState as RobotState,
+)
+from .simulated_robot import SimulatedRobot as SimulatedRobot
+from .stopped import STOP_REASONS as STOP_REASONS, Stopped as Stopped
+from .ur_robot import URRobot as URRobot

@@ -1,0 +1,74 @@
+"""`push`: one push to a goal, from the first image to the last command."""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modpush.deploy.guard import Guard
+from modpush.deploy.robot_interface import Command
+
+__all__ = ["DepthImage", "Pushed", "push"]
+
+
+class DepthImage(NamedTuple):
+    """An image of a depth camera."""
+
+    depth: NDArray[np.float32]
+    """`[H, W]` along the optical axis [m]; 0 or NaN without a reading."""
+    stamp: float
+    """When it was taken, on the clock of `RobotState.stamp` [s]."""
+
+
+class Pushed(NamedTuple):
+    """How a push ended."""
+
+    success: bool
+    """Whether the object has arrived, by the last image."""
+    steps: int
+    """Number of commands."""
+
+
+def push(
+    guard: Guard,
+    read_depth: Callable[[], DepthImage],
+    goal: Sequence[float],
+    *,
+    max_steps: int = 200,
+    on_step: Callable[[DepthImage, Command | None], None] | None = None,
+) -> Pushed:
+    """Push the object to a goal.
+
+    The arm is stopped at the end, whatever ends it.
+
+    Args:
+        guard: The guard of a connected arm, with its controller.
+        read_depth: Gives the newest depth image.
+        goal: x, y of the object's goal [m], and its yaw [rad] for an agent of goal poses.
+        max_steps: Number of commands after which the push has failed.
+        on_step: Called with each image and the command that follows from it, None at the goal.
+
+    Raises:
+        Stopped: If a check of the guard fails.
+    """
+    controller = guard.controller
+    try:
+        controller.reset(goal)
+        guard.begin()
+        for step in range(max_steps + 1):
+            state, image = guard.observe(), read_depth()
+            guard.check_image(image.stamp)
+            command = controller.act(image.depth, state.joints)
+            guard.check_view()
+            done = controller.success or step == max_steps
+            if on_step is not None:
+                on_step(image, None if done else command)
+            if done:
+                break
+            guard.command(command)
+        return Pushed(controller.success, step)
+    finally:
+        with suppress(ConnectionError):
+            guard.arm.stop()
