@@ -4,13 +4,10 @@ from .guard import Guard as Guard
 from .limits import Limits as Limits
 from .perception import Perception as Perception
 from .policy_file import load_policy as load_policy
-from .pushing import (
-    DepthImage as DepthImage,
-    Pushed as Pushed,
-    push as push,
-)
+from .pushing import Pushed as Pushed, push as push
 from .robot_interface import (
     Command as Command,
+    DepthImage as DepthImage,
     RobotInterface as RobotInterface,
     RobotState as RobotState,
 )

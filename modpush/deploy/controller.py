@@ -118,9 +118,7 @@ class PushController:
         found = self._state.get("path_found", None)
         return True if found is None else bool(found)
 
-    def reset(
-        self, goal: Sequence[float], guess: Sequence[float] | None = None
-    ) -> None:
+    def reset(self, goal: Sequence[float], guess: Sequence[float] | None = None) -> None:
         """Begin an episode with the next image.
 
         Args:

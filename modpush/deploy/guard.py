@@ -1,6 +1,7 @@
 """`Guard`: stops an arm when something is not as it should be, and says what."""
 
 import math
+from collections.abc import Callable
 from typing import NoReturn
 
 import numpy as np
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 
 from modpush.deploy.controller import PushController
 from modpush.deploy.limits import Limits
-from modpush.deploy.robot_interface import Command, RobotInterface, RobotState
+from modpush.deploy.robot_interface import Command, DepthImage, RobotInterface, RobotState
 from modpush.deploy.stopped import Stopped, StopReason
 from modpush.deploy.tip import tip_transform
 from modpush.envs.robot.control import MotionConfig
@@ -78,7 +79,9 @@ class Guard:
         inside = (depth > 0) & ((pixels >= 0) & (pixels <= size - 1)).all(-1)
         if inside.mean() < self.limits.in_view:
             missing = ", ".join(
-                f"({x[i]:.2f}, {y[i]:.2f})" for i in ((0, 0), (0, -1), (-1, 0), (-1, -1)) if not inside[i]
+                f"({x[i]:.2f}, {y[i]:.2f})"
+                for i in ((0, 0), (0, -1), (-1, 0), (-1, -1))
+                if not inside[i]
             )
             self.stop(
                 "camera",
@@ -150,22 +153,27 @@ class Guard:
                     f"({low:.3f}, {high:.3f}).",
                 )
 
-    def check_image(self, stamp: float) -> None:
-        """Refuse an old image.
+    def read_image(self, read_depth: Callable[[], DepthImage]) -> DepthImage:
+        """The newest depth image, checked; call it after `observe`.
 
         Args:
-            stamp: When it was taken, on the clock of `RobotState.stamp` [s].
+            read_depth: Reads it. A camera that is gone raises a `ConnectionError`.
 
         Raises:
-            Stopped: If it is too old.
+            Stopped: If the image is too old, or the camera is gone.
         """
         assert self._state is not None
-        age = self._state.stamp - stamp
+        try:
+            image = read_depth()
+        except ConnectionError as error:
+            self.stop("connection", str(error))
+        age = self._state.stamp - image.stamp
         if not age <= self.limits.image_age:
             self.stop(
                 "stale_image",
                 f"the newest depth image is {age:.2f} s old, at most {self.limits.image_age} s is allowed.",
             )
+        return image
 
     def check_view(self) -> None:
         """Check what the controller has seen in the image of its last `act`.

@@ -4,22 +4,10 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from modpush.deploy.guard import Guard
-from modpush.deploy.robot_interface import Command
+from modpush.deploy.robot_interface import Command, DepthImage
 
-__all__ = ["DepthImage", "Pushed", "push"]
-
-
-class DepthImage(NamedTuple):
-    """An image of a depth camera."""
-
-    depth: NDArray[np.float32]
-    """`[H, W]` along the optical axis [m]; 0 or NaN without a reading."""
-    stamp: float
-    """When it was taken, on the clock of `RobotState.stamp` [s]."""
+__all__ = ["Pushed", "push"]
 
 
 class Pushed(NamedTuple):
@@ -58,8 +46,7 @@ def push(
         controller.reset(goal)
         guard.begin()
         for step in range(max_steps + 1):
-            state, image = guard.observe(), read_depth()
-            guard.check_image(image.stamp)
+            state, image = guard.observe(), guard.read_image(read_depth)
             command = controller.act(image.depth, state.joints)
             guard.check_view()
             done = controller.success or step == max_steps

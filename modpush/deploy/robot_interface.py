@@ -1,4 +1,4 @@
-"""`RobotInterface`: what the controller asks of an arm."""
+"""`RobotInterface`: what the controller asks of an arm; states, images and commands."""
 
 from abc import ABC, abstractmethod
 from typing import NamedTuple
@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Command", "RobotInterface", "RobotState"]
+__all__ = ["Command", "DepthImage", "RobotInterface", "RobotState"]
 
 
 class RobotState(NamedTuple):
@@ -18,6 +18,15 @@ class RobotState(NamedTuple):
     """Time of the report, on the clock of the depth images' stamps [s]."""
     force: float | None = None
     """Force on the tool in the table's plane [N]; None without a sensor."""
+
+
+class DepthImage(NamedTuple):
+    """An image of a depth camera."""
+
+    depth: NDArray[np.float32]
+    """`[H, W]` along the optical axis [m]; 0 or NaN without a reading."""
+    stamp: float
+    """When it was taken, on the clock of `RobotState.stamp` [s]."""
 
 
 class Command(NamedTuple):

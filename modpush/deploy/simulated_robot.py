@@ -54,14 +54,13 @@ class SimulatedRobot(RobotInterface):
         self.robot, self.tool = find_robot(robot), find_tool(tool)
         self._make_engine = find_engine(engine)
         self._freq = sim_freq or default_sim_freq(engine, self._make_engine)
-        self._start = start_joints(
-            self.robot, self.tool, scenario.tool_pose, self.item.tool_height
-        )
+        self._start = start_joints(self.robot, self.tool, scenario.tool_pose, self.item.tool_height)
         self.scene: Any = None
         """The physics engine's scene, an `Engine`; None before `connect`."""
         self.contacts = [False] * 6
         """True contacts of the last step, in the order of `CONTACT_KEYS`."""
-        self._time = 0.0
+        self.time = 0.0
+        """Simulated time since `connect` [s]."""
 
     def connect(self) -> None:
         """Place arm, object and obstacles as the scenario says."""
@@ -74,11 +73,11 @@ class SimulatedRobot(RobotInterface):
         )
         self.scene = self._make_engine(spec)
         self.scene.load(self.scenario, self._start)
-        self._time = 0.0
+        self.time = 0.0
 
     def observe(self) -> RobotState:
         """See `RobotInterface`."""
-        return RobotState(self._scene().joint_position().astype(np.float64), self._time)
+        return RobotState(self._scene().joint_position().astype(np.float64), self.time)
 
     def command(self, command: Command) -> None:
         """See `RobotInterface`; the step is the one that `PushEnv` would take."""
@@ -92,7 +91,7 @@ class SimulatedRobot(RobotInterface):
         )
         position, velocity = way.position[0].tolist(), way.velocity[0].tolist()
         self.contacts = self._scene().advance(position, velocity, contact_looks(substeps))
-        self._time += substeps / self._freq
+        self.time += substeps / self._freq
 
     def stop(self) -> None:
         """See `RobotInterface`: the drives hold the arm where it is."""
@@ -101,7 +100,7 @@ class SimulatedRobot(RobotInterface):
         here, rest = self.observe().joints.tolist(), [0.0] * len(self.robot.joints)
         substeps = self._freq // 10
         self.scene.advance([here] * substeps, [rest] * substeps, contact_looks(substeps))
-        self._time += substeps / self._freq
+        self.time += substeps / self._freq
 
     def close(self) -> None:
         """See `RobotInterface`."""
