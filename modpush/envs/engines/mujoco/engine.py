@@ -126,6 +126,11 @@ class MujocoEngine(Engine):
         found = set(self._pairs().tolist())
         return [pair in found for pair in _PAIRS]
 
+    @property
+    def simulation(self) -> "tuple[mujoco.MjModel, mujoco.MjData]":
+        """Model and data of the present episode."""
+        return self._model, self._data
+
     def joint_position(self) -> NDArray[np.float32]:
         """See `Engine`."""
         return self._data.qpos[: self._num_joints].astype(np.float32)
