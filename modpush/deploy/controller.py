@@ -46,15 +46,15 @@ class Sees(Protocol):
     def reset(self, guess: Sequence[float] | None = None) -> None:
         """Forget the scene."""
 
-    def update(self, depth: NDArray[np.float32], joints: NDArray[np.float64]) -> Perceived:
-        """Take in an image."""
+    def update(self, depth: NDArray[np.float32], joints: NDArray[np.float64]) -> Perceived | None:
+        """Take in an image; None if the object has not been found yet."""
 
 
 class PushController:
     """A trained agent that pushes one object on a real table, by depth images and joint angles.
 
-    It is the agent's own stack: planner, sub-goals, window, encoder, observation, network and recovery run
-    as in simulation, on what perception sees. It remembers what an episode needs to remember; one
+    It is the agent's own stack: planner, sub-goals, window, encoder, observation, network and recovery
+    run as in simulation, on what perception sees. It remembers what an episode needs to remember; one
     controller drives one arm.
 
     Args:
@@ -65,6 +65,8 @@ class PushController:
         tip_height: Height of the tool's tip over the table [m]; None for that of the object,
             `PushedObject.tool_height`.
         touch_distance: Distance of tip and object that counts as contact [m].
+        arrival_margin: Distance by which the object must be nearer to its goal than the agent's
+            `position_tolerance`, so that it has arrived in truth as well [m].
         motion: How far a control step goes, and the tool's workspace.
 
     Raises:
@@ -80,6 +82,7 @@ class PushController:
         rate: Positive | None = None,
         tip_height: Length | None = None,
         touch_distance: NonNegativeLength = 0.004,
+        arrival_margin: NonNegativeLength = 0.005,
         motion: MotionConfig | None = None,
     ) -> None:
         self.agent = agent if isinstance(agent, Agent) else load_policy(agent)
@@ -94,6 +97,7 @@ class PushController:
         item = perception.item
         self.tip_height = item.tool_height if tip_height is None else tip_height
         self.motion, self._touch_distance = motion or MotionConfig(), touch_distance
+        self._tolerance = max(0.0, config.simulation.position_tolerance - arrival_margin)
         self._goal_kind = config.simulation.goal
         self._source = SourceEnv(perception.robot, config.scenario, self._goal_kind)
         self._env = self.agent.make_env(1, base=self._source, sensing=SensingConfig())
@@ -136,10 +140,7 @@ class PushController:
         size = 3 if self._goal_kind == "pose" else 2
         values = tuple(float(v) for v in goal)
         if len(values) != size or not all(map(math.isfinite, values)):
-            raise ValueError(
-                f"PushController: goal must be {size} finite numbers, {'(x, y, yaw)'[: 4 + size * 2]}..., "
-                f"got {goal!r}."
-            )
+            raise ValueError(f"PushController: goal must be {size} finite numbers, got {goal!r}.")
         return values
 
     def act(
@@ -167,7 +168,7 @@ class PushController:
             self.goal = self._checked_goal(goal)
         first = self._state is None
         seen = self.perceived = self.perception.update(depth, joints)
-        if first and not seen.object.found:
+        if seen is None or (first and not seen.object.found):
             raise Stopped(
                 "object_not_found",
                 f"the first image does not show the object {self.perception.item.name!r}; put it on the "
@@ -216,7 +217,7 @@ class PushController:
         pose, goal = np.array([seen.object.pose]), np.array([self.goal])
         places = seen.tip_pose, self.perception.item, seen.object.pose, self._touch_distance
         self.contact = touches(self.perception.tool, *places)
-        at_goal = is_at_goal(pose[:, :2], goal[:, :2], config.position_tolerance)
+        at_goal = is_at_goal(pose[:, :2], goal[:, :2], self._tolerance)
         numbers = {
             **self._constant,
             "object_pose": pose,

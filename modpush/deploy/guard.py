@@ -13,7 +13,6 @@ from modpush.deploy.robot_interface import Command, DepthImage, RobotInterface, 
 from modpush.deploy.stopped import Stopped, StopReason
 from modpush.deploy.tip import tip_transform
 from modpush.envs.robot.control import MotionConfig
-from modpush.geometry.camera import CAMERA, cell_centers
 from modpush.geometry.camera_model import CameraModel
 from modpush.geometry.workspace import Rectangle
 
@@ -63,8 +62,8 @@ class Guard:
         """Check camera, goal and arm before the first command; call it after the controller's `reset`.
 
         Raises:
-            Stopped: If the camera does not see the workspace, the goal is out of reach, or the tool is not
-                where an episode begins.
+            Stopped: If the camera does not see the workspace, the goal is out of reach, or the tool is
+                not where an episode begins.
         """
         self._velocity, self._last_found, self._since_found = np.zeros(2), None, 0
         self._check_camera()
@@ -85,8 +84,8 @@ class Guard:
             )
             self.stop(
                 "camera",
-                f"only {inside.mean():.0%} of the workspace {tuple(self._workspace)} lies in the camera's "
-                f"image; corners outside: {missing or 'none'}. Check camera_in_base and the mount.",
+                f"only {inside.mean():.0%} of the workspace {tuple(self._workspace)} lies in the "
+                f"camera's image; corners outside: {missing or 'none'}. Check camera_in_base and mount.",
             )
 
     @property
@@ -112,8 +111,8 @@ class Guard:
         if not found[0] or not self._robot.reach[0] <= radius <= self._robot.reach[1]:
             self.stop(
                 "goal",
-                f"({x:.3f}, {y:.3f}) is out of the reach of {self._robot.name!r}, {radius:.2f} m from its "
-                f"axis; it reaches {self._robot.reach[0]} to {self._robot.reach[1]} m.",
+                f"({x:.3f}, {y:.3f}) is out of the reach of {self._robot.name!r}, {radius:.2f} m from "
+                f"its axis; it reaches {self._robot.reach[0]} to {self._robot.reach[1]} m.",
             )
 
     def _check_start(self, state: RobotState) -> None:
@@ -125,8 +124,8 @@ class Guard:
         if abs(height - self.controller.tip_height) > self.limits.height_tolerance:
             self.stop(
                 "start",
-                f"the tip must be {self.controller.tip_height:.3f} m over the table, it is at {height:.3f} m; "
-                "drive it there first, beside object and obstacles.",
+                f"the tip must be {self.controller.tip_height:.3f} m over the table, it is at "
+                f"{height:.3f} m; drive it there first, beside object and obstacles.",
             )
 
     def observe(self) -> RobotState:
@@ -160,7 +159,7 @@ class Guard:
             read_depth: Reads it. A camera that is gone raises a `ConnectionError`.
 
         Raises:
-            Stopped: If the image is too old, or the camera is gone.
+            Stopped: If the image is too old or nearly empty, or the camera is gone.
         """
         assert self._state is not None
         try:
@@ -171,7 +170,14 @@ class Guard:
         if not age <= self.limits.image_age:
             self.stop(
                 "stale_image",
-                f"the newest depth image is {age:.2f} s old, at most {self.limits.image_age} s is allowed.",
+                f"the newest depth image is {age:.2f} s old, allowed are {self.limits.image_age} s.",
+            )
+        share = float((image.depth > 0).mean())  # False for NaN
+        if share < self.limits.readings:
+            self.stop(
+                "camera",
+                f"only {share:.0%} of the image's pixels have a depth, at least "
+                f"{self.limits.readings:.0%} must; something covers the camera.",
             )
         return image
 
@@ -179,20 +185,20 @@ class Guard:
         """Check what the controller has seen in the image of its last `act`.
 
         Raises:
-            Stopped: If the image does not show the workspace, the object is lost, or its pose has jumped; and
-                at the start, if no way leads to the goal.
+            Stopped: If the object is lost, or its pose has jumped; at the start, if no way leads to the
+                goal.
         """
         seen = self.controller.perceived
         assert seen is not None
         first = self._last_found is None
-        if first:
-            self._check_first_view(seen.seen)
+        if first and not self.controller.path_found:
+            self.stop("goal", "no way leads the object to the goal between the obstacles.")
         lost = seen.object.unseen_for / self.controller.rate
         if lost > self.limits.lost_for:
             self.stop(
                 "object_lost",
-                f"no image has confirmed the pose of {self.controller.perception.item.name!r} for {lost:.2f} "
-                f"s; it was last near ({seen.object.pose[0]:.3f}, {seen.object.pose[1]:.3f}).",
+                f"no image has confirmed the pose of {self.controller.perception.item.name!r} for "
+                f"{lost:.2f} s; it was last near ({seen.object.pose[0]:.3f}, {seen.object.pose[1]:.3f}).",
             )
         self._since_found += 1
         if seen.object.found:
@@ -200,20 +206,6 @@ class Guard:
             if not first:
                 self._check_jump(pose)
             self._last_found, self._since_found = pose, 0
-
-    def _check_first_view(self, seen: NDArray[np.bool_]) -> None:
-        (low_x, low_y), (high_x, high_y) = self._workspace
-        x, y = np.moveaxis(cell_centers(CAMERA), -1, 0)
-        inside = (x >= low_x) & (x <= high_x) & (y >= low_y) & (y <= high_y)
-        share = seen[inside].mean()
-        if share < self.limits.seen:
-            self.stop(
-                "camera",
-                f"the first image shows only {share:.0%} of the workspace; something stands before the camera, "
-                "or it gives no depth there.",
-            )
-        if not self.controller.path_found:
-            self.stop("goal", "no way leads the object to the goal between the obstacles.")
 
     def _check_jump(self, pose: NDArray[np.float64]) -> None:
         assert self._last_found is not None
@@ -225,8 +217,8 @@ class Guard:
         if distance > self.limits.pose_jump * images or turn > self.limits.yaw_jump * images:
             self.stop(
                 "pose_jump",
-                f"the object's pose moved by {distance * 1e3:.0f} mm and {math.degrees(turn):.0f} degrees in "
-                f"{images} images; something else has moved it, or took its place.",
+                f"the object's pose moved by {distance * 1e3:.0f} mm and {math.degrees(turn):.0f} "
+                f"degrees in {images} images; something else has moved it, or took its place.",
             )
 
     def command(self, command: Command) -> None:
@@ -243,8 +235,8 @@ class Guard:
         if not inside or abs(command.height - self.controller.tip_height) > limits.height_tolerance:
             self.stop(
                 "workspace",
-                f"the tip would go to ({x:.3f}, {y:.3f}), {command.height:.3f} m over the table; its workspace "
-                f"is {limits.low} to {limits.high} at {self.controller.tip_height:.3f} m.",
+                f"the tip would go to ({x:.3f}, {y:.3f}), {command.height:.3f} m over the table; its "
+                f"workspace is {limits.low} to {limits.high} at {self.controller.tip_height:.3f} m.",
             )
         self._check_speed(command, state)
         self._check_joints("the command would bring the joint", command.joints)

@@ -14,7 +14,10 @@ _STEP = MotionConfig.max_step * math.sqrt(2)  # of a control step, in x and y to
 
 @checked
 class Limits:
-    """Bounds of motion and perception. The defaults are just above what the shipped agents do at 15 Hz."""
+    """Bounds of motion and perception.
+
+    The defaults are just above what the shipped agents do at 15 Hz.
+    """
 
     low: Point = MotionConfig.low
     """Lower corner (x, y) of the tip's workspace [m]."""
@@ -45,8 +48,8 @@ class Limits:
     """Time for which images may fail to confirm the object's pose [s]."""
     in_view: Fraction = 0.99
     """Share of the workspace that must lie within the camera's image."""
-    seen: Fraction = 0.5
-    """Share of the workspace that the first image must show; arm, object and obstacles hide some."""
+    readings: Fraction = 0.3
+    """Share of an image's pixels that must have a depth."""
 
     def __post_init__(self) -> None:
         """Check the corners."""

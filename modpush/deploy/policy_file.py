@@ -20,8 +20,8 @@ def load_policy(source: str | Path) -> Agent:
     """Load an agent for `PushController`.
 
     Args:
-        source: What `load_agent` takes, or a folder with `policy.onnx` and `card.json`, as `modpush export`
-            writes them. The graph runs in onnxruntime.
+        source: What `load_agent` takes, or a folder with `policy.onnx` and `card.json`, as
+            `modpush export` writes them. The graph runs in onnxruntime.
 
     Raises:
         ValueError: If there is no such agent, or the card cannot be read.

@@ -49,8 +49,8 @@ class Command(NamedTuple):
 class RobotInterface(ABC):
     """Implement these methods to run on another arm.
 
-    The base frame is that of `modpush.envs.Robot`: x forward, y left, z up, the table's top at z = 0. A lost
-    connection, and an arm that refuses to move, raise a `ConnectionError` that says what happened.
+    The base frame is that of `modpush.envs.Robot`: x forward, y left, z up, the table's top at z = 0. A
+    lost connection, and an arm that refuses to move, raise a `ConnectionError` that says what happened.
     """
 
     @abstractmethod

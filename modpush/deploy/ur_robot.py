@@ -24,10 +24,10 @@ _STOP_DECELERATION = 10.0  # of `servoStop` [m/s^2], the maker's default
 class URRobot(RobotInterface):
     """A UR arm by RTDE. **It has never run on hardware**: only against a scripted peer in the tests.
 
-    A thread sends the arm a pose on the straight way to the target with `servoL`, `frequency` times a second.
-    When no command follows, the tip comes to the last target and stays there. The controller's tool
-    centre point must be at the tool's tip, which `connect` compares with this library's kinematics. Needs
-    the extra `ur`.
+    A thread sends the arm a pose on the straight way to the target with `servoL`, `frequency` times
+    a second. When no command follows, the tip comes to the last target and stays there. The controller's
+    tool centre point must be at the tool's tip, which `connect` compares with this library's kinematics.
+    Needs the extra `ur`.
 
     Args:
         host: Address of the arm's controller.
@@ -97,10 +97,10 @@ class URRobot(RobotInterface):
         theirs = np.array(self._receive.getActualTCPPose()[:3]) + self.robot.base
         if (distance := math.dist(ours, theirs)) > self._tip_tolerance:
             raise ConnectionError(
-                f"URRobot: the controller's tool centre point {theirs.round(4).tolist()} must be at the tip "
-                f"of {self.tool.name!r}, {ours.round(4).tolist()} by the kinematics of {self.robot.name!r}, "
-                f"it is {distance * 1e3:.1f} mm away; set the TCP to (0, 0, {self.tool.length}) and check "
-                "which arm it is."
+                f"URRobot: the controller's tool centre point {theirs.round(4).tolist()} must be at the "
+                f"tip of {self.tool.name!r}, {ours.round(4).tolist()} by the kinematics of "
+                f"{self.robot.name!r}, it is {distance * 1e3:.1f} mm away; set the TCP to "
+                f"(0, 0, {self.tool.length}) and check which arm it is."
             )
 
     def observe(self) -> RobotState:

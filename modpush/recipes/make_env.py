@@ -110,8 +110,8 @@ def make_push_env(
         keep_images: Also emit depth, segmentation, occupancy and window.
         mirrored: Also emit `mirrored_observation` `[B, n]`, see `MirroredObservation`.
         pictures: Build the scenes with a renderer, see `PushEnv`.
-        base: Environment to stack the transforms on instead of a `PushEnv` of the config, such as one that
-            reads a camera: with the keys of `PushEnv`, and its `robot`, `scenario` and `bounds`.
+        base: Environment to stack the transforms on instead of a `PushEnv` of the config, such as one
+            that reads a camera: with the keys of `PushEnv`, and its `robot`, `scenario` and `bounds`.
         seed: Seed of the first scene, see `PushEnv`.
         device: Device of the environment, see `PushEnv`.
         **fields: Fields of the config to set differently, also those of its `scenario`, `simulation`

@@ -61,9 +61,11 @@ def test_a_camera_that_looks_away(agent) -> None:
     stopped(Rig(agent, camera=up), "camera", r"only 0% of the workspace")
 
 
-def test_a_covered_camera(rig) -> None:
-    rig.seen.change = lambda perceived: perceived._replace(seen=np.zeros_like(perceived.seen))
-    stopped(rig, "camera", r"shows only 0% of the workspace")
+@pytest.mark.parametrize("reading", [0.0, np.nan])
+def test_a_covered_camera(rig, reading) -> None:
+    whole = rig.read_depth()
+    rig.read_depth = lambda: whole._replace(depth=np.full_like(whole.depth, reading))
+    stopped(rig, "camera", r"only 0% of the image's pixels have a depth")
 
 
 def test_an_image_that_no_longer_comes(rig) -> None:
@@ -74,7 +76,7 @@ def test_an_image_that_no_longer_comes(rig) -> None:
         rig.delay += order.duration  # the camera repeats its last image
 
     rig.arm.command = hang
-    stopped(rig, "stale_image", r"0.27 s old, at most 0.2 s")
+    stopped(rig, "stale_image", r"0.27 s old, allowed are 0.2 s")
 
 
 def test_no_object_on_the_table(rig) -> None:

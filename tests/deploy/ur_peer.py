@@ -1,5 +1,7 @@
-"""A scripted peer in the place of `ur_rtde`: an arm that is where it was told to go, and writes down what it
-was told. Names and arguments are those of `ur_rtde` 1.6.5."""
+"""A scripted peer in the place of `ur_rtde`: an arm that goes where it is told, and writes it down.
+
+Names and arguments are those of `ur_rtde` 1.6.5.
+"""
 
 import sys
 import time
@@ -46,20 +48,20 @@ def install(monkeypatch, peer: Peer) -> None:
                 raise RuntimeError("Connection refused")
             peer.log.append(f"control {hostname} {frequency:g}")
 
-        def servoL(self, pose, speed, acceleration, time, lookahead_time, gain):  # noqa: N802
+        def servoL(self, pose, speed, acceleration, time, lookahead_time, gain):
             assert len(pose) == 6
             assert 0.03 <= lookahead_time <= 0.2
             assert 100 <= gain <= 2000
             return peer.take(pose)
 
-        def servoStop(self, a: float = 10.0) -> bool:  # noqa: N802
+        def servoStop(self, a: float = 10.0) -> bool:
             peer.log.append("servoStop")
             return True
 
-        def stopScript(self) -> None:  # noqa: N802
+        def stopScript(self) -> None:
             peer.log.append("stopScript")
 
-        def isConnected(self) -> bool:  # noqa: N802
+        def isConnected(self) -> bool:
             return peer.connected
 
         def disconnect(self) -> None:
@@ -70,22 +72,22 @@ def install(monkeypatch, peer: Peer) -> None:
             if not peer.reachable:
                 raise RuntimeError("Connection refused")
 
-        def getActualQ(self) -> list[float]:  # noqa: N802
+        def getActualQ(self) -> list[float]:
             return peer.joints.tolist()
 
-        def getActualTCPPose(self) -> list[float]:  # noqa: N802
+        def getActualTCPPose(self) -> list[float]:
             return list(peer.pose)
 
-        def getActualTCPForce(self) -> list[float]:  # noqa: N802
+        def getActualTCPForce(self) -> list[float]:
             return [3.0, 4.0, 20.0, 0.0, 0.0, 0.0]
 
-        def isConnected(self) -> bool:  # noqa: N802
+        def isConnected(self) -> bool:
             return peer.connected
 
-        def isProtectiveStopped(self) -> bool:  # noqa: N802
+        def isProtectiveStopped(self) -> bool:
             return peer.protective
 
-        def isEmergencyStopped(self) -> bool:  # noqa: N802
+        def isEmergencyStopped(self) -> bool:
             return peer.emergency
 
         def disconnect(self) -> None:

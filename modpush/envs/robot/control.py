@@ -150,7 +150,7 @@ class MotionPlanner:
 
         Args:
             start: Where the tip starts, `[B, 3]` [m, m, rad].
-            goal: Where it ends, `[B, 3]` [m, m, rad]; overwritten by the start where that is out of reach.
+            goal: Where it ends, `[B, 3]` [m, m, rad]; overwritten by the start where it is out of reach.
             flange_height: Height of the flange over the table, `[B]` [m].
             joints: The measured angles of the joints, `[B, n]` [rad].
         """
