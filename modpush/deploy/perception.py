@@ -6,14 +6,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modpush._arguments import checked_arguments
-from modpush.deploy.estimate import Perceived
+from modpush.deploy.arm_mask import ArmMask
+from modpush.deploy.estimate import ObjectEstimate, Perceived
+from modpush.deploy.height_map import HeightMap
+from modpush.deploy.image_kernels import sort_pixels
+from modpush.deploy.push_motion import tool_outlines
+from modpush.deploy.tracker import ObjectTracker
+from modpush.envs.depth.raycast import draw
+from modpush.envs.depth.solids import Solids
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scenes.objects import PushedObject, get_object
 from modpush.geometry.camera import CAMERA, Camera
 from modpush.geometry.camera_model import CameraModel
+from modpush.geometry.labels import Label
 
 __all__ = ["Perception"]
+
+_OBSTACLE = 0.010
+"""Height from which the map's cells are an obstacle [m]."""
+_AROUND, _AROUND_UNSURE = 0.015, 0.10
+"""Distance from the object within which the map learns nothing, while its pose is confirmed and while it
+is not [m]."""
 
 
 class Perception:
@@ -39,6 +53,13 @@ class Perception:
         self.camera, self.view = camera, view
         self.item = get_object(pushed_object)
         self.robot, self.tool = find_robot(robot), find_tool(tool)
+        self.heights = HeightMap(camera, view)
+        self.tracker = ObjectTracker(self.item, camera, self.heights)
+        self._arm = ArmMask(camera, self.robot, self.tool)
+        self._solids = Solids.of(self.item.parts)
+        width, height = camera.size
+        self._kind = np.empty((height, width), np.uint8)
+        self.reset()
 
     def reset(self, guess: Sequence[float] | None = None) -> None:
         """Forget the scene; the next image begins an episode.
@@ -46,16 +67,66 @@ class Perception:
         Args:
             guess: Pose (x, y, yaw) near which the object is [m, m, rad]; None looks for it everywhere.
         """
-        raise NotImplementedError
+        self.heights.reset()
+        self.tracker.reset(guess)
+        self._outlines: list[NDArray[np.float64]] | None = None
 
-    def update(self, depth: NDArray[np.float32], joints: NDArray[np.float64]) -> Perceived:
+    def update(self, depth: NDArray[np.float32], joints: NDArray[np.floating]) -> Perceived | None:
         """Take in an image.
 
         Args:
             depth: `[H, W]` of the camera, along its optical axis [m]; 0 or NaN without a reading.
             joints: Angles of the arm's joints when it was taken, `[n]` [rad].
 
+        Returns:
+            What it shows; None if the object has not been found since the last reset.
+
         Raises:
-            ValueError: If image or joints have another shape.
+            ValueError: If image or joints have another shape, or joints are not finite.
         """
-        raise NotImplementedError
+        depth, joints = self._checked(depth, joints)
+        flange = self.robot.link_transforms(joints)[-1]
+        outlines = tool_outlines(self.tool, flange, self.item.height)
+        sort_pixels(depth, self._arm(joints), self._kind)
+        self.heights.look(depth, self._kind)
+        before = self._outlines
+        if before is None or len(before) != len(outlines):  # the tool was higher, or lower
+            before = outlines
+        estimate = self.tracker.update(depth, self._kind, before, outlines)
+        self._outlines = outlines
+        if estimate is None:
+            return None
+        x, y, _ = estimate.pose
+        around = self.item.radius + (_AROUND if estimate.found else _AROUND_UNSURE)
+        self.heights.keep(self.heights.cells_within(x, y, around))
+        return self._perceived(estimate, flange)
+
+    def _checked(
+        self, depth: NDArray[np.float32], joints: NDArray[np.floating]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+        width, height = self.camera.size
+        if np.shape(depth) != (height, width):
+            raise ValueError(
+                f"Perception: depth must be [{height}, {width}], got {list(np.shape(depth))}."
+            )
+        angles, n = np.asarray(joints, dtype=np.float64), len(self.robot.joints)
+        if angles.shape != (n,) or not np.isfinite(angles).all():
+            raise ValueError(f"Perception: joints must be {n} finite angles [rad], got {joints!r}.")
+        return np.ascontiguousarray(depth, dtype=np.float32), angles
+
+    def _perceived(self, estimate: ObjectEstimate, flange: NDArray[np.float64]) -> Perceived:
+        depth = self.heights.depth()
+        obstacle = depth < self.view.z - _OBSTACLE
+        segmentation = np.where(obstacle, np.uint8(Label.OBSTACLE), np.uint8(Label.TABLE))
+        x, y, yaw = estimate.pose
+        pose = np.array([[x, y, self.item.height / 2, np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)]])
+        draw(depth, segmentation, self._solids, pose, Label.OBJECT, self.view)
+        tip = flange[:3, 3] + self.tool.length * flange[:3, 2]
+        turn = float(np.arctan2(flange[1, 0], flange[0, 0]))
+        return Perceived(
+            depth=depth,
+            segmentation=segmentation,
+            object=estimate,
+            tip_pose=(float(tip[0]), float(tip[1]), turn),
+            seen=self.heights.seen | self.heights.shown,
+        )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from modpush.envs.depth.ray_kernels import cast_at, draw_solids
 from modpush.envs.depth.solids import Solids
-from modpush.geometry.camera import CAMERA
+from modpush.geometry.camera import CAMERA, Camera
 from modpush.geometry.labels import Label
 from modpush.geometry.shapes import Primitive
 
@@ -24,8 +24,13 @@ __all__ = [
     "warmup",
 ]
 
-# Position, focal length and principal point as the kernels read them.
-_PINHOLE = np.array([*CAMERA.position, CAMERA.focal_length, *CAMERA.principal_point])
+
+def _pinhole(camera: Camera) -> NDArray[np.float64]:
+    """Position, focal length and principal point as the kernels read them."""
+    return np.array([*camera.position, camera.focal_length, *camera.principal_point])
+
+
+_PINHOLE = _pinhole(CAMERA)
 
 
 def blank_image() -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
@@ -40,6 +45,7 @@ def draw(
     solids: Solids,
     poses: NDArray[np.float64],
     label: int,
+    camera: Camera | None = None,
 ) -> None:
     """Draw solids into an image, in place.
 
@@ -50,8 +56,10 @@ def draw(
         poses: Of the body they all belong to, `[1, 7]`, or of each one's own, `[n, 7]`, float64:
             position [m] and quaternion (w, x, y, z) in the base frame.
         label: Written where the solids are in front, see `Label`.
+        camera: The camera, by default that of `PushEnv`.
     """
-    draw_solids(depth, segmentation, *_arrays(solids), poses, int(label), _PINHOLE)
+    pinhole = _PINHOLE if camera is None else _pinhole(camera)
+    draw_solids(depth, segmentation, *_arrays(solids), poses, int(label), pinhole)
 
 
 def cast_pixels(

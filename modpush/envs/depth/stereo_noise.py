@@ -52,7 +52,7 @@ def stereo_noise(
     """
     height, width = depth.shape
     v, u = np.indices(depth.shape, dtype=np.float32)
-    shift = rng.normal(0.0, 1.0, (2, height, width)).astype(np.float32) * np.float32(jitter)
+    shift = rng.standard_normal((2, height, width), dtype=np.float32) * np.float32(jitter)
     column = np.clip(np.rint(u + shift[0]), 0, width - 1).astype(np.intp)
     row = np.clip(np.rint(v + shift[1]), 0, height - 1).astype(np.intp)
     ragged = depth[row, column]
@@ -62,9 +62,9 @@ def stereo_noise(
     )
     # On an inclined surface both sides are equally far away.
     at_edge = np.abs(high + low - 2 * depth) > _EDGE * depth
-    white, common = rng.normal(0.0, 1.0, (2, height, width)).astype(np.float32)
+    white, common = rng.standard_normal((2, height, width), dtype=np.float32)
     common = cv2.GaussianBlur(common, (0, 0), _PATCH / 4)
-    noise = np.sqrt(0.5) * (white + common / common.std())
+    noise = np.float32(np.sqrt(0.5)) * (white + common / common.std())
     found = ragged + np.float32(axial) * ragged**2 * noise
 
     chance = rng.random(depth.shape, dtype=np.float32)

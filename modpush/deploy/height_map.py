@@ -1,0 +1,114 @@
+"""`HeightMap`: what stands on the table beside arm and object, as depth images have shown it so far."""
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from modpush._arguments import checked_arguments
+from modpush.deploy.image_kernels import collect_heights, look_down
+from modpush.geometry.camera import CAMERA, Camera, cell_centers
+from modpush.geometry.camera_model import CameraModel
+
+__all__ = ["HeightMap"]
+
+_LATEST = 0.3
+"""Weight of the latest image in a cell's height. One flying pixel of 4 cm stays below what blocks."""
+_TABLE = 0.010
+"""Height up to which the table is taken for bare [m]: its unevenness, noise and calibration."""
+_TALLEST = 0.20
+"""Height above which nothing is kept [m]; obstacles are lower, and what floats there is none."""
+
+
+class HeightMap:
+    """Heights over the table on the grid of the policy's camera.
+
+    Each image adds what it shows, except for the arm and for what the caller says is the pushed object;
+    cells that are hidden keep what was seen there before. A cell that was never seen counts as the table.
+
+    Args:
+        camera: The depth camera.
+        view: The policy's camera; the cells are its pixels projected on the table.
+    """
+
+    @checked_arguments
+    def __init__(self, camera: CameraModel, view: Camera = CAMERA) -> None:
+        self.camera, self.view = camera, view
+        shape = view.height, view.width
+        self.heights = np.zeros(shape, np.float32)
+        """Heights of the cells, without arm and object, `[H, W]` [m]."""
+        self.seen = np.zeros(shape, dtype=bool)
+        """Cells that were seen, `[H, W]`."""
+        self.latest = np.zeros(shape, np.float32)
+        """Heights in the latest image, with the object, `[H, W]` [m]."""
+        self.shown = np.zeros(shape, dtype=bool)
+        """Cells that the latest image shows, `[H, W]`."""
+        self._count = np.zeros(shape, np.int32)
+        self._centers = cell_centers(view)
+        self.corner = self._centers[0, 0].copy()
+        """Centre (x, y) of the first cell [m]."""
+        self._origin = np.array(camera.position)
+        # Over the table's height something is seen further out by up to so many pixels.
+        shift = max(shape) / 2 * _TALLEST / (view.z - _TALLEST)
+        self._reach = 2 * math.ceil(shift) + 1
+
+    def reset(self) -> None:
+        """Forget what was seen."""
+        self.heights[:] = 0.0
+        self.seen[:] = False
+        self.shown[:] = False
+
+    def look(self, depth: NDArray[np.float32], kind: NDArray[np.uint8]) -> None:
+        """Read the heights in an image, without keeping them.
+
+        Args:
+            depth: `[H, W]` [m].
+            kind: `[H, W]`, what each pixel is, from `sort_pixels`.
+        """
+        cell = self.view.cell_size
+        places = self._origin, self.corner, cell, self.latest, self._count
+        collect_heights(depth, kind, self.camera.rays, *places)
+        np.clip(self.latest, 0.0, _TALLEST, out=self.latest)
+        np.greater(self._count, 0, out=self.shown)
+        self._close_gaps()
+
+    def _close_gaps(self) -> None:
+        """Fill cells between seen ones that no pixel has met, and remove single ones that stick out."""
+        filled = cv2.morphologyEx(self.latest, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+        around = cv2.boxFilter(self.shown.astype(np.float32), -1, (3, 3), normalize=False)
+        gap = ~self.shown & (around >= 5)
+        self.latest[gap] = filled[gap]
+        self.shown |= gap
+        self.latest = cv2.medianBlur(self.latest, 3)
+
+    def keep(self, but: NDArray[np.bool_]) -> None:
+        """Keep what the image of the last `look` shows.
+
+        Args:
+            but: `[H, W]`, cells whose height is not that of an obstacle: the object's, and around it.
+        """
+        new = self.shown & ~but
+        weight = np.where(self.seen, np.float32(_LATEST), np.float32(1.0))
+        self.heights += np.where(new, weight * (self.latest - self.heights), np.float32(0.0))
+        self.seen |= new
+
+    def around(self) -> NDArray[np.float32]:
+        """Heights up to which table and obstacles reach within a cell of each one, `[H, W]` [m]."""
+        solid = np.where(self.heights > _TABLE, self.heights, np.float32(0.0))
+        return cv2.dilate(solid, np.ones((3, 3), np.uint8))
+
+    def cells_within(self, x: float, y: float, radius: float) -> NDArray[np.bool_]:
+        """Cells whose centre lies within a radius of a point, `[H, W]`."""
+        away = self._centers - (x, y)
+        return np.einsum("ijk,ijk->ij", away, away) <= radius * radius
+
+    def depth(self) -> NDArray[np.float32]:
+        """The depth image that the policy's camera has of what was kept, `[H, W]` [m]."""
+        solid = np.where(self.heights > _TABLE, self.heights, np.float32(0.0))
+        side = self._reach
+        near = cv2.dilate((solid > 0).view(np.uint8), np.ones((side, side), np.uint8))
+        depth = np.empty_like(solid)
+        view = np.array([self.view.z, *self.view.principal_point])
+        look_down(solid, near, view, depth)
+        return depth

@@ -1,0 +1,157 @@
+"""`PushMotion`: where a pushed object comes to lie when the tool moves.
+
+A push is quasi-static: friction on the table stops the object at once. With the ellipsoid as limit
+surface, a force f along a contact's normal at the place r moves the object by a multiple of
+(f, r x f / c^2), where c is the ratio of the largest moment to the largest force of that friction.
+Source: Lynch, Maekawa and Tanie, Manipulation and active sensing by pushing using tactile feedback, 1992.
+"""
+
+import math
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from modpush._kernels import njit
+from modpush.deploy.outlines import overlap, place
+from modpush.envs.robot.robot import Tool
+from modpush.envs.robot.urdf import extent
+from modpush.envs.scenes.objects import PushedObject
+from modpush.geometry.footprint import outline_of
+from modpush.geometry.shapes import Primitive
+
+__all__ = ["PushMotion", "tool_outlines"]
+
+_STEP = 0.001  # of the tool's corners between two corrections of the object's pose [m]
+_CORRECTIONS = 4  # after each of its steps, since a side may touch at both ends in turn
+
+Floats = NDArray[np.float64]
+
+
+class PushMotion:
+    """Predicts the object's pose from the motion of the tool.
+
+    Args:
+        item: The pushed object.
+    """
+
+    def __init__(self, item: PushedObject) -> None:
+        self.outlines, self.counts = _padded(item.footprints(num_arc=24))
+        self._lever = _moment_per_force(item)
+
+    def predict(
+        self, pose: Floats, before: list[NDArray[np.float64]], after: list[NDArray[np.float64]]
+    ) -> tuple[Floats, float]:
+        """The object's pose after a motion of the tool.
+
+        Args:
+            pose: x, y, yaw of the object before it [m, m, rad].
+            before: Outlines of the tool's solids at the object's height before the motion.
+            after: The same after it.
+
+        Returns:
+            The pose after it, and the least distance of tool and object [m], negative in contact.
+        """
+        pose = np.array(pose, dtype=np.float64)
+        gap = np.inf
+        for first, last in zip(before, after, strict=True):
+            steps = max(1, math.ceil(float(np.linalg.norm(last - first, axis=1).max()) / _STEP))
+            rest = self.outlines, self.counts, self._lever, _CORRECTIONS
+            gap = min(gap, _push(pose, first, last, min(steps, 100), *rest))
+        return pose, gap
+
+
+def tool_outlines(tool: Tool, flange: Floats, height: float) -> list[NDArray[np.float64]]:
+    """Outlines of a tool's solids that reach below a height, counter-clockwise, `[n, 2]` each [m].
+
+    Args:
+        tool: The tool.
+        flange: Pose of the flange in the base frame, `[4, 4]`.
+        height: Height over the table [m].
+    """
+    found = []
+    for part in tool.shapes:
+        outline, low, high = _prism_around(part)
+        ends = [np.column_stack([outline, np.full(len(outline), z)]) for z in (low, high)]
+        corners = np.concatenate(ends) @ flange[:3, :3].T + flange[:3, 3]
+        if corners[:, 2].min() < height:
+            lower = corners[: len(outline), 2].mean() < corners[len(outline) :, 2].mean()
+            end = corners[: len(outline), :2] if lower else corners[len(outline) :, :2]
+            # Seen from above, a tool that points down is mirrored.
+            found.append(np.ascontiguousarray(end[::-1] if flange[2, 2] < 0 else end))
+    return found
+
+
+def _prism_around(part: Primitive) -> tuple[NDArray[np.float64], float, float]:
+    """Outline of a solid, or of a box around a tilted one, seen along z, and its lower and upper end."""
+    length, width, height = extent(part)
+    x, y, z = part.position
+    if part.rpy[:2] == (0.0, 0.0):
+        outline = outline_of(part, 16)
+    else:
+        outline = np.array([x, y]) + 0.5 * np.array(
+            [[length, width], [-length, width], [-length, -width], [length, -width]]
+        )
+    return outline, z - height / 2, z + height / 2
+
+
+def _padded(outlines: Sequence[NDArray[np.float64]]) -> tuple[Floats, NDArray[np.int64]]:
+    """Outlines in one array `[parts, corners, 2]`, and the number of corners of each."""
+    counts = np.array([len(outline) for outline in outlines])
+    together = np.zeros((len(outlines), counts.max(), 2))
+    for row, outline in zip(together, outlines, strict=True):
+        row[: len(outline)] = outline
+    return together, counts
+
+
+def _moment_per_force(item: PushedObject) -> float:
+    """Largest moment per largest force of even friction under an object about its origin [m]."""
+    side = np.linspace(-item.radius, item.radius, 64)
+    points = np.stack(np.meshgrid(side, side), -1).reshape(-1, 2).astype(np.float32)
+    inside = np.zeros(len(points), dtype=bool)
+    for outline in item.footprints():
+        contour = outline.astype(np.float32)
+        inside |= [
+            cv2.pointPolygonTest(contour, (float(x), float(y)), False) >= 0 for x, y in points
+        ]
+    return float(np.linalg.norm(points[inside], axis=1).mean())
+
+
+@njit(error_model="numpy")
+def _push(
+    pose: Floats,
+    first: Floats,
+    last: Floats,
+    steps: int,
+    outlines: Floats,
+    counts: NDArray[np.int64],
+    lever: float,
+    corrections: int,
+) -> float:
+    """Move the object out of the tool's way, in place; returns the least distance of the two [m]."""
+    tool, body = np.empty_like(first), np.empty_like(outlines[0])
+    gap = np.inf
+    for step in range(steps):
+        share = (step + 1) / steps
+        for i in range(len(first)):
+            tool[i, 0] = first[i, 0] + share * (last[i, 0] - first[i, 0])
+            tool[i, 1] = first[i, 1] + share * (last[i, 1] - first[i, 1])
+        for _ in range(corrections):
+            deepest, nx, ny, rx, ry = -np.inf, 0.0, 0.0, 0.0, 0.0
+            for part in range(len(outlines)):
+                n = counts[part]
+                place(outlines[part, :n], pose[0], pose[1], pose[2], body[:n])
+                found = overlap(tool, body[:n])
+                if found[0] > deepest:
+                    deepest, nx, ny, rx, ry = found
+            gap = min(gap, -deepest)
+            if deepest <= 1e-6:
+                break
+            rx, ry = rx - pose[0], ry - pose[1]
+            turn = (rx * ny - ry * nx) / (lever * lever)
+            scale = deepest / (1.0 + turn * (rx * ny - ry * nx))
+            pose[0] += scale * nx
+            pose[1] += scale * ny
+            pose[2] += scale * turn
+    return gap

@@ -1,0 +1,250 @@
+"""How well a pose of a known object explains a depth image, and the search for the best one. Compiled.
+
+For each pixel near the object, the depth at which it would show it is compared with what it shows.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modpush._kernels import njit
+from modpush.deploy.image_kernels import ARM, GOOD
+from modpush.deploy.outlines import overlap, place
+from modpush.envs.depth.intersections import BOX, hit, hit_box
+
+__all__ = ["BEHIND", "EXPLAINED", "HIDDEN", "UNEXPLAINED", "best_pose", "compare", "gather"]
+
+EXPLAINED, UNEXPLAINED, HIDDEN = 0, 1, 2
+"""What a pixel shows: the table or a known obstacle; something else; the arm, perhaps."""
+BEHIND = 0.010
+"""Difference of depths that contradicts a pose [m]: five times the noise at 1 m."""
+_OVER_TABLE = 0.009
+"""Height over what is known below which a pixel is explained by it [m]."""
+_OVERLAP = 0.0015
+"""Overlap of tool and object that costs as much as a tenth of the object's pixels [m]."""
+
+Floats = NDArray[np.float64]
+Image = NDArray[np.float32]
+
+
+@njit(error_model="numpy")
+def gather(
+    depth: Image,
+    kind: NDArray[np.uint8],
+    rays: Image,
+    origin: Floats,
+    box: tuple[int, int, int, int],
+    stride: int,
+    known: Image,
+    corner: Floats,
+    cell: float,
+    out: Floats,
+) -> int:
+    """Collect the pixels in a rectangle (u0, v0, u1, v1) of an image.
+
+    Args:
+        depth: `[H, W]` [m].
+        kind: `[H, W]`, what each pixel is, from `sort_pixels`.
+        rays: `[H, W, 3]`.
+        origin: The pinhole [m].
+        box: The rectangle [px].
+        stride: Distance of the pixels that are read [px].
+        known: Heights up to which the table and known obstacles reach around each cell [m].
+        corner: Centre of the first cell.
+        cell: Side of a cell [m].
+        out: Overwritten with ray (x, y, z), depth, and what the pixel shows, `[n, 5]`.
+
+    Returns:
+        The number of pixels.
+    """
+    n = 0
+    u0, v0, u1, v1 = box
+    for v in range(v0, v1, stride):
+        for u in range(u0, u1, stride):
+            if kind[v, u] != ARM and kind[v, u] != GOOD:
+                continue
+            x, y, z = rays[v, u, 0], rays[v, u, 1], rays[v, u, 2]
+            out[n, 0], out[n, 1], out[n, 2], out[n, 3] = x, y, z, depth[v, u]
+            out[n, 4] = HIDDEN
+            if kind[v, u] == GOOD:
+                d = depth[v, u]
+                i = int(math.floor((corner[0] - origin[0] - d * x) / cell + 0.5))
+                j = int(math.floor((corner[1] - origin[1] - d * y) / cell + 0.5))
+                height = np.float32(0.0)
+                if 0 <= i < known.shape[0] and 0 <= j < known.shape[1]:
+                    height = known[i, j]
+                over = origin[2] + d * z > height + _OVER_TABLE
+                out[n, 4] = UNEXPLAINED if over else EXPLAINED
+            n += 1
+            if n == len(out):
+                return n
+    return n
+
+
+@njit(error_model="numpy")
+def compare(
+    pose: Floats,
+    pixels: Floats,
+    origin: Floats,
+    middle: float,
+    kinds: NDArray[np.int64],
+    size: Floats,
+    planes: Floats,
+    rotation: Floats,
+    position: Floats,
+) -> tuple[float, float, float, float]:
+    """Compare a pose of an object with pixels.
+
+    Args:
+        pose: x, y, yaw [m, m, rad].
+        pixels: `[n, 5]` from `gather`.
+        origin: The pinhole [m].
+        middle: Height of the object's origin over the table [m].
+        kinds: The object's solids, as `Solids` has them.
+        size: See `kinds`.
+        planes: See `kinds`.
+        rotation: See `kinds`.
+        position: See `kinds`.
+
+    Returns:
+        What contradicts the pose, all pixels together; that on the object alone; the number of pixels on
+        the object that show something; and the number of all pixels on the object.
+    """
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    dx, dy, dz = origin[0] - pose[0], origin[1] - pose[1], origin[2] - middle
+    ox, oy = cos * dx + sin * dy, -sin * dx + cos * dy
+    parts = len(kinds)
+    start, ray = np.empty((parts, 3)), np.empty(3)
+    for k in range(parts):
+        for axis in range(3):
+            start[k, axis] = (
+                rotation[k, 0, axis] * (ox - position[k, 0])
+                + rotation[k, 1, axis] * (oy - position[k, 1])
+                + rotation[k, 2, axis] * (dz - position[k, 2])
+            )
+    total, own, shown, covered = 0.0, 0.0, 0, 0
+    for i in range(len(pixels)):
+        x, y, z = pixels[i, 0], pixels[i, 1], pixels[i, 2]
+        rx, ry = cos * x + sin * y, -sin * x + cos * y
+        first = np.inf
+        for k in range(parts):
+            R = rotation[k]
+            ray[0] = R[0, 0] * rx + R[1, 0] * ry
+            ray[1] = R[0, 1] * rx + R[1, 1] * ry
+            ray[2] = z
+            if kinds[k] == BOX:
+                first = min(first, hit_box(start[k], ray, size[k]))
+            else:
+                first = min(first, hit(kinds[k], size[k], planes[k], start[k], ray))
+        what = int(pixels[i, 4])
+        if first == np.inf:
+            if what == UNEXPLAINED:
+                total += 1.0
+            continue
+        covered += 1
+        if what == HIDDEN:
+            continue
+        behind = (pixels[i, 3] - first) / BEHIND
+        if behind < -1.0 and what == EXPLAINED:
+            continue  # a known obstacle before it
+        shown += 1
+        cost = min(1.0, behind * behind)
+        total += cost
+        own += cost
+    return total, own, shown, covered
+
+
+@njit(error_model="numpy")
+def _cost(
+    pose: Floats,
+    prior: Floats,
+    spread: Floats,
+    weight: float,
+    tool: Floats,
+    tool_corners: NDArray[np.int64],
+    outlines: Floats,
+    corners: NDArray[np.int64],
+    pixels: Floats,
+    origin: Floats,
+    middle: float,
+    solids: tuple,
+) -> float:
+    """What contradicts a pose: the pixels, its distance from a prior, and overlap with the tool."""
+    kinds, size, planes, rotation, position = solids
+    total = compare(pose, pixels, origin, middle, kinds, size, planes, rotation, position)[0]
+    for axis in range(3):
+        total += 0.03 * weight * ((pose[axis] - prior[axis]) / spread[axis]) ** 2
+    body = np.empty_like(outlines[0])
+    for part in range(len(outlines)):
+        n = corners[part]
+        place(outlines[part, :n], pose[0], pose[1], pose[2], body[:n])
+        for k in range(len(tool)):
+            depth = overlap(tool[k, : tool_corners[k]], body[:n])[0]
+            if depth > 0.0:
+                total += 0.1 * weight * (depth / _OVERLAP) ** 2
+    return total
+
+
+@njit(error_model="numpy")
+def best_pose(
+    starts: Floats,
+    step: float,
+    arm: float,
+    prior: Floats,
+    spread: Floats,
+    weight: float,
+    tool: Floats,
+    tool_corners: NDArray[np.int64],
+    outlines: Floats,
+    corners: NDArray[np.int64],
+    pixels: Floats,
+    origin: Floats,
+    middle: float,
+    solids: tuple,
+    keep: int,
+) -> tuple[Floats, float]:
+    """The pose that explains pixels best, by a pattern search from the best of some poses.
+
+    Args:
+        starts: Poses to begin with, `[n, 3]` [m, m, rad].
+        step: First step of the search [m]; it is halved down to a sixteenth.
+        arm: Length by which a step is divided for yaw [m].
+        prior: Pose that is expected.
+        spread: Standard deviation of it, `[3]` [m, m, rad].
+        weight: Number of pixels that the object covers, which sets the weight of all that is no pixel.
+        tool: Outlines of the tool, `[k, n, 2]` [m].
+        tool_corners: Number of corners of each.
+        outlines: Outlines of the object's parts, `[k, n, 2]` [m].
+        corners: Number of corners of each.
+        pixels: `[n, 5]` from `gather`.
+        origin: The pinhole [m].
+        middle: Height of the object's origin over the table [m].
+        solids: The arrays of the object's `Solids`.
+        keep: Number of poses from which is searched.
+
+    Returns:
+        The pose, and its cost [px].
+    """
+    rest = (prior, spread, weight, tool, tool_corners, outlines, corners, pixels, origin, middle)
+    first = np.empty(len(starts))
+    for i in range(len(starts)):
+        first[i] = _cost(starts[i], *rest, solids)
+    best, least = starts[0].copy(), np.inf
+    trial = np.empty(3)
+    for i in np.argsort(first)[:keep]:
+        pose, cost, size = starts[i].copy(), first[i], step
+        while size > step / 17:
+            moved = False
+            for axis in range(3):
+                for sign in (-1.0, 1.0):
+                    trial[:] = pose
+                    trial[axis] += sign * (size if axis < 2 else size / arm)
+                    found = _cost(trial, *rest, solids)
+                    if found < cost - 1e-9:
+                        pose[:], cost, moved = trial, found, True
+            if not moved:
+                size *= 0.5
+        if cost < least:
+            best[:], least = pose, cost
+    return best, least

@@ -1,0 +1,277 @@
+"""`ObjectTracker`: the pushed object's pose from depth images, followed from one to the next."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modpush.deploy.estimate import ObjectEstimate
+from modpush.deploy.finding import ObjectFinder
+from modpush.deploy.height_map import HeightMap
+from modpush.deploy.image_kernels import ARM
+from modpush.deploy.outlines import place
+from modpush.deploy.push_motion import PushMotion
+from modpush.deploy.registration import BEHIND, best_pose, compare, gather
+from modpush.envs.depth.solids import Solids
+from modpush.envs.scenes.objects import PushedObject
+from modpush.geometry.camera_model import CameraModel
+
+__all__ = ["ObjectTracker"]
+
+_PIXELS = 350
+"""About the number of pixels on the object that are compared."""
+_MOST_PIXELS = 6000
+_AROUND = 0.04
+"""Distance from the object up to which pixels are compared [m]."""
+_TOUCH = 0.004
+"""Distance of tool and object up to which it may have been pushed [m]."""
+_PUSHED, _RESTING = (0.006, 0.10), (0.0015, 0.025)
+"""Standard deviation of the predicted pose [m, rad]."""
+_ANYWHERE = (1.0, 10.0)
+_CONFIRMED = 0.25
+"""Residual up to which an image confirms a pose."""
+_LEAST_SHOWN = 0.12
+"""Least share of the object's pixels that must show something to confirm a pose."""
+_DOUBT = 0.15
+"""Residual from which other poses near by are tried."""
+_PATIENCE = 3
+"""Number of images in a row that contradict the pose before the object is looked for everywhere."""
+_CANDIDATES = 6
+
+Floats = NDArray[np.float64]
+
+
+class ObjectTracker:
+    """Registers the known shape of an object in depth images.
+
+    Each image is compared with what it would show of the object: pixels on it that show something behind
+    it contradict a pose, and so do pixels beside it that show something that is neither table nor a known
+    obstacle. What the arm hides says nothing; there, the pose is predicted from the tool's motion.
+
+    Args:
+        item: The object.
+        camera: The camera.
+        heights: The map of the table, in which the object is looked for.
+    """
+
+    def __init__(self, item: PushedObject, camera: CameraModel, heights: HeightMap) -> None:
+        self.item, self.camera, self.heights = item, camera, heights
+        self._motion = PushMotion(item)
+        self._finder = ObjectFinder(item, heights.view.cell_size)
+        solids = Solids.of(item.parts)
+        self._solids = (solids.kind, solids.size, solids.planes, solids.rotation, solids.position)
+        self._origin = np.array(camera.position)
+        self._top = _points_on_top(item)
+        self._pixels = np.empty((_MOST_PIXELS, 5))
+        self.reset()
+
+    def reset(self, guess: Sequence[float] | None = None) -> None:
+        """Forget the object; the next image begins an episode.
+
+        Args:
+            guess: Pose (x, y, yaw) near which the object is [m, m, rad]; None looks for it everywhere.
+        """
+        self._guess = None if guess is None else np.array(guess, dtype=np.float64)
+        self._pose: Floats | None = None
+        self._contradicted = self._unseen = 0
+
+    def update(
+        self,
+        depth: NDArray[np.float32],
+        kind: NDArray[np.uint8],
+        before: list[Floats],
+        after: list[Floats],
+    ) -> ObjectEstimate | None:
+        """Take in an image.
+
+        Args:
+            depth: `[H, W]` [m].
+            kind: `[H, W]`, what each pixel is, from `sort_pixels`; `heights.look` has read both.
+            before: Outlines of the tool when the image before was taken, from `tool_outlines`.
+            after: The same for this image.
+
+        Returns:
+            The estimate; None if the object has not been found since the last reset.
+        """
+        self._depth, self._kind = depth, kind
+        self._known = self.heights.around()
+        self._tool, self._tool_corners = _padded(after)
+        if self._pose is None:
+            found = self._find(self._guess)
+            if found is None:
+                return None
+            self._pose = found
+            return self._estimate(found)
+        predicted, gap = self._motion.predict(self._pose, before, after)
+        spread = _PUSHED if gap < _TOUCH else _RESTING
+        estimate = self._estimate(self._refine(predicted, spread, _near(predicted, self._pose)))
+        if estimate.residual > _DOUBT:
+            again = self._refine(predicted, _PUSHED, _wide(predicted, self.item.symmetry))
+            estimate = min(estimate, self._estimate(again), key=lambda one: one.residual)
+        self._contradicted = 0 if estimate.residual <= _CONFIRMED else self._contradicted + 1
+        if self._contradicted >= _PATIENCE:
+            found = self._find(None)
+            if found is not None:
+                estimate, self._contradicted = self._estimate(found), 0
+        self._unseen = 0 if estimate.found else self._unseen + 1
+        yaw = _nearest_yaw(estimate.pose[2], self._pose[2], self.item.symmetry)
+        self._pose = np.array([*estimate.pose[:2], yaw])
+        return estimate._replace(pose=(*estimate.pose[:2], yaw), unseen_for=self._unseen)
+
+    def _find(self, guess: Floats | None) -> Floats | None:
+        """The best pose in the whole image, or near a guess; None if nothing looks like the object."""
+        if guess is not None:
+            found = self._refine(guess, (0.02, 0.5), _wide(guess, self.item.symmetry))
+            return found if self._estimate(found).found else None
+        best, least = None, _CONFIRMED
+        for number, candidate in enumerate(self._finder.candidates(self.heights, _CANDIDATES)):
+            found = self._refine(candidate, _ANYWHERE, _near(candidate, candidate))
+            estimate = self._estimate(found)
+            score = estimate.residual + 0.02 * number  # whose outline fits is first
+            if estimate.found and score < least:
+                best, least = found, score
+        return best
+
+    def _refine(self, prior: Floats, spread: tuple[float, float], starts: Floats) -> Floats:
+        """The pose near some poses that explains the image best."""
+        pixels, weight = self._gather(prior)
+        place_spread, yaw_spread = spread
+        spreads = np.array([place_spread, place_spread, yaw_spread])
+        motion = self._motion
+        found, _ = best_pose(
+            starts,
+            0.004,
+            self.item.radius,
+            prior,
+            spreads,
+            weight,
+            self._tool,
+            self._tool_corners,
+            motion.outlines,
+            motion.counts,
+            pixels,
+            self._origin,
+            self.item.height / 2,
+            self._solids,
+            2,
+        )
+        return found
+
+    def _gather(self, pose: Floats) -> tuple[Floats, float]:
+        """The pixels around a pose, and how many of them the object would cover."""
+        reach, height = self.item.radius + _AROUND, self.item.height
+        x, y, _ = pose
+        corners = [
+            (x + a * reach, y + b * reach, z)
+            for a in (-1, 1)
+            for b in (-1, 1)
+            for z in (0.0, height)
+        ]
+        at, _ = self.camera.project(np.array(corners))
+        width, rows = self.camera.size
+        if not np.isfinite(at).all():
+            return self._pixels[:0], 1.0
+        low = np.clip(np.floor(at.min(0)), 0, (width, rows)).astype(int)
+        high = np.clip(np.ceil(at.max(0)) + 1, 0, (width, rows)).astype(int)
+        # The object's side in pixels, from its area seen from above.
+        away = float(np.linalg.norm(np.array(self.camera.position) - (x, y, height / 2)))
+        side = self.camera.intrinsics[0][0] / away * 1.8 * self.item.inscribed_radius
+        area = (high - low).prod()
+        stride = max(1, round(side / math.sqrt(_PIXELS)), math.ceil(math.sqrt(area / _MOST_PIXELS)))
+        count = gather(
+            self._depth,
+            self._kind,
+            self.camera.rays,
+            self._origin,
+            (*low.tolist(), *high.tolist()),
+            stride,
+            self._known,
+            self.heights.corner,
+            self.heights.view.cell_size,
+            self._pixels,
+        )
+        return self._pixels[:count], max(1.0, (side / stride) ** 2)
+
+    def _estimate(self, pose: Floats) -> ObjectEstimate:
+        pixels, weight = self._gather(pose)
+        found = compare(pose, pixels, self._origin, self.item.height / 2, *self._solids)
+        _, own, shown, _ = found
+        residual = own / shown if shown else 0.0
+        seen = shown >= _LEAST_SHOWN * weight
+        x, y, yaw = pose.tolist()
+        return ObjectEstimate(
+            pose=(x, y, yaw),
+            residual=float(residual),
+            hidden=self._hidden(pose),
+            found=bool(seen and residual <= _CONFIRMED),
+            unseen_for=0,
+        )
+
+    def _hidden(self, pose: Floats) -> float:
+        """Share of the top that is hidden at a pose."""
+        points = np.full((len(self._top), 3), self.item.height)
+        x, y, yaw = pose
+        place(self._top, x, y, yaw, points[:, :2])
+        at, depth = self.camera.project(points)
+        width, height = self.camera.size
+        column, row = np.rint(np.nan_to_num(at, nan=-1.0)).astype(int).T
+        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        row, column = row[inside], column[inside]
+        before = self._depth[row, column] < depth[inside] - BEHIND
+        hides = (self._kind[row, column] == ARM) | (before & (self._depth[row, column] > 0))
+        return 1.0 - float((~hides).sum()) / len(points)
+
+
+def _near(predicted: Floats, last: Floats) -> Floats:
+    """Poses that are tried first."""
+    steps = [
+        (0, 0, 0),
+        (6e-3, 0, 0),
+        (-6e-3, 0, 0),
+        (0, 6e-3, 0),
+        (0, -6e-3, 0),
+        (0, 0, 0.15),
+        (0, 0, -0.15),
+    ]
+    return np.concatenate([predicted + np.array(steps), last[None]])
+
+
+def _wide(middle: Floats, symmetry: int) -> Floats:
+    """Poses around one, at all yaw angles that look different."""
+    turns = 1 if symmetry == 0 else max(2, 12 // symmetry)
+    yaws = np.arange(turns) * (2 * math.pi / (turns * max(1, symmetry)))
+    grid = np.array([-0.016, -0.008, 0.0, 0.008, 0.016])
+    x, y, yaw = np.meshgrid(grid, grid, yaws, indexing="ij")
+    return middle + np.stack([x, y, yaw], -1).reshape(-1, 3)
+
+
+def _nearest_yaw(yaw: float, last: float, symmetry: int) -> float:
+    """Of the yaw angles at which an object looks the same, that nearest to the last one [rad]."""
+    if symmetry == 0:
+        return last
+    turn = 2 * math.pi / symmetry
+    return last + (yaw - last + turn / 2) % turn - turn / 2
+
+
+def _padded(outlines: list[Floats]) -> tuple[Floats, NDArray[np.int64]]:
+    """Outlines in one array `[k, n, 2]`, and the number of corners of each."""
+    counts = np.array([len(outline) for outline in outlines], dtype=np.int64)
+    together = np.zeros((len(outlines), max([*counts.tolist(), 1]), 2))
+    for row, outline in zip(together, outlines, strict=True):
+        row[: len(outline)] = outline
+    return together, counts
+
+
+def _points_on_top(item: PushedObject) -> Floats:
+    """Points of a grid on an object's top, in its frame, `[n, 2]` [m]."""
+    import cv2
+
+    side = np.linspace(-item.radius, item.radius, 21)
+    points = np.stack(np.meshgrid(side, side), -1).reshape(-1, 2)
+    contours = [outline.astype(np.float32) for outline in item.footprints()]
+    inside = [
+        any(cv2.pointPolygonTest(contour, (float(x), float(y)), False) >= 0 for contour in contours)
+        for x, y in points
+    ]
+    return points[inside]
