@@ -20,7 +20,7 @@ from modpush.deploy.policy_file import load_policy
 from modpush.deploy.robot_interface import Command
 from modpush.deploy.source_env import SourceEnv
 from modpush.deploy.stopped import Stopped
-from modpush.deploy.tip import touches
+from modpush.deploy.tip import tip_transform, touches
 from modpush.envs.engines.base import CONTACT_KEYS
 from modpush.envs.outcome import episode_status, is_at_goal, pose_errors
 from modpush.envs.robot.control import MotionConfig, MotionPlanner
@@ -143,6 +143,31 @@ class PushController:
             raise ValueError(f"PushController: goal must be {size} finite numbers, got {goal!r}.")
         return values
 
+    def look(self, depth: NDArray[np.float32], joints: NDArray[np.float64]) -> None:
+        """Take in an image before the first command, while the arm stands aside and hides nothing.
+
+        Args:
+            depth: See `act`.
+            joints: See `act`.
+
+        Raises:
+            Stopped: If it does not show the object.
+            ValueError: If image or joints have another shape.
+        """
+        self._see(depth, joints)
+
+    def _see(self, depth: NDArray[np.float32], joints: NDArray[np.float64]) -> Perceived:
+        first = self.perceived is None
+        seen = self.perception.update(depth, joints)
+        if seen is None or (first and not seen.object.found):
+            raise Stopped(
+                "object_not_found",
+                f"the first image does not show the object {self.perception.item.name!r}; put it on the "
+                "table where camera and arm do not hide it, with no obstacle touching it.",
+            )
+        self.perceived = seen
+        return seen
+
     def act(
         self,
         depth: NDArray[np.float32],
@@ -166,14 +191,7 @@ class PushController:
             raise RuntimeError("PushController.act: call reset first.")
         if goal is not None:
             self.goal = self._checked_goal(goal)
-        first = self._state is None
-        seen = self.perceived = self.perception.update(depth, joints)
-        if seen is None or (first and not seen.object.found):
-            raise Stopped(
-                "object_not_found",
-                f"the first image does not show the object {self.perception.item.name!r}; put it on the "
-                "table where camera and arm do not hide it, with no obstacle touching it.",
-            )
+        first, seen = self._state is None, self._see(depth, joints)
         self._source.entries = self._entries(seen, joints)
         state = self._decide()
         tip = np.array([seen.tip_pose])
@@ -215,8 +233,9 @@ class PushController:
         assert self.goal is not None
         config = self.agent.config.simulation
         pose, goal = np.array([seen.object.pose]), np.array([self.goal])
-        places = seen.tip_pose, self.perception.item, seen.object.pose, self._touch_distance
-        self.contact = touches(self.perception.tool, *places)
+        sees = self.perception
+        tip = tip_transform(sees.robot, sees.tool, joints)
+        self.contact = touches(sees.tool, tip, sees.item, seen.object.pose, self._touch_distance)
         at_goal = is_at_goal(pose[:, :2], goal[:, :2], self._tolerance)
         numbers = {
             **self._constant,

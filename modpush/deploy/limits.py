@@ -44,8 +44,9 @@ class Limits:
     """Largest distance of the object's poses in consecutive images, more than a tool pushes it [m]."""
     yaw_jump: Positive = math.radians(60)
     """Largest difference of their yaw angles, modulo the object's symmetry [rad]."""
-    lost_for: Positive = 1.0
-    """Time for which images may fail to confirm the object's pose [s]."""
+    lost_for: Positive = 2.0
+    """Time for which images may fail to confirm the object's pose, which is predicted meanwhile [s]. The
+    arm may hide the object for a second and more."""
     in_view: Fraction = 0.99
     """Share of the workspace that must lie within the camera's image."""
     readings: Fraction = 0.3

@@ -7,6 +7,8 @@ from typing import NamedTuple
 from modpush.deploy.guard import Guard
 from modpush.deploy.robot_interface import Command, DepthImage
 
+_LOOKS = 5  # images before the approach, of which the map of the table becomes an average
+
 __all__ = ["Pushed", "push"]
 
 
@@ -24,6 +26,7 @@ def push(
     read_depth: Callable[[], DepthImage],
     goal: Sequence[float],
     *,
+    approach: Callable[[], None] | None = None,
     max_steps: int = 200,
     on_step: Callable[[DepthImage, Command | None], None] | None = None,
 ) -> Pushed:
@@ -35,6 +38,9 @@ def push(
         guard: The guard of a connected arm, with its controller.
         read_depth: Gives the newest depth image.
         goal: x, y of the object's goal [m], and its yaw [rad] for an agent of goal poses.
+        approach: Brings the tool from aside to where the push begins, at the height of its tip. It is
+            called after the first images, in which the arm hides nothing then. None where the tool is
+            there already.
         max_steps: Number of commands after which the push has failed.
         on_step: Called with each image and the command that follows from it, None at the goal.
 
@@ -44,6 +50,11 @@ def push(
     controller = guard.controller
     try:
         controller.reset(goal)
+        if approach is not None:
+            for _ in range(_LOOKS):
+                state, image = guard.observe(), guard.read_image(read_depth)
+                controller.look(image.depth, state.joints)
+            approach()
         guard.begin()
         for step in range(max_steps + 1):
             state, image = guard.observe(), guard.read_image(read_depth)

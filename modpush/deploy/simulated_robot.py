@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from modpush._arguments import checked_arguments
 from modpush._types import Frequency
 from modpush.deploy.robot_interface import Command, RobotInterface, RobotState
+from modpush.deploy.tip import tip_transform
 from modpush.envs.engines.base import SceneSpec, contact_looks
 from modpush.envs.engines.named import default_sim_freq, find_engine
 from modpush.envs.robot.control import MotionConfig, MotionPlanner, start_joints
@@ -18,6 +19,8 @@ from modpush.envs.scenes.objects import PushedObject, get_object
 from modpush.envs.scenes.scenario import Scenario
 
 __all__ = ["SimulatedRobot"]
+
+_HIGH = 0.15  # of the tip while the arm stands aside, over all objects [m]
 
 
 class SimulatedRobot(RobotInterface):
@@ -31,6 +34,7 @@ class SimulatedRobot(RobotInterface):
         robot: The arm, or its name.
         tool: Its tool, or its name.
         pushed_object: The object, if it is none of the library's.
+        aside: Let the arm stand aside at first, where it hides nothing, until `approach`.
         engine: Physics engine.
         sim_freq: Physics steps per second [Hz]; None for the engine's own.
 
@@ -46,6 +50,7 @@ class SimulatedRobot(RobotInterface):
         tool: str | Tool = "2f85",
         pushed_object: PushedObject | None = None,
         *,
+        aside: bool = False,
         engine: str = "mujoco",
         sim_freq: Frequency | None = None,
     ) -> None:
@@ -55,12 +60,22 @@ class SimulatedRobot(RobotInterface):
         self._make_engine = find_engine(engine)
         self._freq = sim_freq or default_sim_freq(engine, self._make_engine)
         self._start = start_joints(self.robot, self.tool, scenario.tool_pose, self.item.tool_height)
+        self._first = self._aside() if aside else self._start
         self.scene: Any = None
         """The physics engine's scene, an `Engine`; None before `connect`."""
         self.contacts = [False] * 6
         """True contacts of the last step, in the order of `CONTACT_KEYS`."""
         self.time = 0.0
         """Simulated time since `connect` [s]."""
+
+    def _aside(self) -> NDArray[np.float32]:
+        """Angles of the joints with the tool high over the table behind the arm, or as far as it turns."""
+        home = tip_transform(self.robot, self.tool, np.array(self.robot.home))
+        x, y = home[:2, 3].tolist()
+        joints = start_joints(self.robot, self.tool, (x, y, 0.0), _HIGH)
+        low, high = self.robot.joints[0].limits
+        joints[0] = np.clip(joints[0] + math.pi, low + 0.1, high - 0.1)
+        return joints
 
     def connect(self) -> None:
         """Place arm, object and obstacles as the scenario says."""
@@ -72,8 +87,12 @@ class SimulatedRobot(RobotInterface):
             control_freq=1,  # of no meaning here: each command says how long it takes
         )
         self.scene = self._make_engine(spec)
-        self.scene.load(self.scenario, self._start)
+        self.scene.load(self.scenario, self._first)
         self.time = 0.0
+
+    def approach(self) -> None:
+        """Put the tool where the scenario has it, as a person would drive it there."""
+        self._scene().load(self.scenario, self._start)
 
     def observe(self) -> RobotState:
         """See `RobotInterface`."""

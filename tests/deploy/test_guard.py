@@ -85,12 +85,12 @@ def test_no_object_on_the_table(rig) -> None:
 
 
 def test_an_object_that_is_lost(rig) -> None:
-    rig.seen.change = after(3, moved(found=False, unseen_for=16))
-    stopped(rig, "object_lost", r"no image has confirmed the pose of 'small_cube' for 1.07 s")
+    rig.seen.change = after(3, moved(found=False, unseen_for=31))
+    stopped(rig, "object_lost", r"no image has confirmed the pose of 'small_cube' for 2.07 s")
 
 
 def test_an_object_that_is_hidden_for_a_moment_is_not_lost(rig) -> None:
-    rig.seen.change = after(3, moved(found=False, unseen_for=14))
+    rig.seen.change = after(3, moved(found=False, unseen_for=29))
     assert rig.push().success
 
 

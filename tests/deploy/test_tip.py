@@ -3,25 +3,9 @@ import math
 import numpy as np
 import pytest
 
-from modpush.deploy.tip import polygon_distance, tip_transform, touches
+from modpush.deploy.tip import tip_transform, touches
 from modpush.envs import OBJECTS, TOOLS, PushedObject
 from modpush.geometry import box
-
-SQUARE = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
-
-
-@pytest.mark.parametrize(
-    ("offset", "expected"),
-    [((3.0, 0.0), 1.0), ((3.0, 4.0), math.hypot(1, 2)), ((1.5, 0.5), 0.0), ((0.0, 2.0), 0.0)],
-)
-def test_distance_of_two_squares(offset, expected) -> None:
-    moved = SQUARE + offset
-    assert polygon_distance(SQUARE, moved) == pytest.approx(expected)
-    assert polygon_distance(moved, SQUARE) == pytest.approx(expected)
-
-
-def test_a_square_within_another_has_no_distance() -> None:
-    assert polygon_distance(SQUARE, 0.1 * SQUARE) == 0.0
 
 
 def test_the_tip_is_where_the_engine_has_it(rig) -> None:
@@ -35,17 +19,24 @@ def test_the_tip_is_where_the_engine_has_it(rig) -> None:
     assert ours[2, 2] == pytest.approx(-1.0, abs=1e-4)
 
 
+def tip_at(x: float, y: float) -> np.ndarray:
+    """A tip on the table, pointing down."""
+    tip = np.diag([1.0, -1.0, -1.0, 1.0])
+    tip[:3, 3] = x, y, 0.02
+    return tip
+
+
 def test_contact_begins_where_the_surfaces_meet() -> None:
     # The rod is 2 cm wide and the cube 5 cm: centres 3.5 cm apart touch.
     rod, cube = TOOLS["rod"], OBJECTS["small_cube"]
-    assert touches(rod, (0.4, 0.0, 0.0), cube, (0.4 + 0.0349, 0.0, 0.0), 0.0)
-    assert not touches(rod, (0.4, 0.0, 0.0), cube, (0.4 + 0.0351, 0.0, 0.0), 0.0)
-    assert touches(rod, (0.4, 0.0, 0.0), cube, (0.4 + 0.0389, 0.0, 0.0), 0.004)
+    assert touches(rod, tip_at(0.4, 0.0), cube, (0.4 + 0.0349, 0.0, 0.0), 0.0)
+    assert not touches(rod, tip_at(0.4, 0.0), cube, (0.4 + 0.0351, 0.0, 0.0), 0.0)
+    assert touches(rod, tip_at(0.4, 0.0), cube, (0.4 + 0.0389, 0.0, 0.0), 0.004)
     # Turned by 45 degrees the cube's corner is nearer.
-    assert touches(rod, (0.4, 0.0, 0.0), cube, (0.4 + 0.045, 0.0, math.pi / 4), 0.0)
+    assert touches(rod, tip_at(0.4, 0.0), cube, (0.4 + 0.045, 0.0, math.pi / 4), 0.0)
 
 
-def test_a_notch_is_no_contact() -> None:
+def test_between_two_legs_is_no_contact() -> None:
     legs = (box(0.02, 0.1, 0.05, (0.04, 0.0, 0.0)), box(0.02, 0.1, 0.05, (-0.04, 0.0, 0.0)))
     item = PushedObject(name="two_bars", parts=legs)
-    assert not touches(TOOLS["rod"], (0.0, 0.0, 0.0), item, (0.0, 0.0, 0.0), 0.004)
+    assert not touches(TOOLS["rod"], tip_at(0.0, 0.0), item, (0.0, 0.0, 0.0), 0.004)
