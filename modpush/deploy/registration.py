@@ -4,6 +4,7 @@ For each pixel near the object, the depth at which it would show it is compared 
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +12,19 @@ from numpy.typing import NDArray
 from modpush._kernels import njit
 from modpush.deploy.image_kernels import ARM, GOOD
 from modpush.deploy.outlines import overlap, place
-from modpush.envs.depth.intersections import BOX, hit, hit_box
+from modpush.envs.scenes.objects import PushedObject
+from modpush.geometry.footprint import outline_of, side_planes, vertical_range
 
-__all__ = ["BEHIND", "EXPLAINED", "HIDDEN", "UNEXPLAINED", "best_pose", "compare", "gather"]
+__all__ = [
+    "BEHIND",
+    "EXPLAINED",
+    "HIDDEN",
+    "UNEXPLAINED",
+    "ObjectShape",
+    "best_pose",
+    "compare",
+    "gather",
+]
 
 EXPLAINED, UNEXPLAINED, HIDDEN = 0, 1, 2
 """What a pixel shows: the table or a known obstacle; something else; the arm, perhaps."""
@@ -26,6 +37,36 @@ _OVERLAP = 0.0015
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.float32]
+
+
+class ObjectShape(NamedTuple):
+    """The upright parts of an object as arrays that the kernels read; a capsule counts as a cylinder."""
+
+    sides: Floats
+    """Outward normal (x, y) and distance from the origin of each part's sides, `[n, m, 3]` [m]."""
+    counts: NDArray[np.int64]
+    """Number of sides of each part, 0 of a cylinder, `[n]`."""
+    circles: Floats
+    """Axis (x, y) and radius of each cylinder, `[n, 3]` [m]; radius 0 for other parts."""
+    levels: Floats
+    """Lower and upper end of each part over the table, `[n, 2]` [m]."""
+
+    @classmethod
+    def of(cls, item: PushedObject) -> "ObjectShape":
+        """The shape of an object that stands on the table."""
+        n = len(item.parts)
+        planes, circles = [np.zeros((0, 3))] * n, np.zeros((n, 3))
+        for i, part in enumerate(item.parts):
+            if part.kind in ("box", "prism"):
+                planes[i] = np.column_stack(side_planes(outline_of(part)))
+            else:
+                circles[i] = (*part.position[:2], part.size[0])
+        counts = np.array([len(of_part) for of_part in planes], dtype=np.int64)
+        sides = np.zeros((n, max(1, counts.max()), 3))
+        for row, of_part in zip(sides, planes, strict=True):
+            row[: len(of_part)] = of_part
+        levels = np.array([vertical_range(part) for part in item.parts]) + item.height / 2
+        return cls(sides, counts, circles, levels)
 
 
 @njit(error_model="numpy")
@@ -87,56 +128,67 @@ def compare(
     pose: Floats,
     pixels: Floats,
     origin: Floats,
-    middle: float,
-    kinds: NDArray[np.int64],
-    size: Floats,
-    planes: Floats,
-    rotation: Floats,
-    position: Floats,
-) -> tuple[float, float, float, float]:
+    radius: float,
+    sides: Floats,
+    counts: NDArray[np.int64],
+    circles: Floats,
+    levels: Floats,
+) -> tuple[float, float, int, int]:
     """Compare a pose of an object with pixels.
 
     Args:
         pose: x, y, yaw [m, m, rad].
         pixels: `[n, 5]` from `gather`.
         origin: The pinhole [m].
-        middle: Height of the object's origin over the table [m].
-        kinds: The object's solids, as `Solids` has them.
-        size: See `kinds`.
-        planes: See `kinds`.
-        rotation: See `kinds`.
-        position: See `kinds`.
+        radius: Of the circle around the object's footprint [m].
+        sides: See `ObjectShape`.
+        counts: See `ObjectShape`.
+        circles: See `ObjectShape`.
+        levels: See `ObjectShape`.
 
     Returns:
         What contradicts the pose, all pixels together; that on the object alone; the number of pixels on
         the object that show something; and the number of all pixels on the object.
     """
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    dx, dy, dz = origin[0] - pose[0], origin[1] - pose[1], origin[2] - middle
+    dx, dy, oz = origin[0] - pose[0], origin[1] - pose[1], origin[2]
     ox, oy = cos * dx + sin * dy, -sin * dx + cos * dy
-    parts = len(kinds)
-    start, ray = np.empty((parts, 3)), np.empty(3)
-    for k in range(parts):
-        for axis in range(3):
-            start[k, axis] = (
-                rotation[k, 0, axis] * (ox - position[k, 0])
-                + rotation[k, 1, axis] * (oy - position[k, 1])
-                + rotation[k, 2, axis] * (dz - position[k, 2])
-            )
+    # The ball around the object, by which most rays are told to miss it.
+    top = levels[:, 1].max()
+    ball_z = oz - 0.5 * top
+    outside = ox * ox + oy * oy + ball_z * ball_z - radius * radius - 0.25 * top * top
     total, own, shown, covered = 0.0, 0.0, 0, 0
     for i in range(len(pixels)):
         x, y, z = pixels[i, 0], pixels[i, 1], pixels[i, 2]
         rx, ry = cos * x + sin * y, -sin * x + cos * y
+        along = ox * rx + oy * ry + ball_z * z
         first = np.inf
-        for k in range(parts):
-            R = rotation[k]
-            ray[0] = R[0, 0] * rx + R[1, 0] * ry
-            ray[1] = R[0, 1] * rx + R[1, 1] * ry
-            ray[2] = z
-            if kinds[k] == BOX:
-                first = min(first, hit_box(start[k], ray, size[k]))
-            else:
-                first = min(first, hit(kinds[k], size[k], planes[k], start[k], ray))
+        if along * along > (rx * rx + ry * ry + z * z) * outside:
+            for k in range(len(counts)):
+                near, far = (levels[k, 1] - oz) / z, (levels[k, 0] - oz) / z
+                if near > far:
+                    near, far = far, near
+                for m in range(counts[k]):
+                    nx, ny = sides[k, m, 0], sides[k, m, 1]
+                    rate = nx * rx + ny * ry
+                    gap = sides[k, m, 2] - nx * ox - ny * oy
+                    if rate < 0.0:
+                        near = max(near, gap / rate)
+                    elif rate > 0.0:
+                        far = min(far, gap / rate)
+                    elif gap < 0.0:
+                        far = -np.inf
+                if circles[k, 2] > 0.0:
+                    cx, cy = ox - circles[k, 0], oy - circles[k, 1]
+                    a, b = rx * rx + ry * ry, cx * rx + cy * ry
+                    inside = b * b - a * (cx * cx + cy * cy - circles[k, 2] ** 2)
+                    if inside < 0.0:
+                        far = -np.inf
+                    else:
+                        root = math.sqrt(inside)
+                        near, far = max(near, (-b - root) / a), min(far, (-b + root) / a)
+                if near <= far:
+                    first = min(first, near)
         what = int(pixels[i, 4])
         if first == np.inf:
             if what == UNEXPLAINED:
@@ -167,12 +219,11 @@ def _cost(
     corners: NDArray[np.int64],
     pixels: Floats,
     origin: Floats,
-    middle: float,
-    solids: tuple,
+    radius: float,
+    shape: tuple,
 ) -> float:
     """What contradicts a pose: the pixels, its distance from a prior, and overlap with the tool."""
-    kinds, size, planes, rotation, position = solids
-    total = compare(pose, pixels, origin, middle, kinds, size, planes, rotation, position)[0]
+    total = compare(pose, pixels, origin, radius, *shape)[0]
     for axis in range(3):
         total += 0.03 * weight * ((pose[axis] - prior[axis]) / spread[axis]) ** 2
     body = np.empty_like(outlines[0])
@@ -200,8 +251,8 @@ def best_pose(
     corners: NDArray[np.int64],
     pixels: Floats,
     origin: Floats,
-    middle: float,
-    solids: tuple,
+    radius: float,
+    shape: tuple,
     keep: int,
 ) -> tuple[Floats, float]:
     """The pose that explains pixels best, by a pattern search from the best of some poses.
@@ -219,17 +270,17 @@ def best_pose(
         corners: Number of corners of each.
         pixels: `[n, 5]` from `gather`.
         origin: The pinhole [m].
-        middle: Height of the object's origin over the table [m].
-        solids: The arrays of the object's `Solids`.
+        radius: Of the circle around the object's footprint [m].
+        shape: The arrays of its `ObjectShape`.
         keep: Number of poses from which is searched.
 
     Returns:
         The pose, and its cost [px].
     """
-    rest = (prior, spread, weight, tool, tool_corners, outlines, corners, pixels, origin, middle)
+    rest = (prior, spread, weight, tool, tool_corners, outlines, corners, pixels, origin, radius)
     first = np.empty(len(starts))
     for i in range(len(starts)):
-        first[i] = _cost(starts[i], *rest, solids)
+        first[i] = _cost(starts[i], *rest, shape)
     best, least = starts[0].copy(), np.inf
     trial = np.empty(3)
     for i in np.argsort(first)[:keep]:
@@ -240,7 +291,7 @@ def best_pose(
                 for sign in (-1.0, 1.0):
                     trial[:] = pose
                     trial[axis] += sign * (size if axis < 2 else size / arm)
-                    found = _cost(trial, *rest, solids)
+                    found = _cost(trial, *rest, shape)
                     if found < cost - 1e-9:
                         pose[:], cost, moved = trial, found, True
             if not moved:

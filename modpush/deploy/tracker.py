@@ -12,8 +12,7 @@ from modpush.deploy.height_map import HeightMap
 from modpush.deploy.image_kernels import ARM
 from modpush.deploy.outlines import place
 from modpush.deploy.push_motion import PushMotion
-from modpush.deploy.registration import BEHIND, best_pose, compare, gather
-from modpush.envs.depth.solids import Solids
+from modpush.deploy.registration import BEHIND, ObjectShape, best_pose, compare, gather
 from modpush.envs.scenes.objects import PushedObject
 from modpush.geometry.camera_model import CameraModel
 
@@ -59,8 +58,7 @@ class ObjectTracker:
         self.item, self.camera, self.heights = item, camera, heights
         self._motion = PushMotion(item)
         self._finder = ObjectFinder(item, heights.view.cell_size)
-        solids = Solids.of(item.parts)
-        self._solids = (solids.kind, solids.size, solids.planes, solids.rotation, solids.position)
+        self._shape = tuple(ObjectShape.of(item))
         self._origin = np.array(camera.position)
         self._top = _points_on_top(item)
         self._pixels = np.empty((_MOST_PIXELS, 5))
@@ -152,8 +150,8 @@ class ObjectTracker:
             motion.counts,
             pixels,
             self._origin,
-            self.item.height / 2,
-            self._solids,
+            self.item.radius,
+            self._shape,
             2,
         )
         return found
@@ -195,7 +193,7 @@ class ObjectTracker:
 
     def _estimate(self, pose: Floats) -> ObjectEstimate:
         pixels, weight = self._gather(pose)
-        found = compare(pose, pixels, self._origin, self.item.height / 2, *self._solids)
+        found = compare(pose, pixels, self._origin, self.item.radius, *self._shape)
         _, own, shown, _ = found
         residual = own / shown if shown else 0.0
         seen = shown >= _LEAST_SHOWN * weight
