@@ -17,6 +17,8 @@ EXTRAS = {
     "onnxruntime": "export",
     "ray": "ray",
     "mujoco": "mujoco",
+    "rtde_control": "ur",
+    "rtde_receive": "ur",
 }
 """The extra of `pip install 'modpush[extra]'` that brings each optional package."""
 

@@ -41,7 +41,7 @@ MAY_KNOW = {
     "recipes": _STACK,
     "evaluation": {"geometry", "envs.scenes", "planners"},
     "training": _STACK | {"recipes", "evaluation"},
-    "export": {"geometry", "encoders", "mdp", "agents", "planners", "recipes"},
+    "export": {"geometry", "envs.robot", "encoders", "mdp", "agents", "planners", "recipes"},
     "data": {"geometry", "envs", "mdp", "recipes", "evaluation"},
     "deploy": _STACK - {"replay"} | {"recipes", "export"},
     "viewer": _STACK - {"replay"} | {"recipes", "evaluation", "training"},

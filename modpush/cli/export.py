@@ -5,7 +5,7 @@
 
 Writes `policy` (observation to action), `window_policy` (local window and state to action, encoder
 included) and `card.json`, which describes inputs and outputs. ONNX needs `pip install
-'modpush[export]'`; `examples/deploy.py` pushes with a policy that runs in onnxruntime alone.
+'modpush[export]'`; `examples/deploy.py` pushes with such a folder as with an agent.
 
 Arguments:
   AGENT               Shipped agent by its name, an agent's file, a training run's folder, or

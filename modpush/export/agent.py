@@ -2,6 +2,7 @@
 
 import io
 import json
+import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -18,6 +19,7 @@ from modpush._atomic import make_folder, replacing
 from modpush._extras import require_extra
 from modpush._types import AtLeastOne
 from modpush.encoders.encode import Encode
+from modpush.envs.robot.control import MotionConfig
 from modpush.export.graphs import ObservationPolicy, WindowPolicy
 from modpush.mdp.action_frame import ActionFrame
 from modpush.mdp.push_observation import PushObservation
@@ -62,6 +64,12 @@ _PLANNING = (
     "smaller by `margin` (larger where it is negative), are blocked; of several margins the first that "
     "leaves a way counts. With `widest` obstacles are inflated by the radius of the circumscribed "
     "circle where that leaves a way, else of the inscribed one."
+)
+_CONTROL = (
+    "The tool points straight down, its tip `tip_height` over the table, which depends on the object. It "
+    "moves to the commanded pose in a straight line within a step of 1 / `rate` s. `limits` are the tip's "
+    "workspace in x and y, and what an agent's commands reach at most: a guard's limits lie above. "
+    "Lengths in metres, angles in radians, per second."
 )
 _MEANINGS = {
     "observation": "entries, shifts and scales as under `observation`",
@@ -117,7 +125,7 @@ def export_agent(
     env = agent.make_env(2, keep_images=True, seed=0)
     try:
         example = env.reset()
-        described = describe_transforms(env)
+        described, control = describe_transforms(env), _control(env)
         chain = _window_policy(policy, list(env.transform))
     finally:
         env.close()
@@ -135,11 +143,34 @@ def export_agent(
             path = folder / f"{name}{_ENDINGS[kind]}"
             _write(module.eval(), inputs, outputs, path, kind)
             written[path.name] = path
-    card = {**_card(agent, examples, chain), **_settings(described)}
+    card = {**_card(agent, examples, chain), **_settings(described), "control": control}
     with replacing(folder / "card.json") as unfinished:
         unfinished.write_text(json.dumps(card, indent=2) + "\n", encoding="utf-8")
     written["card.json"] = folder / "card.json"
     return written
+
+
+def _control(env: Any) -> dict[str, Any]:
+    """How the tool moves: by what an arm that runs the policy has to go."""
+    motion, rate, tool = MotionConfig(), env.simulation.control_freq, env.tool
+    speed = motion.max_step * math.sqrt(2) * rate
+    return {
+        "rate": rate,
+        "tip_height": {name: item.tool_height for name, item in env.pushed_objects.items()},
+        "tool": {n: getattr(tool, n) for n in ("name", "length", "tip_half_extents", "mass")},
+        "robot": {
+            "name": env.robot.name,
+            "joint_limits": {joint.name: joint.limits for joint in env.robot.joints},
+        },
+        "limits": {
+            "low": motion.low,
+            "high": motion.high,
+            "speed": speed,
+            "turn_speed": motion.max_turn * rate,
+            "acceleration": 2 * speed * rate,  # from one direction to the opposite one
+        },
+        "meaning": _CONTROL,
+    }
 
 
 def _window_policy(policy: ObservationPolicy, transforms: Sequence[Transform]) -> WindowPolicy:

@@ -73,6 +73,7 @@ def make_push_env(
     keep_images: bool = False,
     mirrored: bool = False,
     pictures: bool = False,
+    base: Any = None,
     seed: Seed | None = None,
     device: torch.device | str = "cpu",
     **fields: Any,
@@ -106,6 +107,8 @@ def make_push_env(
         keep_images: Also emit depth, segmentation, occupancy and window.
         mirrored: Also emit `mirrored_observation` `[B, n]`, see `MirroredObservation`.
         pictures: Build the scenes with a renderer, see `PushEnv`.
+        base: Environment to stack the transforms on instead of a `PushEnv` of the config, such as one
+            that reads a camera: with the keys of `PushEnv`, and its `robot`, `scenario` and `bounds`.
         seed: Seed of the first scene, see `PushEnv`.
         device: Device of the environment, see `PushEnv`.
         **fields: Fields of the config to set differently, also those of its `scenario`, `simulation`
@@ -127,14 +130,15 @@ def make_push_env(
             f"make_push_env: mirrored needs actions in the observation's frame {config.frame!r}, got "
             f"action_frame={config.action_frame!r}."
         )
-    base = PushEnv(
-        config.num_envs,
-        scenario=config.filled_scenario(),
-        simulation=config.simulation,
-        pictures=pictures,
-        seed=seed,
-        device=device,
-    )
+    if base is None:
+        base = PushEnv(
+            config.num_envs,
+            scenario=config.filled_scenario(),
+            simulation=config.simulation,
+            pictures=pictures,
+            seed=seed,
+            device=device,
+        )
     module = _make_encoder(config, encoder)
     true, observed = observed_keys(SensingConfig()), observed_keys(config.sensing)
     planned = config, base.scenario, planner

@@ -10,11 +10,16 @@ import onnxruntime
 import pytest
 import torch
 from tensordict import TensorDict
+from torchrl.envs import Compose, EnvBase, InitTracker, TransformedEnv
+from torchrl.envs.utils import step_mdp
 
+from modpush.deploy import Limits
+from modpush.encoders import EgocentricWindow
+from modpush.envs import PushEnv
 from modpush.export import export_agent
 from modpush.mdp import ActionFrame
+from modpush.planners import OccupancyGrid, PlannerSubgoals
 from modpush.recipes import load_agent, make_push_env
-from tests.examples import load_example
 
 
 @pytest.fixture(scope="module", params=["small_cube", "any_object"])
@@ -90,19 +95,68 @@ def test_the_card_says_what_goes_in_and_comes_out(
     assert card["window"]["size"] == recorded["window"].shape[-1]
 
 
+def env_of_card(card: dict, num_envs: int, scene: str) -> EnvBase:
+    """`PushEnv` with what the card says of planner, sub-goals and window, and no network."""
+    planning, window = card["planning"], dict(card["window"])
+    settings = {n: window[n] for n in ("size", "outside", "metres_per_pixel")}
+    grid = OccupancyGrid(
+        **{k: v for k, v in planning["occupancy"].items() if k != "meaning"},
+        object_radius_key="object_radius",
+        inscribed_radius_key="object_inscribed_radius",
+    )
+    subgoals = PlannerSubgoals(**planning["subgoals"])
+    transforms = InitTracker(), grid, subgoals, EgocentricWindow(window["frame"], **settings)
+    pushed = card["environment"]["scenario"]["pushed_object"]
+    env = PushEnv(num_envs, scene=scene, pushed_object=pushed, seed=0)
+    return TransformedEnv(env, Compose(*transforms))
+
+
 def test_a_robot_without_torch_in_its_policy_pushes(folder: Path) -> None:
-    assert load_example("deploy").main(folder, scene="free", num_envs=2) == 1.0
+    session = onnxruntime.InferenceSession(folder / "window_policy.onnx")
+    names = [entry.name for entry in session.get_inputs()]
+    env = env_of_card(json.loads((folder / "card.json").read_text()), 2, "free")
+    state, solved = env.reset(), np.zeros((2, 1), dtype=bool)
+    for _ in range(200):
+        _, command = session.run(None, {name: state[name].numpy() for name in names})
+        command[solved[:, 0]] = 0.0
+        stepped = env.step(state.set("action", torch.from_numpy(command)))
+        solved |= stepped["next", "success"].numpy()
+        state = step_mdp(stepped)
+        if solved.all():
+            break
+    env.close()
+    assert solved.all()
 
 
 def test_the_card_says_how_to_plan(agent, folder: Path) -> None:
     card = json.loads((folder / "card.json").read_text())
-    ours = load_example("deploy").make_env(card, 6, "bar_along")
+    ours = env_of_card(card, 6, "bar_along")
     theirs = agent.make_env(6, scene="bar_along", keep_images=True, seed=0)
     one, other = ours.reset(), theirs.reset()
     for key in ("occupancy", "path_length", "subgoal", "subgoal_past", "window"):
         assert torch.equal(one[key], other[key]), key
     ours.close()
     theirs.close()
+
+
+def test_the_card_says_how_the_tool_moves(agent, folder: Path) -> None:
+    control = json.loads((folder / "card.json").read_text())["control"]
+    assert control["rate"] == 15
+    assert control["tip_height"]["small_cube"] == 0.02
+    assert control["tool"] == {
+        "name": "2f85",
+        "length": 0.163,
+        "tip_half_extents": [0.032, 0.011],
+        "mass": 0.9,
+    }
+    assert len(control["robot"]["joint_limits"]) == 6
+    # 2 cm along x and along y, 15 times a second.
+    assert control["limits"]["speed"] == pytest.approx(0.02 * 2**0.5 * 15)
+    assert control["limits"]["turn_speed"] == pytest.approx(0.75)
+    guard = Limits()
+    for name in ("speed", "turn_speed", "acceleration"):
+        assert control["limits"][name] < getattr(guard, name) < 1.1 * control["limits"][name]
+    assert (control["limits"]["low"], control["limits"]["high"]) == ([*guard.low], [*guard.high])
 
 
 def test_the_card_says_what_every_input_means(folder: Path) -> None:

@@ -151,10 +151,37 @@ class MotionPlanner:
         joints: NDArray[np.float64],
     ) -> PlannedMotion:
         """The motion of an action itself, or a halt; the arguments are those of `plan`."""
+        return self.ramp(*self.aim(action, target, tip_pose), flange_height, joints)
+
+    def aim(
+        self,
+        action: NDArray[np.float64],
+        target: NDArray[np.float64],
+        tip_pose: NDArray[np.float64],
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Planar poses of the tip at which a control step starts and ends, `[B, 3]` each [m, m, rad].
+
+        The arguments are those of `plan`.
+        """
+        return _aim(action, target, tip_pose, self._limits)
+
+    def ramp(
+        self,
+        start: NDArray[np.float64],
+        goal: NDArray[np.float64],
+        flange_height: NDArray[np.float64],
+        joints: NDArray[np.float64],
+    ) -> PlannedMotion:
+        """Joint targets on the straight way of a control step.
+
+        Args:
+            start: Where the tip starts, `[B, 3]` [m, m, rad].
+            goal: Where it ends, `[B, 3]` [m, m, rad]; overwritten by the start where it is out of reach.
+            flange_height: Height of the flange over the table, `[B]` [m].
+            joints: The measured angles of the joints, `[B, n]` [rad].
+        """
         rows = self._num_knots + 1
-        start, goal, way = _plan_way(
-            action, target, tip_pose, flange_height, self._limits, self._num_knots
-        )
+        way = _way(start, goal, flange_height, self._limits, self._num_knots)
         knots, found = self._inverse(way, joints.repeat(rows, axis=0))
         return PlannedMotion(*_ramp(start, goal, joints, knots, found, rows, *self._ramp))
 
@@ -242,28 +269,39 @@ def _led_from_home(
 
 
 @njit()
-def _plan_way(
+def _aim(
     action: NDArray[np.float64],
     target: NDArray[np.float64],
     tip_pose: NDArray[np.float64],
+    limits: _Limits,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Start and end of a step, `[B, 3]`."""
+    B = len(action)
+    starts, goals = np.empty((B, 3)), np.empty((B, 3))
+    for b in range(B):
+        _start_and_goal(action[b], target[b], tip_pose[b], limits, starts[b], goals[b])
+    return starts, goals
+
+
+@njit()
+def _way(
+    starts: NDArray[np.float64],
+    goals: NDArray[np.float64],
     flange_height: NDArray[np.float64],
     limits: _Limits,
     num_knots: int,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Start and end of a step, `[B, 3]`, and the flange's way as `InverseKinematics` takes it."""
-    B = len(action)
-    starts, goals = np.empty((B, 3)), np.empty((B, 3))
-    way = np.empty((B * (num_knots + 1), 4))
-    for b in range(B):
+) -> NDArray[np.float64]:
+    """The flange's way as `InverseKinematics` takes it, `[B * (num_knots + 1), 4]`."""
+    way = np.empty((len(starts) * (num_knots + 1), 4))
+    for b in range(len(starts)):
         start, goal = starts[b], goals[b]
-        _start_and_goal(action[b], target[b], tip_pose[b], limits, start, goal)
         for k in range(num_knots + 1):
             pose = way[b * (num_knots + 1) + k]
             pose[0] = start[0] + (goal[0] - start[0]) * k / num_knots - limits.base_x
             pose[1] = start[1] + (goal[1] - start[1]) * k / num_knots - limits.base_y
             pose[2] = flange_height[b] - limits.base_z
             pose[3] = start[2] + (goal[2] - start[2]) * k / num_knots
-    return starts, goals, way
+    return way
 
 
 @njit()

@@ -1,0 +1,278 @@
+"""`PushController`: an agent as an object with memory and recovery, from depth images to commands."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.envs import EnvBase, TransformedEnv, set_exploration_type
+from torchrl.envs.utils import ExplorationType, step_mdp
+
+from modpush._arguments import checked_arguments
+from modpush._types import Length, NonNegativeLength, Positive
+from modpush.deploy.estimate import Perceived
+from modpush.deploy.policy_file import load_policy
+from modpush.deploy.robot_interface import Command
+from modpush.deploy.source_env import SourceEnv
+from modpush.deploy.stopped import Stopped
+from modpush.deploy.tip import tip_transform, touches
+from modpush.envs.engines.base import CONTACT_KEYS
+from modpush.envs.outcome import episode_status, is_at_goal, pose_errors
+from modpush.envs.robot.control import MotionConfig, MotionPlanner
+from modpush.envs.robot.robot import Robot, Tool
+from modpush.envs.scenes.objects import PushedObject
+from modpush.envs.scenes.sensing import SensingConfig
+from modpush.mdp.action_frame import ActionFrame
+from modpush.recipes.agent_file import Agent
+
+__all__ = ["PushController", "Sees"]
+
+
+class Sees(Protocol):
+    """What a controller asks of perception; `Perception` is one."""
+
+    item: PushedObject
+    """The pushed object."""
+    robot: Robot
+    """The arm."""
+    tool: Tool
+    """Its tool."""
+
+    def reset(self, guess: Sequence[float] | None = None) -> None:
+        """Forget the scene."""
+
+    def update(self, depth: NDArray[np.float32], joints: NDArray[np.float64]) -> Perceived | None:
+        """Take in an image; None if the object has not been found yet."""
+
+
+class PushController:
+    """A trained agent that pushes one object on a real table, by depth images and joint angles.
+
+    It is the agent's own stack: planner, sub-goals, window, encoder, observation, network and recovery
+    run as in simulation, on what perception sees. It remembers what an episode needs to remember; one
+    controller drives one arm.
+
+    Args:
+        agent: The agent: of `load_agent`, or a name or file for it, or a folder of `modpush export`.
+        perception: What sees arm, object and obstacles.
+        rate: Control steps per second [Hz]; None for that of the agent's training. A lower rate makes the
+            same motions slower.
+        tip_height: Height of the tool's tip over the table [m]; None for that of the object,
+            `PushedObject.tool_height`.
+        touch_distance: Distance of tip and object that counts as contact [m].
+        arrival_margin: Distance by which the object must be nearer to its goal than the agent's
+            `position_tolerance`, so that it has arrived in truth as well [m].
+        motion: How far a control step goes, and the tool's workspace.
+
+    Raises:
+        ValueError: If the agent observes what perception does not measure, or cannot be found.
+    """
+
+    @checked_arguments
+    def __init__(
+        self,
+        agent: Agent | str | Path,
+        perception: Sees,
+        *,
+        rate: Positive | None = None,
+        tip_height: Length | None = None,
+        touch_distance: NonNegativeLength = 0.004,
+        arrival_margin: NonNegativeLength = 0.005,
+        motion: MotionConfig | None = None,
+    ) -> None:
+        self.agent = agent if isinstance(agent, Agent) else load_policy(agent)
+        self.perception = perception
+        config = self.agent.config
+        if config.simulation.obstacle_motion or config.simulation.dynamic_obstacles:
+            raise ValueError(
+                "PushController: the agent must not observe how obstacles move, which perception does "
+                "not measure."
+            )
+        self.rate = float(config.simulation.control_freq if rate is None else rate)
+        item = perception.item
+        self.tip_height = item.tool_height if tip_height is None else tip_height
+        self.motion, self._touch_distance = motion or MotionConfig(), touch_distance
+        self._tolerance = max(0.0, config.simulation.position_tolerance - arrival_margin)
+        self._goal_kind = config.simulation.goal
+        self._source = SourceEnv(perception.robot, config.scenario, self._goal_kind)
+        self._env = self.agent.make_env(1, base=self._source, sensing=SensingConfig())
+        self._policy = self.agent.policy
+        self._planner = MotionPlanner(perception.robot, self.motion, 1, self.rate)
+        self._constant = _constant_entries(item, config.simulation.full_circle)
+        self.goal: tuple[float, ...] | None = None
+        """Goal of the object: x, y, and yaw for a goal pose [m, m, rad]."""
+        self.perceived: Perceived | None = None
+        """What the last image showed."""
+        self.success = False
+        """Whether the object is at the goal, by the last image."""
+        self.contact = False
+        """Whether the tip touches the object, by the last image."""
+        self._state: TensorDictBase | None = None
+        self._target = np.zeros(3)
+
+    @property
+    def path_found(self) -> bool:
+        """Whether the planner has found a way for the object to its goal."""
+        assert self._state is not None
+        found = self._state.get("path_found", None)
+        return True if found is None else bool(found)
+
+    def reset(self, goal: Sequence[float], guess: Sequence[float] | None = None) -> None:
+        """Begin an episode with the next image.
+
+        Args:
+            goal: x, y of the object's goal [m], and its yaw [rad] for an agent of goal poses.
+            guess: Pose (x, y, yaw) near which the object is [m, m, rad]; None looks for it everywhere.
+
+        Raises:
+            ValueError: If the goal has another length, or is not finite.
+        """
+        self.goal = self._checked_goal(goal)
+        self.perception.reset(guess)
+        self._state, self.perceived, self.success, self.contact = None, None, False, False
+
+    def _checked_goal(self, goal: Sequence[float]) -> tuple[float, ...]:
+        size = 3 if self._goal_kind == "pose" else 2
+        values = tuple(float(v) for v in goal)
+        if len(values) != size or not all(map(math.isfinite, values)):
+            raise ValueError(f"PushController: goal must be {size} finite numbers, got {goal!r}.")
+        return values
+
+    def look(self, depth: NDArray[np.float32], joints: NDArray[np.float64]) -> None:
+        """Take in an image before the first command, while the arm stands aside and hides nothing.
+
+        Args:
+            depth: See `act`.
+            joints: See `act`.
+
+        Raises:
+            Stopped: If it does not show the object.
+            ValueError: If image or joints have another shape.
+        """
+        self._see(depth, joints)
+
+    def _see(self, depth: NDArray[np.float32], joints: NDArray[np.float64]) -> Perceived:
+        first = self.perceived is None
+        seen = self.perception.update(depth, joints)
+        if seen is None or (first and not seen.object.found):
+            raise Stopped(
+                "object_not_found",
+                f"the first image does not show the object {self.perception.item.name!r}; put it on the "
+                "table where camera and arm do not hide it, with no obstacle touching it.",
+            )
+        self.perceived = seen
+        return seen
+
+    def act(
+        self,
+        depth: NDArray[np.float32],
+        joints: NDArray[np.float64],
+        goal: Sequence[float] | None = None,
+    ) -> Command:
+        """The command for the next control step.
+
+        Args:
+            depth: `[H, W]` image of the calibrated camera, along its optical axis [m]; 0 or NaN without a
+                reading.
+            joints: Angles of the arm's joints when it was taken, `[n]` [rad].
+            goal: Goal of the object if it has changed since `reset`.
+
+        Raises:
+            Stopped: If the first image of an episode does not show the object.
+            RuntimeError: If `reset` was not called.
+            ValueError: If image, joints or goal have another shape.
+        """
+        if self.goal is None:
+            raise RuntimeError("PushController.act: call reset first.")
+        if goal is not None:
+            self.goal = self._checked_goal(goal)
+        first, seen = self._state is None, self._see(depth, joints)
+        self._source.entries = self._entries(seen, joints)
+        state = self._decide()
+        tip = np.array([seen.tip_pose])
+        if first:
+            self._target = tip
+        action = self._base_action(state).double().numpy()
+        start, target = self._planner.aim(action, self._target, tip)
+        flange_height = np.array([self.tip_height + self.perception.tool.length])
+        planned = self._planner.ramp(start, target, flange_height, joints[None])
+        self._target = planned.target
+        return Command(
+            start=start[0],
+            target=planned.target[0].copy(),
+            height=self.tip_height,
+            joints=planned.position[0, -1],
+            duration=1 / self.rate,
+            reachable=bool(planned.reachable[0]),
+        )
+
+    def _decide(self) -> TensorDictBase:
+        """Run transforms and policy on the present entries."""
+        with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
+            if self._state is None:
+                state = self._env.reset()
+            else:
+                state = step_mdp(self._env.step(self._state))
+            self._state = self._policy(state)
+        return self._state
+
+    def _base_action(self, state: TensorDictBase) -> Tensor:
+        """The action (dx, dy, dyaw) in the base frame, `[1, 3]`."""
+        for transform in _transforms(self._env):
+            if isinstance(transform, ActionFrame):
+                return transform.to_base(state)
+        return state["action"]
+
+    def _entries(self, seen: Perceived, joints: NDArray[np.float64]) -> dict[str, Tensor]:
+        """What `PushEnv` would emit."""
+        assert self.goal is not None
+        config = self.agent.config.simulation
+        pose, goal = np.array([seen.object.pose]), np.array([self.goal])
+        sees = self.perception
+        tip = tip_transform(sees.robot, sees.tool, joints)
+        self.contact = touches(sees.tool, tip, sees.item, seen.object.pose, self._touch_distance)
+        at_goal = is_at_goal(pose[:, :2], goal[:, :2], self._tolerance)
+        numbers = {
+            **self._constant,
+            "object_pose": pose,
+            "goal_position": goal[:, :2],
+            "ee_pose": np.array([seen.tip_pose]),
+            "joint_position": np.asarray(joints)[None],
+        }
+        if self._goal_kind == "pose":
+            symmetry = self._constant["object_symmetry"][:, 0]
+            error = pose_errors(pose, goal, symmetry)
+            at_goal = at_goal & (np.abs(error[:, 1]) <= config.yaw_tolerance)
+            numbers |= {"goal_pose": goal, "pose_error": error}
+        self.success = bool(at_goal[0])
+        flags = dict.fromkeys(CONTACT_KEYS, False)
+        flags |= {"object_contact": self.contact, "object_contact_at_end": self.contact}
+        status = episode_status(
+            at_goal, pose[:, :2], self._source.bounds, np.zeros(1, dtype=np.int64), None, config.oob
+        )
+        flags |= {"target_reachable": True} | {k: bool(v[0]) for k, v in status._asdict().items()}
+        images = {"depth": seen.depth, "segmentation": seen.segmentation}
+        return {
+            **{key: torch.tensor([[value]]) for key, value in flags.items()},
+            **{key: torch.from_numpy(v.astype(np.float32)) for key, v in numbers.items()},
+            **{key: torch.from_numpy(image.copy())[None, None] for key, image in images.items()},
+        }
+
+
+def _constant_entries(item: PushedObject, full_circle: bool) -> dict[str, NDArray[np.float64]]:
+    """The entries that describe the object, `[1, n]`."""
+    return {
+        "object_radius": np.array([[item.radius]]),
+        "object_inscribed_radius": np.array([[item.inscribed_radius]]),
+        "object_symmetry": np.array([[1.0 if full_circle else float(item.symmetry)]]),
+        "object_support": np.asarray(item.support)[None],
+    }
+
+
+def _transforms(env: EnvBase) -> list[Any]:
+    return list(env.transform) if isinstance(env, TransformedEnv) else []

@@ -1,0 +1,38 @@
+"""`Stopped`: why the arm was stopped."""
+
+from typing import Literal, get_args
+
+__all__ = ["STOP_REASONS", "StopReason", "Stopped"]
+
+StopReason = Literal[
+    "camera",
+    "stale_image",
+    "object_not_found",
+    "object_lost",
+    "pose_jump",
+    "goal",
+    "start",
+    "workspace",
+    "speed",
+    "acceleration",
+    "joint_limit",
+    "connection",
+]
+"""What was wrong; the message says it with its numbers."""
+STOP_REASONS: tuple[str, ...] = get_args(StopReason)
+
+
+class Stopped(RuntimeError):
+    """The arm was stopped, or did not start.
+
+    Args:
+        reason: What was wrong.
+        message: The same in words and numbers, and what to do about it.
+    """
+
+    reason: StopReason
+    """What was wrong, one of `STOP_REASONS`."""
+
+    def __init__(self, reason: StopReason, message: str) -> None:
+        super().__init__(f"{reason}: {message}")
+        self.reason = reason

@@ -1,0 +1,162 @@
+import numpy as np
+import pytest
+import torch
+from tensordict import TensorDict
+from torchrl.envs import set_exploration_type
+from torchrl.envs.utils import ExplorationType, step_mdp
+
+from modpush.deploy import PushController, Stopped, load_policy
+from modpush.deploy.source_env import SourceEnv
+from modpush.evaluation import load_set
+from modpush.export import export_agent
+from tests.deploy.conftest import Rig
+
+
+def step(rig: Rig):
+    """One control step without the guard."""
+    command = rig.controller.act(rig.read_depth().depth, rig.arm.observe().joints)
+    rig.arm.command(command)
+    return command
+
+
+def test_it_does_what_the_agent_does_in_its_own_environment(agent) -> None:
+    scenario = load_set("obstacles/large_cube").scenarios[1]
+    rig = Rig(agent, scenario)
+    rig.controller.reset(scenario.goal_position)
+    env = agent.make_env(1, engine="mujoco", pushed_object="large_cube", scene="free")
+    policy = agent.policy
+    with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
+        state = env.reset(scenarios=[scenario])
+        for _ in range(25):
+            state = step_mdp(env.step(policy(state)))
+            step(rig)
+            ours = rig.controller.perception.arm
+            assert ours.object_pose == pytest.approx(state["object_pose"][0].numpy(), abs=3e-3)
+            tip = ours.scene.link_transforms(["tip"])[0][:2]
+            assert tip == pytest.approx(state["ee_pose"][0, :2].numpy(), abs=3e-3)
+    env.close()
+    assert np.hypot(*(rig.arm.object_pose - scenario.object_pose)[:2]) > 0.1  # it has pushed
+
+
+def test_an_exported_folder_gives_the_same_commands(agent, tmp_path) -> None:
+    export_agent(agent, tmp_path, ("onnx",))
+    ours, theirs = Rig(agent), Rig(load_policy(tmp_path))
+    for rig in (ours, theirs):
+        rig.controller.reset((0.6, 0.05))
+    for _ in range(6):
+        one, other = step(ours), step(theirs)
+        assert one.target == pytest.approx(other.target, abs=1e-5)
+
+
+def test_a_folder_without_its_graph_is_refused(agent, tmp_path) -> None:
+    export_agent(agent, tmp_path, ("torch_export",))
+    with pytest.raises(ValueError, match=r"must hold policy\.onnx beside card\.json"):
+        load_policy(tmp_path)
+    (tmp_path / "card.json").write_text("{}")
+    with pytest.raises(ValueError, match=r"must be a card of `modpush export`"):
+        load_policy(tmp_path)
+
+
+def test_an_episode_does_not_depend_on_the_one_before(agent) -> None:
+    rig = Rig(agent)
+    courses = []
+    for _ in range(2):
+        rig.arm.connect()
+        rig.controller.reset((0.6, 0.05))
+        courses.append([step(rig).target for _ in range(8)])
+    assert np.array_equal(*courses)
+
+
+def test_an_arm_that_does_not_move_is_noticed(rig) -> None:
+    rig.controller.reset((0.6, 0.05))
+    joints, depth = rig.arm.observe().joints, rig.read_depth().depth
+    commands = [rig.controller.act(depth, joints) for _ in range(6)]
+    way = [command.target - command.start for command in commands]
+    # After four steps at rest the recovery asks for a turn at full speed.
+    assert way[4] != pytest.approx(way[3], abs=1e-3)
+    assert way[4][2] == pytest.approx(0.05)
+
+
+def test_a_blocked_arm_does_not_wind_up(rig) -> None:
+    rig.controller.reset((0.6, 0.05))
+    joints, depth = rig.arm.observe().joints, rig.read_depth().depth
+    for _ in range(10):
+        command = rig.controller.act(depth, joints)
+    tip = rig.controller.perceived.tip_pose
+    assert np.hypot(*(command.start[:2] - tip[:2])) <= 0.012 + 1e-9
+
+
+def test_the_goal_may_move(rig) -> None:
+    rig.controller.reset((0.6, 0.05))
+    joints, depth = rig.arm.observe().joints, rig.read_depth().depth
+    one = rig.controller.act(depth, joints)
+    assert not rig.controller.success
+    other = rig.controller.act(depth, joints, goal=(0.45, -0.2))
+    assert not np.allclose(one.target, other.target, atol=1e-3)
+    rig.controller.act(depth, joints, goal=(0.45, 0.04))
+    assert rig.controller.success
+
+
+def test_contact_is_seen_where_there_is_one(rig) -> None:
+    rig.controller.reset((0.6, 0.05))
+    seen, true = [], []
+    for _ in range(25):
+        step(rig)
+        seen.append(rig.controller.contact)  # in the image before the step
+        true.append(rig.arm.contacts[3])  # at the end of the step
+    agree = np.array(seen[1:]) == np.array(true[:-1])
+    assert any(true)
+    assert not all(true)
+    assert agree.mean() > 0.8
+
+
+def test_a_lower_rate_takes_the_same_way_more_slowly(agent) -> None:
+    fast, slow = Rig(agent), Rig(agent, rate=5)
+    for rig in (fast, slow):
+        rig.controller.reset((0.6, 0.05))
+        rig.steps = [step(rig) for _ in range(3)]
+    assert slow.steps[0].duration == pytest.approx(3 * fast.steps[0].duration)
+    assert slow.steps[0].target == pytest.approx(fast.steps[0].target, abs=1e-6)
+    assert slow.arm.time == pytest.approx(3 * fast.arm.time)
+
+
+@pytest.mark.parametrize(
+    "change", [lambda p: None, lambda p: p._replace(object=p.object._replace(found=False))]
+)
+def test_the_first_image_must_show_the_object(rig, change) -> None:
+    rig.seen.change = change
+    rig.controller.reset((0.6, 0.05))
+    with pytest.raises(Stopped, match="put it on the table"):
+        step(rig)
+
+
+def test_wrong_use_is_refused(agent, rig) -> None:
+    with pytest.raises(RuntimeError, match="call reset first"):
+        PushController(agent, rig.seen).act(rig.read_depth().depth, rig.arm.observe().joints)
+    for goal in ((0.5,), (0.5, 0.0, 0.0), (0.5, float("nan"))):
+        with pytest.raises(ValueError, match="goal must be 2 finite numbers"):
+            rig.controller.reset(goal)
+    with pytest.raises(ValueError, match="no agent 'nobody'"):
+        PushController("nobody", rig.seen)
+
+
+def test_an_agent_that_watches_moving_obstacles_is_refused(agent, rig) -> None:
+    from dataclasses import replace
+
+    config = replace(agent.config, obstacle_motion=True)
+    with pytest.raises(ValueError, match="must not observe how obstacles move"):
+        PushController(replace(agent, config=config), rig.seen)
+
+
+def test_the_source_has_the_keys_of_the_environment(agent, rig) -> None:
+    rig.controller.reset((0.6, 0.05))
+    step(rig)
+    source = SourceEnv(rig.arm.robot, agent.config.scenario)
+    source.entries = rig.controller._source.entries
+    env = agent.make_env(1, engine="mujoco", scene="free", keep_images=True)
+    theirs = env.base_env.reset()
+    assert set(theirs.keys()) == set(source.reset().keys())
+    for key, value in source.rand_step(TensorDict(batch_size=[1]))["next"].items():
+        if key != "reward":
+            assert (value.shape, value.dtype) == (theirs[key].shape, theirs[key].dtype), key
+    env.close()
