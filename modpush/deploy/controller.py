@@ -256,7 +256,7 @@ class PushController:
             at_goal, pose[:, :2], self._source.bounds, np.zeros(1, dtype=np.int64), None, config.oob
         )
         flags |= {"target_reachable": True} | {k: bool(v[0]) for k, v in status._asdict().items()}
-        images = {"depth": seen.depth, "segmentation": seen.segmentation}
+        images: dict[str, NDArray[Any]] = {"depth": seen.depth, "segmentation": seen.segmentation}
         return {
             **{key: torch.tensor([[value]]) for key, value in flags.items()},
             **{key: torch.from_numpy(v.astype(np.float32)) for key, v in numbers.items()},

@@ -67,8 +67,8 @@ _PLANNING = (
 )
 _CONTROL = (
     "The tool points straight down, its tip `tip_height` over the table, which depends on the object. It "
-    "moves to the commanded pose in a straight line within a step of 1 / `rate` s. `limits` are the tip's "
-    "workspace in x and y, and what an agent's commands reach at most: a guard's limits lie above. "
+    "moves to the commanded pose in a straight line within a step of 1 / `rate` s. `limits` are the "
+    "tip's workspace in x and y, and what an agent's commands reach at most: a guard's limits lie above. "
     "Lengths in metres, angles in radians, per second."
 )
 _MEANINGS = {
