@@ -1,12 +1,12 @@
 """Perception that knows the truth of a simulated scene, to test control apart from seeing."""
 
 import numpy as np
-from modpush.geometry.labels import Label
 
 from modpush.deploy.estimate import ObjectEstimate, Perceived
 from modpush.deploy.simulated_robot import SimulatedRobot
 from modpush.deploy.tip import tip_transform
 from modpush.envs.depth.analytic import AnalyticDepthCamera
+from modpush.geometry.camera import Label
 from modpush.geometry.camera_model import CameraModel
 
 CAMERA_ABOVE = CameraModel.looking_at((0.5, 0.0, 0.0), (0.2, 0.0, 1.2), up=(1.0, 0.0, 0.0))

@@ -66,7 +66,8 @@ def test_the_environment_is_as_a_set_says(name: str) -> None:
 
 @pytest.mark.parametrize("name", shipped_agents())
 def test_a_shipped_agent_plans_with_the_widest_inflation_everywhere(name: str) -> None:
-    agent, tight = load_agent(name), EpisodeConditions(inflation="inscribed")
+    agent = load_agent(name)
+    tight = EpisodeConditions(inflation="inscribed", goal=agent.config.simulation.goal)
     assert agent.config.inflation == "widest"
     for env in (
         agent.make_env(2, scene="diagonal_walls", pushed_object="small_cube", seed=0),
