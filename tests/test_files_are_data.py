@@ -240,7 +240,6 @@ def test_what_is_allowed_must_be_defined_where_it_is_named(tmp_path, monkeypatch
 
 NO_PARTS = {
     "_validation.py": "defines from_plain",
-    "deploy/policy_file.py": "calls the loaders of agents, which have it",
     "geometry/camera_model.py": "has no parts",
     "envs/scenes/conditions.py": "has no parts",
     "envs/scenes/scenario.py": "takes plain data; its names are looked up by those who use it",

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from modpush._extras import require_extra
 from modpush._validation import from_plain
+from modpush.parts import check_allowed
 from modpush.recipes.agent_file import Agent, load_agent
 from modpush.recipes.config import PushEnvConfig
 
@@ -34,6 +35,7 @@ def load_policy(source: str | Path) -> Agent:
 def _exported(folder: Path) -> Agent:
     try:
         card = json.loads((folder / "card.json").read_text(encoding="utf-8"))
+        check_allowed(f"load_policy: {folder / 'card.json'}", card["environment"])
         config = from_plain(PushEnvConfig, card["environment"])
         fingerprint = dict(card["fingerprint"])
     except (OSError, ValueError, LookupError, TypeError) as error:
