@@ -190,9 +190,6 @@ def bench_maniskill(repetitions: int, steps: int = 40) -> list[Row]:
 def bench_depth_camera(repetitions: int) -> list[Row]:
     """The image alone, per scene."""
     env = PushEnv(1, scene=OBSTACLE_SCENES, depth=None)
-    rng = np.random.default_rng(0)
-    u, v = np.meshgrid(np.arange(64.0), np.arange(64.0))
-    window = np.stack([u, v], -1) + rng.uniform(60, 130, 2)
     bare, armed = (AnalyticDepthCamera(env._batch, arm) for arm in (False, True))
     image = blank_image()
     times: dict[str, list[float]] = {}
@@ -202,7 +199,6 @@ def bench_depth_camera(repetitions: int) -> list[Row]:
             "analytic depth 256 x 256, layout drawn anew": lambda: bare.reset(0),
             "analytic depth 256 x 256, no arm, layout cached": lambda: bare.capture(0, *image),
             "analytic depth 256 x 256, with the arm": lambda: armed.capture(0, *image),
-            "analytic window 64 x 64, no full image": lambda: bare.cast(0, window),
         }.items():
             armed.reset(0)
             times.setdefault(name, []).append(

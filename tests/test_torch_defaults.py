@@ -7,7 +7,7 @@ import torch
 from tensordict import TensorDict
 from torchrl.envs import check_env_specs
 
-from modpush.encoders import DepthVAE, RayScan, egocentric_window, window_pixels
+from modpush.encoders import DepthVAE, RayScan, egocentric_window
 from modpush.mdp import Curriculum, CurriculumScenes, StuckRecovery
 from modpush.planners import LazyThetaStar, OccupancyGrid, OccupancyMap, Paths
 from modpush.planners.paths import check_paths
@@ -74,7 +74,6 @@ def test_images_are_read_where_they_are(elsewhere: None) -> None:
         rays = RayScan()
     window = egocentric_window(depth, None, pose)
     assert rays(window).shape == (2, 32)
-    assert window_pixels(pose).device == CPU
     blocked, _ = OccupancyMap()(depth, 0.03)
     grid = OccupancyGrid(bounds=((0.3, -0.3), (0.9, 0.3)), segmentation_key=None)
     state = {"depth": depth[:, None], "object_pose": pose}

@@ -19,8 +19,6 @@ from .vae.quality import (
     vae_quality as vae_quality,
 )
 from .window import (
-    cast_window as cast_window,
     egocentric_window as egocentric_window,
-    window_pixels as window_pixels,
 )
 from .window_transform import EgocentricWindow as EgocentricWindow

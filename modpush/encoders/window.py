@@ -2,23 +2,19 @@
 
 import functools
 import math
-from collections.abc import Callable
 from numbers import Real
 from typing import Literal, get_args
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush._arguments import checked_arguments
 from modpush._checks import (
     check_depth_unit,
     check_dtype,
     check_instance,
     check_real,
 )
-from modpush._types import PixelCount, Positive
 from modpush.encoders.window_kernel import Pinhole, write_windows
 from modpush.geometry.camera import CAMERA, Camera, Label
 
@@ -27,9 +23,7 @@ __all__ = [
     "METRES_PER_PIXEL",
     "WINDOW_SIZE",
     "Outside",
-    "cast_window",
     "egocentric_window",
-    "window_pixels",
 ]
 
 WINDOW_SIZE = 64
@@ -39,7 +33,6 @@ MAX_HEIGHT = 0.08
 METRES_PER_PIXEL = CAMERA.cell_size
 """Side of a window pixel on the table [m], 3.56 mm: that of a pixel of `PushEnv`'s camera."""
 Outside = Literal["free", "blocked"]
-Cast = Callable[[NDArray[np.float64]], tuple[NDArray[np.float32], NDArray[np.uint8]]]
 
 
 def egocentric_window(
@@ -108,101 +101,6 @@ def egocentric_window(
     rest = (poses, _pinhole(camera), step, float(max_height), beyond, upright, out[:, 0].numpy())
     write_windows(len(image), image.numpy(), labels, *rest)
     return out.to(depth.device)
-
-
-@checked_arguments
-def window_pixels(
-    pose: Tensor,
-    size: PixelCount = WINDOW_SIZE,
-    height: float = 0.0,
-    camera: Camera | None = None,
-    metres_per_pixel: Positive = METRES_PER_PIXEL,
-) -> Tensor:
-    """Image coordinates of the window's pixels, at a height over the table.
-
-    Rounded, these are the pixels that `egocentric_window(..., upright=False)` reads at height 0.
-
-    Args:
-        pose: `[..., 3]` (x, y, yaw) of the window's frame in the base frame [m, rad].
-        size: Side of the window [px].
-        height: Height over the table [m].
-        camera: The camera; the default is the one of `PushEnv`.
-        metres_per_pixel: Side of a window pixel on the table [m].
-
-    Returns:
-        `[..., size, size, 2]` (u, v) [px], float64.
-
-    Raises:
-        ValueError: If the pose is not `[..., 3]`, or a number is out of range.
-    """
-    check_real("pose", pose, 3)
-    camera = camera or Camera()
-    if not -math.inf < height < camera.z:
-        raise ValueError(f"window_pixels: height must be below the camera's, got {height}.")
-    pose = pose.double()
-    places = torch.arange(size, dtype=torch.float64, device=pose.device)
-    steps = (0.5 * (size - 1) - places) * metres_per_pixel
-    ahead, left = torch.meshgrid(steps, steps, indexing="ij")
-    cos, sin = torch.cos(pose[..., 2, None, None]), torch.sin(pose[..., 2, None, None])
-    x = pose[..., 0, None, None] + cos * ahead - sin * left
-    y = pose[..., 1, None, None] + sin * ahead + cos * left
-    return camera.project(torch.stack([x, y], -1), height)
-
-
-def cast_window(
-    cast: Cast,
-    pose: Tensor,
-    *,
-    size: int = WINDOW_SIZE,
-    max_height: float = MAX_HEIGHT,
-    outside: Outside = "free",
-    upright: bool = True,
-    camera: Camera | None = None,
-    metres_per_pixel: float = METRES_PER_PIXEL,
-) -> Tensor:
-    """The window of `egocentric_window`, ray-cast from the scene's shapes without a full image.
-
-    Args:
-        cast: Function of pixels `[N, 2]` (u, v) float64 that returns depth `[N]` float32 [m] and label
-            `[N]` uint8, such as `functools.partial(env.cast, index)` of a `PushEnv`.
-        pose: `[3]` (x, y, yaw) of the window's frame [m, rad].
-        size: As in `egocentric_window`.
-        max_height: As in `egocentric_window`.
-        outside: As in `egocentric_window`.
-        upright: As in `egocentric_window`.
-        camera: As in `egocentric_window`.
-        metres_per_pixel: As in `egocentric_window`.
-
-    Returns:
-        `[1, size, size]` float32, the values that `egocentric_window` reads from the full image.
-    """
-    check_real("pose", pose, 3)
-    camera = camera or Camera()
-    check_options(size, max_height, outside, camera.z, metres_per_pixel)
-    depth = np.full((1, camera.height, camera.width), camera.z, dtype=np.float32)
-    labels = np.zeros(depth.shape, dtype=np.uint8)
-    heights = (0.0, max_height) if upright else (0.0,)
-    pixels = torch.cat(
-        [window_pixels(pose, size, z, camera, metres_per_pixel).reshape(-1, 2) for z in heights]
-    )
-    low, high = (pixels.min(0).values - 1).floor().long(), (pixels.max(0).values + 1).ceil().long()
-    columns = np.arange(max(int(low[0]), 0), min(int(high[0]), camera.width - 1) + 1)
-    rows = np.arange(max(int(low[1]), 0), min(int(high[1]), camera.height - 1) + 1)
-    if len(rows) and len(columns):
-        u, v = np.meshgrid(columns, rows)
-        values = cast(np.stack([u, v], -1).reshape(-1, 2).astype(np.float64))
-        depth[0, v, u], labels[0, v, u] = (value.reshape(u.shape) for value in values)
-    return egocentric_window(
-        torch.from_numpy(depth),
-        torch.from_numpy(labels),
-        pose[None],
-        size=size,
-        max_height=max_height,
-        outside=outside,
-        upright=upright,
-        camera=camera,
-        metres_per_pixel=metres_per_pixel,
-    )[0]
 
 
 @functools.cache

@@ -384,12 +384,6 @@ class PushEnv(EnvBase):
         """Lower and upper corner of where the object may be without being out of bounds [m]."""
         return self._bounds
 
-    def cast(self, index: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Depth [m] and label at pixels `[..., 2]` (u, v) of one scene's image, without drawing it."""
-        self._check_open("cast", started=True)
-        check_scene(index, self.batch_size[0])
-        return self._batch.cast(index, pixels)
-
     def render(self, index: int = 0) -> np.ndarray:
         """A picture of a scene, `[H, W, 3]` uint8: drawn from above, or rendered with `pictures`."""
         self._check_open("render", started=True)

@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush.envs.depth.analytic import AnalyticDepthCamera, ImageMemory
+from modpush.envs.depth.analytic import ImageMemory
 from modpush.envs.depth.base import DepthCamera, DepthCameraFactory
 from modpush.envs.engines.base import CONTACT_KEYS, Engine, EngineFactory, SceneSpec, contact_looks
 from modpush.envs.moving_obstacles import MovingObstacles
@@ -87,10 +87,7 @@ class SceneBatch:
         self.object_symmetry = np.zeros((num_envs, 1))
         self.object_support = np.zeros((num_envs, SUPPORT_DIRECTIONS))
         self._images = ImageMemory(num_envs)
-        self._analytic = AnalyticDepthCamera(self, arm_in_depth)
-        self._camera: DepthCamera = self._analytic
-        if depth not in (AnalyticDepthCamera, None):
-            self._camera = self._make_camera(depth, arm_in_depth)
+        self._camera = None if depth is None else self._make_camera(depth, arm_in_depth)
         substeps = spec.sim_freq // spec.control_freq
         self._planner = MotionPlanner(spec.robot, MotionConfig(), substeps, spec.control_freq)
         self._looks = contact_looks(substeps)
@@ -152,8 +149,7 @@ class SceneBatch:
         self._flange_height[i] = item.tool_height + self._spec.tool.length
         self._ee_pose[i] = planar_poses(self.engines[i].link_transforms(("tip",)))[0]
         self._joints[i] = self.engines[i].joint_position()
-        self._analytic.reset(i)
-        if self._camera is not self._analytic:
+        if self._camera is not None:
             self._camera.reset(i)
 
     def step(self, action: Tensor) -> None:
@@ -221,6 +217,7 @@ class SceneBatch:
         """Depth [m] and labels of all scenes, `[B, 1, H, W]` float32 and uint8."""
         depth, segmentation = self._images.take()
         camera = self._camera
+        assert camera is not None
         for i in range(self.num_envs):
             given = camera.capture(i, depth[i, 0], segmentation[i, 0])
             if given is not None:
@@ -229,10 +226,6 @@ class SceneBatch:
                     f"is given and return None, got {type(given).__name__}."
                 )
         return torch.from_numpy(depth), torch.from_numpy(segmentation)
-
-    def cast(self, index: int, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Depth [m] and label at single pixels `[..., 2]` (u, v) of one scene's image."""
-        return self._analytic.cast(index, pixels)
 
     def obstacle_displacement(self) -> Tensor:
         """Distance by which each obstacle has moved in its episode, `[B, MAX_OBSTACLES]` float32 [m]."""
@@ -319,7 +312,7 @@ class SceneBatch:
         for engine in self.engines:
             engine.close()
         # One collection for all of them, once nothing refers to them any more, is quicker and frees them.
-        del self._camera, self._analytic
+        del self._camera
         self.engines = []
         gc.collect()
 

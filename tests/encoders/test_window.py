@@ -2,13 +2,12 @@
 
 import importlib
 import math
-from functools import partial
 
 import pytest
 import torch
 from hypothesis import given, settings, strategies as st
 
-from modpush.encoders import cast_window, egocentric_window
+from modpush.encoders import egocentric_window
 from modpush.envs import PushEnv
 from modpush.geometry import Camera, Label
 from tests.encoders.scenes import CUBE, image, moved, window_of
@@ -120,19 +119,6 @@ def env():
     )
     yield env
     env.close()
-
-
-@pytest.mark.parametrize("upright", [True, False])
-def test_cast_from_the_shapes_it_is_the_same(env, upright):
-    for _ in range(3):
-        data = env.reset()
-        windows = egocentric_window(
-            data["depth"][:, 0], data["segmentation"][:, 0], data["object_pose"], upright=upright
-        )
-        for i in range(6):
-            window = cast_window(partial(env.cast, i), data["object_pose"][i], upright=upright)
-            assert torch.equal(window, windows[i])
-        assert (windows > 0).any()
 
 
 @pytest.fixture

@@ -314,7 +314,6 @@ def test_closing_frees_the_simulators_once_and_for_all() -> None:
         "get_state": env.get_state,
         "set_state": lambda: env.set_state(state),
         "scenarios": lambda: env.scenarios,
-        "cast": lambda: env.cast(0, np.zeros((1, 2))),
     }
     for name, use in uses.items():
         with pytest.raises(

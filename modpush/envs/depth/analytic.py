@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modpush.envs.depth.base import DepthCamera, DepthCameraFactory, SceneView
-from modpush.envs.depth.raycast import Solids, blank_image, cast_pixels, draw, warmup
+from modpush.envs.depth.raycast import Solids, blank_image, draw, warmup
 from modpush.geometry.camera import CAMERA, Label
 from modpush.geometry.shapes import box
 from modpush.parts import find_part
@@ -66,7 +66,6 @@ class AnalyticDepthCamera(DepthCamera):
         warmup()
         self._objects = {item.name: Solids.of(item.parts) for item in scenes.pushed_objects}
         self._background = [blank_image() for _ in range(scenes.num_envs)]
-        self._fixed: list[list[Placed]] = [[] for _ in range(scenes.num_envs)]
         self._movable: list[tuple[Solids, NDArray[np.int64]] | None] = [None] * scenes.num_envs
         if arm_in_depth:
             shapes = {link.name: link.shapes for link in scenes.robot.links} | {
@@ -86,12 +85,9 @@ class AnalyticDepthCamera(DepthCamera):
         moves = np.array([any_moves or o.motion is not None for o in obstacles], dtype=bool)
         movable, fixed = np.flatnonzero(moves), np.flatnonzero(~moves)
         self._movable[index] = (self._boxes(index, movable), movable) if len(movable) else None
-        self._fixed[index] = []
         if len(fixed):
             poses = self.scenes.obstacle_transforms_of(index)[fixed]
-            self._fixed[index] = [(self._boxes(index, fixed), poses, Label.OBSTACLE)]
-        for solids, poses, label in self._fixed[index]:
-            draw(depth, labels, solids, poses, label)
+            draw(depth, labels, self._boxes(index, fixed), poses, Label.OBSTACLE)
 
     def capture(
         self, index: int, depth: NDArray[np.float32], segmentation: NDArray[np.uint8]
@@ -115,26 +111,6 @@ class AnalyticDepthCamera(DepthCamera):
         np.copyto(segmentation, labels)
         for solids, poses, label in self._moving(index):
             draw(depth, segmentation, solids, poses, label)
-
-    def cast(
-        self, index: int, pixels: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-        """Depth and label at single pixels `[..., 2]` (u, v), without an image.
-
-        Raises:
-            ValueError: If there is no such scene, or the pixels have another shape or are not finite.
-        """
-        self._check_index(index)
-        if (
-            not isinstance(pixels, np.ndarray)
-            or pixels.dtype.kind not in "iuf"
-            or pixels.shape[-1:] != (2,)
-            or not np.isfinite(pixels).all()
-        ):
-            raise ValueError(
-                f"AnalyticDepthCamera.cast: pixels must be a finite array [..., 2], got {pixels!r}."
-            )
-        return cast_pixels(pixels, self._moving(index) + self._fixed[index])
 
     def _check_index(self, index: int) -> None:
         if not isinstance(index, Integral) or not 0 <= index < self.scenes.num_envs:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from modpush._kernels import njit
 from modpush.geometry.shapes import KINDS
 
-__all__ = ["BOX", "CAPSULE", "CYLINDER", "cast_at", "draw_solids", "hit", "hit_box"]
+__all__ = ["draw_solids"]
 
 BOX, CYLINDER, CAPSULE, PRISM = range(len(KINDS))
 _MISS = np.inf
@@ -143,52 +143,6 @@ def draw_solids(
                 if t < depth[v, u]:
                     depth[v, u] = t
                     segmentation[v, u] = label
-
-
-@njit(error_model="numpy")
-def cast_at(
-    pixels: Floats,
-    depth: NDArray[np.float32],
-    labels: NDArray[np.uint8],
-    kind: NDArray[np.int64],
-    size: Floats,
-    planes: Floats,
-    rotation: Floats,
-    position: Floats,
-    poses: Floats,
-    label: int,
-    pinhole: Floats,
-) -> None:
-    origin, ray, R, center = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3)
-    low, high = np.array([np.inf, np.inf]), np.array([-np.inf, -np.inf])
-    corners = np.empty((8, 2))
-    for i in range(len(pixels)):
-        for axis in range(2):
-            low[axis] = min(low[axis], pixels[i, axis])
-            high[axis] = max(high[axis], pixels[i, axis])
-    for k in range(len(kind)):
-        _place(poses[min(k, len(poses) - 1)], rotation[k], position[k], R, center)
-        u0, u1, v0, v1, _ = _bounds(kind[k], size[k], R, center, pinhole, corners)
-        if u1 < low[0] or u0 > high[0] or v1 < low[1] or v0 > high[1]:
-            continue
-        what, extent, sides = kind[k], size[k], planes[k]
-        _into_local(
-            R, pinhole[0] - center[0], pinhole[1] - center[1], pinhole[2] - center[2], origin
-        )
-        for i in range(len(pixels)):
-            u, v = pixels[i]
-            if u < u0 or u > u1 or v < v0 or v > v1:
-                continue
-            _into_local(
-                R, -(v - pinhole[5]) / pinhole[3], -(u - pinhole[4]) / pinhole[3], -1.0, ray
-            )
-            if what == BOX:
-                t = hit_box(origin, ray, extent)
-            else:
-                t = hit(what, extent, sides, origin, ray)
-            if t < depth[i]:
-                depth[i] = t
-                labels[i] = label
 
 
 @njit(error_model="numpy")

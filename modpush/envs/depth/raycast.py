@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush.envs.depth.ray_kernels import cast_at, draw_solids
+from modpush.envs.depth.ray_kernels import draw_solids
 from modpush.geometry.camera import CAMERA, Camera, Label
 from modpush.geometry.footprint import side_planes
 from modpush.geometry.shapes import KINDS, Primitive
 
-__all__ = ["Solids", "blank_image", "cast_pixels", "draw", "warmup"]
+__all__ = ["Solids", "blank_image", "draw", "warmup"]
 
 _MAX_SIDES = 16  # of a prism
 
@@ -108,28 +108,6 @@ def draw(
     draw_solids(depth, segmentation, *_arrays(solids), poses, int(label), pinhole)
 
 
-def cast_pixels(
-    pixels: NDArray[np.float64],
-    groups: Iterable[tuple[Solids, NDArray[np.float64], int]],
-) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Depth and label at single pixels: what the full image would hold there, without drawing it.
-
-    Args:
-        pixels: `[..., 2]` (u, v); any real number, also outside the image.
-        groups: Solids, their poses as in `draw`, and their label, in any order.
-
-    Returns:
-        Depth `[...]` float32 [m] and label `[...]` uint8.
-    """
-    flat = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 2)
-    depth = np.full(len(flat), CAMERA.z, dtype=np.float32)
-    labels = np.zeros(len(flat), dtype=np.uint8)
-    for solids, poses, label in groups:
-        cast_at(flat, depth, labels, *_arrays(solids), poses, int(label), _PINHOLE)
-    shape = pixels.shape[:-1]
-    return depth.reshape(shape), labels.reshape(shape)
-
-
 def _arrays(solids: Solids) -> tuple[NDArray[Any], ...]:
     return solids.kind, solids.size, solids.planes, solids.rotation, solids.position
 
@@ -140,4 +118,3 @@ def warmup() -> None:
     depth, segmentation = blank_image()
     pose = np.array([[0.5, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]])
     draw(depth, segmentation, solids, pose, Label.OBJECT)
-    cast_pixels(np.zeros((1, 2)), [(solids, pose, Label.OBJECT)])

@@ -78,20 +78,6 @@ def env() -> Iterator[PushEnv]:
     env.close()
 
 
-def test_single_pixels_equal_the_image(env) -> None:
-    camera = AnalyticDepthCamera(env._batch, arm_in_depth=True)
-    rng = np.random.default_rng(0)
-    for seed in range(10):
-        env.reset(seed=seed)
-        camera.reset(0)
-        depth, segmentation = blank_image()
-        camera.capture(0, depth, segmentation)
-        pixels = rng.integers(0, 256, (64, 64, 2))
-        values, labels = camera.cast(0, pixels.astype(float))
-        np.testing.assert_array_equal(values, depth[pixels[..., 1], pixels[..., 0]])
-        np.testing.assert_array_equal(labels, segmentation[pixels[..., 1], pixels[..., 0]])
-
-
 def test_images_equal_physx_own_ray_casts(env) -> None:
     """PhysX's scene query sees the very shapes that collide, the robot's included."""
     camera = AnalyticDepthCamera(env._batch, arm_in_depth=True)
