@@ -157,14 +157,8 @@ def longest(flags: NDArray[np.bool_]) -> int:
 
 def table(rows: pd.DataFrame) -> str:
     """The figures by scene family, as Markdown."""
-    names: tuple[str, ...] = (
-        "scene",
-        "episodes",
-        "solved",
-        "clear images",
-        "of these within 5 mm and 5°",
-    )
-    names = (*names, "all images within 5 mm and 5°", "longest loss [s]", "longest unconfirmed [s]")
+    names = ["scene", "episodes", "solved", "clear images", "of these within 5 mm and 5°"]
+    names += ["all images within 5 mm and 5°", "longest loss [s]", "longest unconfirmed [s]"]
     lines = [f"| {' | '.join(names)} |", "|---" * len(names) + "|"]
     for name, part in [*rows.groupby("scene"), ("all", rows)]:
         clear, all_images = part.clear.sum(), part.images.sum()

@@ -34,7 +34,7 @@ __all__ = ["PushController", "Sees"]
 
 
 class Sees(Protocol):
-    """What a controller asks of perception; `Perception` is one."""
+    """Interface of perception that a controller needs; `Perception` has it."""
 
     item: PushedObject
     """The pushed object."""
@@ -59,7 +59,7 @@ class PushController:
 
     Args:
         agent: The agent: of `load_agent`, or a name or file for it, or a folder of `modpush export`.
-        perception: What sees arm, object and obstacles.
+        perception: Estimates of object and obstacles from depth images.
         rate: Control steps per second [Hz]; None for that of the agent's training. A lower rate makes the
             same motions slower.
         tip_height: Height of the tool's tip over the table [m]; None for that of the object,
@@ -107,17 +107,17 @@ class PushController:
         self.goal: tuple[float, ...] | None = None
         """Goal of the object: x, y, and yaw for a goal pose [m, m, rad]."""
         self.perceived: Perceived | None = None
-        """What the last image showed."""
+        """Estimates and images from the last depth image."""
         self.success = False
-        """Whether the object is at the goal, by the last image."""
+        """True if the object is at the goal, by the last image."""
         self.contact = False
-        """Whether the tip touches the object, by the last image."""
+        """True if the tip touches the object, by the last image."""
         self._state: TensorDictBase | None = None
         self._target = np.zeros(3)
 
     @property
     def path_found(self) -> bool:
-        """Whether the planner has found a way for the object to its goal."""
+        """True if the planner has found a way for the object to its goal."""
         assert self._state is not None
         found = self._state.get("path_found", None)
         return True if found is None else bool(found)
@@ -229,7 +229,7 @@ class PushController:
         return state["action"]
 
     def _entries(self, seen: Perceived, joints: NDArray[np.float64]) -> dict[str, Tensor]:
-        """What `PushEnv` would emit."""
+        """The entries that `PushEnv` would emit."""
         assert self.goal is not None
         config = self.agent.config.simulation
         pose, goal = np.array([seen.object.pose]), np.array([self.goal])

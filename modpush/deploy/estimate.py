@@ -1,4 +1,4 @@
-"""What perception says of the table: the object's estimated pose, and the policy's images."""
+"""Results of perception: the object's estimated pose, and the policy's images."""
 
 from typing import NamedTuple
 
@@ -25,7 +25,7 @@ class ObjectEstimate(NamedTuple):
 
 
 class Perceived(NamedTuple):
-    """What a policy's stack reads, from one depth image."""
+    """Input of a policy's stack, from one depth image."""
 
     depth: NDArray[np.float32]
     """Image of the policy's camera, straight down, without the arm, `[H, W]` [m]."""

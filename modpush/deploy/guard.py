@@ -141,14 +141,14 @@ class Guard:
         self._check_joints("the joint", state.joints)
         return state
 
-    def _check_joints(self, who: str, joints: NDArray[np.float64]) -> None:
+    def _check_joints(self, subject: str, joints: NDArray[np.float64]) -> None:
         margin = self.limits.joint_margin
         for joint, angle in zip(self._robot.joints, joints.tolist(), strict=True):
             low, high = joint.limits
             if not low + margin <= angle <= high - margin:
                 self.stop(
                     "joint_limit",
-                    f"{who} {joint.name!r} at {angle:.3f} rad, within {margin} rad of its limits "
+                    f"{subject} {joint.name!r} at {angle:.3f} rad, within {margin} rad of its limits "
                     f"({low:.3f}, {high:.3f}).",
                 )
 

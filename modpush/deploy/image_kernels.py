@@ -8,7 +8,7 @@ from modpush._kernels import njit
 __all__ = ["ARM", "FLYING", "GOOD", "NONE", "collect_heights", "look_down", "sort_pixels"]
 
 NONE, GOOD, FLYING, ARM = 0, 1, 2, 3
-"""What a pixel is: without a reading, on a surface, between two surfaces, or perhaps on the arm."""
+"""Kind of a pixel: without a reading, on a surface, between two surfaces, or perhaps on the arm."""
 
 _SAME_SURFACE = 0.012
 """Largest difference of neighbouring pixels on one surface, per depth."""

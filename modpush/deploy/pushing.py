@@ -13,10 +13,10 @@ __all__ = ["Pushed", "push"]
 
 
 class Pushed(NamedTuple):
-    """How a push ended."""
+    """Outcome of a push."""
 
     success: bool
-    """Whether the object has arrived, by the last image."""
+    """True if the object has arrived, by the last image."""
     steps: int
     """Number of commands."""
 
@@ -26,6 +26,7 @@ def push(
     read_depth: Callable[[], DepthImage],
     goal: Sequence[float],
     *,
+    guess: Sequence[float] | None = None,
     approach: Callable[[], None] | None = None,
     max_steps: int = 200,
     on_step: Callable[[DepthImage, Command | None], None] | None = None,
@@ -38,6 +39,8 @@ def push(
         guard: The guard of a connected arm, with its controller.
         read_depth: Gives the newest depth image.
         goal: x, y of the object's goal [m], and its yaw [rad] for an agent of goal poses.
+        guess: Pose (x, y, yaw) near which the object is [m, m, rad], needed where an obstacle has its
+            shape; None looks for it everywhere.
         approach: Brings the tool from aside to where the push begins, at the height of its tip. It is
             called after the first images, in which the arm hides nothing then. None where the tool is
             there already.
@@ -49,7 +52,7 @@ def push(
     """
     controller = guard.controller
     try:
-        controller.reset(goal)
+        controller.reset(goal, guess)
         if approach is not None:
             for _ in range(_LOOKS):
                 state, image = guard.observe(), guard.read_image(read_depth)

@@ -1,4 +1,4 @@
-"""How well a pose of a known object explains a depth image, and the search for the best one. Compiled.
+"""Comparison of a known object's pose with a depth image, and search for the best pose. Compiled.
 
 For each pixel near the object, the depth at which it would show it is compared with what it shows.
 """
@@ -27,7 +27,7 @@ __all__ = [
 ]
 
 EXPLAINED, UNEXPLAINED, HIDDEN = 0, 1, 2
-"""What a pixel shows: the table or a known obstacle; something else; the arm, perhaps."""
+"""Content of a pixel: the table or a known obstacle; something else; the arm, perhaps."""
 BEHIND = 0.010
 """Difference of depths that contradicts a pose [m]: five times the noise at 1 m."""
 _OVER_TABLE = 0.009
@@ -222,7 +222,7 @@ def _cost(
     radius: float,
     shape: tuple,
 ) -> float:
-    """What contradicts a pose: the pixels, its distance from a prior, and overlap with the tool."""
+    """Cost of a pose [px]: contradicting pixels, distance from a prior, and overlap with the tool."""
     total = compare(pose, pixels, origin, radius, *shape)[0]
     for axis in range(3):
         total += 0.03 * weight * ((pose[axis] - prior[axis]) / spread[axis]) ** 2

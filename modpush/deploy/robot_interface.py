@@ -1,4 +1,4 @@
-"""`RobotInterface`: what the controller asks of an arm; states, images and commands."""
+"""`RobotInterface`: the methods by which an arm is driven, with its states, images and commands."""
 
 from abc import ABC, abstractmethod
 from typing import NamedTuple
@@ -10,14 +10,12 @@ __all__ = ["Command", "DepthImage", "RobotInterface", "RobotState"]
 
 
 class RobotState(NamedTuple):
-    """What an arm reports."""
+    """Report of an arm."""
 
     joints: NDArray[np.float64]
     """Angles of the joints, from base to flange, `[n]` [rad]."""
     stamp: float
     """Time of the report, on the clock of the depth images' stamps [s]."""
-    force: float | None = None
-    """Force on the tool in the table's plane [N]; None without a sensor."""
 
 
 class DepthImage(NamedTuple):

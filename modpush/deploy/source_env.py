@@ -38,7 +38,7 @@ class SourceEnv(EnvBase):
         ).items():
             setattr(self, name, spec)
         self.entries: Mapping[str, Tensor] = {}
-        """What is emitted next, by the keys of `PushEnv`."""
+        """Next emitted entries, by the keys of `PushEnv`."""
 
     @property
     def bounds(self) -> Rectangle:

@@ -18,7 +18,7 @@ StopReason = Literal[
     "joint_limit",
     "connection",
 ]
-"""What was wrong; the message says it with its numbers."""
+"""Reason for a stop; the message says it with its numbers."""
 STOP_REASONS: tuple[str, ...] = get_args(StopReason)
 
 
@@ -26,12 +26,12 @@ class Stopped(RuntimeError):
     """The arm was stopped, or did not start.
 
     Args:
-        reason: What was wrong.
+        reason: One of `STOP_REASONS`.
         message: The same in words and numbers, and what to do about it.
     """
 
     reason: StopReason
-    """What was wrong, one of `STOP_REASONS`."""
+    """Reason for the stop, one of `STOP_REASONS`."""
 
     def __init__(self, reason: StopReason, message: str) -> None:
         super().__init__(f"{reason}: {message}")

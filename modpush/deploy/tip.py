@@ -1,4 +1,4 @@
-"""Where the tool's tip is, and whether the tool touches the object."""
+"""Pose of the tool's tip, and its contact with the object."""
 
 from collections.abc import Sequence
 
@@ -35,7 +35,7 @@ def touches(
     object_pose: Sequence[float],
     tolerance: float,
 ) -> bool:
-    """Whether the tool is as near to the object as if it touched it.
+    """True if the tool is so near to the object that it counts as touching.
 
     Args:
         tool: The tool.

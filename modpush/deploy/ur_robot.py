@@ -106,9 +106,8 @@ class URRobot(RobotInterface):
     def observe(self) -> RobotState:
         """See `RobotInterface`; the stamp is `time.monotonic()`."""
         self._check_connected()
-        force = math.hypot(*self._receive.getActualTCPForce()[:2])
         joints = np.array(self._receive.getActualQ(), dtype=np.float64)
-        return RobotState(joints, time.monotonic(), force)
+        return RobotState(joints, time.monotonic())
 
     def _check_connected(self) -> None:
         receive, control = self._receive, self._control

@@ -36,7 +36,7 @@ _DISTANCES = (0.2, 0.6)  # from start to goal, in equal steps over shapes and st
 
 
 class HiddenCell(NamedTuple):
-    """What is particular to an episode."""
+    """Shape, start, distance and hidden properties of an episode."""
 
     shape: int
     """Number of its shape."""

@@ -86,7 +86,7 @@ class EpisodeMetrics:
     """Number of obstacles whose centre is more than 5 cm outside the workspace at the end; None where
     obstacles are fixed."""
     side_changes: int | None = None
-    """How often the object was pushed from another side than before, see `side_changes`."""
+    """Number of changes of the side from which the object is pushed, see `side_changes`."""
 
     def to_dict(self) -> dict[str, float | int | bool]:
         """The metrics by name, those that are None left out."""
@@ -222,7 +222,7 @@ def effort_score(
 def side_changes(
     object_pose: NDArray[np.float64], ee_position: NDArray[np.float64], contact: Flags
 ) -> int:
-    """How often an object was pushed from another side than before.
+    """Number of changes of the side from which an object is pushed.
 
     A side is the direction from the object's centre to the tool's tip, in the object's frame; another
     one differs by more than 45 degrees from that of the last change, or of the first contact.

@@ -151,7 +151,7 @@ def export_agent(
 
 
 def _control(env: Any) -> dict[str, Any]:
-    """How the tool moves: by what an arm that runs the policy has to go."""
+    """Motion of the tool that an arm has to follow to run the policy."""
     motion, rate, tool = MotionConfig(), env.simulation.control_freq, env.tool
     speed = motion.max_step * math.sqrt(2) * rate
     return {

@@ -160,3 +160,15 @@ def test_the_source_has_the_keys_of_the_environment(agent, rig) -> None:
         if key != "reward":
             assert (value.shape, value.dtype) == (theirs[key].shape, theirs[key].dtype), key
     env.close()
+
+
+def test_a_push_passes_the_guess_of_the_start_on(rig, monkeypatch) -> None:
+    given, reset = [], rig.seen.reset
+
+    def noted(guess=None) -> None:
+        given.append(guess)
+        reset(guess)
+
+    monkeypatch.setattr(rig.seen, "reset", noted)
+    assert rig.push(guess=(0.45, 0.0, 0.1)).success
+    assert given == [(0.45, 0.0, 0.1)]

@@ -78,9 +78,6 @@ def install(monkeypatch, peer: Peer) -> None:
         def getActualTCPPose(self) -> list[float]:
             return list(peer.pose)
 
-        def getActualTCPForce(self) -> list[float]:
-            return [3.0, 4.0, 20.0, 0.0, 0.0, 0.0]
-
         def isConnected(self) -> bool:
             return peer.connected
 

@@ -231,7 +231,7 @@ def start_joints(
 def _solved(
     robot: Robot, poses: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """What the robot's own `solve` finds from home, checked."""
+    """Joint angles by the robot's own `solve` from home, checked."""
     n, count = len(robot.joints), len(poses)
     solved: Any = robot.inverse(poses, np.tile(robot.home, (count, 1)))
     shapes = [np.shape(part) for part in solved]
@@ -247,7 +247,7 @@ def _solved(
 def _led_from_home(
     robot: Robot, place: NDArray[np.float64], yaws: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """What the numerical solution finds when it is led there from home, around the base.
+    """Joint angles of the numerical solution that is continued from home, around the base.
 
     So the arm bends as at home wherever it can, and one with more joints than it needs is drawn there.
     """

@@ -22,7 +22,7 @@ _LINKS = ("base", "shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wri
 
 
 class _Numbers(NamedTuple):
-    """What tells one arm from another."""
+    """Link lengths and limits by which the arms differ."""
 
     d: tuple[float, float, float, float]
     """Denavit-Hartenberg offsets of joints 1, 4, 5 and 6 [m]; the others are 0."""
