@@ -6,8 +6,7 @@ An agent, by name or a folder of `modpush export`, runs through `modpush.deploy`
 noisy image of a depth camera that is tilted by 30 degrees, and the angles of the arm's joints. Each
 episode writes a line; at the end there is a table, in `report.md`, and a video of the first push in
 `push.mp4`, the camera's image beside the view from above. A folder that has some of the episodes is
-continued. What runs on a real arm is `push` with the same controller and guard; docs/howto/camera.md
-says how the camera is calibrated and mounted.
+continued. What runs on a real arm is `push` with the same controller and guard: docs/howto/real_arm.md.
 """
 
 import argparse
