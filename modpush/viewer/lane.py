@@ -71,6 +71,10 @@ class Lane(Protocol):
 
     name: str
     """Name for the page."""
+    robot: Robot
+    """The arm."""
+    tool: Tool
+    """Its tool."""
 
     def start(self, scenario: Scenario, number: int) -> Snapshot:
         """Start an episode; `number` is that of a stored one."""
@@ -111,7 +115,7 @@ class PolicyLane:
         self._vae = _autoencoder(env)
         self._step = 0
         simulator: PushEnv = getattr(env, "base_env", env)
-        self._robot, self._tool = simulator.robot, simulator.tool
+        self.robot, self.tool = simulator.robot, simulator.tool
 
     def start(self, scenario: Scenario, number: int = 0) -> Snapshot:
         """Start an episode."""
@@ -140,8 +144,8 @@ class PolicyLane:
             object_pose=(x, y, yaw),
             ee_pose=(tool_x, tool_y, tool_yaw),
             joint_position=now["joint_position"][0].double().numpy(),
-            robot=self._robot,
-            tool=self._tool,
+            robot=self.robot,
+            tool=self.tool,
             step=self._step,
             flags={key: bool(now[key].item()) for key in FLAGS},
             ended=bool(now["done"].item()),

@@ -29,8 +29,8 @@ def make_lane(policy: str, config: PlayConfig | None = None) -> PolicyLane:
 
     Args:
         policy: One of `POLICIES`, or what `load_agent` takes.
-        config: Robot, engine, goal, and modules from which an agent's file may import its author's own
-            parts.
+        config: Robot, tool, engine, goal, and modules from which an agent's file may import its
+            author's own parts.
 
     Raises:
         ValueError: If there is no such policy, the file is not an agent, or names modules that are not
@@ -45,7 +45,8 @@ def make_lane(policy: str, config: PlayConfig | None = None) -> PolicyLane:
         "keep_images": True,
         **({} if config.goal == "position" else {"goal": config.goal}),
     }
-    options |= {k: v for k in ("engine", "robot") if (v := getattr(config, k)) is not None}
+    names = ("engine", "robot", "tool")
+    options |= {name: v for name in names if (v := getattr(config, name)) is not None}
     if policy not in POLICIES or policy == "agent":
         agent = _load(policy, allow, config.goal)
         name = policy if policy == "agent" else Path(policy).stem

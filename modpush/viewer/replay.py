@@ -52,7 +52,7 @@ class ReplayLane:
         if not own.exists() and self.set.digest != facts["episodes"]:
             raise ValueError(f"ReplayLane: {self.folder} is of other episodes than {facts['set']}.")
         conditions = self.set.conditions
-        self._robot, self._tool = find_robot(conditions.robot), find_tool(conditions.tool)
+        self.robot, self.tool = find_robot(conditions.robot), find_tool(conditions.tool)
         self.name = f"{_policy_name(self.folder, facts['set'])}, {facts['set']}"
         self.numbers = sorted(int(p.stem) for p in self.folder.glob("trajectories/*.npz"))
         """Numbers of the stored episodes."""
@@ -71,7 +71,7 @@ class ReplayLane:
         self._course = load_trajectory(self.folder, number)
         item = get_object(scenario.pushed_object)
         self._tip_height = item.tool_height
-        self._joints = np.array([self._robot.home])
+        self._joints = np.array([self.robot.home])
         return self._snapshot()
 
     def step(self) -> Snapshot:
@@ -83,10 +83,10 @@ class ReplayLane:
         k, course = self._step, self._course
         x, y, yaw = course.object_pose[k].tolist()
         tool_x, tool_y, tool_yaw = course.ee_pose[k].tolist()
-        base_x, base_y, base_z = self._robot.base
-        flange = self._tip_height + self._tool.length - base_z
+        base_x, base_y, base_z = self.robot.base
+        flange = self._tip_height + self.tool.length - base_z
         pose = np.array([[tool_x - base_x, tool_y - base_y, flange, tool_yaw]])
-        self._joints = self._robot.inverse(pose, self._joints)[0]
+        self._joints = self.robot.inverse(pose, self._joints)[0]
         last = k == len(course.contacts)
         position, goal = np.array([[x, y]]), np.array([self._scenario.goal_position])
         at_goal = bool(is_at_goal(position, goal)[0])
@@ -98,8 +98,8 @@ class ReplayLane:
             object_pose=(x, y, yaw),
             ee_pose=(tool_x, tool_y, tool_yaw),
             joint_position=self._joints[0],
-            robot=self._robot,
-            tool=self._tool,
+            robot=self.robot,
+            tool=self.tool,
             step=k,
             flags=dict(zip(FLAGS, [*touched, at_goal, outside], strict=True)),
             ended=last,

@@ -184,7 +184,8 @@ class Session:
                 # Through the passages of these families only the inscribed circle fits.
                 path_inflation="inscribed" if self.scene in TIGHT_SCENES else None,
             ),
-            robot=self.config.robot or "ur5",
+            robot=lane.robot,
+            tool=lane.tool,
             goal=self.config.goal,
         )
 

@@ -88,7 +88,7 @@ def _add_arm(model: "mujoco.MjSpec", robot: Robot, tool: Tool, object_friction: 
         body = body.add_body(name=link.name, pos=joint.position, quat=_quaternion(joint.rpy))
         body.add_joint(
             name=joint.name,
-            axis=(0.0, 0.0, 1.0),
+            axis=joint.axis,
             limited=mujoco.mjtLimited.mjLIMITED_TRUE,
             range=joint.limits,
             armature=_ARMATURE,
