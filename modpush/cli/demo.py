@@ -10,8 +10,8 @@ paper's hard ones, `diagonal_walls` and `maze`.
 
 Writes `runs/demo/`: `table.md`, one picture for each family and `demo.mp4`, top views of the same
 episodes side by side, with the first planned path and the present sub-goal in magenta. Each says which
-policy pushes which object, and how the episode ended. With a Vulkan device it also writes `arm.mp4`:
-the first policy's episodes rendered by SAPIEN.
+policy pushes which object, and how the episode ended. It also writes `arm.mp4`, the first policy's
+episodes from the side: in MuJoCo everywhere, in SAPIEN where there is a Vulkan device.
 
 Options:
   --policy NAME ...         Policies to show side by side: agent, a shipped agent by its name, corridor,
@@ -27,8 +27,7 @@ Options:
   --goal {position,pose}    Positions of the object's centre as goals, or poses, at 1.5 cm and 10 degrees.
   --robot NAME              Arm: ur5, ur10, panda, ... or module:name; by default ur5.
   --tool NAME               Tool of the arm: 2f85, rod, or module:name; by default 2f85.
-  --engine NAME             Physics engine: sapien, mujoco, or module:name; by default sapien. Only SAPIEN
-                            renders.
+  --engine NAME             Physics engine: sapien, mujoco, or module:name; by default sapien.
   --seed N                  Seed of the episodes; by default 0.
   --no-rendered             Write no arm.mp4.
   --out FOLDER              Folder to write to; by default runs/demo.
@@ -124,13 +123,13 @@ class DemoConfig:
     tool: Name = "2f85"
     """Tool of the arm: `2f85`, `rod`, or `module:name`."""
     engine: Name = "sapien"
-    """Physics engine: `sapien`, `mujoco`, or `module:name`. Only SAPIEN renders."""
+    """Physics engine: `sapien`, `mujoco`, or `module:name`."""
     out: FilePath = Path("runs/demo")
     """Folder to write to."""
     allow: Several[Name] = ()
     """Modules from which an agent's file may import its author's own parts."""
     rendered: bool = True
-    """Have SAPIEN render the first policy's video if there is a Vulkan device."""
+    """Write the first policy's video from the side; SAPIEN needs a Vulkan device for it."""
 
     def filled(self) -> "DemoConfig":
         """The same with what is shown by default in place of what is empty."""
@@ -155,8 +154,8 @@ def show_demo(config: DemoConfig) -> str:
     find_engine(config.engine)
     find_robot(config.robot)
     find_tool(config.tool)
-    renders = config.rendered and config.engine == "sapien"
-    rendered = renders and find_render_device() is not None
+    blind = config.engine == "sapien" and config.rendered and find_render_device() is None
+    rendered = config.rendered and not blind
     announce_compiling()
     scenarios = _draw_scenarios(config)
     runs: dict[str, list[Episode]] = {}
@@ -168,11 +167,11 @@ def show_demo(config: DemoConfig) -> str:
     print("\n" + table)
     _write_pictures(config, runs)
     (config.out / "table.md").write_text(table, encoding="utf-8")
-    told = "no arm.mp4: no Vulkan device" if renders else "no arm.mp4"
+    told = "no arm.mp4: no Vulkan device" if blind else "no arm.mp4"
     if arm:
         path = config.out / "arm.mp4"
         write_video(path, [*itertools.chain.from_iterable(arm[n] for n in sorted(arm))], fps=8)
-        told = f"{path}, rendered by SAPIEN"
+        told = f"{path}, from the side"
     print(f"Wrote {config.out}/demo.mp4 ({told}), table.md and a picture of each family.")
     return table
 

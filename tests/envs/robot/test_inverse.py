@@ -217,4 +217,4 @@ def test_the_axes_of_a_urdf_are_read_by_a_peer() -> None:
     theirs = chain.forward_kinematics(torch.from_numpy(q)).get_matrix().numpy()
     ours = turned.link_transforms(q)[:, -1]
     ours[:, :3, 3] -= turned.base
-    np.testing.assert_allclose(ours, theirs, atol=1e-7)
+    np.testing.assert_allclose(ours, theirs, atol=5e-6)  # the peer's axes are of single precision

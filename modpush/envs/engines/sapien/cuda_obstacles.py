@@ -11,9 +11,8 @@ from mani_skill.utils.structs import Actor, Pose
 from sapien import physx
 
 from modpush.envs.engines.sapien import bodies
-from modpush.envs.engines.sapien.obstacle_bodies import OBSTACLE_COLOR
 from modpush.envs.scenes.layouts import BAR_SECTION, CUBE_SIDE
-from modpush.envs.scenes.obstacle import OBSTACLE_MASS, Obstacle
+from modpush.envs.scenes.obstacle import OBSTACLE_COLOR, OBSTACLE_MASS, Obstacle
 from modpush.geometry.shapes import box
 
 if TYPE_CHECKING:
