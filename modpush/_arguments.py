@@ -14,8 +14,6 @@ from tensordict.utils import NestedKey
 from modpush._types import Key
 from modpush._validation import CONFIG, checking, plain_signature
 
-__all__ = ["checked_arguments"]
-
 F = TypeVar("F", bound=Callable[..., Any])
 _PLAIN = (bool, int, float, str, Path, type(None))
 _CONTAINERS = (list, Sequence, Mapping, dict)

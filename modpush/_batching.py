@@ -11,8 +11,6 @@ from torch import Tensor
 
 from modpush._kernels import njit
 
-__all__ = ["PerThread"]
-
 _threads_forbidden = False
 # Held while a kernel runs on numba's threads, whose scheduler may not be entered twice at once.
 _threads_in_use = threading.Lock()

@@ -9,17 +9,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-__all__ = [
-    "check_depth_unit",
-    "check_dtype",
-    "check_finite",
-    "check_instance",
-    "check_keys",
-    "check_real",
-    "check_shape",
-    "check_span",
-]
-
 _NO_NUMBERS = {torch.bool, torch.complex32, torch.complex64, torch.complex128}
 
 _STRIDE = 8  # of the pixels that are looked at first

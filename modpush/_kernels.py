@@ -23,8 +23,6 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
 from tqdm import tqdm
 
-__all__ = ["announce_compiling", "njit"]
-
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """`numba.njit` with a cache on disk; the options are its own, except for `cache`."""

@@ -5,8 +5,6 @@ from collections.abc import Iterable
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
-__all__ = ["check_spec_has", "read_key", "stored_next"]
-
 
 def read_key(tensordict: TensorDictBase, key: NestedKey, *last: int) -> Tensor:
     """The entry under a key.

@@ -12,14 +12,6 @@ from torchrl.envs import Transform
 
 from modpush._keys import stored_next
 
-__all__ = [
-    "DescribedTransform",
-    "StatelessTransform",
-    "add_unbounded",
-    "scenes_reset",
-    "write_scenes_reset",
-]
-
 
 class DescribedTransform(Transform):
     """A transform that tells its settings: implement `describe`.

@@ -21,8 +21,6 @@ import numpy as np
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as pydantic_dataclass
 
-__all__ = ["CONFIG", "check_value", "checked", "checking", "from_plain", "plain_signature"]
-
 T = TypeVar("T")
 
 CONFIG = ConfigDict(strict=True, extra="forbid", arbitrary_types_allowed=True)

@@ -9,8 +9,6 @@ from typing import Any
 
 import yaml
 
-__all__ = ["dump_yaml", "load_yaml"]
-
 _SCALARS = {
     "bool": (r"true|True|TRUE|false|False|FALSE", [*"tTfF"]),
     "null": (r"~|null|Null|NULL|", ["~", "n", "N", ""]),

@@ -31,22 +31,6 @@ from torch import Tensor
 from modpush._atomic import replacing
 from modpush._yaml import dump_yaml, load_yaml
 
-__all__ = [
-    "parse_yaml",
-    "read_arrays",
-    "read_json",
-    "read_packed_json",
-    "read_tensors",
-    "read_yaml",
-    "reading",
-    "write_arrays",
-    "write_json",
-    "write_packed_json",
-    "write_tensors",
-    "write_text",
-    "write_yaml",
-]
-
 _SEAL = re.compile(rb'"([\w.]{1,64}) v(\d{1,9}) sha256:([0-9a-f]{64})"')
 _BLANK = b"0" * 64
 _MOST_TEXT = 2**26  # of a packed file [bytes]

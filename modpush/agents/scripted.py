@@ -14,8 +14,6 @@ from modpush._types import Finite, HalfTurn, Length, NonNegative, Positive, Posi
 from modpush._validation import checked
 from modpush.geometry.frames import wrap_angle
 
-__all__ = ["ScriptedPusher", "ScriptedPusherConfig", "scripted_push"]
-
 
 @checked
 class ScriptedPusherConfig:

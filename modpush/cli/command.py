@@ -16,8 +16,6 @@ from pathlib import Path
 
 import modpush
 
-__all__ = ["SUBCOMMANDS", "run_command"]
-
 SUBCOMMANDS = {
     "demo": "Watch a trained agent push different objects, beside the corridor controller.",
     "train": "Train an agent: environment and learner each in their own process, on two cores.",

@@ -81,8 +81,6 @@ from modpush.evaluation.pictures import (
 from modpush.evaluation.tables import format_table
 from modpush.recipes.methods import Method, get_methods
 
-__all__ = ["DemoConfig", "main", "show_demo"]
-
 _DISTANCE = (0.2, 0.35)
 """Distances from start to goal [m]: short enough for large objects in nearly all families."""
 

@@ -65,8 +65,6 @@ from modpush.envs.scenes.sensing import SensingName
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["EvaluateConfig", "evaluate_policies", "main"]
-
 
 @checked
 class EvaluateConfig:

@@ -29,8 +29,6 @@ from modpush._validation import checked
 from modpush.export.agent import Format, export_agent
 from modpush.recipes.agent_file import load_agent
 
-__all__ = ["ExportConfig", "main"]
-
 
 @checked
 class ExportConfig:

@@ -34,8 +34,6 @@ import tyro
 
 from modpush._extras import require_extra
 
-__all__ = ["main"]
-
 
 def main(arguments: Sequence[str]) -> None:
     """`modpush play <arguments>`."""

@@ -99,8 +99,6 @@ from collections.abc import Sequence
 
 from modpush.cli.training_run import run_preset
 
-__all__ = ["main"]
-
 
 def main(arguments: Sequence[str]) -> None:
     """`modpush train <arguments>`."""

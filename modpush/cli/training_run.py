@@ -19,8 +19,6 @@ from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
 from modpush.training.curve import draw_curve
 from modpush.training.run_folder import RunFolder
 
-__all__ = ["SHORT_FORMS", "RunConfig", "parse_run", "run_preset", "train_agent"]
-
 SHORT_FORMS = {
     "--init-from": "--train.init-from",
     "--collector": "--train.collector",

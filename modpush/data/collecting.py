@@ -30,8 +30,6 @@ from modpush.recipes.fingerprint import environment_fingerprint
 from modpush.recipes.make_env import make_push_env
 from modpush.recipes.methods import Method, get_methods
 
-__all__ = ["collect_demonstrations"]
-
 _TRIES = 10
 """With `only_success`, the largest number of episodes to run for each that is to be kept."""
 _BATCH, _BATCH_WITH_IMAGES = 200, 20

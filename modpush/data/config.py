@@ -14,8 +14,6 @@ from modpush._types import AtLeastOne, Count, FilePath, Name, NonNegativeInteger
 from modpush._validation import checked
 from modpush.recipes.config import END_TO_END, PushEnvConfig
 
-__all__ = ["MAX_NUMBER", "CollectConfig", "card_text", "episode_seed"]
-
 MAX_NUMBER = 1_000_000
 """Number of starts that there are for one seed."""
 _FIRST_SEED = 1_000_000_000

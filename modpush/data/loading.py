@@ -21,8 +21,6 @@ from modpush.recipes.config import PushEnvConfig
 from modpush.recipes.fingerprint import environment_fingerprint, fingerprint_differences
 from modpush.recipes.make_env import make_push_env
 
-__all__ = ["Demonstrations", "load_demonstrations"]
-
 _PACKAGES = ("minari", "h5py")
 _METADATA = "metadata.json"  # Minari's, beside the episodes
 

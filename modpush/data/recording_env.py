@@ -18,8 +18,6 @@ from modpush.envs.scenes.objects import PushedObject
 from modpush.geometry.frames import frame_yaw
 from modpush.mdp.action_frame import ActionFrame, turn_action
 
-__all__ = ["RecordingEnv"]
-
 _POSES = ("object_pose", "goal_position", "ee_pose")
 _FLAGS = (
     "success",

@@ -15,8 +15,6 @@ from modpush.envs.robot.robot import Robot, Tool
 from modpush.geometry.camera_model import CameraModel
 from modpush.geometry.shapes import Primitive
 
-__all__ = ["ArmMask"]
-
 _STRIDE = 2  # of the pixels at which rays are cast
 _MARGIN = 0.006
 """Distance by which the arm's solids are enlarged [m]: its calibration, and the width of a few pixels."""

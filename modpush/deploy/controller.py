@@ -30,8 +30,6 @@ from modpush.envs.scenes.sensing import SensingConfig
 from modpush.mdp.action_frame import ActionFrame
 from modpush.recipes.agent_file import Agent
 
-__all__ = ["PushController", "Sees"]
-
 
 class Sees(Protocol):
     """Interface of perception that a controller needs; `Perception` has it."""

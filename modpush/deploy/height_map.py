@@ -11,8 +11,6 @@ from modpush.deploy.image_kernels import collect_heights, look_down
 from modpush.geometry.camera import CAMERA, Camera, cell_centers
 from modpush.geometry.camera_model import CameraModel
 
-__all__ = ["HeightMap"]
-
 _LATEST = 0.3
 """Weight of the latest image in a cell's height. One flying pixel of 4 cm stays below what blocks."""
 _TABLE = 0.010

@@ -19,8 +19,6 @@ from modpush.envs.scenes.objects import PushedObject, get_object
 from modpush.geometry.camera import CAMERA, Camera, Label
 from modpush.geometry.camera_model import CameraModel
 
-__all__ = ["Perception"]
-
 _OBSTACLE = 0.010
 """Height from which the map's cells are an obstacle [m]."""
 _AROUND, _AROUND_UNSURE = 0.015, 0.10

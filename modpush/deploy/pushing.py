@@ -9,8 +9,6 @@ from modpush.deploy.robot_interface import Command, DepthImage
 
 _LOOKS = 5  # images before the approach, of which the map of the table becomes an average
 
-__all__ = ["Pushed", "push"]
-
 
 class Pushed(NamedTuple):
     """Outcome of a push."""

@@ -18,8 +18,6 @@ from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scenes.objects import PushedObject, get_object
 from modpush.envs.scenes.scenario import Scenario
 
-__all__ = ["SimulatedRobot"]
-
 _HIGH = 0.15  # of the tip while the arm stands aside, over all objects [m]
 
 

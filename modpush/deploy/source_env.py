@@ -14,8 +14,6 @@ from modpush.envs.scenes.scenario import ScenarioConfig
 from modpush.envs.specs import make_specs
 from modpush.geometry.workspace import Rectangle
 
-__all__ = ["SourceEnv"]
-
 
 class SourceEnv(EnvBase):
     """One scene with the keys of `PushEnv`, which emits at each step what it was given before.

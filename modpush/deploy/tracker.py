@@ -16,8 +16,6 @@ from modpush.deploy.registration import BEHIND, ObjectShape, best_pose, compare,
 from modpush.envs.scenes.objects import PushedObject
 from modpush.geometry.camera_model import CameraModel
 
-__all__ = ["ObjectTracker"]
-
 _PIXELS = 350
 """About the number of pixels on the object that are compared."""
 _MOST_PIXELS = 6000

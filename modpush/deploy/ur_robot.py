@@ -16,8 +16,6 @@ from modpush.deploy.tip import tip_transform
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.robot.robot import Robot, Tool
 
-__all__ = ["URRobot", "tool_down_pose"]
-
 _STOP_DECELERATION = 10.0  # of `servoStop` [m/s^2], the maker's default
 
 

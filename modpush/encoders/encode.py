@@ -13,8 +13,6 @@ from modpush._state import weights_hash
 from modpush._transforms import StatelessTransform, add_unbounded, write_scenes_reset
 from modpush.encoders.base import as_floats, check_window, encoder_sizes, evaluating
 
-__all__ = ["Encode"]
-
 _FEW = 4
 """Number of images from which on a latent's last bits do not depend on the number in the call: matrix
 products of fewer rows sum in another order."""

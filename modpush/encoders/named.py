@@ -12,8 +12,6 @@ from modpush.encoders.networks.ray_scan import RayScan
 from modpush.encoders.vae.model import DepthVAE
 from modpush.parts import find_part
 
-__all__ = ["ENCODERS", "make_encoder", "names_a_file"]
-
 ENCODERS: dict[str, Callable[[], nn.Module | None]] = {
     "vae": DepthVAE.from_pretrained,
     "rays": RayScan,

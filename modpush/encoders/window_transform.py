@@ -22,8 +22,6 @@ from modpush.encoders.window import (
 from modpush.geometry.camera import Camera
 from modpush.geometry.frames import Frame, frame_yaw
 
-__all__ = ["EgocentricWindow", "WindowBytes"]
-
 
 class EgocentricWindow(StatelessTransform):
     """Writes the height map around the object, with object and robot removed.

@@ -20,20 +20,6 @@ from modpush.envs.simulation_config import SimulationConfig
 from modpush.envs.specs import ACTION_SIZE
 from modpush.geometry.workspace import Rectangle
 
-__all__ = [
-    "check_action",
-    "check_alone",
-    "check_device",
-    "check_reach",
-    "check_scenarios",
-    "check_scene",
-    "check_simulation",
-    "chosen_scenes",
-    "parameter_names",
-    "refuse_unknown",
-    "scenes_to_reset",
-]
-
 _DOWN = 0.7  # least cosine of the angle of the flange from straight down at home
 _REACH_ROUNDING = 1e-6  # [m]
 _ROUNDING = 1e-4  # an action may exceed its bounds by this much

@@ -18,8 +18,6 @@ from modpush._validation import check_value
 from modpush.envs.push_env import PushEnv
 from modpush.envs.specs import ACTION_SIZE
 
-__all__ = ["OBSERVATION_KEYS", "PushGymEnv", "SingleSceneEnv", "check_arguments"]
-
 OBSERVATION_KEYS = (
     "object_pose",
     "goal_position",

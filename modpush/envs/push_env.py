@@ -38,8 +38,6 @@ from modpush.envs.simulation_config import SimulationConfig, set_fields
 from modpush.envs.specs import make_specs, state_entries
 from modpush.geometry.workspace import Rectangle
 
-__all__ = ["PushEnv"]
-
 
 class PushEnv(EnvBase):
     """Push an object through clutter to a goal; batch size `[num_envs]`.

@@ -12,8 +12,6 @@ from modpush.envs.outcome import Goal
 from modpush.envs.scene_state import SceneState
 from modpush.envs.scenes.objects import PushedObject
 
-__all__ = ["PushState", "check_state", "object_digest"]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PushState:

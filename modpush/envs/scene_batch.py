@@ -28,8 +28,6 @@ from modpush.envs.scenes.objects import SUPPORT_DIRECTIONS, PushedObject, get_ob
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES
 from modpush.envs.scenes.scenario import Scenario
 
-__all__ = ["Measurement", "SceneBatch"]
-
 
 class Measurement(NamedTuple):
     """The present state of all scenes, as numpy arrays in the robot's base frame."""

@@ -13,8 +13,6 @@ from modpush._validation import check_value
 from modpush.envs.engines.base import CONTACT_KEYS
 from modpush.envs.scenes.scenario import Scenario
 
-__all__ = ["SceneState", "make_generators", "restart_generators"]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SceneState:

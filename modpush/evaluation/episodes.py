@@ -28,8 +28,6 @@ from modpush.evaluation.shortest import shortest_path
 from modpush.files import read_arrays, write_arrays
 from modpush.geometry.workspace import WORKSPACE
 
-__all__ = ["Episode", "Policy", "Trajectory", "run_episodes"]
-
 Policy = Callable[[TensorDictBase], TensorDictBase]
 """Any TensorDictModule: reads what the environment emits, writes `action`."""
 

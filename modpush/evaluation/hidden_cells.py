@@ -12,8 +12,6 @@ from modpush.envs.scenes.objects import get_object
 from modpush.envs.scenes.scenario import Dynamics
 from modpush.geometry.footprint import support
 
-__all__ = ["HIDDEN_SHAPES", "NUM_CELLS", "HiddenCell", "hidden_cell"]
-
 HIDDEN_SHAPES = (
     "small_cube",
     "large_cube",

@@ -13,21 +13,6 @@ from modpush._types import NonNegative, Positive
 from modpush.envs.scenes.obstacle import OBSTACLE_MASS
 from modpush.geometry.workspace import WORKSPACE
 
-__all__ = [
-    "EpisodeMetrics",
-    "collision_rate",
-    "contact_rate",
-    "effort_score",
-    "episode_metrics",
-    "mean_jerk",
-    "obstacle_metrics",
-    "path_share",
-    "pushed_length",
-    "reversal_rate",
-    "side_changes",
-    "success_weighted_by_path_length",
-]
-
 Flags = NDArray[np.bool_]
 _TOPPLED = math.radians(45)  # of an obstacle's vertical axis
 _OTHER_SIDE = math.radians(45)

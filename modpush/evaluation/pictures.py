@@ -14,15 +14,6 @@ from modpush.envs.scenes.objects import PushedObject, get_object
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.episodes import Trajectory
 
-__all__ = [
-    "contact_sheet",
-    "draw_episode",
-    "draw_frames",
-    "join_clips",
-    "write_picture",
-    "write_video",
-]
-
 _CONTROL_FREQ = 15  # control steps per second of all evaluations [Hz]
 Picture = NDArray[np.uint8]
 

@@ -30,8 +30,6 @@ from modpush.evaluation.tables import (
     to_display,
 )
 
-__all__ = ["comparison_report", "draw_results", "write_tables"]
-
 
 @checked_arguments
 def write_tables(rows: pd.DataFrame, folder: Path | str) -> str:

@@ -20,17 +20,6 @@ from modpush.evaluation.metrics import EpisodeMetrics
 from modpush.evaluation.sets import EvaluationSet
 from modpush.files import read_json, reading, write_json, write_text
 
-__all__ = [
-    "COLUMNS",
-    "DYNAMICS_COLUMNS",
-    "OBSTACLE_COLUMNS",
-    "SET_FILE",
-    "ResultStore",
-    "describe_policy",
-    "load_trajectory",
-    "policy_hash",
-]
-
 _KIND, _VERSION = "modpush.Results", 2
 _TRAJECTORIES = "trajectories"
 SET_FILE = "set.json.gz"

@@ -29,8 +29,6 @@ from modpush.evaluation.episodes import Episode, Policy, run_episodes
 from modpush.evaluation.results import SET_FILE, ResultStore, describe_policy
 from modpush.evaluation.sets import SET_NAMES, EvaluationSet, load_set
 
-__all__ = ["EnvFactory", "EvaluationConfig", "TrainedAgent", "evaluate"]
-
 _MAX_WAYPOINTS = 32  # of the first planned path, for pictures
 
 EnvFactory = Callable[..., EnvBase]

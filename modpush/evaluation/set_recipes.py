@@ -18,8 +18,6 @@ from modpush.envs.scenes.objects import PAPER_OBJECTS
 from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
 from modpush.evaluation.hidden_cells import HIDDEN_SHAPES, NUM_CELLS
 
-__all__ = ["RECIPES", "SetRecipe"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class SetRecipe:

@@ -30,20 +30,6 @@ from modpush.evaluation.set_recipes import RECIPES, SetRecipe
 from modpush.files import read_packed_json, reading, write_packed_json
 from modpush.parts import check_allowed
 
-__all__ = [
-    "BEHIND_SETS",
-    "BENCHMARK_SETS",
-    "EVALUATION_SETS",
-    "MOVING_SETS",
-    "POSE_SETS",
-    "SET_NAMES",
-    "SET_VERSION",
-    "TUNING_SETS",
-    "EvaluationSet",
-    "generate_set",
-    "load_set",
-]
-
 SET_VERSION = 4
 """Version of the files; another number means other episodes, or another form."""
 _KIND = "modpush.EvaluationSet"

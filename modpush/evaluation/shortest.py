@@ -16,8 +16,6 @@ from modpush.geometry.workspace import BOUNDS_MARGIN, WORKSPACE
 from modpush.planners import LazyThetaStar, Planner, inflate, make_planner
 from modpush.planners.occupancy import cells_outside
 
-__all__ = ["blocked_cells", "shortest_path", "standing_cells"]
-
 
 def standing_cells(obstacles: Sequence[Obstacle], camera: Camera) -> NDArray[np.bool_]:
     """Cells that an obstacle stands on, `[H, W]`."""

@@ -10,8 +10,6 @@ from scipy import stats
 from modpush._arguments import checked_arguments
 from modpush._types import Count, Seed
 
-__all__ = ["PairedTest", "bootstrap_interval", "paired_t_test"]
-
 
 @checked_arguments
 def bootstrap_interval(

@@ -9,8 +9,6 @@ from modpush._arguments import checked_arguments
 from modpush._types import Fraction
 from modpush.evaluation.stats import bootstrap_interval, paired_t_test
 
-__all__ = ["LEGEND", "METRICS", "check_rows", "compare", "format_table", "summarize", "to_display"]
-
 _OVER_ALL = ("success", "spl")
 _WITHOUT_CONTACT = "success_without_contact"
 _FURTHER = ("path_share", "effort", "objects_toppled", "objects_off", "side_changes")

@@ -26,8 +26,6 @@ from modpush.mdp.push_observation import PushObservation
 from modpush.recipes.agent_file import Agent
 from modpush.recipes.fingerprint import describe_transforms
 
-__all__ = ["FORMATS", "Format", "export_agent"]
-
 Format = Literal["onnx", "torch_export"]
 FORMATS: tuple[str, ...] = get_args(Format)
 """Formats to export to."""

@@ -12,8 +12,6 @@ from modpush.geometry.frames import Frame, frame_yaw
 from modpush.mdp.action_frame import turn_action
 from modpush.mdp.push_observation import PushObservation
 
-__all__ = ["ObservationPolicy", "WindowPolicy"]
-
 _LARGEST = 1.0 - torch.finfo(torch.float32).resolution  # what TorchRL's tanh is clamped to
 
 

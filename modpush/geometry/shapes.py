@@ -11,8 +11,6 @@ from modpush._arguments import checked_arguments
 from modpush._types import Angles, Color, Extents, Length, Point, Position, Several
 from modpush._validation import checked
 
-__all__ = ["KINDS", "Kind", "Primitive", "box", "capsule", "cylinder", "prism", "rpy_matrix"]
-
 Kind = Literal["box", "cylinder", "capsule", "prism"]
 KINDS: tuple[Kind, ...] = ("box", "cylinder", "capsule", "prism")
 

@@ -11,8 +11,6 @@ from modpush._keys import read_key
 from modpush._transforms import DescribedTransform
 from modpush.geometry.frames import Frame, frame_yaw, rotate
 
-__all__ = ["ActionFrame", "turn_action"]
-
 _AGENT_ACTION = "_agent_action"
 """Key under which the agent's action waits while the environment steps with the turned one."""
 

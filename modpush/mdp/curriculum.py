@@ -22,8 +22,6 @@ from modpush.envs.scenes.layouts import ALL_SCENES
 from modpush.envs.scenes.scenario import GoalDistance, GoalDistances, ScenarioConfig
 from modpush.parts import check_part_name
 
-__all__ = ["Curriculum", "CurriculumConfig", "Phase"]
-
 _DISTANCES = (0.06, 0.08, 0.13, 0.18, 0.23, 0.28, 0.33, 0.38, 0.43, 0.48, 0.53, 0.60)
 _SCENE_WINDOW = 100
 """Number of the last episodes of a scene over which its success rate is taken."""

@@ -15,8 +15,6 @@ from modpush._types import NonNegativeInteger
 from modpush.envs.scenes.scenario import ScenarioConfig
 from modpush.mdp.curriculum import Curriculum
 
-__all__ = ["CurriculumScenes"]
-
 
 class CurriculumScenes(DescribedTransform):
     """Draws a `PushEnv`'s episodes from a curriculum, and tells the curriculum how they end.

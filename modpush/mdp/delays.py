@@ -16,8 +16,6 @@ from modpush._transforms import DescribedTransform
 from modpush._types import Seed, StepSpan
 from modpush.mdp.noise import RandomStream
 
-__all__ = ["ActionDelay", "ObservationDelay", "of_age", "with_newest"]
-
 
 def with_newest(value: Tensor, history: Tensor, lead: int) -> Tensor:
     """A value before those of earlier steps.

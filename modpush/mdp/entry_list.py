@@ -17,8 +17,6 @@ from modpush.mdp.observation_entries import (
 )
 from modpush.parts import find_part
 
-__all__ = ["BlankLatent", "latent_entry", "resolve_entries"]
-
 
 @checked_arguments
 def resolve_entries(

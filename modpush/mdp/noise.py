@@ -14,8 +14,6 @@ from modpush._keys import check_spec_has, read_key
 from modpush._transforms import DescribedTransform, StatelessTransform, add_unbounded
 from modpush._types import Fraction, NonNegative, NonNegativeLength, Seed
 
-__all__ = ["DepthNoise", "PoseNoise", "RandomStream"]
-
 _RESOLUTION = 1e4  # starts are rounded to 0.1 mm and 0.1 mrad: processors differ in the last bits
 _INCREMENT = 0x9E3779B97F4A7C15 - (1 << 64)
 _FACTORS = (0xBF58476D1CE4E5B9 - (1 << 64), 0x94D049BB133111EB - (1 << 64))

@@ -14,17 +14,6 @@ from modpush._validation import check_value
 from modpush.geometry.frames import wrap_angle
 from modpush.mdp.observation_inputs import ObservationInputs
 
-__all__ = [
-    "ENTRIES",
-    "PAPER_ENTRIES",
-    "PATH_AHEAD_ENTRIES",
-    "PATH_ENTRIES",
-    "POSE_ENTRIES",
-    "Entry",
-    "EntryLike",
-]
-
-
 _Components = Finite | Several[Finite]
 
 

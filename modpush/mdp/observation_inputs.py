@@ -13,9 +13,6 @@ from modpush._types import Key
 from modpush._validation import checked
 from modpush.geometry.frames import Frame, frame_yaw, rotate
 
-__all__ = ["ObservationInputs", "ObservationKeys"]
-
-
 _LAST = {
     "object_pose": (3,),
     "goal_position": (2,),

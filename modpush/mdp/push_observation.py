@@ -22,8 +22,6 @@ from modpush.mdp.observation_entries import Entry, EntryLike
 from modpush.mdp.observation_inputs import ObservationInputs, ObservationKeys
 from modpush.mdp.observation_layout import Layout, ReadRecorder
 
-__all__ = ["MirroredObservation", "PushObservation"]
-
 _ACTION_DIM = 3
 
 

@@ -17,9 +17,6 @@ from modpush.mdp.reward_terms import REWARD_TERMS, RewardTerm
 from modpush.mdp.step_outcome import RewardKeys, StepOutcome, measure_lengths
 from modpush.parts import find_part
 
-__all__ = ["PushReward", "RewardConfig"]
-
-
 _READ_BY_SOME_TERMS = ("action", "pose_error", "object_radius", "pose_path_length")
 """Names of keys that need not be there."""
 

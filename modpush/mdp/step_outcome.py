@@ -11,8 +11,6 @@ from modpush._keys import read_key
 from modpush._types import Key
 from modpush._validation import checked
 
-__all__ = ["RewardKeys", "StateBefore", "StepOutcome", "measure_lengths", "pose_length"]
-
 
 @checked
 class RewardKeys:

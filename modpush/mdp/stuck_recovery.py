@@ -14,8 +14,6 @@ from modpush._keys import check_spec_has, read_key
 from modpush._transforms import DescribedTransform
 from modpush._types import Count, Length
 
-__all__ = ["StuckRecovery", "recovering"]
-
 # Turned by this angle again and again, directions spread evenly.
 _GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 # Where an object is wedged between two walls, four steps do not free it.

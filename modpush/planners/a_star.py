@@ -15,8 +15,6 @@ from modpush.planners.kernels.a_star import plan_all
 from modpush.planners.kernels.maps import Maps, PathArrays, Queries
 from modpush.planners.paths import Paths
 
-__all__ = ["AStar"]
-
 _SAME_EVERYWHERE = np.ones((1, 1, 1), dtype=np.float32)
 
 

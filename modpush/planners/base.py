@@ -8,8 +8,6 @@ from modpush._arguments import checked_arguments
 from modpush._types import Positive
 from modpush.planners.paths import Paths
 
-__all__ = ["Planner"]
-
 
 class Planner(ABC):
     """Implement `plan`: a path for each of a batch of maps.

@@ -6,8 +6,6 @@ from modpush.planners.kernels.distance_field import Fields, empty_fields, plan_a
 from modpush.planners.kernels.lazy_theta_star import plan_what_is_left
 from modpush.planners.kernels.maps import Maps, PathArrays, Queries
 
-__all__ = ["DistanceField"]
-
 
 class DistanceField(GridPlanner):
     """Exact paths of a moving object to a fixed goal on a fixed map.

@@ -15,8 +15,6 @@ from modpush.planners.kernels.maps import Maps, PathArrays, Queries, empty_maps,
 from modpush.planners.kernels.visibility import MAX_SIDE
 from modpush.planners.paths import Paths
 
-__all__ = ["GridPlanner"]
-
 
 class GridPlanner(Planner):
     """Implement `_run`: a planner with a compiled search and a cache of the last maps.

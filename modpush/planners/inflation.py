@@ -11,8 +11,6 @@ from modpush._checks import check_dtype
 from modpush.planners.kernels.bit_grid import inflate_all
 from modpush.planners.kernels.visibility import MAX_SIDE
 
-__all__ = ["clamp_radius", "inflate", "radius_per_scene"]
-
 
 def inflate(blocked: Tensor, radius: float | Tensor) -> Tensor:
     """Block every cell whose centre lies within a radius of a blocked cell's centre; exact.

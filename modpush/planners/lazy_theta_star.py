@@ -14,8 +14,6 @@ from modpush.planners.kernels.lazy_theta_star import (
 )
 from modpush.planners.kernels.maps import Maps, PathArrays, Queries
 
-__all__ = ["LazyThetaStar", "Nodes"]
-
 Nodes = Literal["corners", "grid"]
 
 

@@ -19,8 +19,6 @@ from modpush.planners.occupancy_map import OccupancyMap
 from modpush.planners.pose_field import PoseField
 from modpush.planners.straight_line import StraightLine
 
-__all__ = ["PLANNERS", "make_planner", "warmup"]
-
 PLANNERS: dict[str, Callable[[], Planner]] = {
     "distance_field": DistanceField,
     "lazy_theta_star": LazyThetaStar,

@@ -18,8 +18,6 @@ from modpush.geometry.camera import Camera, cell_centers
 from modpush.planners.kernels.bit_grid import words_per_row
 from modpush.planners.occupancy_map import OccupancyMap, are_connected
 
-__all__ = ["Corners", "Inflation", "OccupancyGrid"]
-
 Inflation = Literal["circumscribed", "inscribed", "widest"] | NonNegative
 _SMALL_CUBE_RADIUS = 0.025 * math.sqrt(2.0)  # [m]
 _RADII = ("object_radius", "inscribed_radius")

@@ -20,8 +20,6 @@ from modpush.planners.kernels.bit_grid import (
     words_per_row,
 )
 
-__all__ = ["OccupancyMap", "are_connected"]
-
 
 class OccupancyMap:
     """Inflated grids from depth images, with a cache of the last ones.

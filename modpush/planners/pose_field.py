@@ -25,8 +25,6 @@ from modpush.planners.occupancy import Corners
 from modpush.planners.pose_grid import Turns, extents_per_scene, make_grid, make_turns
 from modpush.planners.pose_paths import PosePaths
 
-__all__ = ["PoseField"]
-
 
 class PoseField:
     """Shortest paths of a footprint among obstacles, in position and yaw.

@@ -16,8 +16,6 @@ from modpush.planners.inflation import radius_per_scene
 from modpush.planners.kernels.footprint_poses import PoseGrid
 from modpush.planners.occupancy import Corners
 
-__all__ = ["Turns", "extents_per_scene", "make_grid", "make_turns", "polygon_support"]
-
 
 class Turns(NamedTuple):
     """Number of yaws, yaw between two of them [rad] and turning radius [m] of each scene, `[B]`."""

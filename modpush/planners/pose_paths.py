@@ -8,8 +8,6 @@ from torch import Tensor
 
 from modpush._checks import check_real
 
-__all__ = ["PosePaths", "poses_along"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class PosePaths:

@@ -15,8 +15,6 @@ from modpush._types import Positive, PositiveFraction
 from modpush.planners.pose_field import PoseField
 from modpush.planners.pose_paths import poses_along
 
-__all__ = ["PoseSubgoals"]
-
 
 class PoseSubgoals(DescribedTransform):
     """Plans from the object's pose to the goal pose and writes the path's length and a sub-goal.

@@ -16,8 +16,6 @@ from modpush.planners.kernels.maps import (
 )
 from modpush.planners.kernels.visibility import line_of_sight
 
-__all__ = ["StraightLine"]
-
 
 @njit(nogil=True)
 def plan_one(b: int, maps: Maps, queries: Queries, paths: PathArrays) -> None:

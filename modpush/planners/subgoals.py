@@ -26,8 +26,6 @@ from modpush.planners.paths import (
     points_ahead,
 )
 
-__all__ = ["PlannerSubgoals", "SubgoalMode"]
-
 SubgoalMode = Literal["fraction", "lookahead"]
 
 

@@ -29,16 +29,6 @@ from modpush.recipes.config import END_TO_END, PushEnvConfig
 from modpush.recipes.fingerprint import environment_fingerprint, fingerprint_differences
 from modpush.recipes.make_env import ENV_PARTS, env_parts, make_push_env
 
-__all__ = [
-    "BEST_AGENT",
-    "HUB_PREFIX",
-    "Agent",
-    "load_agent",
-    "observed_symmetry",
-    "save_agent",
-    "shipped_agents",
-]
-
 BEST_AGENT = "best_agent.safetensors"
 """File of the best agent in a training run's folder."""
 HUB_PREFIX = "hf://"

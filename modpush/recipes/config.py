@@ -33,8 +33,6 @@ from modpush.parts import check_part_name
 from modpush.planners import PLANNERS
 from modpush.planners.subgoals import SubgoalMode
 
-__all__ = ["END_TO_END", "PushEnvConfig"]
-
 T = TypeVar("T")
 
 END_TO_END = "end_to_end"

@@ -14,8 +14,6 @@ from modpush.mdp.push_observation import PushObservation
 from modpush.recipes.config import END_TO_END, PushEnvConfig
 from modpush.recipes.make_env import make_push_env
 
-__all__ = ["PaperGymEnv"]
-
 _BOUND = 100.0
 """Gymnasium warns of infinite spaces; no entry of the library comes near this."""
 

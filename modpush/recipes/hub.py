@@ -11,8 +11,6 @@ from modpush._extras import require_extra
 from modpush._types import Name
 from modpush.recipes.agent_file import HUB_PREFIX, Agent
 
-__all__ = ["HUB_PREFIX", "download_agent", "model_card", "push_to_hub"]
-
 _FILE = "agent.safetensors"
 _ADDRESS = re.compile(r"hf://(?P<repo>[\w.-]+/[\w.-]+)(@(?P<revision>[\w./-]+))?")
 

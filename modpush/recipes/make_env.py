@@ -36,8 +36,6 @@ from modpush.recipes.config import END_TO_END, PushEnvConfig
 from modpush.recipes.planning import TRUE, make_planning
 from modpush.recipes.sensing import make_recovery, make_sensing, observation_keys, observed_keys
 
-__all__ = ["ENV_PARTS", "env_parts", "make_push_env"]
-
 ENV_PARTS = (
     "encoder",
     "planner",

@@ -20,8 +20,6 @@ from modpush.planners import DistanceField, OccupancyGrid, PlannerSubgoals
 from modpush.recipes.agent_file import BEST_AGENT, HUB_PREFIX, load_agent, shipped_agents
 from modpush.recipes.served import ServedPolicy, is_served
 
-__all__ = ["METHODS", "Method", "get_method", "get_methods"]
-
 METHODS = {
     "agent": "the shipped agent for all objects, `any_object`",
     "corridor": "the pushing-corridor controller of Krivic and Piater",

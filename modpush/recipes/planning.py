@@ -14,8 +14,6 @@ from modpush.planners.pose_subgoals import PoseSubgoals
 from modpush.planners.subgoals import PlannerSubgoals
 from modpush.recipes.config import PushEnvConfig
 
-__all__ = ["TRUE", "make_planning"]
-
 TRUE = "true"
 """Group of the plan from the true state, by which the reward goes where the policy observes another."""
 _MAP_KEYS = {"occupancy": "occupancy", "blocked": "blocked_bits", "choice": "map_choice"}

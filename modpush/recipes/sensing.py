@@ -12,8 +12,6 @@ from modpush.mdp.noise import PoseNoise
 from modpush.mdp.observation_inputs import ObservationKeys
 from modpush.mdp.stuck_recovery import StuckRecovery
 
-__all__ = ["make_recovery", "make_sensing", "observation_keys", "observed_keys"]
-
 _MEASURED = (
     "object_pose",
     "ee_pose",

@@ -12,8 +12,6 @@ from tensordict import TensorDictBase
 
 from modpush._arguments import checked_arguments
 
-__all__ = ["ServedPolicy", "is_served"]
-
 _NAME = re.compile(r"[\w+-][\w.+-]{0,63}")
 _MOST = 2**24  # of an answer [bytes]
 

@@ -20,8 +20,6 @@ from modpush.parts import find_part
 from modpush.replay.similarity import SIMILARITIES, Similarity
 from modpush.replay.storage_access import WriteCursor, draw_distinct, read_entries, valid_shape
 
-__all__ = ["AttentiveSampler"]
-
 Index = Tensor | tuple[Tensor, ...]
 _STATE_FILE = "attentive_sampler.safetensors"
 _KIND, _VERSION = "modpush.AttentiveSampler", 1

@@ -26,16 +26,6 @@ from modpush.replay.n_step import NStepTransform, forget_open_steps, n_step_tran
 from modpush.replay.prioritized import PrioritizedSampler
 from modpush.replay.similarity import SIMILARITIES, Similarity
 
-__all__ = [
-    "SAMPLERS",
-    "TRANSITION_KEYS",
-    "KeepTransition",
-    "buffer_state",
-    "load_buffer_state",
-    "make_replay_buffer",
-    "update_priorities",
-]
-
 SamplerFactory = Callable[[ReplayConfig], Sampler]
 """Makes a sampler from the config."""
 

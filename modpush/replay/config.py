@@ -17,8 +17,6 @@ from modpush._validation import checked
 from modpush.parts import check_part_name
 from modpush.replay.similarity import SIMILARITIES
 
-__all__ = ["SAMPLER_NAMES", "ReplayConfig"]
-
 SAMPLER_NAMES = ("attentive", "uniform", "prioritized")
 """Names of the samplers of `make_replay_buffer`."""
 

@@ -12,8 +12,6 @@ from modpush._keys import read_key
 from modpush._transforms import DescribedTransform
 from modpush._types import Finite, Fraction
 
-__all__ = ["MirrorTransitions"]
-
 
 class MirrorTransitions(DescribedTransform):
     """Replaces some of the transitions sampled from a replay buffer by mirrored ones.

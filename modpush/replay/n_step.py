@@ -11,8 +11,6 @@ from torchrl.envs.transforms import MultiStepTransform
 from modpush._arguments import checked_arguments
 from modpush._types import Count, Fraction
 
-__all__ = ["NStepTransform", "extend_rollout", "forget_open_steps", "n_step_transforms"]
-
 
 class NStepTransform(MultiStepTransform):
     """Turns stretches of single transitions into n-step transitions, on their way into a buffer.

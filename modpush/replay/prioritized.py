@@ -16,8 +16,6 @@ from modpush._state import read_state, write_state
 from modpush._types import Count, NonNegative, NonNegativeInteger, Positive
 from modpush._validation import check_value
 
-__all__ = ["PrioritizedSampler"]
-
 _STATE_FILE = "prioritized_sampler.safetensors"
 _KIND, _VERSION = "modpush.PrioritizedSampler", 1
 _MaxPriority = tuple[NonNegative, NonNegativeInteger] | None

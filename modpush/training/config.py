@@ -11,8 +11,6 @@ from modpush.mdp.curriculum import CurriculumConfig
 from modpush.recipes.config import END_TO_END, PushEnvConfig
 from modpush.replay.config import ReplayConfig
 
-__all__ = ["TrainConfig", "field_differences"]
-
 _MAY_CHANGE = {
     "total_steps",
     "evaluate_every",

@@ -17,8 +17,6 @@ from modpush.evaluation.episodes import Policy, run_episodes
 from modpush.recipes.make_env import env_parts
 from modpush.training.config import TrainConfig
 
-__all__ = ["EvaluationProgress", "HeldOutEpisodes", "held_out_scenarios", "held_out_score"]
-
 _HELD_OUT_SEED = 20_221_023  # no training run and no evaluation set draws with it
 _ENVS = 8
 

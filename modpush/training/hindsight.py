@@ -25,8 +25,6 @@ from modpush.recipes.config import PushEnvConfig
 from modpush.recipes.sensing import observed_keys
 from modpush.training.config import TrainConfig
 
-__all__ = ["Hindsight", "n_step_returns"]
-
 _STATE = ("object_pose", "ee_pose", "joint_position", *CONTACT_KEYS)
 _ENVS = 8  # episodes that are played together
 

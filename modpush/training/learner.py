@@ -31,8 +31,6 @@ from modpush.training.config import TrainConfig
 from modpush.training.parts import learner_parts, replay_parts
 from modpush.training.rollout import Rollout, WorkerSpecs
 
-__all__ = ["Learner", "NonFiniteLossError", "weights_of"]
-
 
 class NonFiniteLossError(RuntimeError):
     """A loss is NaN or infinite, so that all further training would be worthless."""

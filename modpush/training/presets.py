@@ -11,9 +11,6 @@ from modpush.recipes.config import PushEnvConfig
 from modpush.replay.config import ReplayConfig
 from modpush.training.config import TrainConfig
 
-__all__ = ["TRAIN_PRESETS"]
-
-
 _NO_CURRICULUM = CurriculumConfig(
     phases=(Phase(scenes=("free",)), Phase(first_stage=6)), window=12, promotion="off"
 )

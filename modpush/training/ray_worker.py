@@ -24,8 +24,6 @@ from modpush.training.rollout import Outcome, Rollout
 from modpush.training.scene_worker import EnvFactory, SceneWorker
 from modpush.training.worker import CollectionEndedError, Worker
 
-__all__ = ["RayWorker", "SceneCollector"]
-
 
 class _RecordingCurriculum(Curriculum):
     """A curriculum that also keeps the results of its episodes, for the learner's curriculum."""

@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from tensordict import NestedKey
 from torchrl.data import Bounded, Composite
 
-__all__ = ["Outcome", "Rollout", "WorkerSpecs"]
-
 
 @dataclass(frozen=True)
 class WorkerSpecs:

@@ -15,8 +15,6 @@ from modpush.parts import check_allowed
 from modpush.recipes.agent_file import BEST_AGENT
 from modpush.training.config import TrainConfig
 
-__all__ = ["CHECKPOINT_KIND", "Checkpoints", "RunFolder", "check_run_folder", "read_checkpoint"]
-
 _KIND, _VERSION = "modpush.TrainConfig", 1
 CHECKPOINT_KIND, _CHECKPOINT_VERSION = "modpush.Checkpoint", 1
 _CHECKPOINT_NAME = re.compile(r"step-(\d+)\.safetensors")

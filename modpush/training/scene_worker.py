@@ -25,8 +25,6 @@ from modpush.training.hindsight import Hindsight
 from modpush.training.parts import learner_parts
 from modpush.training.rollout import Rollout, WorkerSpecs
 
-__all__ = ["EnvFactory", "FirstActions", "SceneWorker"]
-
 _NOISE = 0.2
 """Standard deviation of the noise, in units of half the action's range."""
 

@@ -37,8 +37,6 @@ from modpush.training.worker import (
     Worker,
 )
 
-__all__ = ["Trainer"]
-
 
 class Trainer:
     """One training run in a folder.

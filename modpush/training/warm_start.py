@@ -16,8 +16,6 @@ from modpush.training.learner import Learner
 from modpush.training.rollout import WorkerSpecs
 from modpush.training.run_folder import CHECKPOINT_KIND, Checkpoints, RunFolder, read_checkpoint
 
-__all__ = ["load_initial_weights"]
-
 _OF_YAW = {"object_axis", "object_symmetry"}
 """Entries of the observation that depend on the object's symmetry."""
 

@@ -3,8 +3,6 @@
 import queue
 from collections.abc import Callable, Hashable
 
-__all__ = ["Command", "CommandQueue"]
-
 Command = Callable[[], object]
 
 

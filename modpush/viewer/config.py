@@ -15,8 +15,6 @@ from modpush.envs.scenes.layouts import ALL_SCENES
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.parts import part_module
 
-__all__ = ["CONTROL_FREQ", "PlayConfig"]
-
 CONTROL_FREQ = 15
 """Control steps per second of simulated time [Hz]."""
 

@@ -16,8 +16,6 @@ from modpush.viewer.session import Session
 if TYPE_CHECKING:
     from viser import ViserServer
 
-__all__ = ["Controls"]
-
 _NONE = "none"
 _MOVES = {
     "away": ("I", (1.0, 0.0, 0.0)),

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from viser import SceneNodeDragEvent
 
-__all__ = ["make_draggable", "ray_on_plane"]
-
 
 def ray_on_plane(
     eye: NDArray[np.float64], through: NDArray[np.float64], height: float

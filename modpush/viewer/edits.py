@@ -19,17 +19,6 @@ from modpush.envs.scenes.rectangles import obstacle_distance
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.geometry.workspace import WORKSPACE
 
-__all__ = [
-    "OBSTACLE_SIZES",
-    "ObstacleKind",
-    "add_obstacle",
-    "check_scene",
-    "continue_from",
-    "move_goal",
-    "move_obstacle",
-    "remove_obstacle",
-]
-
 ObstacleKind = Literal["cube", "bar"]
 OBSTACLE_SIZES: dict[ObstacleKind, tuple[float, float, float]] = {
     "cube": (CUBE_SIDE, CUBE_SIDE, CUBE_SIDE),

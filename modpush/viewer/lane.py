@@ -20,8 +20,6 @@ from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.episodes import Policy
 from modpush.viewer.config import CONTROL_FREQ
 
-__all__ = ["FLAGS", "Lane", "PolicyLane", "Snapshot"]
-
 FLAGS = ("object_contact", "obstacle_contact", "tool_obstacle_contact", "success", "out_of_bounds")
 """Flags of a snapshot, by the keys of `PushEnv`."""
 

@@ -25,8 +25,6 @@ from modpush.viewer.session import Session
 if TYPE_CHECKING:
     from viser import ViserServer
 
-__all__ = ["LaneView"]
-
 _TABLE = box(1.20, 1.20, 0.02, (0.30, 0.0, -0.011), color=(0.90, 0.88, 0.84))
 _GOAL = cylinder(GOAL_THRESHOLD, 0.004, (0.0, 0.0, 0.002), color=(0.24, 0.65, 0.30))
 _OBSTACLE, _SELECTED, _HIT = (0.30, 0.33, 0.38), (0.93, 0.62, 0.16), (0.80, 0.15, 0.15)

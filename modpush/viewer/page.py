@@ -25,8 +25,6 @@ from modpush.viewer.session import Session
 if TYPE_CHECKING:
     from viser import ViserServer
 
-__all__ = ["Page", "play"]
-
 _BESIDE = 1.35  # distance of two lanes' robots [m]
 _CAMERA_OF_ONE = (1.08, -0.45, 0.72), (0.40, 0.0, 0.05)
 _CAMERA_OF_TWO = (1.75, 0.0, 1.0), (0.40, 0.0, 0.05)

@@ -10,8 +10,6 @@ from modpush.viewer.session import Session
 if TYPE_CHECKING:
     from viser import GuiApi
 
-__all__ = ["Field", "Panel", "assign"]
-
 
 def assign(handle: Any, field: str, value: Any) -> None:
     """Assign only what differs: every assignment is a message to every tab."""

@@ -16,8 +16,6 @@ from modpush.viewer.lane import PolicyLane
 if TYPE_CHECKING:
     from modpush.recipes.agent_file import Agent
 
-__all__ = ["POLICIES", "HandPolicy", "make_lane"]
-
 POLICIES = ("agent", "corridor", "corridor_faithful", "scripted", "hand")
 """Names of the policies; `"agent"` is the shipped one for all objects, or that for goal poses. What
 `load_agent` takes can be given as well."""
@@ -66,8 +64,7 @@ def make_lane(policy: str, config: PlayConfig | None = None) -> PolicyLane:
 
 
 def _load(policy: str, allow: Collection[str], goal: Goal) -> "Agent":
-    from modpush.recipes.agent_file import BEST_AGENT, load_agent, shipped_agents
-    from modpush.recipes.hub import HUB_PREFIX
+    from modpush.recipes.agent_file import BEST_AGENT, HUB_PREFIX, load_agent, shipped_agents
 
     if policy == "agent":  # any object may be chosen on the page
         return load_agent("any_object" if goal == "position" else "pose")

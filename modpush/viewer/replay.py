@@ -18,8 +18,6 @@ from modpush.files import reading
 from modpush.geometry.workspace import WORKSPACE
 from modpush.viewer.lane import FLAGS, Snapshot
 
-__all__ = ["ReplayLane"]
-
 _ABOUT = "run.json"
 
 

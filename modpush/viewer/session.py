@@ -18,8 +18,6 @@ from modpush.viewer.lane import Lane, PolicyLane, Snapshot
 from modpush.viewer.policies import HandPolicy, make_lane
 from modpush.viewer.replay import ReplayLane
 
-__all__ = ["Session"]
-
 _PAUSE_AT_END = CONTROL_FREQ  # ticks until the next episode begins by itself
 
 

@@ -30,8 +30,6 @@ from modpush.agents.tqc.factories import (
 from modpush.agents.tqc.update import TQCUpdate, processor_precision
 from modpush.parts import find_part
 
-__all__ = ["TQCAgent", "make_tqc", "make_tqc_from_specs"]
-
 Encoder = str | nn.Module | Callable[[], nn.Module]
 
 

@@ -18,14 +18,6 @@ from modpush._keys import read_key
 from modpush.agents.tqc.loss import TQCLoss
 from modpush.parts import find_part
 
-__all__ = [
-    "LATENT_KEY",
-    "EncodedNetwork",
-    "EncoderTQCLoss",
-    "encode_images",
-    "make_trained_encoder",
-]
-
 LATENT_KEY = "image_latent"
 """Key under which critics read the latent that `EncoderTQCLoss` writes."""
 

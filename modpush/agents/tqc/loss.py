@@ -24,8 +24,6 @@ from modpush._validation import check_value
 from modpush.agents.tqc.ensemble import BatchedEnsemble, NotBatchableError
 from modpush.agents.tqc.quantiles import quantile_huber, truncate_atoms
 
-__all__ = ["TQCLoss"]
-
 
 class TQCLoss(_TorchRLTQCLoss):
     """Truncated Quantile Critics loss, a drop-in for `torchrl.objectives.TQCLoss`.

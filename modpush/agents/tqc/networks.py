@@ -14,8 +14,6 @@ from modpush._types import Count, NonNegativeInteger
 from modpush.agents.tqc.encoder import LATENT_KEY, EncodedNetwork
 from modpush.agents.tqc.ensemble import AnyFloatMLP
 
-__all__ = ["make_actor", "make_critic"]
-
 _LOG_SCALE_BOUNDS = (-20.0, 2.0)
 
 

@@ -8,8 +8,6 @@ from modpush._types import Count
 from modpush.encoders.base import Encoder, as_floats, check_window
 from modpush.encoders.window import WINDOW_SIZE
 
-__all__ = ["ConvEncoder"]
-
 
 class ConvEncoder(Encoder):
     """Four strided convolutions, then a normalised and bounded latent, `[B, latent_dim]` in [-1, 1].

@@ -10,8 +10,6 @@ from modpush._types import Count, NonNegative, Positive
 from modpush.encoders.base import Encoder, check_window
 from modpush.encoders.window import MAX_HEIGHT, METRES_PER_PIXEL, WINDOW_SIZE
 
-__all__ = ["RayScan"]
-
 
 class RayScan(Encoder):
     """Distance to the next obstacle along rays from the middle of the window, `[B, num_rays]`.

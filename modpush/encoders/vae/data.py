@@ -14,8 +14,6 @@ from modpush._types import Fraction
 from modpush.encoders.base import check_window
 from modpush.files import read_tensors, reading, write_tensors
 
-__all__ = ["WindowData", "augment_windows"]
-
 _KIND, _VERSION = "modpush.WindowData", 2
 
 

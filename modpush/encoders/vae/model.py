@@ -20,8 +20,6 @@ from modpush.encoders.base import Encoder, check_window
 from modpush.encoders.window import METRES_PER_PIXEL
 from modpush.files import read_tensors, reading, write_tensors
 
-__all__ = ["DepthVAE", "VAELoss", "bernoulli_entropy", "kl_divergence", "shipped_weights"]
-
 _KIND, _VERSION = "modpush.DepthVAE", 2
 _MIN_STD = 1e-4
 _FINAL_SIDE = 4  # of the encoder's last and the decoder's first map [px]

@@ -13,8 +13,6 @@ from modpush._types import Count
 from modpush.encoders.base import evaluating
 from modpush.encoders.vae.model import DepthVAE, bernoulli_entropy, kl_divergence
 
-__all__ = ["Quality", "encode_all", "linear_probe", "r_squared", "vae_quality"]
-
 _BATCH = 512
 
 

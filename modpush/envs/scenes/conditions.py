@@ -16,9 +16,6 @@ from modpush.envs.robot.named import check_robot, check_tool
 from modpush.envs.scenes.objects import Circle
 from modpush.envs.scenes.sensing import SensingConfig
 
-__all__ = ["EpisodeConditions"]
-
-
 _LATER = (
     "engine",
     "robot",

@@ -7,8 +7,6 @@ from modpush._checks import check_span
 from modpush._types import NonNegative, NonNegativeLength, StepSpan
 from modpush._validation import checked
 
-__all__ = ["SENSING", "SensingConfig", "SensingName"]
-
 SensingName = Literal["exact", "noise", "delay", "noise_delay"]
 
 

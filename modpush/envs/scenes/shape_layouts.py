@@ -14,8 +14,6 @@ import numpy as np
 from modpush.envs.scenes.obstacle import Obstacle, Patrol
 from modpush.geometry.workspace import WORKSPACE
 
-__all__ = ["SHAPE_SCENES"]
-
 _HEIGHT = 0.06  # that of a bar [m]
 _CIRCLE_BOXES = 6
 _SPEED = 0.1  # of the moving bar, that of the paper [m/s]

@@ -13,8 +13,6 @@ import numpy as np
 
 from modpush.envs.scenes.obstacle import Obstacle
 
-__all__ = ["TRACK_SCENES"]
-
 _ROW = 8  # objects in the first row at most
 _LENGTH = 0.80  # of a row, up to 5 cm beyond the workspace on either side [m]
 _TILT, _YAW = math.radians(6), math.radians(15)  # of a row, and of an object in it, at most

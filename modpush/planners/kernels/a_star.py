@@ -19,8 +19,6 @@ from modpush.planners.kernels.maps import (
 )
 from modpush.planners.kernels.visibility import FRACTION_BITS, ONE, SE
 
-__all__ = ["Steps", "plan_all", "search_cells"]
-
 _DX = np.array([1, -1, 0, 0, 1, -1, 1, -1], dtype=np.int64)
 _DY = np.array([0, 0, 1, -1, 1, 1, -1, -1], dtype=np.int64)
 

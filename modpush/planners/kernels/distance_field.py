@@ -22,8 +22,6 @@ from modpush.planners.kernels.maps import (
 from modpush.planners.kernels.taut_search import length_of, stays_taut, taut_search, touches
 from modpush.planners.kernels.visibility import line_of_sight
 
-__all__ = ["Fields", "empty_fields", "plan_all"]
-
 
 class Fields(NamedTuple):
     """Shortest paths from all corners to the goal, for each scene.

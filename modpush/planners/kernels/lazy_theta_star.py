@@ -20,8 +20,6 @@ from modpush.planners.kernels.taut_search import taut_search
 from modpush.planners.kernels.theta_search import solve_over_grid
 from modpush.planners.kernels.visibility import line_of_sight
 
-__all__ = ["TOO_MANY_CORNERS", "plan_over_corners", "plan_over_grid", "plan_what_is_left"]
-
 TOO_MANY_CORNERS = -1
 
 

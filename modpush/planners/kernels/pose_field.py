@@ -19,8 +19,6 @@ from modpush.planners.kernels.pose_search import (
     search_poses,
 )
 
-__all__ = ["PoseFields", "PoseQueries", "empty_fields", "refresh_fields"]
-
 
 class PoseQueries(NamedTuple):
     """Maps, objects and ends of a batch; poses are (row, column, layer) of the grid, not rounded.

@@ -20,8 +20,6 @@ from modpush.planners.kernels.pose_search import (
     put,
 )
 
-__all__ = ["PosePathArrays", "read_paths"]
-
 
 class PosePathArrays(NamedTuple):
     """Arrays for a batch of paths; see `modpush.planners.PosePaths`.

@@ -13,8 +13,6 @@ from modpush._arguments import checked_arguments
 from modpush.envs.engines.mujoco.engine import MujocoEngine
 from modpush.geometry.camera_model import CameraModel
 
-__all__ = ["DepthRenderer"]
-
 _NEAR, _FAR = 0.05, 5.0
 """Range of depth [m]; a pixel beyond it has no reading."""
 _BACKENDS = ("mujoco.egl", "mujoco.osmesa")

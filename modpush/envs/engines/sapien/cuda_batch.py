@@ -19,8 +19,6 @@ from modpush.envs.scene_batch import Measurement, SceneBatch
 from modpush.envs.scene_state import SceneState
 from modpush.envs.scenes.scenario import Scenario
 
-__all__ = ["CudaBatch"]
-
 
 class CudaBatch(SceneBatch):
     """One ManiSkill task that holds all scenes on a GPU. Images are still made on the CPU.

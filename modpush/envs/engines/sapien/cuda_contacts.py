@@ -10,8 +10,6 @@ from torch import Tensor
 
 from modpush.envs.engines.base import CONTACT_KEYS
 
-__all__ = ["CudaContacts"]
-
 _NEAR_OBSTACLES = ("wrist_2", "wrist_3", "tool")  # links that can come down to an obstacle
 
 

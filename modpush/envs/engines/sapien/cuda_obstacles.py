@@ -19,8 +19,6 @@ from modpush.geometry.shapes import box
 if TYPE_CHECKING:
     from mani_skill.envs.scene import ManiSkillScene
 
-__all__ = ["ObstaclePool"]
-
 
 class ObstaclePool:
     """Obstacles of scenes that bodies cannot be added to while they run, as in a GPU simulation.

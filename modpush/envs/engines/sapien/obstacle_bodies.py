@@ -16,8 +16,6 @@ from modpush.geometry.shapes import Primitive, box
 if TYPE_CHECKING:
     from mani_skill.envs.scene import ManiSkillScene
 
-__all__ = ["OBSTACLE_COLOR", "ObstacleSwapper", "obstacle_part"]
-
 OBSTACLE_COLOR = (0.30, 0.33, 0.38)
 
 

@@ -50,8 +50,6 @@ from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.envs.simulation_config import set_fields
 from modpush.geometry.workspace import BOUNDS_MARGIN
 
-__all__ = ["ClutterPushEnv", "EpisodeEnd"]
-
 
 class ClutterPushEnv(BaseEnv):
     """Push an object to a goal position with a closed gripper, past obstacles.
