@@ -10,7 +10,7 @@ from torch import Tensor
 from torchrl.data import TensorSpec, Unbounded
 from torchrl.envs import Transform
 
-from modpush._keys import stored_next
+from modpush._checks import stored_next
 
 
 class DescribedTransform(Transform):

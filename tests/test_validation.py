@@ -25,9 +25,8 @@ from tensordict.utils import NestedKey
 from torch import Tensor, nn
 
 import modpush
-from modpush._arguments import checked_arguments
 from modpush._types import ONE_NUMBER, Count, Point
-from modpush._validation import check_value, from_plain
+from modpush._validation import check_value, checked_arguments, from_plain
 from modpush._yaml import dump_yaml, load_yaml
 from modpush.agents.tqc.config import TQCConfig
 from modpush.envs.scenes.obstacle import Obstacle

@@ -12,9 +12,8 @@ from tensordict import TensorDict
 from torch import Tensor
 from torchrl.envs import EnvBase
 
-from modpush._arguments import checked_arguments
 from modpush._extras import require_extra
-from modpush._validation import from_plain
+from modpush._validation import checked_arguments, from_plain
 from modpush.files import reading
 from modpush.parts import check_allowed
 from modpush.recipes.config import PushEnvConfig

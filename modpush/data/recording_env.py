@@ -11,7 +11,7 @@ from torch import Tensor
 from torchrl.envs import EnvBase, Transform, TransformedEnv
 from torchrl.envs.utils import step_mdp
 
-from modpush._arguments import checked_arguments
+from modpush._validation import checked_arguments
 from modpush.data.minari_dataset import RecordedEpisode
 from modpush.envs.push_env import PushEnv
 from modpush.envs.scenes.objects import PushedObject

@@ -13,8 +13,8 @@ from torch import Tensor
 from torchrl.envs import EnvBase, TransformedEnv, set_exploration_type
 from torchrl.envs.utils import ExplorationType, step_mdp
 
-from modpush._arguments import checked_arguments
 from modpush._types import Length, NonNegativeLength, Positive
+from modpush._validation import checked_arguments
 from modpush.deploy.estimate import Perceived
 from modpush.deploy.policy_file import load_policy
 from modpush.deploy.robot_interface import Command

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush._arguments import checked_arguments
+from modpush._validation import checked_arguments
 from modpush.deploy.image_kernels import collect_heights, look_down
 from modpush.geometry.camera import CAMERA, Camera, cell_centers
 from modpush.geometry.camera_model import CameraModel

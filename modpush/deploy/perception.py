@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush._arguments import checked_arguments
+from modpush._validation import checked_arguments
 from modpush.deploy.arm_mask import ArmMask
 from modpush.deploy.estimate import ObjectEstimate, Perceived
 from modpush.deploy.height_map import HeightMap

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush._arguments import checked_arguments
 from modpush._types import Frequency
+from modpush._validation import checked_arguments
 from modpush.deploy.robot_interface import Command, RobotInterface, RobotState
 from modpush.deploy.tip import tip_transform
 from modpush.envs.engines.base import SceneSpec, contact_looks

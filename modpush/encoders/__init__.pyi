@@ -5,8 +5,7 @@ from .base import (
     encoder_sizes as encoder_sizes,
     evaluating as evaluating,
 )
-from .encode import Encode as Encode
-from .named import ENCODERS as ENCODERS, make_encoder as make_encoder
+from .encode import ENCODERS as ENCODERS, Encode as Encode, make_encoder as make_encoder
 from .networks.conv_encoder import ConvEncoder as ConvEncoder
 from .networks.ray_scan import RayScan as RayScan
 from .vae.data import WindowData as WindowData, augment_windows as augment_windows

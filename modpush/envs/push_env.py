@@ -9,8 +9,8 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import EnvBase
 
-from modpush._arguments import checked_arguments
 from modpush._types import Scenes, Seed
+from modpush._validation import checked_arguments
 from modpush.envs.arguments import (
     check_action,
     check_alone,

@@ -14,7 +14,7 @@ from tensordict import NestedKey, TensorDictBase
 from torchrl.envs import EnvBase, set_exploration_type
 from torchrl.envs.utils import ExplorationType, step_mdp
 
-from modpush._keys import read_key
+from modpush._checks import read_key
 from modpush.envs.scenes.objects import Circle, PushedObject
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.metrics import (

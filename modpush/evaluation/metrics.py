@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush._arguments import checked_arguments
 from modpush._types import NonNegative, Positive
+from modpush._validation import checked_arguments
 from modpush.envs.scenes.obstacle import OBSTACLE_MASS
 from modpush.geometry.workspace import WORKSPACE
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from modpush._arguments import checked_arguments
 from modpush._atomic import make_folder
 from modpush._types import NonNegativeInteger
+from modpush._validation import checked_arguments
 from modpush.envs.scenes.objects import PushedObject
 from modpush.evaluation.pictures import (
     contact_sheet,

@@ -12,9 +12,9 @@ import pandas as pd
 from tensordict.nn import TensorDictModuleBase
 from torch import nn
 
-from modpush._arguments import checked_arguments
 from modpush._atomic import make_folder
 from modpush._state import data_hash, weights_hash
+from modpush._validation import checked_arguments
 from modpush.evaluation.episodes import Episode, Trajectory
 from modpush.evaluation.metrics import EpisodeMetrics
 from modpush.evaluation.sets import EvaluationSet

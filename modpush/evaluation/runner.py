@@ -17,11 +17,10 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType
 from tqdm import tqdm
 
-from modpush._arguments import checked_arguments
 from modpush._atomic import FolderLock
 from modpush._processes import RESTARTS, begin_worker_process, ray_session, torch_threads
 from modpush._types import Count, Key, Scenes, Seed
-from modpush._validation import checked
+from modpush._validation import checked, checked_arguments
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.scenario import Scenario
 from modpush.envs.scenes.sensing import SensingConfig

@@ -16,10 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from modpush._arguments import checked_arguments
 from modpush._state import data_hash
 from modpush._types import Count, Name, NonNegativeInteger, Several
-from modpush._validation import checked
+from modpush._validation import checked, checked_arguments
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.reach import within_reach
 from modpush.envs.scenes.sampling import sample_scenario

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from modpush._arguments import checked_arguments
 from modpush._types import Count, Seed
+from modpush._validation import checked_arguments
 
 
 @checked_arguments

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from modpush._arguments import checked_arguments
 from modpush._types import Fraction
+from modpush._validation import checked_arguments
 from modpush.evaluation.stats import bootstrap_interval, paired_t_test
 
 _OVER_ALL = ("success", "spl")

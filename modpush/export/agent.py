@@ -14,10 +14,10 @@ from torch import Tensor, nn
 from torchrl.envs import Transform
 
 import modpush
-from modpush._arguments import checked_arguments
 from modpush._atomic import make_folder, replacing
 from modpush._extras import require_extra
 from modpush._types import AtLeastOne
+from modpush._validation import checked_arguments
 from modpush.encoders.encode import Encode
 from modpush.envs.robot.control import MotionConfig
 from modpush.export.graphs import ObservationPolicy, WindowPolicy

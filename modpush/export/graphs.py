@@ -7,7 +7,7 @@ from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torchrl.modules import ProbabilisticActor, TanhNormal
 
-from modpush._arguments import checked_arguments
+from modpush._validation import checked_arguments
 from modpush.geometry.frames import Frame, frame_yaw
 from modpush.mdp.action_frame import turn_action
 from modpush.mdp.push_observation import PushObservation

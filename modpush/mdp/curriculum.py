@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
-from modpush._arguments import checked_arguments
 from modpush._checks import check_instance, check_keys
 from modpush._types import (
     AtLeastOne,
@@ -16,7 +15,7 @@ from modpush._types import (
     Several,
     YawTolerance,
 )
-from modpush._validation import check_value, checked
+from modpush._validation import check_value, checked, checked_arguments
 from modpush.envs.outcome import GOAL_THRESHOLD
 from modpush.envs.scenes.layouts import ALL_SCENES
 from modpush.envs.scenes.scenario import GoalDistance, GoalDistances, ScenarioConfig

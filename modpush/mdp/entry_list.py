@@ -6,7 +6,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor, nn
 
-from modpush._arguments import checked_arguments
+from modpush._validation import checked_arguments
 from modpush.geometry.frames import Frame
 from modpush.mdp.observation_entries import (
     ENTRIES,

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush._arguments import checked_arguments
 from modpush._checks import check_real
 from modpush._types import Positive
+from modpush._validation import checked_arguments
 from modpush.planners.grid_planner import GridPlanner
 from modpush.planners.kernels.a_star import plan_all
 from modpush.planners.kernels.maps import Maps, PathArrays, Queries

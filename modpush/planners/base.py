@@ -4,8 +4,8 @@ from abc import ABC, abstractmethod
 
 from torch import Tensor
 
-from modpush._arguments import checked_arguments
 from modpush._types import Positive
+from modpush._validation import checked_arguments
 from modpush.planners.paths import Paths
 
 

@@ -1,6 +1,6 @@
 """Shortest paths to one goal from a field that is built once and read as the object moves."""
 
-from modpush._batching import PerThread
+from modpush._kernels import PerThread
 from modpush.planners.grid_planner import GridPlanner
 from modpush.planners.kernels.distance_field import Fields, empty_fields, plan_all
 from modpush.planners.kernels.lazy_theta_star import plan_what_is_left

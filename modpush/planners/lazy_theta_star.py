@@ -4,8 +4,8 @@ from typing import Literal
 
 import numpy as np
 
-from modpush._arguments import checked_arguments
 from modpush._types import Positive
+from modpush._validation import checked_arguments
 from modpush.planners.grid_planner import GridPlanner
 from modpush.planners.kernels.lazy_theta_star import (
     plan_over_corners,

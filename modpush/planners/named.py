@@ -6,8 +6,8 @@ from typing import Any
 
 import torch
 
-from modpush._arguments import checked_arguments
 from modpush._types import PixelCount
+from modpush._validation import checked_arguments
 from modpush.geometry.camera import Camera
 from modpush.parts import find_part
 from modpush.planners.a_star import AStar

@@ -6,10 +6,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush._arguments import checked_arguments
-from modpush._batching import PerThread
 from modpush._checks import check_depth_unit, check_dtype, check_real, check_shape
+from modpush._kernels import PerThread
 from modpush._types import Count
+from modpush._validation import checked_arguments
 from modpush.geometry.camera import Camera
 from modpush.planners.inflation import clamp_radius, radius_per_scene
 from modpush.planners.kernels.bit_grid import (

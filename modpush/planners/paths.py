@@ -8,8 +8,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from modpush._batching import sum_in_order
 from modpush._checks import check_dtype, check_finite, check_real, check_shape
+from modpush._kernels import sum_in_order
 from modpush._types import Positive
 from modpush._validation import check_value
 

@@ -8,10 +8,10 @@ from annotated_types import Ge, Le
 from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush._arguments import checked_arguments
-from modpush._batching import PerThread
 from modpush._checks import check_dtype, check_finite, check_real, check_shape
+from modpush._kernels import PerThread
 from modpush._types import NonNegative, Positive
+from modpush._validation import checked_arguments
 from modpush.geometry.camera import Camera
 from modpush.planners.kernels.bit_grid import words_per_row
 from modpush.planners.kernels.pose_field import (

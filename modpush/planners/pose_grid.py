@@ -9,8 +9,8 @@ from annotated_types import Ge
 from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush._arguments import checked_arguments
 from modpush._checks import check_real
+from modpush._validation import checked_arguments
 from modpush.geometry.camera import Camera
 from modpush.planners.inflation import radius_per_scene
 from modpush.planners.kernels.footprint_poses import PoseGrid

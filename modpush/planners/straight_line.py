@@ -3,8 +3,7 @@
 import numpy as np
 from numba import prange
 
-from modpush._batching import BatchKernel
-from modpush._kernels import njit
+from modpush._kernels import BatchKernel, njit
 from modpush.planners.grid_planner import GridPlanner
 from modpush.planners.kernels.maps import (
     Maps,

@@ -14,10 +14,9 @@ from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 from torchrl.modules import ProbabilisticActor
 
-from modpush._arguments import checked_arguments
 from modpush._state import check_weights
 from modpush._types import AtLeastOne, Count, Name
-from modpush._validation import checked, from_plain
+from modpush._validation import checked, checked_arguments, from_plain
 from modpush.agents.tqc.config import TQCConfig
 from modpush.agents.tqc.encoder import make_trained_encoder
 from modpush.agents.tqc.factories import ACTORS, LearnerSpecs

@@ -20,7 +20,7 @@ from modpush._types import (
 )
 from modpush._validation import checked
 from modpush.encoders import ENCODERS
-from modpush.encoders.named import names_a_file
+from modpush.encoders.encode import names_a_file
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES
 from modpush.envs.scenes.objects import Circle
 from modpush.envs.scenes.scenario import ScenarioConfig

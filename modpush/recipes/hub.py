@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import modpush
-from modpush._arguments import checked_arguments
 from modpush._extras import require_extra
 from modpush._types import Name
+from modpush._validation import checked_arguments
 from modpush.recipes.agent_file import HUB_PREFIX, Agent
 
 _FILE = "agent.safetensors"

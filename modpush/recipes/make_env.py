@@ -10,11 +10,10 @@ from tensordict import NestedKey
 from torch import nn
 from torchrl.envs import Compose, EnvBase, ExcludeTransform, InitTracker, Transform, TransformedEnv
 
-from modpush._arguments import checked_arguments
 from modpush._types import Seed
+from modpush._validation import checked_arguments
 from modpush.encoders.base import encoder_sizes
-from modpush.encoders.encode import Encode
-from modpush.encoders.named import make_encoder
+from modpush.encoders.encode import Encode, make_encoder
 from modpush.encoders.networks.conv_encoder import ConvEncoder
 from modpush.encoders.networks.ray_scan import RayScan
 from modpush.encoders.window import METRES_PER_PIXEL

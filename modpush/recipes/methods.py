@@ -9,7 +9,7 @@ from typing import Any
 from tensordict import NestedKey, TensorDictBase
 from torchrl.envs import Compose, EnvBase, InitTracker, RenameTransform, TransformedEnv
 
-from modpush._arguments import checked_arguments
+from modpush._validation import checked_arguments
 from modpush.agents import PushingCorridorController, ScriptedPusher, faithful_config
 from modpush.envs import PushEnv
 from modpush.envs.scenes.conditions import EpisodeConditions

@@ -10,11 +10,10 @@ from torch import Tensor
 from torchrl.data.replay_buffers.samplers import Sampler
 from torchrl.data.replay_buffers.storages import Storage
 
-from modpush._arguments import checked_arguments
 from modpush._checks import check_instance, check_keys
 from modpush._state import read_state, write_state
 from modpush._types import Count, Finite, NonNegativeInteger
-from modpush._validation import check_value
+from modpush._validation import check_value, checked_arguments
 from modpush.files import reading
 from modpush.parts import find_part
 from modpush.replay.similarity import SIMILARITIES, Similarity

@@ -14,11 +14,9 @@ from torchrl.data import (
 from torchrl.data.replay_buffers.samplers import Sampler
 from torchrl.data.replay_buffers.storages import Storage, TensorStorage
 
-from modpush._arguments import checked_arguments
-from modpush._checks import check_instance
-from modpush._keys import read_key
+from modpush._checks import check_instance, read_key
 from modpush._types import Key
-from modpush._validation import check_value
+from modpush._validation import check_value, checked_arguments
 from modpush.parts import find_part
 from modpush.replay.attentive import AttentiveSampler
 from modpush.replay.config import ReplayConfig

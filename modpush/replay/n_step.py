@@ -8,8 +8,8 @@ from torch import Tensor
 from torchrl.data import TensorDictReplayBuffer
 from torchrl.envs.transforms import MultiStepTransform
 
-from modpush._arguments import checked_arguments
 from modpush._types import Count, Fraction
+from modpush._validation import checked_arguments
 
 
 class NStepTransform(MultiStepTransform):

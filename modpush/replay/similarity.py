@@ -5,8 +5,8 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
-from modpush._arguments import checked_arguments
 from modpush._checks import check_instance
+from modpush._validation import checked_arguments
 
 Similarity = Callable[[Tensor, Tensor], Tensor]
 """`(candidates [Q, C, D], queries [Q, D]) -> similarity [Q, C]`, larger is more alike."""

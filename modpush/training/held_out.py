@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torchrl.envs import EnvBase
 
-from modpush._arguments import checked_arguments
+from modpush._validation import checked_arguments
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.episodes import Policy, run_episodes

@@ -12,10 +12,10 @@ from typing import Any
 import pandas as pd
 from numpy.typing import NDArray
 
-from modpush._arguments import checked_arguments
 from modpush._atomic import FolderLock
 from modpush._processes import interrupts_noted, interrupts_raised, torch_threads
 from modpush._types import Count
+from modpush._validation import checked_arguments
 from modpush.agents.tqc.update import processor_precision
 from modpush.recipes.make_env import make_push_env
 from modpush.replay.buffer import make_replay_buffer

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush._arguments import checked_arguments
+from modpush._validation import checked_arguments
 from modpush.envs.outcome import is_at_goal, is_out_of_bounds
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.scenes.objects import get_object

@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from modpush._arguments import checked_arguments
 from modpush._types import Angle, Coordinate, Finite, Seed
-from modpush._validation import check_value
+from modpush._validation import check_value, checked_arguments
 from modpush.envs.scenes.layouts import TIGHT_SCENES
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig

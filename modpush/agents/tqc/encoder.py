@@ -13,8 +13,7 @@ from tensordict.nn import TensorDictModule, TensorDictParams, dispatch
 from tensordict.utils import NestedKey, unravel_key
 from torch import Tensor, nn
 
-from modpush._checks import check_instance
-from modpush._keys import read_key
+from modpush._checks import check_instance, read_key
 from modpush.agents.tqc.loss import TQCLoss
 from modpush.parts import find_part
 

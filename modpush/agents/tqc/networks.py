@@ -9,8 +9,8 @@ from torch import Tensor, nn
 from torchrl.data import Bounded
 from torchrl.modules import ProbabilisticActor, TanhDelta, TanhNormal, ValueOperator
 
-from modpush._arguments import checked_arguments
 from modpush._types import Count, NonNegativeInteger
+from modpush._validation import checked_arguments
 from modpush.agents.tqc.encoder import LATENT_KEY, EncodedNetwork
 from modpush.agents.tqc.ensemble import AnyFloatMLP
 

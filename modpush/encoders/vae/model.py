@@ -12,10 +12,10 @@ from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits, softplus
 from torchrl.objectives import LossModule
 
-from modpush._arguments import checked_arguments
-from modpush._keys import read_key
+from modpush._checks import read_key
 from modpush._state import check_weights
 from modpush._types import Count, NonNegative, Positive
+from modpush._validation import checked_arguments
 from modpush.encoders.base import Encoder, check_window
 from modpush.encoders.window import METRES_PER_PIXEL
 from modpush.files import read_tensors, reading, write_tensors

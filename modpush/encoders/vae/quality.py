@@ -8,8 +8,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
-from modpush._arguments import checked_arguments
 from modpush._types import Count
+from modpush._validation import checked_arguments
 from modpush.encoders.base import evaluating
 from modpush.encoders.vae.model import DepthVAE, bernoulli_entropy, kl_divergence
 

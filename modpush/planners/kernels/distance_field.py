@@ -6,8 +6,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from modpush._batching import BatchKernel
-from modpush._kernels import njit
+from modpush._kernels import BatchKernel, njit
 from modpush.planners.kernels.lazy_theta_star import TOO_MANY_CORNERS
 from modpush.planners.kernels.maps import (
     MAX_CORNERS,

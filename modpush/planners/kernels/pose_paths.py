@@ -6,8 +6,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from modpush._batching import BatchKernel
-from modpush._kernels import njit
+from modpush._kernels import BatchKernel, njit
 from modpush.planners.kernels.pose_field import PoseFields, PoseQueries
 from modpush.planners.kernels.pose_search import (
     are_joined,

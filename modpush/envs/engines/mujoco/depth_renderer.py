@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush._arguments import checked_arguments
+from modpush._validation import checked_arguments
 from modpush.envs.engines.mujoco.engine import MujocoEngine
 from modpush.geometry.camera_model import CameraModel
 
