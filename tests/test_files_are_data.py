@@ -243,7 +243,7 @@ NO_PARTS = {
     "geometry/camera_model.py": "has no parts",
     "envs/scenes/conditions.py": "has no parts",
     "envs/scenes/scenario.py": "takes plain data; its names are looked up by those who use it",
-    "envs/scene_state.py": "names are compared with those of the environment",
+    "envs/push_state.py": "names are compared with those of the environment",
     "recipes/gym_env.py": "takes arguments",
 }
 """Modules that make objects of plain data without the gate, and why."""

@@ -71,7 +71,7 @@ from modpush.envs.scenes.layouts import TIGHT_SCENES
 from modpush.envs.scenes.objects import PAPER_OBJECTS
 from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
 from modpush.evaluation.episodes import Episode, run_episodes
-from modpush.evaluation.pictures import (
+from modpush.evaluation.report import (
     contact_sheet,
     draw_episode,
     join_clips,

@@ -60,7 +60,7 @@ from modpush._types import AtLeastOne, Count, FilePath, Name, NonNegativeInteger
 from modpush._validation import checked
 from modpush.envs.engines.named import find_engine
 from modpush.envs.robot.named import find_robot, find_tool
-from modpush.envs.scenes.sensing import SensingName
+from modpush.envs.scenes.conditions import SensingName
 
 if TYPE_CHECKING:
     import pandas as pd

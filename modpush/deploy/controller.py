@@ -25,8 +25,8 @@ from modpush.envs.engines.base import CONTACT_KEYS
 from modpush.envs.outcome import episode_status, is_at_goal, pose_errors
 from modpush.envs.robot.control import MotionConfig, MotionPlanner
 from modpush.envs.robot.robot import Robot, Tool
+from modpush.envs.scenes.conditions import SensingConfig
 from modpush.envs.scenes.objects import PushedObject
-from modpush.envs.scenes.sensing import SensingConfig
 from modpush.mdp.action_frame import ActionFrame
 from modpush.recipes.agent_file import Agent
 

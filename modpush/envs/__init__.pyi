@@ -16,7 +16,11 @@ from .robot.robot import (
     Tool as Tool,
 )
 from .robot.tools import TOOLS as TOOLS
-from .scenes.conditions import EpisodeConditions as EpisodeConditions
+from .scenes.conditions import (
+    SENSING as SENSING,
+    EpisodeConditions as EpisodeConditions,
+    SensingConfig as SensingConfig,
+)
 from .scenes.layouts import (
     ALL_SCENES as ALL_SCENES,
     HARD_SCENES as HARD_SCENES,
@@ -37,5 +41,4 @@ from .scenes.scenario import (
     Scenario as Scenario,
     ScenarioConfig as ScenarioConfig,
 )
-from .scenes.sensing import SENSING as SENSING, SensingConfig as SensingConfig
 from .scenes.shape_layouts import SHAPE_SCENES as SHAPE_SCENES

@@ -27,11 +27,16 @@ from modpush.envs.depth.analytic import find_depth_camera
 from modpush.envs.engines.base import SceneSpec
 from modpush.envs.engines.named import default_sim_freq, find_engine
 from modpush.envs.outcome import episode_status, is_at_goal, pose_errors
-from modpush.envs.push_state import PushState, check_state, object_digest
+from modpush.envs.push_state import (
+    PushState,
+    check_state,
+    make_generators,
+    object_digest,
+    restart_generators,
+)
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scene_batch import SceneBatch
-from modpush.envs.scene_state import make_generators, restart_generators
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.envs.simulation_config import SimulationConfig, set_fields

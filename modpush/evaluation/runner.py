@@ -21,9 +21,8 @@ from modpush._atomic import FolderLock
 from modpush._processes import RESTARTS, begin_worker_process, ray_session, torch_threads
 from modpush._types import Count, Key, Scenes, Seed
 from modpush._validation import checked, checked_arguments
-from modpush.envs.scenes.conditions import EpisodeConditions
+from modpush.envs.scenes.conditions import EpisodeConditions, SensingConfig
 from modpush.envs.scenes.scenario import Scenario
-from modpush.envs.scenes.sensing import SensingConfig
 from modpush.evaluation.episodes import Episode, Policy, run_episodes
 from modpush.evaluation.results import SET_FILE, ResultStore, describe_policy
 from modpush.evaluation.sets import SET_NAMES, EvaluationSet, load_set

@@ -19,13 +19,11 @@ import numpy as np
 from modpush._state import data_hash
 from modpush._types import Count, Name, NonNegativeInteger, Several
 from modpush._validation import checked, checked_arguments
-from modpush.envs.scenes.conditions import EpisodeConditions
+from modpush.envs.scenes.conditions import SENSING, EpisodeConditions, SensingName
 from modpush.envs.scenes.reach import within_reach
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Dynamics, Scenario, ScenarioConfig
-from modpush.envs.scenes.sensing import SENSING, SensingName
-from modpush.evaluation.hidden_cells import hidden_cell
-from modpush.evaluation.set_recipes import RECIPES, SetRecipe
+from modpush.evaluation.set_recipes import RECIPES, SetRecipe, hidden_cell
 from modpush.files import read_packed_json, reading, write_packed_json
 from modpush.parts import check_allowed
 

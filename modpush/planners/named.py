@@ -13,9 +13,8 @@ from modpush.parts import find_part
 from modpush.planners.a_star import AStar
 from modpush.planners.base import Planner
 from modpush.planners.distance_field import DistanceField
-from modpush.planners.inflation import inflate
 from modpush.planners.lazy_theta_star import LazyThetaStar
-from modpush.planners.occupancy_map import OccupancyMap
+from modpush.planners.occupancy_map import OccupancyMap, inflate
 from modpush.planners.pose_field import PoseField
 from modpush.planners.straight_line import StraightLine
 

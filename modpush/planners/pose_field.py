@@ -16,14 +16,14 @@ from modpush.geometry.camera import Camera
 from modpush.planners.kernels.bit_grid import words_per_row
 from modpush.planners.kernels.pose_field import (
     PoseFields,
+    PosePathArrays,
     PoseQueries,
     empty_fields,
+    read_paths,
     refresh_fields,
 )
-from modpush.planners.kernels.pose_paths import PosePathArrays, read_paths
 from modpush.planners.occupancy import Corners
-from modpush.planners.pose_grid import Turns, extents_per_scene, make_grid, make_turns
-from modpush.planners.pose_paths import PosePaths
+from modpush.planners.pose_paths import PosePaths, Turns, extents_per_scene, make_grid, make_turns
 
 
 class PoseField:

@@ -21,10 +21,10 @@ from modpush._types import (
 from modpush._validation import checked
 from modpush.encoders import ENCODERS
 from modpush.encoders.encode import names_a_file
+from modpush.envs.scenes.conditions import SensingConfig
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES
 from modpush.envs.scenes.objects import Circle
 from modpush.envs.scenes.scenario import ScenarioConfig
-from modpush.envs.scenes.sensing import SensingConfig
 from modpush.envs.simulation_config import SimulationConfig, set_fields
 from modpush.geometry.frames import Frame
 from modpush.mdp.observation_entries import PATH_AHEAD_ENTRIES

@@ -20,7 +20,7 @@ from modpush.encoders.window import METRES_PER_PIXEL
 from modpush.encoders.window_transform import EgocentricWindow, WindowBytes
 from modpush.envs.push_env import PushEnv
 from modpush.envs.robot.robot import Robot
-from modpush.envs.scenes.sensing import SensingConfig
+from modpush.envs.scenes.conditions import SensingConfig
 from modpush.mdp.action_frame import ActionFrame
 from modpush.mdp.curriculum import Curriculum
 from modpush.mdp.curriculum_scenes import CurriculumScenes
@@ -32,8 +32,14 @@ from modpush.mdp.reward_terms import RewardTerm
 from modpush.mdp.step_outcome import RewardKeys
 from modpush.planners.base import Planner
 from modpush.recipes.config import END_TO_END, PushEnvConfig
-from modpush.recipes.planning import TRUE, make_planning
-from modpush.recipes.sensing import make_recovery, make_sensing, observation_keys, observed_keys
+from modpush.recipes.planning import (
+    TRUE,
+    make_planning,
+    make_recovery,
+    make_sensing,
+    observation_keys,
+    observed_keys,
+)
 
 ENV_PARTS = (
     "encoder",

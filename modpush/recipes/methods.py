@@ -12,8 +12,7 @@ from torchrl.envs import Compose, EnvBase, InitTracker, RenameTransform, Transfo
 from modpush._validation import checked_arguments
 from modpush.agents import PushingCorridorController, ScriptedPusher, faithful_config
 from modpush.envs import PushEnv
-from modpush.envs.scenes.conditions import EpisodeConditions
-from modpush.envs.scenes.sensing import SensingConfig
+from modpush.envs.scenes.conditions import EpisodeConditions, SensingConfig
 from modpush.mdp import StuckRecovery, recovering
 from modpush.parts import find_part, part_module
 from modpush.planners import DistanceField, OccupancyGrid, PlannerSubgoals

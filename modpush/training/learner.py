@@ -29,7 +29,7 @@ from modpush.replay.mirror import MirrorTransitions
 from modpush.replay.n_step import extend_rollout, forget_open_steps, n_step_transforms
 from modpush.training.config import TrainConfig
 from modpush.training.parts import learner_parts, replay_parts
-from modpush.training.rollout import Rollout, WorkerSpecs
+from modpush.training.scene_worker import Rollout, WorkerSpecs
 
 
 class NonFiniteLossError(RuntimeError):

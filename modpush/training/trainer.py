@@ -24,9 +24,8 @@ from modpush.training.held_out import EvaluationProgress, HeldOutEpisodes, held_
 from modpush.training.learner import Learner, weights_of
 from modpush.training.log import RunLog, TrainingBar, quiet_torchrl
 from modpush.training.parts import check_parts, check_picklable, replay_parts
-from modpush.training.rollout import Rollout
 from modpush.training.run_folder import RunFolder, check_run_folder
-from modpush.training.scene_worker import EnvFactory, SceneWorker
+from modpush.training.scene_worker import EnvFactory, Rollout, SceneWorker
 from modpush.training.trainer_state import load_trainer_state, save_trained_agent, trainer_state
 from modpush.training.warm_start import load_initial_weights
 from modpush.training.worker import (

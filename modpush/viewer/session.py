@@ -1,5 +1,6 @@
-"""`Session`: the policies and scenes behind the page."""
+"""`Session`: the policies and scenes behind the page, and the commands of other threads."""
 
+import queue
 from collections.abc import Callable, Hashable
 from dataclasses import replace
 
@@ -11,11 +12,37 @@ from modpush.envs.scenes.layouts import TIGHT_SCENES
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.viewer import edits
-from modpush.viewer.commands import Command, CommandQueue
 from modpush.viewer.config import CONTROL_FREQ, PlayConfig
-from modpush.viewer.lane import Lane, PolicyLane, Snapshot
-from modpush.viewer.policies import HandPolicy, make_lane
+from modpush.viewer.lane import HandPolicy, Lane, PolicyLane, Snapshot, make_lane
 from modpush.viewer.replay import ReplayLane
+
+Command = Callable[[], object]
+
+
+class CommandQueue:
+    """Commands that threads hand over, carried out by one thread."""
+
+    def __init__(self) -> None:
+        self._waiting: queue.SimpleQueue[tuple[Hashable, Command]] = queue.SimpleQueue()
+
+    def put(self, command: Command, key: Hashable = None) -> None:
+        """Add a command.
+
+        Args:
+            command: The command.
+            key: Of waiting commands with the same key, such as the moves of one drag, only the last
+                is carried out.
+        """
+        self._waiting.put((key, command))
+
+    def take(self) -> list[Command]:
+        """All waiting commands in their order, without those that a later one replaces."""
+        found: list[tuple[Hashable, Command]] = []
+        while not self._waiting.empty():
+            found.append(self._waiting.get())
+        last = {key: i for i, (key, _) in enumerate(found)}
+        return [command for i, (key, command) in enumerate(found) if key is None or last[key] == i]
+
 
 _PAUSE_AT_END = CONTROL_FREQ  # ticks until the next episode begins by itself
 

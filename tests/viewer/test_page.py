@@ -13,7 +13,7 @@ import pytest
 
 from modpush.envs import Scenario
 from modpush.viewer import Page, PlayConfig
-from modpush.viewer.dragging import ray_on_plane
+from modpush.viewer.lane_view import ray_on_plane
 from modpush.viewer.page import _make_server
 
 in_a_browser = pytest.mark.slow  # WebGL in software, which a busy machine may kill

@@ -10,8 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
-from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
-from modpush.envs.scenes.track_layouts import TRACK_SCENES
+from modpush.envs.scenes.shape_layouts import SHAPE_SCENES, TRACK_SCENES
 from modpush.geometry.workspace import WORKSPACE
 from modpush.parts import find_part, part_name
 

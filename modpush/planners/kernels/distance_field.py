@@ -7,7 +7,6 @@ from numba import prange
 from numpy.typing import NDArray
 
 from modpush._kernels import BatchKernel, njit
-from modpush.planners.kernels.lazy_theta_star import TOO_MANY_CORNERS
 from modpush.planners.kernels.maps import (
     MAX_CORNERS,
     Maps,
@@ -18,7 +17,13 @@ from modpush.planners.kernels.maps import (
     refresh_map,
     write_path,
 )
-from modpush.planners.kernels.taut_search import length_of, stays_taut, taut_search, touches
+from modpush.planners.kernels.taut_search import (
+    TOO_MANY_CORNERS,
+    length_of,
+    stays_taut,
+    taut_search,
+    touches,
+)
 from modpush.planners.kernels.visibility import line_of_sight
 
 
