@@ -29,7 +29,7 @@ SUBCOMMANDS = {
 
 `modpush.cli.<name>` has a function `main(arguments)`, and its docstring is the help.
 """
-_POSITIONAL = {"train": "PRESET ", "play": "[FOLDER ...] ", "export": "[AGENT] "}
+_POSITIONAL = {"train": "PRESET ", "export": "[AGENT] "}
 
 
 def run_command(arguments: Sequence[str] | None = None) -> int:

@@ -243,24 +243,21 @@ class EpisodeControls:
         gui = panel.gui
         with gui.add_folder("Episode"):
             self._seed = panel.field(
-                gui.add_number(
-                    "Stored episode" if session.replaying else "Seed", session.seed, min=0, step=1
-                ),
+                gui.add_number("Seed", session.seed, min=0, step=1),
                 lambda seed: session.reset(int(seed)),
             )
-            if not session.replaying:
-                self._scene = panel.field(
-                    gui.add_dropdown("Scene", _scenes(session), initial_value=session.scene),
-                    lambda name: session.choose_scene(scene=name),
-                )
-                self._difficulty = panel.field(
-                    gui.add_slider("Difficulty", 0.0, 1.0, 0.05, session.difficulty),
-                    lambda value: session.choose_scene(difficulty=float(value)),
-                )
-                self._object = panel.field(
-                    gui.add_dropdown("Object", tuple(OBJECTS), initial_value=session.pushed_object),
-                    lambda name: session.choose_scene(pushed_object=name),
-                )
+            self._scene = panel.field(
+                gui.add_dropdown("Scene", _scenes(session), initial_value=session.scene),
+                lambda name: session.choose_scene(scene=name),
+            )
+            self._difficulty = panel.field(
+                gui.add_slider("Difficulty", 0.0, 1.0, 0.05, session.difficulty),
+                lambda value: session.choose_scene(difficulty=float(value)),
+            )
+            self._object = panel.field(
+                gui.add_dropdown("Object", tuple(OBJECTS), initial_value=session.pushed_object),
+                lambda name: session.choose_scene(pushed_object=name),
+            )
             panel.button("Reset to the seed", session.reset, "R")
             panel.button("Again as changed", session.restart, "B")
             panel.button("Next episode", session.next_episode, "M")
@@ -269,10 +266,9 @@ class EpisodeControls:
         """Show the session's state."""
         session = self._session
         self._seed.show(session.seed)
-        if not session.replaying:
-            self._scene.show(session.scene)
-            self._difficulty.show(session.difficulty)
-            self._object.show(session.pushed_object)
+        self._scene.show(session.scene)
+        self._difficulty.show(session.difficulty)
+        self._object.show(session.pushed_object)
 
 
 _OVERLAYS = {
@@ -282,7 +278,6 @@ _OVERLAYS = {
     "map": "Inflated map",
     "window": "Window and reconstruction",
 }
-_STORED = ("path", "subgoal", "flags")  # what an evaluation keeps of an episode
 
 
 class Controls:
@@ -301,26 +296,21 @@ class Controls:
         server.gui.main_panel.dock_right()
         gui, panel = server.gui, Panel(server.gui, session)
         self._status = gui.add_markdown("")
-        self.scene: SceneControls | None = None
         tabs = gui.add_tab_group()
         with tabs.add_tab("Run"):
             self.time = TimeControls(panel)
-            self._parts: list[Any] = [self.time, EpisodeControls(panel)]
-            if not session.replaying:
-                self._parts.append(PolicyControls(panel))
-        if not session.replaying:
-            with tabs.add_tab("Scene"):
-                self.scene = SceneControls(panel)
-                self._parts.append(self.scene)
-                HandControls(panel)
+            self._parts: list[Any] = [self.time, EpisodeControls(panel), PolicyControls(panel)]
+        with tabs.add_tab("Scene"):
+            self.scene = SceneControls(panel)
+            self._parts.append(self.scene)
+            HandControls(panel)
         with tabs.add_tab("Overlays"):
             self._add_overlays(server)
 
     def _add_overlays(self, server: "ViserServer") -> None:
         for field, label in _OVERLAYS.items():
-            if not self._session.replaying or field in _STORED:
-                shown = getattr(self.overlays, field)
-                server.gui.add_checkbox(label, shown).on_update(self._switch(field))
+            shown = getattr(self.overlays, field)
+            server.gui.add_checkbox(label, shown).on_update(self._switch(field))
         empty = np.zeros((8, 16, 3), dtype=np.uint8)
         self._images = [server.gui.add_image(empty, visible=False) for _ in range(2)]
 
@@ -329,16 +319,6 @@ class Controls:
             setattr(self.overlays, field, event.target.value)
 
         return switch
-
-    @property
-    def selected(self) -> int | None:
-        """The obstacle that was clicked last."""
-        return None if self.scene is None else self.scene.selected
-
-    def select(self, index: int) -> None:
-        """Select an obstacle."""
-        if self.scene is not None:
-            self.scene.select(index)
 
     def update(self) -> None:
         """Show the session's state."""

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -14,8 +14,8 @@ from torchrl.envs import EnvBase, set_exploration_type
 from torchrl.envs.utils import ExplorationType, step_mdp
 
 from modpush.encoders.base import as_floats
+from modpush.encoders.depth_vae import DepthVAE
 from modpush.encoders.encode import Encode
-from modpush.encoders.vae.model import DepthVAE
 from modpush.envs.outcome import Goal
 from modpush.envs.push_env import PushEnv
 from modpush.envs.robot.robot import Robot, Tool
@@ -68,25 +68,6 @@ class Snapshot:
         return replace(self.scenario, obstacles=tuple(now))
 
 
-class Lane(Protocol):
-    """Running policy or stored episode that a `Session` shows."""
-
-    name: str
-    """Name for the page."""
-
-    def start(self, scenario: Scenario, number: int) -> Snapshot:
-        """Start an episode; `number` is that of a stored one."""
-
-    def step(self) -> Snapshot:
-        """Take one control step."""
-
-    def reconstruction(self) -> NDArray[np.float32] | None:
-        """The autoencoder's reconstruction of the window, `[S, S]` in [0, 1], if there is one."""
-
-    def close(self) -> None:
-        """Free what it holds."""
-
-
 class PolicyLane:
     """A policy in an environment of one scene.
 
@@ -115,7 +96,7 @@ class PolicyLane:
         simulator: PushEnv = getattr(env, "base_env", env)
         self._robot, self._tool = simulator.robot, simulator.tool
 
-    def start(self, scenario: Scenario, number: int = 0) -> Snapshot:
+    def start(self, scenario: Scenario) -> Snapshot:
         """Start an episode."""
         self._td = self.env.reset(scenarios=[scenario])
         self._scenario, self._step = scenario, 0

@@ -198,15 +198,6 @@ def kl_divergence(mean: Tensor, std: Tensor) -> Tensor:
     return 0.5 * (mean.square() + std.square() - 1.0) - std.log()
 
 
-def bernoulli_entropy(window: Tensor) -> Tensor:
-    """Entropy of pixels taken as probabilities, summed over each window, `[B]` [nat].
-
-    No decoder's negative log-likelihood goes below it: a bar of value 0.75 costs 0.56 nat a pixel
-    even where it is reconstructed exactly.
-    """
-    return -(torch.xlogy(window, window) + torch.xlogy(1 - window, 1 - window)).flatten(1).sum(1)
-
-
 class VAELoss(LossModule):
     """Negative log-likelihood summed over pixels, and the weighted KL divergence; means over windows.
 

@@ -1,1 +1,0 @@
-"""The variational autoencoder of depth windows: model, loss, data and quality."""
