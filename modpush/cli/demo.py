@@ -10,8 +10,7 @@ paper's hard ones, `diagonal_walls` and `maze`.
 
 Writes `runs/demo/`: `table.md`, one picture for each family and `demo.mp4`, top views of the same
 episodes side by side, with the first planned path and the present sub-goal in magenta. Each says which
-policy pushes which object, and how the episode ended. With a Vulkan device it also writes `arm.mp4`:
-the first policy's episodes rendered by SAPIEN.
+policy pushes which object, and how the episode ended.
 
 Options:
   --policy NAME ...         Policies to show side by side: agent, a shipped agent by its name, corridor,
@@ -27,17 +26,13 @@ Options:
   --goal {position,pose}    Positions of the object's centre as goals, or poses, at 1.5 cm and 10 degrees.
   --robot NAME              Arm: ur5, ur10, panda, ... or module:name; by default ur5.
   --tool NAME               Tool of the arm: 2f85, rod, or module:name; by default 2f85.
-  --engine NAME             Physics engine: sapien, mujoco, or module:name; by default sapien. Only SAPIEN
-                            renders.
+  --engine NAME             Physics engine: sapien, mujoco, or module:name; by default sapien.
   --seed N                  Seed of the episodes; by default 0.
-  --no-rendered             Write no arm.mp4.
   --out FOLDER              Folder to write to; by default runs/demo.
   --allow MODULE ...        Modules from which an agent's file may import its author's own parts.
 """
 
 import contextlib
-import itertools
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -57,10 +52,8 @@ from modpush._types import Count, FilePath, Fraction, Name, Seed, Several
 from modpush._validation import checked
 from modpush.envs import (
     SCENES,
-    PushEnv,
     Scenario,
     ScenarioConfig,
-    find_render_device,
     sample_scenario,
 )
 from modpush.envs.engines.named import find_engine
@@ -90,45 +83,26 @@ _POSE_DISTANCE = (0.35, 0.5)
 _POSITION_TOLERANCE = 0.015
 """Distance from a goal pose at which an episode succeeds [m]."""
 
-Frames = dict[int, list[NDArray[np.uint8]]]
-"""Pictures by number of the episode."""
-
 
 @checked
 class DemoConfig:
-    """Settings of the demo."""
+    """Settings of the demo, which this module's docstring explains as options.
+
+    Where `policy`, `scenes` and `pushed_object` are empty, they follow from `goal`.
+    """
 
     policy: Several[Name] = ()
-    """Policies to show side by side: `agent`, a shipped agent by its name, `corridor`,
-    `corridor_faithful`, `scripted`, a training run's folder, or an agent's file. Empty for `any_object`
-    and `corridor`, or for `pose` where the goals are poses."""
     scenes: Several[Name] = ()
-    """Scene families to show. Empty for twelve; where the goals are poses, for free space and the
-    families with one obstacle, two, or one that moves."""
     episodes: Count = 4
-    """Number of episodes of each family; the first one is shown in the video."""
     pushed_object: Several[Name] = ()
-    """Names of the objects that are pushed, one after the other. Empty for the paper's four, or for `box`
-    where the goals are poses."""
     difficulty: Fraction = 0.3
-    """Difficulty of the scenes, 0 to 1."""
     seed: Seed = 0
-    """Seed of the episodes."""
     goal: Goal = "position"
-    """Kind of the goals: a position of the object's centre, or a pose of the object, for an
-    agent that was trained for poses. Poses are reached at 1.5 cm and 10 degrees."""
     robot: Name = "ur5"
-    """Arm: its name, or `module:name`."""
     tool: Name = "2f85"
-    """Tool of the arm: `2f85`, `rod`, or `module:name`."""
     engine: Name = "sapien"
-    """Physics engine: `sapien`, `mujoco`, or `module:name`. Only SAPIEN renders."""
     out: FilePath = Path("runs/demo")
-    """Folder to write to."""
     allow: Several[Name] = ()
-    """Modules from which an agent's file may import its author's own parts."""
-    rendered: bool = True
-    """Have SAPIEN render the first policy's video if there is a Vulkan device."""
 
     def filled(self) -> "DemoConfig":
         """The same with what is shown by default in place of what is empty."""
@@ -153,25 +127,14 @@ def show_demo(config: DemoConfig) -> str:
     find_engine(config.engine)
     find_robot(config.robot)
     find_tool(config.tool)
-    renders = config.rendered and config.engine == "sapien"
-    rendered = renders and find_render_device() is not None
     announce_compiling()
     scenarios = _draw_scenarios(config)
-    runs: dict[str, list[Episode]] = {}
-    arm: Frames = {}
-    for k, method in enumerate(methods):
-        runs[method.name], frames = _run(method, scenarios, config, rendered and k == 0)
-        arm.update(frames)
+    runs = {method.name: _run(method, scenarios, config) for method in methods}
     table = _table(runs, config)
     print("\n" + table)
     _write_pictures(config, runs)
     (config.out / "table.md").write_text(table, encoding="utf-8")
-    told = "no arm.mp4: no Vulkan device" if renders else "no arm.mp4"
-    if arm:
-        path = config.out / "arm.mp4"
-        write_video(path, [*itertools.chain.from_iterable(arm[n] for n in sorted(arm))], fps=8)
-        told = f"{path}, rendered by SAPIEN"
-    print(f"Wrote {config.out}/demo.mp4 ({told}), table.md and a picture of each family.")
+    print(f"Wrote {config.out}/demo.mp4, table.md and a picture of each family.")
     return table
 
 
@@ -208,12 +171,8 @@ def _draw_scenario(config: DemoConfig, scene: str, family: int, k: int) -> Scena
     return draw(objects[-1])
 
 
-def _run(
-    method: Method, scenarios: Sequence[Scenario], config: DemoConfig, rendered: bool
-) -> tuple[list[Episode], Frames]:
-    """One policy's episodes, in order, and rendered pictures of the first of each family."""
-    frames: Frames = {}
-    steps: Counter[int] = Counter()
+def _run(method: Method, scenarios: Sequence[Scenario], config: DemoConfig) -> list[Episode]:
+    """One policy's episodes, in order."""
     num_envs = min(8, len(scenarios))
     # Where only the inscribed circle passes, every policy must plan with it.
     tight = any(scenario.scene in TIGHT_SCENES for scenario in scenarios)
@@ -226,29 +185,18 @@ def _run(
         conditions = replace(conditions or usual, robot=config.robot, tool=config.tool)
     if config.engine != "sapien":
         conditions = replace(conditions or usual, engine=config.engine, sim_freq=None)
-    env: EnvBase = method.make_env(num_envs, config.pushed_object, conditions, pictures=rendered)
-    simulator = env.base_env
-    assert isinstance(simulator, PushEnv)
-
-    def record_frame(scene: int, number: int) -> None:
-        steps[number] += 1
-        # A software renderer takes a fifth of a second a frame: every other step, and at most 50 frames.
-        wanted = number % config.episodes == 0 and steps[number] % 2 and steps[number] <= 100
-        if rendered and wanted:
-            frames.setdefault(number, []).append(simulator.render(scene))
-
+    env: EnvBase = method.make_env(num_envs, config.pushed_object, conditions)
     running = run_episodes(
         env,
         method.make_policy(),
         enumerate(scenarios),
         path_key=method.path_key,
         target_key=method.target_key,
-        on_step=record_frame,
     )
     bar = tqdm(running, total=len(scenarios), unit="episode", desc=method.name)
     episodes = sorted(bar, key=lambda episode: episode.number)
     env.close()
-    return episodes, frames
+    return episodes
 
 
 def _table(runs: Mapping[str, Sequence[Episode]], config: DemoConfig) -> str:

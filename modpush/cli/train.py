@@ -89,7 +89,7 @@ Learner (TQC) and replay buffer:
   --train.replay.n-steps N            Number of steps whose rewards are summed before bootstrapping.
   --train.replay.capacity N           Number of transitions that the buffer holds.
   --train.no-mirror                   Do not learn from mirror images.
-  --train.curriculum.promotion {success,steps,off}  When the next stage of the curriculum begins.
+  --train.curriculum.promotion {success,off}  When the next stage of the curriculum begins.
 
 Every other field of `TrainConfig` is an option in the same way, such as `--train.tqc.tau 0.01`.
 docs/train_options.md lists all of them with their defaults, and the settings of each preset.

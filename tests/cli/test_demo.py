@@ -16,7 +16,7 @@ from modpush.evaluation import run_episodes
 
 def test_demo(tmp_path) -> None:
     command = [sys.executable, "-m", "modpush", "demo", "--episodes", "1"]
-    command += ["--out", str(tmp_path), "--scenes", "free", "posts", "--no-rendered"]
+    command += ["--out", str(tmp_path), "--scenes", "free", "posts"]
     done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path)
     assert "| scene | policy | success | contact_rate | collision_rate |" in done.stdout
     assert (tmp_path / "table.md").read_text().count("\n") == 6
@@ -40,7 +40,7 @@ def test_the_demo_runs_with_another_engine_robot_and_tool(tmp_path, capsys, monk
     parts = {"engine": "mujoco", "robot": "panda", "tool": "rod"}
     show_demo(DemoConfig(policy=("scripted",), scenes=("free",), episodes=1, out=tmp_path, **parts))
     assert used == [("mujoco", "panda", "rod")]
-    assert "demo.mp4 (no arm.mp4), table.md" in capsys.readouterr().out
+    assert "demo.mp4, table.md" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("wrong", [{"robot": "kuka"}, {"tool": "spoon"}])
