@@ -189,8 +189,6 @@ def _attentive(config: ReplayConfig) -> AttentiveSampler:
         key=config.observation_key,
         similarity=config.similarity,
         num_queries=config.num_queries,
-        k_end=config.k_end,
-        annealing_num_samples=config.k_annealing_samples,
     )
 
 
