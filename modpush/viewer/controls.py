@@ -8,7 +8,6 @@ import numpy as np
 
 from modpush.envs.scenes.layouts import ALL_SCENES
 from modpush.envs.scenes.objects import OBJECTS
-from modpush.viewer.edits import OBSTACLE_SIZES
 from modpush.viewer.lane import POLICIES
 from modpush.viewer.overlays import Overlays, window_picture
 from modpush.viewer.session import Session
@@ -146,34 +145,18 @@ class SceneControls:
 
     def __init__(self, panel: Panel) -> None:
         self._session = session = panel.session
-        self.selected: int | None = None
-        """The obstacle that was clicked last."""
         with panel.gui.add_folder("Goal and obstacles"):
             panel.gui.add_markdown(
-                "Drag the goal and the obstacles. Shift-drag turns an obstacle or a goal pose, a click "
-                "selects an obstacle."
+                "Drag the goal and the obstacles. Shift-drag turns an obstacle or a goal pose."
             )
             self._goal = panel.field(
                 panel.gui.add_vector2("Goal [m]", self._goal_now(), step=0.01),
                 lambda goal: session.move_goal(*goal),
             )
-            for kind in OBSTACLE_SIZES:
-                panel.button(f"Add a {kind}", functools.partial(session.add_obstacle, kind))
-            panel.button("Remove the selected obstacle", self._remove, "delete")
 
     def _goal_now(self) -> tuple[float, float]:
         x, y = self._session.snapshots[0].scenario.goal_position
         return round(x, 3), round(y, 3)
-
-    def select(self, index: int) -> None:
-        """Select an obstacle."""
-        self.selected = index
-
-    def _remove(self) -> None:
-        if self.selected is None:
-            raise ValueError("Click an obstacle to select it.")
-        index, self.selected = self.selected, None
-        self._session.remove_obstacle(index)
 
     def update(self) -> None:
         """Show where the goal is."""
@@ -301,8 +284,7 @@ class Controls:
             self.time = TimeControls(panel)
             self._parts: list[Any] = [self.time, EpisodeControls(panel), PolicyControls(panel)]
         with tabs.add_tab("Scene"):
-            self.scene = SceneControls(panel)
-            self._parts.append(self.scene)
+            self._parts.append(SceneControls(panel))
             HandControls(panel)
         with tabs.add_tab("Overlays"):
             self._add_overlays(server)

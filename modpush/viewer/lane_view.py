@@ -95,7 +95,7 @@ if TYPE_CHECKING:
 
 _TABLE = box(1.20, 1.20, 0.02, (0.30, 0.0, -0.011), color=(0.90, 0.88, 0.84))
 _GOAL = cylinder(GOAL_THRESHOLD, 0.004, (0.0, 0.0, 0.002), color=(0.24, 0.65, 0.30))
-_OBSTACLE, _SELECTED, _HIT = (0.30, 0.33, 0.38), (0.93, 0.62, 0.16), (0.80, 0.15, 0.15)
+_OBSTACLE, _HIT = (0.30, 0.33, 0.38), (0.80, 0.15, 0.15)
 _RED, _GREEN, _BLUE = COLORS["object"]
 _OBJECT = (_RED / 255, _GREEN / 255, _BLUE / 255)  # of every object, as in the pictures
 _MAGENTA = (200, 40, 190)
@@ -116,7 +116,6 @@ class LaneView:
         session: The session behind the page.
         root: Name of the lane's node.
         offset: Position of this lane's robot along the page's y [m].
-        select: Called with the index of an obstacle that is clicked.
     """
 
     def __init__(
@@ -125,10 +124,9 @@ class LaneView:
         session: Session,
         root: str,
         offset: float,
-        select: Callable[[int], None],
     ) -> None:
         self._scene, self._session, self._root = server.scene, session, root
-        self._offset, self._select = offset, select
+        self._offset = offset
         self._shown: Snapshot | None = None
         self._scene.add_frame(root, show_axes=False, position=(0.0, offset, 0.0))
         self._body("table", (_TABLE,))
@@ -217,12 +215,7 @@ class LaneView:
 
         make_draggable(handle, pose, move, turn)
 
-        async def on_click(event: Any) -> None:
-            self._select(index)
-
-        handle.on_click(on_click)
-
-    def update(self, shown: Snapshot, overlays: Overlays, name: str, selected: int | None) -> None:
+    def update(self, shown: Snapshot, overlays: Overlays, name: str) -> None:
         """Bring the page up to a snapshot; what has not changed is not sent."""
         before = self._shown.scenario if self._shown is not None else None
         if before is not shown.scenario:
@@ -244,7 +237,7 @@ class LaneView:
             obstacle = obstacles[i]
             x, y, yaw = obstacle.pose
             _place(handle, x, y, obstacle.size[2] / 2, yaw)
-            color = _SELECTED if i == selected else _HIT if i in hit else _OBSTACLE
+            color = _HIT if i in hit else _OBSTACLE
             assign(handle, "color", tuple(round(255 * c) for c in color))
         self._update_overlays(shown, overlays, name)
         self._shown = shown

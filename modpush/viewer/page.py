@@ -100,7 +100,7 @@ class Page:
             for view, lane, shown in zip(
                 self._views, session.lanes, session.snapshots, strict=True
             ):
-                view.update(shown, self.controls.overlays, lane.name, self.controls.scene.selected)
+                view.update(shown, self.controls.overlays, lane.name)
             self.controls.update()
 
     def _make_views(self) -> None:
@@ -109,7 +109,7 @@ class Page:
         count = len(self.session.lanes)
         offsets = [0.0] if count == 1 else [-_BESIDE / 2, _BESIDE / 2]  # left and right
         self._views = [
-            LaneView(self.server, self.session, f"/lane{i}", offset, self.controls.scene.select)
+            LaneView(self.server, self.session, f"/lane{i}", offset)
             for i, offset in enumerate(offsets)
         ]
         camera = self.server.initial_camera

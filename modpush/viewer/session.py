@@ -2,7 +2,6 @@
 
 import queue
 from collections.abc import Callable, Hashable
-from dataclasses import replace
 
 import numpy as np
 
@@ -258,21 +257,6 @@ class Session:
     ) -> None:
         """Put an obstacle elsewhere [m, m, rad]."""
         self._change(lambda scenario: edits.move_obstacle(scenario, index, x, y, yaw))
-
-    def add_obstacle(self, kind: edits.ObstacleKind) -> None:
-        """Add an obstacle where it touches nothing in any lane."""
-        poses = [pose for shown in self.snapshots for pose in (shown.object_pose, shown.ee_pose)]
-        first = self.snapshots[0]
-        here = edits.continue_from(first.present, first.object_pose, first.ee_pose)
-        added = edits.add_obstacle(
-            here, kind, [(pose, 0.05) for pose in poses], first.robot
-        ).obstacles
-        self._change(lambda scenario: replace(scenario, obstacles=added))
-
-    @checked_arguments
-    def remove_obstacle(self, index: int) -> None:
-        """Take an obstacle away."""
-        self._change(lambda scenario: edits.remove_obstacle(scenario, index))
 
     def _change(self, edit: Callable[[Scenario], Scenario]) -> None:
         """Change the scene of every lane; each continues with its object and its tool where they are."""
