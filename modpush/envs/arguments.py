@@ -79,7 +79,7 @@ def check_simulation(num_envs: int, sim_backend: str, sim_freq: int, control_fre
         raise ValueError(
             f"ClutterPushEnv: num_envs={num_envs} in one task needs CUDA, since on a CPU a task "
             f"holds one scene. Use modpush.envs.PushEnv({num_envs}), or "
-            f"gymnasium.make_vec('ClutterPushState-v1', num_envs={num_envs})."
+            f"gymnasium.make_vec('modpush/Push-v0', num_envs={num_envs})."
         )
     if sim_freq % control_freq:
         raise ValueError(
