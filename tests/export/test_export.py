@@ -22,9 +22,9 @@ from modpush.planners import OccupancyGrid, PlannerSubgoals
 from modpush.recipes import load_agent, make_push_env
 
 
-@pytest.fixture(scope="module", params=["small_cube", "any_object"])
-def agent(request):
-    return load_agent(request.param)
+@pytest.fixture(scope="module")
+def agent():
+    return load_agent("any_object")
 
 
 @pytest.fixture(scope="module")
