@@ -31,7 +31,7 @@ from modpush.encoders import (
     VAELoss,
     egocentric_window,
 )
-from modpush.encoders.depth_vae import kl_divergence
+from modpush.encoders.vae.model import kl_divergence
 from modpush.geometry import Label
 
 Clock = Callable[[], float]

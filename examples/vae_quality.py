@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from modpush.encoders.base import evaluating
-from modpush.encoders.depth_vae import DepthVAE, kl_divergence
+from modpush.encoders.vae.model import DepthVAE, kl_divergence
 
 _BATCH = 512
 

@@ -5,12 +5,12 @@ from .base import (
     encoder_sizes as encoder_sizes,
     evaluating as evaluating,
 )
-from .conv_encoder import ConvEncoder as ConvEncoder
-from .depth_vae import DepthVAE as DepthVAE, VAELoss as VAELoss, shipped_weights as shipped_weights
 from .encode import ENCODERS as ENCODERS, Encode as Encode, make_encoder as make_encoder
-from .ray_scan import RayScan as RayScan
+from .networks.conv_encoder import ConvEncoder as ConvEncoder
+from .networks.ray_scan import RayScan as RayScan
+from .vae.data import WindowData as WindowData, augment_windows as augment_windows
+from .vae.model import DepthVAE as DepthVAE, VAELoss as VAELoss, shipped_weights as shipped_weights
 from .window import (
     egocentric_window as egocentric_window,
 )
-from .window_data import WindowData as WindowData, augment_windows as augment_windows
 from .window_transform import EgocentricWindow as EgocentricWindow

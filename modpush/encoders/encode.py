@@ -14,9 +14,9 @@ from modpush._state import weights_hash
 from modpush._transforms import StatelessTransform, add_unbounded, write_scenes_reset
 from modpush._validation import checked_arguments
 from modpush.encoders.base import as_floats, check_window, encoder_sizes, evaluating
-from modpush.encoders.conv_encoder import ConvEncoder
-from modpush.encoders.depth_vae import DepthVAE
-from modpush.encoders.ray_scan import RayScan
+from modpush.encoders.networks.conv_encoder import ConvEncoder
+from modpush.encoders.networks.ray_scan import RayScan
+from modpush.encoders.vae.model import DepthVAE
 from modpush.parts import find_part
 
 _FEW = 4

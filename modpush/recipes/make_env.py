@@ -13,9 +13,9 @@ from torchrl.envs import Compose, EnvBase, ExcludeTransform, InitTracker, Transf
 from modpush._types import Seed
 from modpush._validation import checked_arguments
 from modpush.encoders.base import encoder_sizes
-from modpush.encoders.conv_encoder import ConvEncoder
 from modpush.encoders.encode import Encode, make_encoder
-from modpush.encoders.ray_scan import RayScan
+from modpush.encoders.networks.conv_encoder import ConvEncoder
+from modpush.encoders.networks.ray_scan import RayScan
 from modpush.encoders.window import METRES_PER_PIXEL
 from modpush.encoders.window_transform import EgocentricWindow, WindowBytes
 from modpush.envs.push_env import PushEnv

@@ -14,8 +14,8 @@ from torchrl.envs import EnvBase, set_exploration_type
 from torchrl.envs.utils import ExplorationType, step_mdp
 
 from modpush.encoders.base import as_floats
-from modpush.encoders.depth_vae import DepthVAE
 from modpush.encoders.encode import Encode
+from modpush.encoders.vae.model import DepthVAE
 from modpush.envs.outcome import Goal
 from modpush.envs.push_env import PushEnv
 from modpush.envs.robot.robot import Robot, Tool

@@ -4,7 +4,7 @@ from dataclasses import asdict, fields
 from functools import reduce
 
 from modpush.agents import TQCConfig
-from modpush.encoders.depth_vae import DepthVAE
+from modpush.encoders.vae.model import DepthVAE
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES
 from modpush.mdp import CurriculumConfig, RewardConfig
 from modpush.mdp.observation_entries import PAPER_ENTRIES, PATH_AHEAD_ENTRIES

@@ -1,0 +1,1 @@
+"""Encoders other than the variational autoencoder."""

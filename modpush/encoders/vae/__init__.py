@@ -1,0 +1,1 @@
+"""The variational autoencoder of depth windows: model, loss and data."""
