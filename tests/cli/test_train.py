@@ -3,8 +3,6 @@
 import dataclasses
 import re
 import shlex
-import subprocess
-import sys
 from dataclasses import replace
 
 import pytest
@@ -23,14 +21,14 @@ def large_actions(outcome):
 """
 
 
-def test_a_run_from_the_command_line(tmp_path) -> None:
-    command = [sys.executable, "-m", "modpush", "train", "smoke", "--out", "run"]
-    command += ["--train.total-steps", "96", "--train.seed", "3"]
+def test_a_run_from_the_command_line(tmp_path, monkeypatch, capsys) -> None:
+    command = ["train", "smoke", "--out", "run", "--train.total-steps", "96", "--train.seed", "3"]
     command += ["--reward-term", "calm:large_actions", "0.2"]
     (tmp_path / "calm.py").write_text(TERM)
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "Best on the held-out episodes: success" in done.stdout
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    assert run_command(command) == 0
+    assert "Best on the held-out episodes: success" in capsys.readouterr().out
     folder = tmp_path / "run"
     config = yaml.safe_load((folder / "config.yaml").read_text())
     assert config["seed"] == 3
