@@ -1,4 +1,4 @@
-"""`PushState`: what `PushEnv.get_state` returns."""
+"""States of scenes and of `PushEnv`, and the random numbers of scenes."""
 
 import math
 from collections.abc import Mapping, Sequence

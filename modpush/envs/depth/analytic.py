@@ -137,7 +137,7 @@ class AnalyticDepthCamera(DepthCamera):
 
 DEPTH_CAMERAS: dict[str, DepthCameraFactory | str] = {
     "analytic": AnalyticDepthCamera,
-    "sapien": "modpush.envs.engines.sapien.rendering:RenderedDepthCamera",
+    "sapien": "modpush.envs.engines.sapien.rendered_camera:RenderedDepthCamera",
 }
 """The shipped depth cameras by name, or where they are."""
 

@@ -1,4 +1,4 @@
-"""Scene families with one obstacle of a shape, or two: rectangle, circle, cross, T, L, a moving bar.
+"""Scene families with one obstacle of a shape, or two, a moving bar, and tracks of movable objects.
 
 They are those of arXiv 2403.17667, in which the obstacle stands between object and goal
 (`ScenarioConfig.obstacle_between`). Sizes, shape and pose are drawn for each episode; the difficulty

@@ -11,7 +11,7 @@ import torch
 from modpush.envs import OBJECTS, SCENES, PushEnv, ScenarioConfig
 from modpush.envs.depth.analytic import AnalyticDepthCamera
 from modpush.envs.depth.raycast import blank_image
-from modpush.envs.engines.sapien.rendering import RenderedDepthCamera
+from modpush.envs.engines.sapien.rendered_camera import RenderedDepthCamera
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.geometry.camera import Label
 
