@@ -1,6 +1,6 @@
 """Scene families with one obstacle of a shape, or two, a moving bar, and tracks of movable objects.
 
-They are those of arXiv 2403.17667, in which the obstacle stands between object and goal
+Those before the tracks are of arXiv 2403.17667, in which the obstacle stands between object and goal
 (`ScenarioConfig.obstacle_between`). Sizes, shape and pose are drawn for each episode; the difficulty
 scales the obstacle, from 0.8 to 1.2. Circle, cross, T and L are composed of boxes that overlap. The
 sizes are our own: the paper gives none.

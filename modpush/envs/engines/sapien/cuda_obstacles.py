@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import sapien
@@ -18,9 +18,6 @@ from modpush.envs.engines.sapien.obstacle_bodies import OBSTACLE_COLOR
 from modpush.envs.scenes.layouts import BAR_SECTION, CUBE_SIDE
 from modpush.envs.scenes.obstacle import OBSTACLE_MASS, Obstacle
 from modpush.geometry.shapes import box
-
-if TYPE_CHECKING:
-    pass
 
 
 class ObstaclePool:
