@@ -7,12 +7,14 @@ from tensordict import NestedKey
 from torchrl.envs import Transform
 
 from modpush.envs.scenes.sensing import SensingConfig
+from modpush.geometry.frames import Frame
 from modpush.mdp.delays import ActionDelay, ObservationDelay
 from modpush.mdp.noise import PoseNoise
 from modpush.mdp.observation_inputs import ObservationKeys
+from modpush.mdp.push_history import PushHistory
 from modpush.mdp.stuck_recovery import StuckRecovery
 
-__all__ = ["make_recovery", "make_sensing", "observation_keys", "observed_keys"]
+__all__ = ["make_history", "make_recovery", "make_sensing", "observation_keys", "observed_keys"]
 
 _MEASURED = (
     "object_pose",
@@ -54,6 +56,12 @@ def make_sensing(sensing: SensingConfig) -> list[Transform]:
         )
         transforms.append(delay)
     return transforms
+
+
+def make_history(frame: Frame, observed: Mapping[str, NestedKey]) -> PushHistory:
+    """`PushHistory` of what is observed, for actions in these axes."""
+    measured = ("object_pose", "ee_pose", "object_contact")
+    return PushHistory(frame, **{f"{name}_key": observed[name] for name in measured})
 
 
 def make_recovery(sensing: SensingConfig) -> StuckRecovery:
