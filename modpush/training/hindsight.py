@@ -28,7 +28,7 @@ from modpush.training.config import TrainConfig
 __all__ = ["Hindsight", "n_step_returns"]
 
 _STATE = ("object_pose", "ee_pose", "joint_position", *CONTACT_KEYS)
-_ENVS = 8  # episodes that are played together
+_ENVS = 16  # episodes that are played together
 
 
 @dataclass(frozen=True)
