@@ -17,7 +17,6 @@ from modpush.envs.scenes.layouts import (
 from modpush.envs.scenes.objects import PAPER_OBJECTS, get_object
 from modpush.envs.scenes.scenario import Dynamics
 from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
-from modpush.geometry.footprint import support
 
 HIDDEN_SHAPES = (
     "small_cube",
@@ -61,7 +60,7 @@ def hidden_cell(number: int) -> HiddenCell:
     start = (mass + 2 * center) % _LEVELS
     share = (start * len(HIDDEN_SHAPES) + shape + 0.5) / (_LEVELS * len(HIDDEN_SHAPES))
     low, high = _DISTANCES
-    sides = _sides(HIDDEN_SHAPES[shape])
+    sides = get_object(HIDDEN_SHAPES[shape]).sides
     x, y = (quarter * side / 4 for quarter, side in zip(_CENTERS[center], sides, strict=True))
     dynamics = Dynamics(
         mass=_MASSES[mass],
@@ -69,12 +68,6 @@ def hidden_cell(number: int) -> HiddenCell:
         center_of_mass=(x, y),
     )
     return HiddenCell(shape, start, low + share * (high - low), dynamics)
-
-
-def _sides(name: str) -> tuple[float, float]:
-    """Lengths of the rectangle about the origin that reaches the nearer side along each axis [m]."""
-    ahead, left, back, right = support(get_object(name).parts, 4).tolist()
-    return 2 * min(ahead, back), 2 * min(left, right)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -89,6 +89,12 @@ _MEANINGS = {
     "object_radius": "radius of the circle around the object's footprint [m]",
     "object_inscribed_radius": "radius of the circle inside the object's footprint [m]",
     "object_symmetry": "number of yaw angles at which the object looks the same; 0: all of them",
+    "history": "the last 8 steps in which the object was touched or moved by more than 0.5 mm, newest "
+    "first, zeros before there were as many; each in the object's frame at the beginning of the step: "
+    "tip of the tool from the object's centre (x, y) [m], command (dx, dy) in [-1, 1], motion of the "
+    "tip (x, y) and of the object (x, y) in the step [m], turn of the object [rad], 1 if the tool "
+    "touched it, else 0",
+    "object_dynamics": "mass [kg], friction, and centre of mass (x, y) in the object's frame [m]",
     "object_support": "how far the footprint reaches from the object's centre in 48 directions, evenly "
     "spaced counterclockwise from the object's own x axis [m]",
 }

@@ -9,9 +9,11 @@ from torchrl.envs import Transform
 
 from modpush.envs.scenes.conditions import SensingConfig
 from modpush.envs.scenes.scenario import ScenarioConfig
+from modpush.geometry.frames import Frame
 from modpush.mdp.delays import ActionDelay, ObservationDelay
 from modpush.mdp.noise import PoseNoise
 from modpush.mdp.observation_inputs import ObservationKeys
+from modpush.mdp.push_history import PushHistory
 from modpush.mdp.stuck_recovery import StuckRecovery
 from modpush.planners.base import Planner
 from modpush.planners.occupancy import OccupancyGrid
@@ -133,6 +135,12 @@ def make_sensing(sensing: SensingConfig) -> list[Transform]:
         )
         transforms.append(delay)
     return transforms
+
+
+def make_history(frame: Frame, observed: Mapping[str, NestedKey]) -> PushHistory:
+    """`PushHistory` of what is observed, for actions in these axes."""
+    measured = ("object_pose", "ee_pose", "object_contact")
+    return PushHistory(frame, **{f"{name}_key": observed[name] for name in measured})
 
 
 def make_recovery(sensing: SensingConfig) -> StuckRecovery:

@@ -59,7 +59,9 @@ class TrainConfig:
     init_from: Name | None = None
     """Start from trained weights, and act with them from the first step. A shipped agent, given by
     its name, or an agent's file provides the weights of the actor. A run's folder or one of its
-    checkpoints provides those of critics, targets and temperature as well. None for random weights."""
+    checkpoints provides those of critics, targets and temperature as well. Entries of the
+    observation that those weights do not know (`env.add`) begin with zero weights. None for random
+    weights."""
     first_actions: Literal["random", "scripted"] = "random"
     """Policy of the first `tqc.learning_starts` steps, which the paper does not specify; its
     authors' code acts at random. `"scripted"` is `ScriptedPusher` with some noise, which pushes

@@ -26,7 +26,7 @@ from modpush.recipes.planning import observed_keys
 from modpush.training.config import TrainConfig
 
 _STATE = ("object_pose", "ee_pose", "joint_position", *CONTACT_KEYS)
-_ENVS = 8  # episodes that are played together
+_ENVS = 16  # episodes that are played together
 
 
 @dataclass(frozen=True)

@@ -108,6 +108,12 @@ class PushedObject:
         return support(self.parts, SUPPORT_DIRECTIONS)
 
     @property
+    def sides(self) -> tuple[float, float]:
+        """Lengths of the rectangle about the origin that reaches the nearer end along each axis [m]."""
+        ahead, left, back, right = support(self.parts, 4).tolist()
+        return 2 * min(ahead, back), 2 * min(left, right)
+
+    @property
     def tool_height(self) -> float:
         """Height of the tool's tip over the table while this object is pushed [m], see `tip_height`."""
         if self.tip_height is not None:

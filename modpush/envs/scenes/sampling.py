@@ -409,7 +409,8 @@ def _sample_dynamics(
 ) -> Dynamics:
     if not config.randomize_dynamics:
         return Dynamics(mass=item.mass)
-    x, y = rng.uniform(-config.center_of_mass, config.center_of_mass, 2)
+    most = np.minimum(config.center_of_mass, np.array(item.sides) / 4)
+    x, y = rng.uniform(-most, most)
     return Dynamics(
         mass=float(np.exp(rng.uniform(*np.log(config.mass)))),
         friction=float(rng.uniform(*config.friction)),

@@ -171,7 +171,8 @@ class ScenarioConfig:
     friction: Annotated[tuple[Friction, Friction], Strict(False)] = (0.2, 0.8)
     """Range of the friction coefficient of the object's material with randomised dynamics."""
     center_of_mass: NonNegativeLength = 0.01
-    """Largest offset of the centre of mass along each axis with randomised dynamics [m]."""
+    """Largest offset of the centre of mass along each axis with randomised dynamics [m]; at most a
+    quarter of the object's side (`PushedObject.sides`), so that it stays over the footprint."""
 
     def __post_init__(self) -> None:
         """Check names and ranges; `"module:name"` is imported when it is used.
