@@ -10,7 +10,8 @@ paper's hard ones, `diagonal_walls` and `maze`.
 
 Writes `runs/demo/`: `table.md`, one picture for each family and `demo.mp4`, top views of the same
 episodes side by side, with the first planned path and the present sub-goal in magenta. Each says which
-policy pushes which object, and how the episode ended.
+policy pushes which object, and how the episode ended. It also writes `arm.mp4`, the first policy's
+episodes from the side: in MuJoCo everywhere, in SAPIEN where there is a Vulkan device.
 
 Options:
   --policy NAME ...         Policies to show side by side: agent, a shipped agent by its name, corridor,
@@ -28,11 +29,14 @@ Options:
   --tool NAME               Tool of the arm: 2f85, rod, or module:name; by default 2f85.
   --engine NAME             Physics engine: sapien, mujoco, or module:name; by default sapien.
   --seed N                  Seed of the episodes; by default 0.
+  --no-rendered             Write no arm.mp4.
   --out FOLDER              Folder to write to; by default runs/demo.
   --allow MODULE ...        Modules from which an agent's file may import its author's own parts.
 """
 
 import contextlib
+import itertools
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -52,8 +56,10 @@ from modpush._types import Count, FilePath, Fraction, Name, Seed, Several
 from modpush._validation import checked
 from modpush.envs import (
     SCENES,
+    PushEnv,
     Scenario,
     ScenarioConfig,
+    find_render_device,
     sample_scenario,
 )
 from modpush.envs.engines.named import find_engine
@@ -83,6 +89,9 @@ _POSE_DISTANCE = (0.35, 0.5)
 _POSITION_TOLERANCE = 0.015
 """Distance from a goal pose at which an episode succeeds [m]."""
 
+Frames = dict[int, list[NDArray[np.uint8]]]
+"""Pictures by number of the episode."""
+
 
 @checked
 class DemoConfig:
@@ -103,6 +112,7 @@ class DemoConfig:
     engine: Name = "sapien"
     out: FilePath = Path("runs/demo")
     allow: Several[Name] = ()
+    rendered: bool = True
 
     def filled(self) -> "DemoConfig":
         """The same with what is shown by default in place of what is empty."""
@@ -127,14 +137,25 @@ def show_demo(config: DemoConfig) -> str:
     find_engine(config.engine)
     find_robot(config.robot)
     find_tool(config.tool)
+    blind = config.engine == "sapien" and config.rendered and find_render_device() is None
+    rendered = config.rendered and not blind
     announce_compiling()
     scenarios = _draw_scenarios(config)
-    runs = {method.name: _run(method, scenarios, config) for method in methods}
+    runs: dict[str, list[Episode]] = {}
+    arm: Frames = {}
+    for k, method in enumerate(methods):
+        runs[method.name], frames = _run(method, scenarios, config, rendered and k == 0)
+        arm.update(frames)
     table = _table(runs, config)
     print("\n" + table)
     _write_pictures(config, runs)
     (config.out / "table.md").write_text(table, encoding="utf-8")
-    print(f"Wrote {config.out}/demo.mp4, table.md and a picture of each family.")
+    told = "no arm.mp4: no Vulkan device" if blind else "no arm.mp4"
+    if arm:
+        path = config.out / "arm.mp4"
+        write_video(path, [*itertools.chain.from_iterable(arm[n] for n in sorted(arm))], fps=8)
+        told = f"{path}, from the side"
+    print(f"Wrote {config.out}/demo.mp4 ({told}), table.md and a picture of each family.")
     return table
 
 
@@ -171,8 +192,12 @@ def _draw_scenario(config: DemoConfig, scene: str, family: int, k: int) -> Scena
     return draw(objects[-1])
 
 
-def _run(method: Method, scenarios: Sequence[Scenario], config: DemoConfig) -> list[Episode]:
-    """One policy's episodes, in order."""
+def _run(
+    method: Method, scenarios: Sequence[Scenario], config: DemoConfig, rendered: bool
+) -> tuple[list[Episode], Frames]:
+    """One policy's episodes, in order, and rendered pictures of the first of each family."""
+    frames: Frames = {}
+    steps: Counter[int] = Counter()
     num_envs = min(8, len(scenarios))
     # Where only the inscribed circle passes, every policy must plan with it.
     tight = any(scenario.scene in TIGHT_SCENES for scenario in scenarios)
@@ -185,18 +210,29 @@ def _run(method: Method, scenarios: Sequence[Scenario], config: DemoConfig) -> l
         conditions = replace(conditions or usual, robot=config.robot, tool=config.tool)
     if config.engine != "sapien":
         conditions = replace(conditions or usual, engine=config.engine, sim_freq=None)
-    env: EnvBase = method.make_env(num_envs, config.pushed_object, conditions)
+    env: EnvBase = method.make_env(num_envs, config.pushed_object, conditions, pictures=rendered)
+    simulator = env.base_env
+    assert isinstance(simulator, PushEnv)
+
+    def record_frame(scene: int, number: int) -> None:
+        steps[number] += 1
+        # A software renderer takes a fifth of a second a frame: every other step, and at most 50 frames.
+        wanted = number % config.episodes == 0 and steps[number] % 2 and steps[number] <= 100
+        if rendered and wanted:
+            frames.setdefault(number, []).append(simulator.render(scene))
+
     running = run_episodes(
         env,
         method.make_policy(),
         enumerate(scenarios),
         path_key=method.path_key,
         target_key=method.target_key,
+        on_step=record_frame,
     )
     bar = tqdm(running, total=len(scenarios), unit="episode", desc=method.name)
     episodes = sorted(bar, key=lambda episode: episode.number)
     env.close()
-    return episodes
+    return episodes, frames
 
 
 def _table(runs: Mapping[str, Sequence[Episode]], config: DemoConfig) -> str:

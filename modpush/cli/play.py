@@ -14,6 +14,7 @@ Options:
   --difficulty X        Difficulty of the scenes, 0 to 1; by default 0.3.
   --engine NAME         Physics engine: sapien, mujoco, or module:name; by default an agent's own.
   --robot NAME          Arm: ur5, ur10, ... or module:name; by default an agent's own.
+  --tool NAME           Tool of the arm: 2f85, rod, or module:name; by default an agent's own.
   --seed N              Seed of the first episode; by default 0.
   --paused              Start paused.
   --host ADDRESS        Address to listen on. The default, 127.0.0.1, can be reached from this machine

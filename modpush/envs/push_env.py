@@ -125,7 +125,7 @@ class PushEnv(EnvBase):
         scenario: Settings from which episodes are drawn. It may be replaced (`env.scenario = ...`),
             which takes effect at the next reset.
         simulation: Engine, robot, tool, goal, depth camera, rates and ends of episodes.
-        pictures: Build the scenes with a renderer, so that `render` shows the arm from the side.
+        pictures: Let `render` show the arm from the side. SAPIEN needs a renderer for it, MuJoCo none.
         seed: Seed of the first scene; scene `i` gets `seed + i`, so that it draws the same episodes
             in a batch of any size, and seeds less than `num_envs` apart have episodes in common. None
             for unpredictable episodes.

@@ -8,7 +8,7 @@ from modpush._types import Fraction, Name, NonNegativeInteger, Several
 from modpush._validation import checked
 from modpush.envs.engines.named import check_engine
 from modpush.envs.outcome import Goal
-from modpush.envs.robot.named import check_robot
+from modpush.envs.robot.named import check_robot, check_tool
 from modpush.envs.scenes.layouts import ALL_SCENES
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.parts import part_module
@@ -41,6 +41,9 @@ class PlayConfig:
     robot: Name | None = None
     """Arm: its name, or `module:name`; by default that with which an agent was trained, and the UR5 for
     other policies."""
+    tool: Name | None = None
+    """Tool of the arm: `2f85`, `rod`, or `module:name`; by default that with which an agent was trained,
+    and the gripper `2f85` for other policies."""
     seed: NonNegativeInteger = 0
     """Seed of the first episode."""
     paused: bool = False
@@ -59,6 +62,8 @@ class PlayConfig:
             check_engine("PlayConfig", self.engine)
         if self.robot is not None:
             check_robot("PlayConfig", self.robot)
+        if self.tool is not None:
+            check_tool("PlayConfig", self.tool)
         for name, value, known in (
             ("scene", self.scene, ALL_SCENES),
             ("pushed_object", self.pushed_object, {*OBJECTS}),

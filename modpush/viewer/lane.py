@@ -94,7 +94,7 @@ class PolicyLane:
         self._vae = _autoencoder(env)
         self._step = 0
         simulator: PushEnv = getattr(env, "base_env", env)
-        self._robot, self._tool = simulator.robot, simulator.tool
+        self.robot, self.tool = simulator.robot, simulator.tool
 
     def start(self, scenario: Scenario) -> Snapshot:
         """Start an episode."""
@@ -123,8 +123,8 @@ class PolicyLane:
             object_pose=(x, y, yaw),
             ee_pose=(tool_x, tool_y, tool_yaw),
             joint_position=now["joint_position"][0].double().numpy(),
-            robot=self._robot,
-            tool=self._tool,
+            robot=self.robot,
+            tool=self.tool,
             step=self._step,
             flags={key: bool(now[key].item()) for key in FLAGS},
             ended=bool(now["done"].item()),
@@ -168,8 +168,8 @@ def make_lane(policy: str, config: PlayConfig | None = None) -> PolicyLane:
 
     Args:
         policy: One of `POLICIES`, or what `load_agent` takes.
-        config: Robot, engine, goal, and modules from which an agent's file may import its author's own
-            parts.
+        config: Robot, tool, engine, goal, and modules from which an agent's file may import its
+            author's own parts.
 
     Raises:
         ValueError: If there is no such policy, the file is not an agent, or names modules that are not
@@ -184,7 +184,8 @@ def make_lane(policy: str, config: PlayConfig | None = None) -> PolicyLane:
         "keep_images": True,
         **({} if config.goal == "position" else {"goal": config.goal}),
     }
-    options |= {k: v for k in ("engine", "robot") if (v := getattr(config, k)) is not None}
+    names = ("engine", "robot", "tool")
+    options |= {name: v for name in names if (v := getattr(config, name)) is not None}
     if policy not in POLICIES or policy == "agent":
         agent = _load(policy, allow, config.goal)
         name = policy if policy == "agent" else Path(policy).stem

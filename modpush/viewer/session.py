@@ -160,6 +160,7 @@ class Session:
         self.reset(self.seed + 1)
 
     def _draw(self, seed: int) -> Scenario:
+        lane = self.lanes[0]
         return sample_scenario(
             np.random.default_rng(seed),
             ScenarioConfig(
@@ -169,7 +170,8 @@ class Session:
                 # Through the passages of these families only the inscribed circle fits.
                 path_inflation="inscribed" if self.scene in TIGHT_SCENES else None,
             ),
-            robot=self.config.robot or "ur5",
+            robot=lane.robot,
+            tool=lane.tool,
             goal=self.config.goal,
         )
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 from torchrl.envs.utils import check_env_specs
 
 from modpush import PushEnvConfig, load_agent, make_push_env
@@ -21,6 +22,7 @@ from modpush.geometry import box, cylinder
 from modpush.recipes import environment_fingerprint
 from modpush.recipes.fingerprint import fingerprint_differences
 from modpush.viewer import PlayConfig
+from tests.examples import load_example
 
 UR10 = ROBOTS["ur10"]
 SMALL = {"max_start_radius": 0.42, "max_goal_radius": 0.42, "distance": (0.08, 0.2)}
@@ -104,9 +106,9 @@ def test_an_unknown_robot_or_tool_is_refused_with_the_known_ones(wrong) -> None:
             PushEnv(1, **{name: wrong})
         with pytest.raises(ValueError, match=name):
             EpisodeConditions(**{name: wrong})
-    if wrong is not None:
-        with pytest.raises(ValueError, match="PlayConfig"):
-            PlayConfig(robot=wrong)
+        if wrong is not None:
+            with pytest.raises(ValueError, match=f"PlayConfig: {message}"):
+                PlayConfig(**{name: wrong})
 
 
 @pytest.mark.parametrize(
@@ -271,6 +273,27 @@ def test_an_arm_of_your_own_needs_no_inverse_kinematics(engine) -> None:
     env = PushEnv(2, robot=plain_arm(), engine=engine, depth=None, seed=0)
     assert tip_errors(env, 10).max() < 0.005
     env.close()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_joints_turn_about_the_axes_of_a_urdf(engine) -> None:
+    arm = load_example("extending.robot").ARM
+    env = PushEnv(2, robot=arm, engine=engine, depth=None, seed=0)
+    assert tip_errors(env, 10).max() < (0.002 if engine == "sapien" else 0.005)
+    names = [*(link.name for link in arm.links), "tool"]
+    found = arm.link_transforms(env._batch.measure().joint_position[0])
+    for transform, row in zip(found, env._batch.link_transforms_of(0, names), strict=True):
+        rotation = Rotation.from_quat(row[3:], scalar_first=True).as_matrix()
+        np.testing.assert_allclose(transform[:3, 3], row[:3], atol=2e-6)
+        np.testing.assert_allclose(transform[:3, :3], rotation, atol=2e-6)
+    env.close()
+
+
+def test_an_axis_of_another_length_is_refused() -> None:
+    with pytest.raises(
+        ValueError, match=r"Joint 'pan': axis must be of length 1, got \(1.0, 1.0, 0.0\)"
+    ):
+        Joint(name="pan", axis=(1.0, 1.0, 0.0), limits=(-1.0, 1.0), effort=1.0)
 
 
 def test_a_config_with_a_robot_makes_a_stack_with_it() -> None:

@@ -78,6 +78,21 @@ def test_a_session_runs_in_another_engine() -> None:
     session.close()
 
 
+@pytest.mark.parametrize("engine", ["sapien", "mujoco"])
+def test_a_session_runs_with_another_arm_and_tool(engine) -> None:
+    config = PlayConfig(policy=("agent", "scripted"), robot="panda", tool="rod", engine=engine)
+    session = Session(config)
+    run(session, 5)
+    assert not session.message
+    for lane, shown in zip(session.lanes, session.snapshots, strict=True):
+        assert lane.env.base_env.engine_name == engine
+        assert (shown.robot.name, shown.tool.name) == ("panda", "rod")
+        flange = shown.robot.link_transforms(shown.joint_position)[-1]
+        tip = flange @ [0.0, 0.0, shown.tool.length, 1.0]
+        assert tip[:2] == pytest.approx(shown.ee_pose[:2], abs=1e-5)
+    session.close()
+
+
 def test_a_goal_that_is_moved_is_reached_from_where_the_object_is(session) -> None:
     for _ in range(10):
         session.tick()

@@ -51,7 +51,7 @@ _LINKS = (
         name="link_4",
         mass=3.587895,
         shapes=(
-            cylinder(0.055, 0.12, (0.0, 0.0, 0.0), color=_WHITE),
+            cylinder(0.055, 0.12, (0.0, 0.0, 0.0), color=_DARK),
             cylinder(0.055, 0.10, (-0.0825, 0.08, 0.0), rpy=_Y_AXIS, color=_WHITE),
         ),
     ),
@@ -61,7 +61,7 @@ _LINKS = (
         shapes=(
             cylinder(0.055, 0.12, (0.0, 0.0, -0.26), color=_WHITE),
             capsule(0.04, 0.18, (0.0, 0.06, -0.13), color=_WHITE),
-            cylinder(0.05, 0.14, (0.0, 0.02, 0.0), rpy=_Y_AXIS, color=_WHITE),
+            cylinder(0.05, 0.14, (0.0, 0.02, 0.0), rpy=_Y_AXIS, color=_DARK),
         ),
     ),
     Link(

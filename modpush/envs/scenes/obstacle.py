@@ -17,6 +17,8 @@ MAX_OBSTACLES = 24
 """The most obstacles that a layout may have."""
 OBSTACLE_MASS = 0.5
 """Mass of an obstacle that can be moved, of whatever size [kg]."""
+OBSTACLE_COLOR = (0.30, 0.33, 0.38)
+"""Red, green and blue of an obstacle in rendered pictures."""
 
 Speed = Annotated[Finite, Ge(-1), Le(1)]
 """Velocity along an axis [m/s]; an arm's tool moves at 0.3 m/s."""

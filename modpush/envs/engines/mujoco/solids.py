@@ -44,6 +44,7 @@ def add_solids(
             type=_KINDS[part.kind], size=part.size, pos=part.position, quat=quaternion
         )
         geom.contype = geom.conaffinity = 0
+        geom.rgba = (*part.color, 1.0)
         if part.kind == "prism":
             geom.meshname = f"{body.name}_{i}"
             spec.add_mesh(name=geom.meshname, uservert=_corners(part))

@@ -14,9 +14,8 @@ from torch import Tensor
 
 from modpush.envs.engines.base import CONTACT_KEYS
 from modpush.envs.engines.sapien import bodies
-from modpush.envs.engines.sapien.obstacle_bodies import OBSTACLE_COLOR
 from modpush.envs.scenes.layouts import BAR_SECTION, CUBE_SIDE
-from modpush.envs.scenes.obstacle import OBSTACLE_MASS, Obstacle
+from modpush.envs.scenes.obstacle import OBSTACLE_COLOR, OBSTACLE_MASS, Obstacle
 from modpush.geometry.shapes import box
 
 
