@@ -70,7 +70,7 @@ from modpush.envs.scenes.layouts import TIGHT_SCENES
 from modpush.envs.scenes.objects import PAPER_OBJECTS
 from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
 from modpush.evaluation.episodes import Episode, run_episodes
-from modpush.evaluation.pictures import (
+from modpush.evaluation.report import (
     contact_sheet,
     draw_episode,
     join_clips,
@@ -79,8 +79,6 @@ from modpush.evaluation.pictures import (
 )
 from modpush.evaluation.tables import format_table
 from modpush.recipes.methods import Method, get_methods
-
-__all__ = ["DemoConfig", "main", "show_demo"]
 
 _DISTANCE = (0.2, 0.35)
 """Distances from start to goal [m]: short enough for large objects in nearly all families."""
@@ -97,39 +95,24 @@ Frames = dict[int, list[NDArray[np.uint8]]]
 
 @checked
 class DemoConfig:
-    """Settings of the demo."""
+    """Settings of the demo, which this module's docstring explains as options.
+
+    Where `policy`, `scenes` and `pushed_object` are empty, they follow from `goal`.
+    """
 
     policy: Several[Name] = ()
-    """Policies to show side by side: `agent`, a shipped agent by its name, `corridor`,
-    `corridor_faithful`, `scripted`, a training run's folder, or an agent's file. Empty for `any_object`
-    and `corridor`, or for `pose` where the goals are poses."""
     scenes: Several[Name] = ()
-    """Scene families to show. Empty for twelve; where the goals are poses, for free space and the
-    families with one obstacle, two, or one that moves."""
     episodes: Count = 4
-    """Number of episodes of each family; the first one is shown in the video."""
     pushed_object: Several[Name] = ()
-    """Names of the objects that are pushed, one after the other. Empty for the paper's four, or for `box`
-    where the goals are poses."""
     difficulty: Fraction = 0.3
-    """Difficulty of the scenes, 0 to 1."""
     seed: Seed = 0
-    """Seed of the episodes."""
     goal: Goal = "position"
-    """Kind of the goals: a position of the object's centre, or a pose of the object, for an
-    agent that was trained for poses. Poses are reached at 1.5 cm and 10 degrees."""
     robot: Name = "ur5"
-    """Arm: its name, or `module:name`."""
     tool: Name = "2f85"
-    """Tool of the arm: `2f85`, `rod`, or `module:name`."""
     engine: Name = "sapien"
-    """Physics engine: `sapien`, `mujoco`, or `module:name`."""
     out: FilePath = Path("runs/demo")
-    """Folder to write to."""
     allow: Several[Name] = ()
-    """Modules from which an agent's file may import its author's own parts."""
     rendered: bool = True
-    """Write the first policy's video from the side; SAPIEN needs a Vulkan device for it."""
 
     def filled(self) -> "DemoConfig":
         """The same with what is shown by default in place of what is empty."""

@@ -211,7 +211,7 @@ def test_the_episodes_that_an_arm_can_begin_run_and_the_others_are_told_by_numbe
     kept = within_reach(far, "panda")
     assert kept == [*far.scenarios[:9]]
     assert within_reach(far) == [*far.scenarios]
-    own = far.with_robot("panda").within_reach()
+    own = far.with_conditions(robot="panda").within_reach()
     assert (own.scenarios, own.conditions.robot) == (tuple(kept), "panda")
     assert far.within_reach() is far
     env = PushEnv(2, robot="panda", depth=None)
@@ -335,12 +335,12 @@ def test_an_agent_that_sees_the_joints_of_a_robot_is_told_of_another() -> None:
 def test_a_set_with_another_robot_has_its_own_name(tmp_path) -> None:
     smoke = load_set("smoke")
     assert "robot" not in smoke.conditions.to_dict()
-    assert smoke.with_robot("ur5") is smoke
-    other = smoke.with_robot("ur10")
+    assert smoke.with_conditions(robot="ur5") is smoke
+    other = smoke.with_conditions(robot="ur10")
     assert (other.name, other.conditions.robot) == ("smoke+ur10", "ur10")
     other.save(tmp_path / "set.json.gz")
     assert load_set(tmp_path / "set.json.gz") == other
-    own = smoke.with_robot("evil_module:thing")
+    own = smoke.with_conditions(robot="evil_module:thing")
     own.save(tmp_path / "own.json.gz")
     with pytest.raises(ValueError, match="evil_module"):
         load_set(tmp_path / "own.json.gz")

@@ -13,8 +13,6 @@ from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.scenario import Scenario
 
-__all__ = ["CONTACT_KEYS", "Engine", "EngineFactory", "SceneSpec", "contact_looks"]
-
 CONTACT_KEYS = (
     "object_contact",
     "obstacle_contact",

@@ -9,8 +9,6 @@ import math
 from modpush.envs.robot.robot import Joint, Link, Robot
 from modpush.geometry.shapes import box, capsule, cylinder
 
-__all__ = ["PANDA"]
-
 _WHITE, _DARK = (0.90, 0.91, 0.92), (0.25, 0.26, 0.28)
 _QUARTER = math.pi / 2
 _Y_AXIS = (_QUARTER, 0.0, 0.0)  # turns a solid's z onto the link's y

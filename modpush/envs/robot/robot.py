@@ -25,8 +25,6 @@ from modpush._validation import checked
 from modpush.envs.robot.physics import DAMPING, STIFFNESS
 from modpush.geometry.shapes import Primitive, rpy_matrix
 
-__all__ = ["InverseKinematics", "Joint", "Link", "Robot", "Room", "Tool"]
-
 InverseKinematics = Callable[
     [NDArray[np.float64], NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.bool_]]
 ]

@@ -14,8 +14,6 @@ import numpy as np
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.geometry.shapes import Primitive
 
-__all__ = ["extent", "mass_properties", "urdf_text"]
-
 _ORIGIN = (0.0, 0.0, 0.0)
 
 

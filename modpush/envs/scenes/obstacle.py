@@ -13,8 +13,6 @@ from modpush._types import Finite, NonNegativeLength, Pose, Size
 from modpush._validation import checked
 from modpush.geometry.workspace import WORKSPACE
 
-__all__ = ["MAX_OBSTACLES", "OBSTACLE_COLOR", "OBSTACLE_MASS", "Obstacle", "Patrol"]
-
 MAX_OBSTACLES = 24
 """The most obstacles that a layout may have."""
 OBSTACLE_MASS = 0.5

@@ -16,8 +16,6 @@ from modpush.envs.engines.named import ENGINES
 from modpush.envs.scenes.objects import get_object_of
 from modpush.envs.scenes.scenario import Scenario
 
-__all__ = ["MujocoEngine"]
-
 _AT_END = len(CONTACT_KEYS) // 2  # index of the first that is about the step's end
 _PAIRS = (ROBOT | OBJECT, OBJECT | OBSTACLE, ROBOT | OBSTACLE)  # in the order of `CONTACT_KEYS`
 _NAME_OF_PAIR = {

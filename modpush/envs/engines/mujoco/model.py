@@ -24,8 +24,6 @@ from modpush.envs.scenes.obstacle import OBSTACLE_COLOR, OBSTACLE_MASS, Obstacle
 from modpush.envs.scenes.scenario import Scenario
 from modpush.geometry.shapes import Primitive, box, prism
 
-__all__ = ["build_model"]
-
 _ARMATURE = 0.1
 """Inertia of the motors' rotors about the joints' axes [kg m^2], of the order of a real UR5's. Without
 it drives with torque limits are unstable at 240 Hz."""

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from modpush.envs.outcome import GOAL_THRESHOLD
 from modpush.geometry.camera_model import CameraModel
 
-__all__ = ["draw_picture"]
-
 _AIM, _EYE, _SIZE, _FIELD_OF_VIEW = (0.40, 0.0, 0.05), (1.35, 0.75, 0.85), 512, 0.75
 """The camera, the same as SAPIEN's [m, px, rad]."""
 _LAMP = np.array([0.9, 0.8, 2.2])

@@ -8,8 +8,6 @@ import numpy as np
 from modpush.envs.robot.physics import CONTACT_GAP
 from modpush.geometry.shapes import Primitive
 
-__all__ = ["OBJECT", "OBSTACLE", "ROBOT", "TABLE", "add_solids", "set_contact"]
-
 ROBOT, OBJECT, OBSTACLE, TABLE = 1, 2, 4, 8
 """Categories of bodies, by which contacts are told apart: the `contype` of their geoms."""
 

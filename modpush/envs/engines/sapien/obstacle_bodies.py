@@ -16,8 +16,6 @@ from modpush.geometry.shapes import Primitive, box
 if TYPE_CHECKING:
     from mani_skill.envs.scene import ManiSkillScene
 
-__all__ = ["ObstacleSwapper", "obstacle_part"]
-
 
 def obstacle_part(obstacle: Obstacle) -> Primitive:
     """The solid of an obstacle, in its own frame."""

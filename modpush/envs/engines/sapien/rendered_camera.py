@@ -14,8 +14,6 @@ from modpush.geometry.camera import CAMERA, Label
 if TYPE_CHECKING:
     from modpush.envs.engines.sapien.task import ClutterPushEnv
 
-__all__ = ["RenderedDepthCamera"]
-
 
 class RenderedDepthCamera(DepthCamera):
     """SAPIEN's own rendered camera: slow without a GPU; the analytic one is tested against it.
