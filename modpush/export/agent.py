@@ -14,10 +14,10 @@ from torch import Tensor, nn
 from torchrl.envs import Transform
 
 import modpush
-from modpush._arguments import checked_arguments
 from modpush._atomic import make_folder, replacing
 from modpush._extras import require_extra
 from modpush._types import AtLeastOne
+from modpush._validation import checked_arguments
 from modpush.encoders.encode import Encode
 from modpush.envs.robot.control import MotionConfig
 from modpush.export.graphs import ObservationPolicy, WindowPolicy
@@ -25,8 +25,6 @@ from modpush.mdp.action_frame import ActionFrame
 from modpush.mdp.push_observation import PushObservation
 from modpush.recipes.agent_file import Agent
 from modpush.recipes.fingerprint import describe_transforms
-
-__all__ = ["FORMATS", "Format", "export_agent"]
 
 Format = Literal["onnx", "torch_export"]
 FORMATS: tuple[str, ...] = get_args(Format)

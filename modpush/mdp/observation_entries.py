@@ -15,17 +15,6 @@ from modpush.geometry.frames import wrap_angle
 from modpush.mdp.observation_inputs import ObservationInputs
 from modpush.mdp.push_history import HISTORY_STEPS
 
-__all__ = [
-    "ENTRIES",
-    "PAPER_ENTRIES",
-    "PATH_AHEAD_ENTRIES",
-    "PATH_ENTRIES",
-    "POSE_ENTRIES",
-    "Entry",
-    "EntryLike",
-]
-
-
 _Components = Finite | Several[Finite]
 
 

@@ -8,13 +8,10 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
-from modpush._keys import read_key
+from modpush._checks import read_key
 from modpush._types import Key
 from modpush._validation import checked
 from modpush.geometry.frames import Frame, frame_yaw, rotate
-
-__all__ = ["ObservationInputs", "ObservationKeys"]
-
 
 _LAST = {
     "object_pose": (3,),

@@ -7,13 +7,11 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.data import TensorSpec
 
-from modpush._arguments import checked_arguments
-from modpush._keys import check_spec_has, read_key
+from modpush._checks import check_spec_has, read_key
 from modpush._transforms import DescribedTransform, add_unbounded
+from modpush._validation import checked_arguments
 from modpush.geometry.frames import Frame, rotate, wrap_angle
 from modpush.mdp.action_frame import ActionFrame
-
-__all__ = ["HISTORY_STEPS", "HISTORY_VALUES", "PushHistory"]
 
 HISTORY_STEPS = 8
 """Number of steps that `PushHistory` holds."""

@@ -10,18 +10,17 @@ from tensordict import NestedKey
 from torch import nn
 from torchrl.envs import Compose, EnvBase, ExcludeTransform, InitTracker, Transform, TransformedEnv
 
-from modpush._arguments import checked_arguments
 from modpush._types import Seed
+from modpush._validation import checked_arguments
 from modpush.encoders.base import encoder_sizes
-from modpush.encoders.encode import Encode
-from modpush.encoders.named import make_encoder
+from modpush.encoders.encode import Encode, make_encoder
 from modpush.encoders.networks.conv_encoder import ConvEncoder
 from modpush.encoders.networks.ray_scan import RayScan
 from modpush.encoders.window import METRES_PER_PIXEL
 from modpush.encoders.window_transform import EgocentricWindow, WindowBytes
 from modpush.envs.push_env import PushEnv
 from modpush.envs.robot.robot import Robot
-from modpush.envs.scenes.sensing import SensingConfig
+from modpush.envs.scenes.conditions import SensingConfig
 from modpush.mdp.action_frame import ActionFrame
 from modpush.mdp.curriculum import Curriculum
 from modpush.mdp.curriculum_scenes import CurriculumScenes
@@ -33,16 +32,15 @@ from modpush.mdp.reward_terms import RewardTerm
 from modpush.mdp.step_outcome import RewardKeys
 from modpush.planners.base import Planner
 from modpush.recipes.config import END_TO_END, PushEnvConfig
-from modpush.recipes.planning import TRUE, make_planning
-from modpush.recipes.sensing import (
+from modpush.recipes.planning import (
+    TRUE,
     make_history,
+    make_planning,
     make_recovery,
     make_sensing,
     observation_keys,
     observed_keys,
 )
-
-__all__ = ["ENV_PARTS", "env_parts", "make_push_env"]
 
 ENV_PARTS = (
     "encoder",

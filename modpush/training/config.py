@@ -11,8 +11,6 @@ from modpush.mdp.curriculum import CurriculumConfig
 from modpush.recipes.config import END_TO_END, PushEnvConfig
 from modpush.replay.config import ReplayConfig
 
-__all__ = ["TrainConfig", "field_differences"]
-
 _MAY_CHANGE = {
     "total_steps",
     "evaluate_every",
@@ -172,7 +170,7 @@ class TrainConfig:
         """Largest number of transitions that one sample draws from."""
         if self.replay.sampler != "attentive":
             return self.tqc.batch_size
-        k = max(self.replay.k, self.replay.k_end or 0)
+        k = self.replay.k
         queries = self.filled_replay().num_queries or 1
         share, remainder = divmod(self.tqc.batch_size, queries)  # rounded up for each query
         return remainder * math.ceil(k * (share + 1)) + (queries - remainder) * math.ceil(k * share)

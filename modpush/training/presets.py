@@ -5,15 +5,12 @@ from dataclasses import replace
 
 from modpush.agents.tqc.config import TQCConfig
 from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
-from modpush.evaluation.hidden_cells import HIDDEN_SHAPES
+from modpush.evaluation.set_recipes import HIDDEN_SHAPES
 from modpush.mdp.curriculum import CurriculumConfig, Phase
 from modpush.mdp.observation_entries import PAPER_ENTRIES, POSE_ENTRIES
 from modpush.recipes.config import PushEnvConfig
 from modpush.replay.config import ReplayConfig
 from modpush.training.config import TrainConfig
-
-__all__ = ["TRAIN_PRESETS"]
-
 
 _NO_CURRICULUM = CurriculumConfig(
     phases=(Phase(scenes=("free",)), Phase(first_stage=6)), window=12, promotion="off"

@@ -15,10 +15,8 @@ from modpush.recipes.agent_file import Agent, load_agent, observed_symmetry, shi
 from modpush.recipes.fingerprint import fingerprint_differences
 from modpush.training.config import TrainConfig
 from modpush.training.learner import Learner
-from modpush.training.rollout import WorkerSpecs
 from modpush.training.run_folder import CHECKPOINT_KIND, Checkpoints, RunFolder, read_checkpoint
-
-__all__ = ["load_initial_weights"]
+from modpush.training.scene_worker import WorkerSpecs
 
 _OF_YAW = {"object_axis", "object_symmetry"}
 """Entries of the observation that depend on the object's symmetry."""

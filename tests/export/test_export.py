@@ -36,9 +36,9 @@ from modpush.recipes import (
 )
 
 
-@pytest.fixture(scope="module", params=["small_cube", "any_object"])
-def agent(request):
-    return load_agent(request.param)
+@pytest.fixture(scope="module")
+def agent():
+    return load_agent("any_object")
 
 
 @pytest.fixture(scope="module")

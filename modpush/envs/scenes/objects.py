@@ -24,18 +24,6 @@ from modpush.geometry.footprint import (
 from modpush.geometry.shapes import Primitive, box, cylinder, prism
 from modpush.parts import find_part
 
-__all__ = [
-    "OBJECTS",
-    "PAPER_OBJECTS",
-    "SUPPORT_DIRECTIONS",
-    "Circle",
-    "PushedObject",
-    "get_object",
-    "get_object_of",
-    "random_object",
-    "random_object_seed",
-]
-
 Circle = Literal["circumscribed", "inscribed"]
 """A circle about an object's origin: around its footprint, or inside it."""
 

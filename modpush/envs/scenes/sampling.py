@@ -26,8 +26,6 @@ from modpush.envs.scenes.rectangles import (
 )
 from modpush.envs.scenes.scenario import Dynamics, Scenario, ScenarioConfig
 
-__all__ = ["sample_scenario"]
-
 _CELLS = {"circumscribed": 0.01, "inscribed": 0.0025}
 """Sides of the cells of the grid that decides whether a path exists [m]. An object has a few millimetres
 to spare in the passages that only its inscribed circle fits through."""

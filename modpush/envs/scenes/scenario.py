@@ -33,8 +33,6 @@ from modpush.envs.scenes.objects import Circle, PushedObject, get_object
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
 from modpush.geometry.workspace import BOUNDS_MARGIN, WORKSPACE, Rectangle
 
-__all__ = ["Dynamics", "Scenario", "ScenarioConfig"]
-
 Mass = Annotated[Positive, Ge(1e-3), Le(1e3)]
 """Mass of an object [kg]."""
 Friction = Annotated[NonNegative, Le(10)]
