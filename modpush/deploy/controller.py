@@ -67,10 +67,10 @@ class PushController:
             `position_tolerance`, so that it has arrived in truth as well [m].
         yaw_arrival_margin: The same for the yaw of a goal pose [rad].
         motion: How far a control step goes, and the tool's workspace.
-        joint_speed: Speed of a joint from which steps are made shorter [rad/s], as near the arm's own axis.
-            It should be below `Limits.joint_speed`, at which the guard stops the arm.
-        look_after: Time without an image that confirms the object after which the tool steps aside [s], so
-            that the camera sees it again. It should be below `Limits.lost_for`.
+        joint_speed: Speed of a joint from which steps are made shorter [rad/s], near the arm's axis. It
+            should be below `Limits.joint_speed`, at which the guard stops the arm.
+        look_after: Time without an image that confirms the object after which the tool steps aside [s],
+            so that the camera sees it again. It should be below `Limits.lost_for`.
 
     Raises:
         ValueError: If the agent observes what perception does not measure, or cannot be found.
