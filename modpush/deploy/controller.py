@@ -28,6 +28,7 @@ from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.sensing import SensingConfig
 from modpush.mdp.action_frame import ActionFrame
+from modpush.mdp.contact_filter import ContactFilter
 from modpush.recipes.agent_file import Agent
 
 __all__ = ["PushController", "Sees"]
@@ -223,10 +224,13 @@ class PushController:
 
     def _base_action(self, state: TensorDictBase) -> Tensor:
         """The action (dx, dy, dyaw) in the base frame, `[1, 3]`."""
-        for transform in _transforms(self._env):
+        action = state["action"]
+        for transform in reversed(_transforms(self._env)):  # as an environment is stepped
             if isinstance(transform, ActionFrame):
-                return transform.to_base(state)
-        return state["action"]
+                action = transform.to_base(state)
+            elif isinstance(transform, ContactFilter):
+                action = transform.filter(state, action)
+        return action
 
     def _entries(self, seen: Perceived, joints: NDArray[np.float64]) -> dict[str, Tensor]:
         """The entries that `PushEnv` would emit."""
