@@ -28,6 +28,7 @@ from modpush.envs.robot.control import MotionConfig, MotionPlanner, PlannedMotio
 from modpush.envs.scenes.conditions import SensingConfig
 from modpush.envs.scenes.objects import PushedObject
 from modpush.mdp.action_frame import ActionFrame
+from modpush.mdp.contact_filter import ContactFilter
 from modpush.recipes.agent_file import Agent
 
 _YAW_MARGIN = math.radians(2)
@@ -264,10 +265,13 @@ class PushController:
 
     def _base_action(self, state: TensorDictBase) -> Tensor:
         """The action (dx, dy, dyaw) in the base frame, `[1, 3]`."""
-        for transform in _transforms(self._env):
+        action = state["action"]
+        for transform in reversed(_transforms(self._env)):  # as an environment is stepped
             if isinstance(transform, ActionFrame):
-                return transform.to_base(state)
-        return state["action"]
+                action = transform.to_base(state)
+            elif isinstance(transform, ContactFilter):
+                action = transform.filter(state, action)
+        return action
 
     def _entries(self, seen: Perceived, joints: NDArray[np.float64]) -> dict[str, Tensor]:
         """The entries that `PushEnv` would emit."""
