@@ -12,6 +12,7 @@ from modpush.deploy import PushController, Stopped, load_policy
 from modpush.deploy.source_env import SourceEnv
 from modpush.evaluation import load_set
 from modpush.export import export_agent
+from modpush.training.scene_worker import FirstActions
 from tests.deploy.conftest import Rig, straight_push
 
 
@@ -236,3 +237,21 @@ def test_a_push_passes_the_guess_of_the_start_on(rig, monkeypatch) -> None:
     monkeypatch.setattr(rig.seen, "reset", noted)
     assert rig.push(guess=(0.45, 0.0, 0.1)).success
     assert given == [(0.45, 0.0, 0.1)]
+
+
+def test_an_agent_s_memory_is_kept_between_images(agent) -> None:
+    config = replace(agent.config, add=(*agent.config.add, "history"), recovery=False)
+    pusher = replace(agent, actor=FirstActions(config), config=config, fingerprint={})
+    rig = Rig(pusher)
+    rig.controller.reset((0.6, 0.05))
+    torch.manual_seed(0)
+    remembered = []
+    for _ in range(20):
+        step(rig)
+        remembered.append(int(rig.controller._state["history"].any(-1).sum()))
+    assert remembered[0] == 0
+    assert remembered == sorted(remembered)
+    assert remembered[-1] > 3
+    rig.controller.reset((0.6, 0.05))
+    step(rig)
+    assert not rig.controller._state["history"].any()
