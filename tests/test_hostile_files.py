@@ -59,7 +59,7 @@ READERS: dict[str, tuple[str, int, Callable[..., None], Callable[[Path], object]
         "modpush.TrainConfig",
         1,
         write_json,
-        lambda path: RunFolder(path.parent).read_config(),
+        lambda path: RunFolder(path.parent).stored_config(),
     ),
 }
 """By name of the file: kind, version, and what writes and reads it."""
