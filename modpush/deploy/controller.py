@@ -71,8 +71,8 @@ class PushController:
         joint_speed: Speed of a joint from which steps are made shorter [rad/s], near the arm's axis. It
             should be below `Limits.joint_speed`, at which the guard stops the arm.
         look_after: Time of contact with the object without an image that confirms it after which the tool
-            steps aside [s], so that the camera sees it again; without contact, twice that time. It should be
-            below half of `Limits.lost_for`.
+            steps aside [s], so that the camera sees it again; without contact, twice that time. It should
+            be below half of `Limits.lost_for`.
 
     Raises:
         ValueError: If the agent observes what perception does not measure, or cannot be found.

@@ -231,7 +231,7 @@ def test_an_object_at_its_goal_is_not_pushed(rig) -> None:
     assert rig.push(goal=(0.46, 0.0)) == (True, 0)
 
 
-def test_the_tool_steps_aside_when_the_object_was_not_confirmed_for_a_second(rig) -> None:
+def test_the_tool_steps_aside_after_half_a_second_of_unseen_contact(rig) -> None:
     unseen = 0
 
     def hidden_from_the_sixth_image(perceived):
@@ -240,21 +240,18 @@ def test_the_tool_steps_aside_when_the_object_was_not_confirmed_for_a_second(rig
         estimate = perceived.object._replace(found=unseen < 6, unseen_for=max(0, unseen - 5))
         return perceived._replace(object=estimate)
 
+    def distance() -> float:
+        step(rig)
+        return np.hypot(*np.subtract(rig.controller.perceived.tip_pose, rig.arm.object_pose)[:2])
+
     rig.seen.change = hidden_from_the_sixth_image
     rig.controller.reset((0.6, 0.05))
-    away = []
-    for _ in range(26):
-        step(rig)
-        away.append(
-            np.hypot(*np.subtract(rig.controller.perceived.tip_pose, rig.arm.object_pose)[:2])
-        )
-    assert away[19] <= away[10] + 0.01  # it pushes for a second more
-    assert away[25] > away[19] + 0.06
+    away = np.array([distance() for _ in range(20)])
+    left = 10 + np.flatnonzero(away[10:] > away[10] + 0.01)[0]
+    assert 12 <= left <= 16  # 8 images from the sixth on, in which it pushes, and a step
+    assert away[10:].max() > away[10] + 0.06
     rig.seen.change = lambda perceived: perceived
-    for _ in range(14):
-        step(rig)
-    tip = rig.controller.perceived.tip_pose
-    assert np.hypot(*np.subtract(tip, rig.arm.object_pose)[:2]) < away[25] - 0.03  # and returns
+    assert min(distance() for _ in range(14)) < away[10] + 0.01  # and it returns
 
 
 def test_a_push_passes_the_guess_of_the_start_on(rig, monkeypatch) -> None:
