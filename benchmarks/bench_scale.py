@@ -31,7 +31,7 @@ from bench_training import median_ms
 
 from modpush._processes import ray_session
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
-from modpush.training.rollout import Rollout
+from modpush.training.scene_worker import Rollout
 
 
 @dataclass(frozen=True, kw_only=True)

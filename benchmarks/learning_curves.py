@@ -25,6 +25,7 @@ import tyro
 from tensordict import TensorDict
 from torch import Tensor
 from torchrl.data import LazyTensorStorage, RandomSampler, TensorDictReplayBuffer
+from torchrl.data.replay_buffers.scheduler import LinearScheduler
 from torchrl.envs import ExplorationType, GymEnv, set_exploration_type
 
 from modpush.agents import TQCAgent, TQCConfig, make_tqc
@@ -98,15 +99,8 @@ def learn_ours(run: Run) -> Iterator[tuple[int, Policy]]:
     )
     agent = make_tqc(config, GymEnv(ENVS[run.task]))
     annealed = run.learner == "attentive_annealed"
-    sampler = (
-        RandomSampler()
-        if run.learner == "uniform"
-        else AttentiveSampler(
-            run.k,
-            k_end=1.0 if annealed else None,
-            annealing_num_samples=run.steps if annealed else 0,
-        )
-    )
+    sampler = RandomSampler() if run.learner == "uniform" else AttentiveSampler(run.k)
+    annealing = LinearScheduler(sampler, "k", 1.0, run.steps) if annealed else None
     buffer = TensorDictReplayBuffer(
         storage=LazyTensorStorage(run.steps), sampler=sampler, batch_size=run.batch_size
     )
@@ -123,6 +117,8 @@ def learn_ours(run: Run) -> Iterator[tuple[int, Policy]]:
         observation = env.reset()[0] if terminated or truncated else following
         if step > run.learning_starts:
             agent.update(buffer.sample())
+            if annealing is not None:
+                annealing.step()
         if step % run.evaluate_every == 0:
             yield step, lambda o: act(agent, torch.from_numpy(o)).clamp(-scale, scale).numpy()
 

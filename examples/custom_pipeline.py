@@ -18,6 +18,7 @@ from tensordict.nn import NormalParamExtractor, TensorDictModule
 from torch import nn
 from torchrl.collectors import Collector
 from torchrl.data import LazyTensorStorage, RandomSampler, TensorDictReplayBuffer
+from torchrl.data.replay_buffers.scheduler import LinearScheduler
 from torchrl.envs import ExplorationType, GymEnv, TransformedEnv, set_exploration_type
 from torchrl.envs.transforms import DoubleToFloat
 from torchrl.modules import MLP, ProbabilisticActor, TanhNormal, ValueOperator
@@ -105,10 +106,10 @@ def main(config: Config) -> float:
 
     loss_class = TQCLoss if config.loss == "modpush" else TorchRLTQCLoss
     loss = loss_class(actor, critics, num_qvalue_nets=len(critics))
-    sampler = RandomSampler()
+    sampler, annealing = RandomSampler(), None
     if config.sampler == "attentive":
-        half = config.total_frames // 2
-        sampler = AttentiveSampler(config.k, k_end=1.0, annealing_num_samples=half)
+        sampler = AttentiveSampler(config.k)
+        annealing = LinearScheduler(sampler, "k", 1.0, config.total_frames // 2)
 
     loss.make_value_estimator(gamma=config.gamma)
     target_updater = SoftUpdate(loss, tau=0.005)
@@ -133,6 +134,8 @@ def main(config: Config) -> float:
             continue
         for _ in range(config.frames_per_batch):
             losses = loss(buffer.sample())
+            if annealing is not None:
+                annealing.step()
             (losses["loss_actor"] + losses["loss_qvalue"] + losses["loss_alpha"]).backward()
             optimizer.step()
             optimizer.zero_grad()

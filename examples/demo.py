@@ -16,7 +16,7 @@ import torch
 
 from modpush.envs import Scenario, ScenarioConfig, sample_scenario
 from modpush.evaluation import Episode, run_episodes
-from modpush.evaluation.pictures import draw_frames, join_clips, write_video
+from modpush.evaluation.report import draw_frames, join_clips, write_video
 from modpush.recipes import get_method
 
 

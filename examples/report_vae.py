@@ -22,16 +22,13 @@ import numpy as np
 import torch
 import tyro
 from torch import Tensor, nn
+from vae_quality import encode_all, linear_probe, r_squared, vae_quality
 
 from modpush.encoders import (
     DepthVAE,
     RayScan,
     WindowData,
     augment_windows,
-    encode_all,
-    linear_probe,
-    r_squared,
-    vae_quality,
 )
 
 matplotlib.use("Agg")

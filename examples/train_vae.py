@@ -24,8 +24,9 @@ import tyro
 from tensordict import TensorDict
 from torch import Tensor
 from tqdm import tqdm
+from vae_quality import vae_quality
 
-from modpush.encoders import DepthVAE, VAELoss, WindowData, augment_windows, vae_quality
+from modpush.encoders import DepthVAE, VAELoss, WindowData, augment_windows
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,8 +7,6 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
-__all__ = ["FolderLock", "FolderLockedError", "make_folder", "replacing"]
-
 
 @contextmanager
 def replacing(path: Path | str) -> Iterator[Path]:

@@ -4,8 +4,6 @@ import functools
 import importlib.util
 import warnings
 
-__all__ = ["EXTRAS", "MissingExtraError", "require_extra", "warn_experimental"]
-
 EXTRAS = {
     "tensorboard": "train",
     "viser": "view",

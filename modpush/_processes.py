@@ -20,15 +20,6 @@ import torch
 
 from modpush._extras import require_extra
 
-__all__ = [
-    "RESTARTS",
-    "begin_worker_process",
-    "interrupts_noted",
-    "interrupts_raised",
-    "ray_session",
-    "torch_threads",
-]
-
 
 def begin_worker_process() -> None:
     """Leave signals to the parent, and end at once when it has ended, however that was.

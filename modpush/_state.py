@@ -13,8 +13,6 @@ from torch import Tensor, nn
 
 from modpush.files import read_tensors, reading, write_tensors
 
-__all__ = ["check_weights", "data_hash", "read_state", "weights_hash", "write_state"]
-
 
 def write_state(path: Path | str, state: Any, kind: str, version: int) -> None:
     """Write a nested state as one safetensors file, atomically.

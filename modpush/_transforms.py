@@ -10,15 +10,7 @@ from torch import Tensor
 from torchrl.data import TensorSpec, Unbounded
 from torchrl.envs import Transform
 
-from modpush._keys import stored_next
-
-__all__ = [
-    "DescribedTransform",
-    "StatelessTransform",
-    "add_unbounded",
-    "scenes_reset",
-    "write_scenes_reset",
-]
+from modpush._checks import stored_next
 
 
 class DescribedTransform(Transform):

@@ -10,44 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, TypeVar
 import numpy as np
 from pydantic import BeforeValidator, Field, Strict, StringConstraints
 
-__all__ = [
-    "ONE_NUMBER",
-    "Angle",
-    "Angles",
-    "AtLeastOne",
-    "Color",
-    "Coordinate",
-    "Count",
-    "Device",
-    "Extents",
-    "FilePath",
-    "Finite",
-    "Fraction",
-    "FractionSpan",
-    "Frequency",
-    "HalfTurn",
-    "Key",
-    "Length",
-    "LengthSpan",
-    "Name",
-    "NonNegative",
-    "NonNegativeInteger",
-    "NonNegativeLength",
-    "PartName",
-    "PixelCount",
-    "Point",
-    "Pose",
-    "Position",
-    "Positive",
-    "PositiveFraction",
-    "Scenes",
-    "Seed",
-    "Several",
-    "Size",
-    "StepSpan",
-    "YawTolerance",
-]
-
 T = TypeVar("T")
 
 

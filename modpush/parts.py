@@ -14,18 +14,6 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
-__all__ = [
-    "ModulesRefusedError",
-    "check_allowed",
-    "check_part_name",
-    "find_part",
-    "modules_named",
-    "part_module",
-    "part_name",
-    "parts_named",
-]
-
-
 _LIBRARY = (
     "modpush.agents",
     "modpush.encoders",

@@ -5,7 +5,7 @@ import math
 import pandas as pd
 
 from modpush.evaluation import EvaluationSet, load_set
-from modpush.evaluation.pictures import contact_sheet, draw_episode, write_picture
+from modpush.evaluation.report import contact_sheet, draw_episode, write_picture
 from modpush.evaluation.results import load_trajectory
 from paper.measure import Running, find_method, measure
 from paper.provenance import origin_of, sources_text

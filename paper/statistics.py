@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from modpush.evaluation.stats import PairedTest, bootstrap_interval, paired_t_test
+from modpush.evaluation.tables import PairedTest, bootstrap_interval, paired_t_test
 from paper.published import AGENT, AGENT_RETRAINED, CONTROLLER, measured_as, printed_rows
 
 __all__ = [

@@ -7,8 +7,7 @@ from pathlib import Path
 import matplotlib
 import pandas as pd
 
-from modpush.evaluation.stats import paired_t_test
-from modpush.evaluation.tables import format_table
+from modpush.evaluation.tables import format_table, paired_t_test
 from paper.provenance import origin_of, sources_text
 from paper.sweep import Trial, evaluations_of, is_finished
 

@@ -1,6 +1,5 @@
 """A server in this process that speaks the part of the Hugging Face Hub's API that modpush uses."""
 
-import base64
 import hashlib
 import json
 import threading
@@ -16,7 +15,7 @@ COMMIT = "0123456789abcdef0123456789abcdef01234567"
 
 
 class Hub(ThreadingHTTPServer):
-    """A hub with the repositories that were pushed to it."""
+    """A hub with the files of some repositories."""
 
     def __init__(self) -> None:
         super().__init__(("127.0.0.1", 0), Handler)
@@ -41,33 +40,6 @@ class Handler(BaseHTTPRequestHandler):
         self.end_headers()
         if self.command != "HEAD":
             self.wfile.write(body)
-
-    def do_POST(self) -> None:
-        body = self.rfile.read(int(self.headers["Content-Length"]))
-        path = self.path.partition("?")[0]
-        if path == "/api/repos/create":
-            asked = json.loads(body)
-            name = f"{asked['organization']}/{asked['name']}"
-            self.server.repositories.setdefault(name, {})
-            self.answer({"url": f"{self.server.address}/{name}"})
-        elif path == "/api/validate-yaml":
-            self.answer({"errors": [], "warnings": []})
-        elif "/preupload/" in path:
-            files = [
-                {"path": f["path"], "uploadMode": "regular", "shouldIgnore": False}
-                for f in json.loads(body)["files"]
-            ]
-            self.answer({"files": files})
-        elif "/commit/" in path:
-            name = path.removeprefix("/api/models/").partition("/commit/")[0]
-            for line in map(json.loads, body.splitlines()):
-                if line["key"] == "file":
-                    content = base64.b64decode(line["value"]["content"])
-                    self.server.repositories[name][line["value"]["path"]] = content
-            url = f"{self.server.address}/{name}/commit/{COMMIT}"
-            self.answer({"commitUrl": url, "commitOid": COMMIT})
-        else:
-            self.answer({"error": path}, 404)
 
     def do_GET(self) -> None:
         name, _, rest = self.path.removeprefix("/").partition("/resolve/")

@@ -24,7 +24,6 @@ from modpush.recipes import PushEnvConfig, load_agent
 from modpush.training import TRAIN_PRESETS
 from modpush.training.run_folder import RunFolder
 from modpush.training.warm_start import load_initial_weights
-from modpush.viewer import ReplayLane
 from tests.damage import KINDS
 
 SMOKE = TRAIN_PRESETS["smoke"][1]
@@ -115,16 +114,6 @@ def engine_of_a_set(folder: Path, text: str) -> object:
     return PushEnv(1, **load_set(folder / "set.json.gz").conditions.env_options)
 
 
-def replay(folder: Path, text: str) -> ReplayLane:
-    write_set(folder / "set.json.gz", "pushed_object", text)
-    (folder / "run.json").write_text('{"set": "own", "episodes": ""}')
-    (folder / "trajectories").mkdir()
-    (folder / "trajectories" / "00000.npz").touch()
-    lane = ReplayLane(folder)
-    lane.start(lane.set.scenarios[0], 0)
-    return lane
-
-
 def minari(folder: Path, text: str) -> object:
     pytest.importorskip("minari")
     (folder / "main_data.hdf5").touch()
@@ -172,7 +161,6 @@ READERS: dict[str, Callable[[Path, str], object]] = {
     "set pushed_object": evaluation_set("pushed_object"),
     "set scene": evaluation_set("scene"),
     "set engine": engine_of_a_set,
-    "replay": replay,
     "minari": minari,
     "minari specification": minari_specification,
     "config.yaml": run_config,
@@ -243,7 +231,7 @@ NO_PARTS = {
     "geometry/camera_model.py": "has no parts",
     "envs/scenes/conditions.py": "has no parts",
     "envs/scenes/scenario.py": "takes plain data; its names are looked up by those who use it",
-    "envs/scene_state.py": "names are compared with those of the environment",
+    "envs/push_state.py": "names are compared with those of the environment",
     "recipes/gym_env.py": "takes arguments",
 }
 """Modules that make objects of plain data without the gate, and why."""

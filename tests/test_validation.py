@@ -25,13 +25,12 @@ from tensordict.utils import NestedKey
 from torch import Tensor, nn
 
 import modpush
-from modpush._arguments import checked_arguments
 from modpush._types import ONE_NUMBER, Count, Point
-from modpush._validation import check_value, from_plain
-from modpush._yaml import dump_yaml, load_yaml
+from modpush._validation import check_value, checked_arguments, from_plain
 from modpush.agents.tqc.config import TQCConfig
 from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
+from modpush.files import dump_yaml, load_yaml
 from modpush.planners import PlannerSubgoals
 from modpush.recipes import PushEnvConfig, make_push_env
 from modpush.replay import AttentiveSampler

@@ -5,7 +5,7 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from modpush._yaml import dump_yaml, load_yaml
+from modpush.files import dump_yaml, load_yaml
 
 READ = {
     "3e-4": 3e-4, "1e3": 1000.0, "-2.5E+2": -250.0, ".5": 0.5, "1.": 1.0, "1_000": 1000,

@@ -1,9 +1,9 @@
-"""An arm of your own: six joints, a long upper arm and a spherical wrist, pushed by a shipped agent.
+"""An arm of your own: a KUKA KR 6 R900, from its public URDF, pushed by a shipped agent.
 
     python examples/extending/robot.py
 
-Contract: a `Robot`, in metres and radians. Each joint turns about the z axis of its frame, which is given
-in the frame of the link before it, as in a URDF.
+Contract: a `Robot`, in metres and radians. Frames and axes of the joints are given as in a URDF; this one
+has no masses and no torques, which are guessed, and a few solids stand for its meshes.
 """
 
 import math
@@ -13,34 +13,43 @@ from modpush.envs import Joint, Link, Robot
 from modpush.evaluation import load_set, run_episodes
 from modpush.geometry import capsule, cylinder
 
-DOWN, UP = (-math.pi / 2, 0.0, 0.0), (math.pi / 2, 0.0, 0.0)  # turns of a joint's axis
-ALONG_X, ALONG_Y = (0.0, math.pi / 2, 0.0), (math.pi / 2, 0.0, 0.0)  # of a solid's axis
+X, Y, Z = (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, -1.0)  # the joints' axes
+ALONG_X, ALONG_Y = (0.0, math.pi / 2, 0.0), (math.pi / 2, 0.0, 0.0)  # turns of a solid's axis
 
 LINKS = (
-    Link(name="foot", mass=6.0, shapes=(cylinder(0.09, 0.15, (0.0, 0.0, 0.075)),)),
-    Link(name="turret", mass=7.0, shapes=(cylinder(0.08, 0.16),)),
-    Link(name="upper_arm", mass=9.0, shapes=(capsule(0.06, 0.62, (0.31, 0.0, 0.0), ALONG_X),)),
-    Link(name="forearm", mass=5.0, shapes=(capsule(0.05, 0.50, (0.0, 0.26, 0.0), ALONG_Y),)),
-    Link(name="wrist_1", mass=2.0, shapes=(cylinder(0.05, 0.10),)),
-    Link(name="wrist_2", mass=2.0, shapes=(cylinder(0.05, 0.10),)),
-    Link(name="wrist_3", mass=1.0, shapes=(cylinder(0.04, 0.06, (0.0, 0.0, 0.09)),)),
+    Link(name="base", mass=15.0, shapes=(cylinder(0.09, 0.30, (0.0, 0.0, 0.15)),)),
+    Link(name="link_1", mass=11.0, shapes=(cylinder(0.08, 0.16),)),
+    Link(name="link_2", mass=10.0, shapes=(capsule(0.06, 0.45, (0.23, 0.0, 0.0), ALONG_X),)),
+    Link(name="link_3", mass=7.0, shapes=(cylinder(0.06, 0.14, rpy=ALONG_Y),)),
+    Link(name="link_4", mass=3.0, shapes=(capsule(0.05, 0.36, (0.22, 0.0, 0.0), ALONG_X),)),
+    Link(name="link_5", mass=1.5, shapes=(cylinder(0.04, 0.08, rpy=ALONG_Y),)),
+    Link(name="link_6", mass=0.5, shapes=(cylinder(0.03, 0.03, (-0.015, 0.0, 0.0), ALONG_X),)),
 )
-HALF, FULL = (-2.8, 2.8), (-6.2, 6.2)
+JOINTS = (  # position, axis, limits [degrees], torque
+    ((0.0, 0.0, 0.4), Z, (-170, 170), 300.0),
+    ((0.025, 0.0, 0.0), Y, (-190, 45), 300.0),
+    ((0.455, 0.0, 0.0), Y, (-120, 156), 150.0),
+    ((0.0, 0.0, 0.035), X, (-185, 185), 50.0),
+    ((0.42, 0.0, 0.0), Y, (-120, 120), 50.0),
+    ((0.08, 0.0, 0.0), X, (-350, 350), 30.0),
+)
 ARM = Robot(
-    name="long_arm",
+    name="kr6",
     links=LINKS,
-    joints=(
-        Joint(name="pan", position=(0.0, 0.0, 0.22), limits=FULL, effort=300.0),
-        Joint(name="lift", rpy=DOWN, limits=HALF, effort=300.0),
-        Joint(name="elbow", position=(0.62, 0.0, 0.0), limits=HALF, effort=150.0),
-        Joint(name="roll", position=(0.0, 0.56, 0.0), rpy=DOWN, limits=FULL, effort=50.0),
-        Joint(name="tilt", rpy=UP, limits=HALF, effort=50.0),
-        Joint(name="turn", rpy=DOWN, limits=FULL, effort=50.0),
+    joints=tuple(
+        Joint(
+            name=f"a{i}",
+            position=position,
+            axis=axis,
+            limits=(math.radians(low), math.radians(high)),
+            effort=effort,
+        )
+        for i, (position, axis, (low, high), effort) in enumerate(JOINTS, start=1)
     ),
-    flange_position=(0.0, 0.0, 0.12),
-    home=(0.0, -1.3, 0.9, 0.0, 0.4, 0.0),
-    reach=(0.25, 1.0),  # of the tool, from the base's axis
-    base=(-0.05, 0.0, 0.0),
+    flange_rpy=ALONG_X,
+    home=(0.0, -0.64, 2.09, 0.0, 0.12, 0.0),
+    reach=(0.20, 0.88),  # of the tool, from the base's axis
+    base=(-0.03, 0.0, 0.0),
 )
 
 

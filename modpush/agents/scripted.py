@@ -7,14 +7,10 @@ from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
-from modpush._arguments import checked_arguments
-from modpush._checks import check_dtype, check_finite
-from modpush._keys import read_key
+from modpush._checks import check_dtype, check_finite, read_key
 from modpush._types import Finite, HalfTurn, Length, NonNegative, Positive, PositiveFraction
-from modpush._validation import checked
+from modpush._validation import checked, checked_arguments
 from modpush.geometry.frames import wrap_angle
-
-__all__ = ["ScriptedPusher", "ScriptedPusherConfig", "scripted_push"]
 
 
 @checked

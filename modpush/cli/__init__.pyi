@@ -2,4 +2,4 @@ from .command import SUBCOMMANDS as SUBCOMMANDS, run_command as run_command
 from .demo import DemoConfig as DemoConfig, show_demo as show_demo
 from .evaluate import EvaluateConfig as EvaluateConfig, evaluate_policies as evaluate_policies
 from .export import ExportConfig as ExportConfig
-from .training_run import RunConfig as RunConfig, train_agent as train_agent
+from .train import RunConfig as RunConfig, train_agent as train_agent

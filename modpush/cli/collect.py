@@ -31,8 +31,6 @@ import tyro
 
 from modpush.data.config import CollectConfig
 
-__all__ = ["main"]
-
 
 def main(arguments: Sequence[str]) -> None:
     """`modpush collect <arguments>`."""

@@ -16,8 +16,6 @@ from pathlib import Path
 
 import modpush
 
-__all__ = ["SUBCOMMANDS", "run_command"]
-
 SUBCOMMANDS = {
     "demo": "Watch a trained agent push different objects, beside the corridor controller.",
     "train": "Train an agent: environment and learner each in their own process, on two cores.",
@@ -31,7 +29,7 @@ SUBCOMMANDS = {
 
 `modpush.cli.<name>` has a function `main(arguments)`, and its docstring is the help.
 """
-_POSITIONAL = {"train": "PRESET ", "play": "[FOLDER ...] ", "export": "[AGENT] "}
+_POSITIONAL = {"train": "PRESET ", "export": "[AGENT] "}
 
 
 def run_command(arguments: Sequence[str] | None = None) -> int:

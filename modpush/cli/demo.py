@@ -10,8 +10,8 @@ paper's hard ones, `diagonal_walls` and `maze`.
 
 Writes `runs/demo/`: `table.md`, one picture for each family and `demo.mp4`, top views of the same
 episodes side by side, with the first planned path and the present sub-goal in magenta. Each says which
-policy pushes which object, and how the episode ended. With a Vulkan device it also writes `arm.mp4`:
-the first policy's episodes rendered by SAPIEN.
+policy pushes which object, and how the episode ended. It also writes `arm.mp4`, the first policy's
+episodes from the side: in MuJoCo everywhere, in SAPIEN where there is a Vulkan device.
 
 Options:
   --policy NAME ...         Policies to show side by side: agent, a shipped agent by its name, corridor,
@@ -27,8 +27,7 @@ Options:
   --goal {position,pose}    Positions of the object's centre as goals, or poses, at 1.5 cm and 10 degrees.
   --robot NAME              Arm: ur5, ur10, panda, ... or module:name; by default ur5.
   --tool NAME               Tool of the arm: 2f85, rod, or module:name; by default 2f85.
-  --engine NAME             Physics engine: sapien, mujoco, or module:name; by default sapien. Only SAPIEN
-                            renders.
+  --engine NAME             Physics engine: sapien, mujoco, or module:name; by default sapien.
   --seed N                  Seed of the episodes; by default 0.
   --no-rendered             Write no arm.mp4.
   --out FOLDER              Folder to write to; by default runs/demo.
@@ -71,7 +70,7 @@ from modpush.envs.scenes.layouts import TIGHT_SCENES
 from modpush.envs.scenes.objects import PAPER_OBJECTS
 from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
 from modpush.evaluation.episodes import Episode, run_episodes
-from modpush.evaluation.pictures import (
+from modpush.evaluation.report import (
     contact_sheet,
     draw_episode,
     join_clips,
@@ -80,8 +79,6 @@ from modpush.evaluation.pictures import (
 )
 from modpush.evaluation.tables import format_table
 from modpush.recipes.methods import Method, get_methods
-
-__all__ = ["DemoConfig", "main", "show_demo"]
 
 _DISTANCE = (0.2, 0.35)
 """Distances from start to goal [m]: short enough for large objects in nearly all families."""
@@ -98,39 +95,24 @@ Frames = dict[int, list[NDArray[np.uint8]]]
 
 @checked
 class DemoConfig:
-    """Settings of the demo."""
+    """Settings of the demo, which this module's docstring explains as options.
+
+    Where `policy`, `scenes` and `pushed_object` are empty, they follow from `goal`.
+    """
 
     policy: Several[Name] = ()
-    """Policies to show side by side: `agent`, a shipped agent by its name, `corridor`,
-    `corridor_faithful`, `scripted`, a training run's folder, or an agent's file. Empty for `any_object`
-    and `corridor`, or for `pose` where the goals are poses."""
     scenes: Several[Name] = ()
-    """Scene families to show. Empty for twelve; where the goals are poses, for free space and the
-    families with one obstacle, two, or one that moves."""
     episodes: Count = 4
-    """Number of episodes of each family; the first one is shown in the video."""
     pushed_object: Several[Name] = ()
-    """Names of the objects that are pushed, one after the other. Empty for the paper's four, or for `box`
-    where the goals are poses."""
     difficulty: Fraction = 0.3
-    """Difficulty of the scenes, 0 to 1."""
     seed: Seed = 0
-    """Seed of the episodes."""
     goal: Goal = "position"
-    """Kind of the goals: a position of the object's centre, or a pose of the object, for an
-    agent that was trained for poses. Poses are reached at 1.5 cm and 10 degrees."""
     robot: Name = "ur5"
-    """Arm: its name, or `module:name`."""
     tool: Name = "2f85"
-    """Tool of the arm: `2f85`, `rod`, or `module:name`."""
     engine: Name = "sapien"
-    """Physics engine: `sapien`, `mujoco`, or `module:name`. Only SAPIEN renders."""
     out: FilePath = Path("runs/demo")
-    """Folder to write to."""
     allow: Several[Name] = ()
-    """Modules from which an agent's file may import its author's own parts."""
     rendered: bool = True
-    """Have SAPIEN render the first policy's video if there is a Vulkan device."""
 
     def filled(self) -> "DemoConfig":
         """The same with what is shown by default in place of what is empty."""
@@ -155,8 +137,8 @@ def show_demo(config: DemoConfig) -> str:
     find_engine(config.engine)
     find_robot(config.robot)
     find_tool(config.tool)
-    renders = config.rendered and config.engine == "sapien"
-    rendered = renders and find_render_device() is not None
+    blind = config.engine == "sapien" and config.rendered and find_render_device() is None
+    rendered = config.rendered and not blind
     announce_compiling()
     scenarios = _draw_scenarios(config)
     runs: dict[str, list[Episode]] = {}
@@ -168,11 +150,11 @@ def show_demo(config: DemoConfig) -> str:
     print("\n" + table)
     _write_pictures(config, runs)
     (config.out / "table.md").write_text(table, encoding="utf-8")
-    told = "no arm.mp4: no Vulkan device" if renders else "no arm.mp4"
+    told = "no arm.mp4: no Vulkan device" if blind else "no arm.mp4"
     if arm:
         path = config.out / "arm.mp4"
         write_video(path, [*itertools.chain.from_iterable(arm[n] for n in sorted(arm))], fps=8)
-        told = f"{path}, rendered by SAPIEN"
+        told = f"{path}, from the side"
     print(f"Wrote {config.out}/demo.mp4 ({told}), table.md and a picture of each family.")
     return table
 

@@ -60,60 +60,31 @@ from modpush._types import AtLeastOne, Count, FilePath, Name, NonNegativeInteger
 from modpush._validation import checked
 from modpush.envs.engines.named import find_engine
 from modpush.envs.robot.named import find_robot, find_tool
-from modpush.envs.scenes.sensing import SensingName
+from modpush.envs.scenes.conditions import SensingName
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["EvaluateConfig", "evaluate_policies", "main"]
-
 
 @checked
 class EvaluateConfig:
-    """Policies, evaluation sets and what to write."""
+    """Policies, evaluation sets and what to write, which this module's docstring explains as options."""
 
     policy: AtLeastOne[Name] = ("agent",)
-    """Policies to evaluate: `agent` (the shipped one for all objects), a shipped agent by its name,
-    `corridor`, `corridor_faithful`, `scripted`, a training run's folder, an agent's file, `module:name`
-    of your own policy, or `http://host:port` of one that another process serves. Several are compared
-    with each other."""
     sets: Annotated[AtLeastOne[Name], tyro.conf.arg(name="set")] = ("smoke",)
-    """Evaluation sets by name or file, `all` for all in which the tool starts in any direction from the
-    object, but `smoke` and the tuning sets, or `behind/all` for those in which it starts straight behind
-    the object."""
     robot: Name | None = None
-    """Arm to use instead of the sets' own: its name, or `module:name`. Episodes whose start it does not
-    reach are left out; results are stored under `<set>+<robot>`."""
     tool: Name | None = None
-    """Tool to use instead of the sets' own, for instance `rod`, the tool in the code of the paper's
-    authors; results are stored under `<set>+<tool>`."""
     engine: Name | None = None
-    """Physics engine to use instead of the sets' own, at its own rate: `sapien`, `mujoco`, or
-    `module:name`; results are stored under `<set>+<engine>`."""
     sensing: SensingName | None = None
-    """Conditions of the agents' observations and actions instead of the sets' own: `noise` (of the
-    object's pose, up to 1.5 cm and 7.5 degrees), `delay` (actions 1 to 3 steps old, observations 1 step),
-    or `noise_delay`; results are stored under `<set>+<sensing>`."""
     recovery: bool | None = None
-    """Let `StuckRecovery` take over when a policy has come to rest before the goal. By default
-    this is what an agent's config says, and no for hand-written policies; results of the other
-    choice are stored under `<policy>+recovery` or `<policy>_without_recovery`."""
     episodes: Count | None = None
-    """Number of episodes to run of each set, starting with its first; all by default."""
     num_envs: Scenes = 8
-    """Number of scenes that each process steps together."""
     workers: Count | Literal["ray"] = 1
-    """Number of processes, or `ray` for all CPUs of a Ray cluster."""
     pictures: NonNegativeInteger = 24
-    """Maximum number of failed episodes to draw; at most half as many solved ones are drawn, too."""
     videos: bool = True
-    """Write a video for each family."""
     fresh: bool = False
-    """Start over instead of resuming an interrupted run."""
     allow: Several[Name] = ()
-    """Modules from which an agent's file or a set's may import its author's own parts."""
     out: FilePath = Path("runs/evaluate")
-    """Folder to write to."""
 
     @property
     def set_names(self) -> tuple[str, ...]:
@@ -154,14 +125,19 @@ def evaluate_policies(config: EvaluateConfig) -> "dict[str, dict[str, pd.DataFra
 def _load_sets(config: EvaluateConfig) -> dict[str, "evaluation.EvaluationSet"]:
     """The chosen part of each set, by what the set was asked for as."""
     sets: dict[str, evaluation.EvaluationSet] = {}
+    # A package that is missing is named before an episode is run.
+    for given, find in (
+        (config.robot, find_robot),
+        (config.tool, find_tool),
+        (config.engine, find_engine),
+    ):
+        if given is not None:
+            find(given)
     for asked in config.set_names:
         episodes = evaluation.load_set(asked, allow=config.allow)
-        if config.robot is not None:
-            find_robot(config.robot)
-            episodes = episodes.with_robot(config.robot)
-        if config.tool is not None:
-            find_tool(config.tool)
-            episodes = episodes.with_tool(config.tool)
+        episodes = episodes.with_conditions(
+            robot=config.robot, tool=config.tool, engine=config.engine, sensing=config.sensing
+        )
         if config.robot is not None:
             reached = episodes.within_reach()
             if len(reached) < len(episodes):
@@ -170,13 +146,6 @@ def _load_sets(config: EvaluateConfig) -> dict[str, "evaluation.EvaluationSet"]:
                 )
             episodes = reached
         episodes = episodes.first(config.episodes)
-        if config.engine is not None:
-            find_engine(
-                config.engine
-            )  # a package that is missing is named before an episode is run
-            episodes = episodes.with_engine(config.engine)
-        if config.sensing is not None:
-            episodes = episodes.with_sensing(config.sensing)
         for other, known in sets.items():
             if known.name == episodes.name:
                 raise ValueError(

@@ -29,21 +29,15 @@ from modpush._validation import checked
 from modpush.export.agent import Format, export_agent
 from modpush.recipes.agent_file import load_agent
 
-__all__ = ["ExportConfig", "main"]
-
 
 @checked
 class ExportConfig:
-    """Agent to export, formats, and folder to write to."""
+    """Agent to export, formats, and folder to write to; this module's docstring explains the options."""
 
     agent: tyro.conf.Positional[Name] = "small_cube"
-    """Name of a shipped agent, an agent's file, a training run's folder, or hf://owner/name."""
     formats: Annotated[AtLeastOne[Format], tyro.conf.arg(name="format")] = ("onnx",)
-    """Formats of the graphs."""
     out: FilePath = Path("runs/exported")
-    """Folder to write to."""
     allow: Several[Name] = ()
-    """Modules from which an agent's file may import its author's own parts."""
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -2,10 +2,6 @@
 
 Drag the goal and the obstacles while a policy or the keyboard moves the arm.
 
-Arguments:
-  FOLDER [FOLDER]       One or two folders that an evaluation wrote for a policy and a set, whose
-                        episodes are shown instead of running policies.
-
 Options:
   --policy NAME [NAME]  One policy, or two that are shown side by side on the same scene: agent (the
                         shipped one for all objects), a shipped agent by its name, corridor,
@@ -18,14 +14,15 @@ Options:
   --difficulty X        Difficulty of the scenes, 0 to 1; by default 0.3.
   --engine NAME         Physics engine: sapien, mujoco, or module:name; by default an agent's own.
   --robot NAME          Arm: ur5, ur10, ... or module:name; by default an agent's own.
-  --seed N              Seed of the first episode, or its number in a replay; by default 0.
+  --tool NAME           Tool of the arm: 2f85, rod, or module:name; by default an agent's own.
+  --seed N              Seed of the first episode; by default 0.
   --paused              Start paused.
   --host ADDRESS        Address to listen on. The default, 127.0.0.1, can be reached from this machine
                         only. The page has no password: anyone who reaches it can use it.
   --port N              Port to listen on; if it is taken, the next free one is used and printed; by
                         default 8080.
-  --allow MODULE ...    Modules from which the file of an agent, a run or a replayed set may import its
-                        author's own parts.
+  --allow MODULE ...    Modules from which the file of an agent or a run may import its author's own
+                        parts.
 """
 
 from collections.abc import Sequence
@@ -33,8 +30,6 @@ from collections.abc import Sequence
 import tyro
 
 from modpush._extras import require_extra
-
-__all__ = ["main"]
 
 
 def main(arguments: Sequence[str]) -> None:

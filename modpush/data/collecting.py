@@ -13,11 +13,11 @@ from torchrl.envs import EnvBase, TransformedEnv
 from tqdm import tqdm
 
 import modpush.envs  # noqa: F401  # registers the environments
-from modpush._arguments import checked_arguments
 from modpush._atomic import FolderLock
 from modpush._extras import require_extra
 from modpush._processes import torch_threads
 from modpush._types import Count
+from modpush._validation import checked_arguments
 from modpush.data.config import MAX_NUMBER, CollectConfig, card_text, episode_seed
 from modpush.data.minari_dataset import DatasetWriter, RecordedEpisode
 from modpush.data.recording_env import RecordingEnv
@@ -29,8 +29,6 @@ from modpush.files import write_text
 from modpush.recipes.fingerprint import environment_fingerprint
 from modpush.recipes.make_env import make_push_env
 from modpush.recipes.methods import Method, get_methods
-
-__all__ = ["collect_demonstrations"]
 
 _TRIES = 10
 """With `only_success`, the largest number of episodes to run for each that is to be kept."""

@@ -5,16 +5,14 @@ from dataclasses import asdict, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-import pandas as pd
 from annotated_types import Le
 from pydantic import StringConstraints
 
 import modpush
 from modpush._types import AtLeastOne, Count, FilePath, Name, NonNegativeInteger, Several
 from modpush._validation import checked
+from modpush.files import dump_yaml
 from modpush.recipes.config import END_TO_END, PushEnvConfig
-
-__all__ = ["MAX_NUMBER", "CollectConfig", "card_text", "episode_seed"]
 
 MAX_NUMBER = 1_000_000
 """Number of starts that there are for one seed."""
@@ -95,19 +93,14 @@ tags: [robotics, pushing, demonstrations, modpush]
 ---
 # Demonstrations `{name}`
 
-The arm `{robot}` with the tool `{tool}` pushes an object through clutter to a goal, in the engine
-`{engine}`: {episodes} episodes, {steps} steps at 15 Hz, recorded with modpush {version}. Kept are
-{kept}{images}.
+An arm pushes an object through clutter to a goal, 15 steps per second; recorded with modpush {version}.
+The starts are drawn from the seeds {first_seed} + number of the episode, the same for all policies; none
+is in an evaluation set.
 
-{policies}
+```yaml
+{settings}```
 
-- starts: drawn from the seeds {first_seed} + number of the episode, the same for all policies; none is
-  in an evaluation set
-- scenes: {scenes}; difficulty {difficulty}, distance {distance} m
-- objects: {objects}
-- licence: {licence_name}
-- `minari/{name}`: observations, actions and rewards of `modpush/Push-v0` ({width} numbers in the
-  {frame}'s axes)
+`minari/{name}` holds observations, actions and rewards of `modpush/Push-v0`:
 
 ```python
 from modpush.data import load_demonstrations
@@ -120,44 +113,17 @@ env = demonstrations.make_env(num_envs=8)
 
 
 def card_text(config: CollectConfig, about: Mapping[str, Any]) -> str:
-    """The card as Markdown: policies, starts, scenes, and how the data set is read.
+    """The card as Markdown: policies, environment, and how the data set is read.
 
     Args:
         config: Settings of the data set.
-        about: The data set's metadata: counts of episodes by policy, and the environment's fingerprint.
+        about: The data set's metadata: counts of episodes by policy, and the environment's config.
     """
-    drawn = config.env.scenario
-    table = pd.DataFrame(
-        {
-            "policy": name,
-            "class": str(policy["described"]["class"]).rpartition(":")[2],
-            "weights": policy["described"].get("weights", "–"),
-            "episodes": policy["kept"],
-            "steps": policy["steps"],
-            "success when run": policy["solved"] / max(policy["tried"], 1),
-            "of episodes": policy["tried"],
-        }
-        for name, policy in about["policies"].items()
-    )
-    simulation = config.env.simulation
+    shown = {name: about[name] for name in ("policies", "only_success", "images", "env")}
     return _CARD.format(
-        robot=getattr(simulation.robot, "name", simulation.robot),
-        tool=getattr(simulation.tool, "name", simulation.tool),
-        engine=simulation.engine,
-        licence=config.licence.lower(),
-        licence_name=config.licence,
+        licence=config.licence,
         name=config.dataset_id,
-        episodes=table["episodes"].sum(),
-        steps=table["steps"].sum(),
         version=modpush.__version__,
-        kept="episodes that reached the goal" if config.only_success else "all episodes",
-        images="; with depth and segmentation images" if config.images else "",
-        policies=table.to_markdown(index=False, floatfmt=".3f"),
         first_seed=episode_seed(config.seed, 0),
-        scenes=", ".join(drawn.scene),
-        difficulty="{:g} to {:g}".format(*drawn.difficulty),
-        distance="{:g} to {:g}".format(*drawn.distance),
-        objects=", ".join(config.objects),
-        width=about["fingerprint"]["observation"]["entries"][-1]["columns"][1],
-        frame=config.env.frame,
+        settings=dump_yaml(shown),
     )

@@ -12,16 +12,13 @@ from tensordict import TensorDict
 from torch import Tensor
 from torchrl.envs import EnvBase
 
-from modpush._arguments import checked_arguments
 from modpush._extras import require_extra
-from modpush._validation import from_plain
+from modpush._validation import checked_arguments, from_plain
 from modpush.files import reading
 from modpush.parts import check_allowed
 from modpush.recipes.config import PushEnvConfig
 from modpush.recipes.fingerprint import environment_fingerprint, fingerprint_differences
 from modpush.recipes.make_env import make_push_env
-
-__all__ = ["Demonstrations", "load_demonstrations"]
 
 _PACKAGES = ("minari", "h5py")
 _METADATA = "metadata.json"  # Minari's, beside the episodes

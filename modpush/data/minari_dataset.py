@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 import modpush
 from modpush.envs.scenes.scenario import Scenario
 
-__all__ = ["DatasetWriter", "RecordedEpisode"]
-
 _DATA = "data"
 """Name of Minari's folder of episodes in the folder of a data set."""
 

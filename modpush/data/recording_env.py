@@ -11,14 +11,12 @@ from torch import Tensor
 from torchrl.envs import EnvBase, Transform, TransformedEnv
 from torchrl.envs.utils import step_mdp
 
-from modpush._arguments import checked_arguments
+from modpush._validation import checked_arguments
 from modpush.data.minari_dataset import RecordedEpisode
 from modpush.envs.push_env import PushEnv
 from modpush.envs.scenes.objects import PushedObject
 from modpush.geometry.frames import frame_yaw
 from modpush.mdp.action_frame import ActionFrame, turn_action
-
-__all__ = ["RecordingEnv"]
 
 _POSES = ("object_pose", "goal_position", "ee_pose")
 _FLAGS = (

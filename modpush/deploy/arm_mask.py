@@ -6,16 +6,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush._arguments import checked_arguments
 from modpush._kernels import njit
 from modpush._types import NonNegativeLength
+from modpush._validation import checked_arguments
 from modpush.envs.depth.ray_kernels import hit
 from modpush.envs.depth.raycast import Solids
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.geometry.camera_model import CameraModel
 from modpush.geometry.shapes import Primitive
-
-__all__ = ["ArmMask"]
 
 _STRIDE = 2  # of the pixels at which rays are cast
 _MARGIN = 0.006

@@ -13,9 +13,10 @@ from torch import Tensor
 from torchrl.envs import EnvBase, TransformedEnv, set_exploration_type
 from torchrl.envs.utils import ExplorationType, step_mdp
 
-from modpush._arguments import checked_arguments
-from modpush._types import Length, NonNegativeLength, Positive
+from modpush._types import Length, NonNegative, NonNegativeLength, Positive
+from modpush._validation import checked_arguments
 from modpush.deploy.estimate import Perceived
+from modpush.deploy.place_aside import KnowsWhatIsHidden, place_aside
 from modpush.deploy.policy_file import load_policy
 from modpush.deploy.robot_interface import Command
 from modpush.deploy.source_env import SourceEnv
@@ -23,26 +24,23 @@ from modpush.deploy.stopped import Stopped
 from modpush.deploy.tip import tip_transform, touches
 from modpush.envs.engines.base import CONTACT_KEYS
 from modpush.envs.outcome import episode_status, is_at_goal, pose_errors
-from modpush.envs.robot.control import MotionConfig, MotionPlanner
-from modpush.envs.robot.robot import Robot, Tool
+from modpush.envs.robot.control import MotionConfig, MotionPlanner, PlannedMotion
+from modpush.envs.scenes.conditions import SensingConfig
 from modpush.envs.scenes.objects import PushedObject
-from modpush.envs.scenes.sensing import SensingConfig
 from modpush.mdp.action_frame import ActionFrame
 from modpush.mdp.contact_filter import ContactFilter
 from modpush.recipes.agent_file import Agent
 
-__all__ = ["PushController", "Sees"]
+_YAW_MARGIN = math.radians(2)
+_ARRIVED = 0.01  # distance from a place aside at which the tool is there [m]
+_SEEN = 0.5  # share of the object's top, for which the tool stays aside no longer
 
 
-class Sees(Protocol):
+class Sees(KnowsWhatIsHidden, Protocol):
     """Interface of perception that a controller needs; `Perception` has it."""
 
     item: PushedObject
     """The pushed object."""
-    robot: Robot
-    """The arm."""
-    tool: Tool
-    """Its tool."""
 
     def reset(self, guess: Sequence[float] | None = None) -> None:
         """Forget the scene."""
@@ -68,7 +66,12 @@ class PushController:
         touch_distance: Distance of tip and object that counts as contact [m].
         arrival_margin: Distance by which the object must be nearer to its goal than the agent's
             `position_tolerance`, so that it has arrived in truth as well [m].
+        yaw_arrival_margin: The same for the yaw of a goal pose [rad].
         motion: How far a control step goes, and the tool's workspace.
+        joint_speed: Speed of a joint from which steps are made shorter [rad/s], as near the arm's own axis.
+            It should be below `Limits.joint_speed`, at which the guard stops the arm.
+        look_after: Time without an image that confirms the object after which the tool steps aside [s], so
+            that the camera sees it again. It should be below `Limits.lost_for`.
 
     Raises:
         ValueError: If the agent observes what perception does not measure, or cannot be found.
@@ -84,23 +87,33 @@ class PushController:
         tip_height: Length | None = None,
         touch_distance: NonNegativeLength = 0.004,
         arrival_margin: NonNegativeLength = 0.005,
+        yaw_arrival_margin: NonNegative = _YAW_MARGIN,
         motion: MotionConfig | None = None,
+        joint_speed: Positive = 3.0,
+        look_after: Positive = 1.0,
     ) -> None:
         self.agent = agent if isinstance(agent, Agent) else load_policy(agent)
         self.perception = perception
         config = self.agent.config
-        if config.simulation.obstacle_motion or config.simulation.dynamic_obstacles:
+        if config.simulation.dynamic_obstacles or config.simulation.object_dynamics:
             raise ValueError(
-                "PushController: the agent must not observe how obstacles move, which perception does "
-                "not measure."
+                "PushController: the agent must not observe where movable obstacles are, nor mass, "
+                "friction and centre of mass of the object, which perception does not measure."
             )
         self.rate = float(config.simulation.control_freq if rate is None else rate)
         item = perception.item
         self.tip_height = item.tool_height if tip_height is None else tip_height
         self.motion, self._touch_distance = motion or MotionConfig(), touch_distance
+        self._joint_speed, self._patience = joint_speed, look_after
         self._tolerance = max(0.0, config.simulation.position_tolerance - arrival_margin)
+        self._yaw_tolerance = max(0.0, config.simulation.yaw_tolerance - yaw_arrival_margin)
         self._goal_kind = config.simulation.goal
-        self._source = SourceEnv(perception.robot, config.scenario, self._goal_kind)
+        self._source = SourceEnv(
+            perception.robot,
+            config.scenario,
+            self._goal_kind,
+            obstacle_motion=config.simulation.obstacle_motion,
+        )
         self._env = self.agent.make_env(1, base=self._source, sensing=SensingConfig())
         self._policy = self.agent.policy
         self._planner = MotionPlanner(perception.robot, self.motion, 1, self.rate)
@@ -115,6 +128,7 @@ class PushController:
         """True if the tip touches the object, by the last image."""
         self._state: TensorDictBase | None = None
         self._target = np.zeros(3)
+        self._aside: NDArray[np.float64] | None = None
 
     @property
     def path_found(self) -> bool:
@@ -128,14 +142,16 @@ class PushController:
 
         Args:
             goal: x, y of the object's goal [m], and its yaw [rad] for an agent of goal poses.
-            guess: Pose (x, y, yaw) near which the object is [m, m, rad]; None looks for it everywhere.
+            guess: Place (x, y) or pose (x, y, yaw) near which the object is [m, m, rad]; None looks
+                everywhere.
 
         Raises:
-            ValueError: If the goal has another length, or is not finite.
+            ValueError: If goal or guess have another length, or are not finite.
         """
         self.goal = self._checked_goal(goal)
         self.perception.reset(guess)
-        self._state, self.perceived, self.success, self.contact = None, None, False, False
+        self._state, self.perceived, self._aside = None, None, None
+        self.success = self.contact = False
 
     def _checked_goal(self, goal: Sequence[float]) -> tuple[float, ...]:
         size = 3 if self._goal_kind == "pose" else 2
@@ -198,10 +214,11 @@ class PushController:
         tip = np.array([seen.tip_pose])
         if first:
             self._target = tip
-        action = self._base_action(state).double().numpy()
-        start, target = self._planner.aim(action, self._target, tip)
-        flange_height = np.array([self.tip_height + self.perception.tool.length])
-        planned = self._planner.ramp(start, target, flange_height, joints[None])
+        action = np.clip(self._base_action(state).double().numpy(), -1.0, 1.0)
+        if self._steps_aside(seen, joints):
+            action[0] = *(self._aside - tip[0, :2]) / self.motion.max_step, 0.0
+            action /= max(1.0, np.abs(action).max())
+        start, planned = self._plan(action, tip, joints)
         self._target = planned.target
         return Command(
             start=start[0],
@@ -211,6 +228,30 @@ class PushController:
             duration=1 / self.rate,
             reachable=bool(planned.reachable[0]),
         )
+
+    def _steps_aside(self, seen: Perceived, joints: NDArray[np.float64]) -> bool:
+        """True while the tool makes way for the camera, to the place `_aside`."""
+        if self._aside is None and seen.object.unseen_for >= self._patience * self.rate:
+            self._aside = place_aside(self.perception, seen, joints, self.tip_height, self.motion)
+        if self._aside is not None:
+            arrived = math.dist(self._aside, seen.tip_pose[:2]) < _ARRIVED
+            if arrived or (seen.object.found and seen.object.hidden < 1 - _SEEN):
+                self._aside = None
+        return self._aside is not None
+
+    def _plan(
+        self, action: NDArray[np.float64], tip: NDArray[np.float64], joints: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], PlannedMotion]:
+        """Start and motion of a control step, shortened where a joint would be too fast."""
+        height = np.array([self.tip_height + self.perception.tool.length])
+        start, _ = self._planner.aim(action, self._target, tip)
+        for _ in range(3):
+            planned = self._planner.plan(action, self._target, tip, height, joints[None])
+            speed = float(np.abs(planned.position[0, -1] - joints).max()) * self.rate
+            if speed <= self._joint_speed:
+                break
+            action = action * (0.9 * self._joint_speed / speed)
+        return start, planned
 
     def _decide(self) -> TensorDictBase:
         """Run transforms and policy on the present entries."""
@@ -251,8 +292,10 @@ class PushController:
         if self._goal_kind == "pose":
             symmetry = self._constant["object_symmetry"][:, 0]
             error = pose_errors(pose, goal, symmetry)
-            at_goal = at_goal & (np.abs(error[:, 1]) <= config.yaw_tolerance)
+            at_goal = at_goal & (np.abs(error[:, 1]) <= self._yaw_tolerance)
             numbers |= {"goal_pose": goal, "pose_error": error}
+        if config.obstacle_motion:
+            numbers["obstacle_motion"] = np.zeros((1, 4))  # as `PushEnv` has it where nothing moves
         self.success = bool(at_goal[0])
         flags = dict.fromkeys(CONTACT_KEYS, False)
         flags |= {"object_contact": self.contact, "object_contact_at_end": self.contact}

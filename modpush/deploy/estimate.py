@@ -5,8 +5,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ObjectEstimate", "Perceived"]
-
 
 class ObjectEstimate(NamedTuple):
     """The pushed object's pose, as one depth image shows it."""

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 from modpush.deploy.height_map import HeightMap
 from modpush.envs.scenes.objects import PushedObject
 
-__all__ = ["ObjectFinder"]
-
 _YAWS = 24  # of a whole turn
 _SHRINK = 2  # cells of the map to a cell in which is searched
 _LEVEL = 0.008

@@ -16,8 +16,6 @@ from modpush.envs.robot.control import MotionConfig
 from modpush.geometry.camera_model import CameraModel
 from modpush.geometry.workspace import Rectangle
 
-__all__ = ["Guard"]
-
 _GRID = 21  # points along each side of the workspace whose place in the image is checked
 _ANCHOR = MotionConfig.anchor_distance + 0.003  # of a step's start from the measured tip [m]
 

@@ -6,12 +6,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush._arguments import checked_arguments
+from modpush._validation import checked_arguments
 from modpush.deploy.image_kernels import collect_heights, look_down
 from modpush.geometry.camera import CAMERA, Camera, cell_centers
 from modpush.geometry.camera_model import CameraModel
-
-__all__ = ["HeightMap"]
 
 _LATEST = 0.3
 """Weight of the latest image in a cell's height. One flying pixel of 4 cm stays below what blocks."""
@@ -45,8 +43,9 @@ class HeightMap:
         self.shown = np.zeros(shape, dtype=bool)
         """Cells that the latest image shows, `[H, W]`."""
         self._count = np.zeros(shape, np.int32)
-        self._centers = cell_centers(view)
-        self.corner = self._centers[0, 0].copy()
+        self.centers = cell_centers(view)
+        """Centres (x, y) of the cells, `[H, W, 2]` [m]."""
+        self.corner = self.centers[0, 0].copy()
         """Centre (x, y) of the first cell [m]."""
         self._origin = np.array(camera.position)
         # Over the table's height something is seen further out by up to so many pixels.
@@ -100,7 +99,7 @@ class HeightMap:
 
     def cells_within(self, x: float, y: float, radius: float) -> NDArray[np.bool_]:
         """Cells whose centre lies within a radius of a point, `[H, W]`."""
-        away = self._centers - (x, y)
+        away = self.centers - (x, y)
         return np.einsum("ijk,ijk->ij", away, away) <= radius * radius
 
     def depth(self) -> NDArray[np.float32]:

@@ -5,8 +5,6 @@ from numpy.typing import NDArray
 
 from modpush._kernels import njit
 
-__all__ = ["ARM", "FLYING", "GOOD", "NONE", "collect_heights", "look_down", "sort_pixels"]
-
 NONE, GOOD, FLYING, ARM = 0, 1, 2, 3
 """Kind of a pixel: without a reading, on a surface, between two surfaces, or perhaps on the arm."""
 

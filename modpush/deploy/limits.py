@@ -6,8 +6,6 @@ from modpush._types import Fraction, Length, NonNegative, Point, Positive
 from modpush._validation import checked
 from modpush.envs.robot.control import MotionConfig
 
-__all__ = ["Limits"]
-
 _RATE = 15.0  # of the shipped agents [Hz]
 _STEP = MotionConfig.max_step * math.sqrt(2)  # of a control step, in x and y together [m]
 

@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from modpush._kernels import njit
 
-__all__ = ["overlap", "place"]
-
 _LEVEL = 2e-4
 """Corners within this distance of the foremost one are in contact with it [m]."""
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush._arguments import checked_arguments
+from modpush._validation import checked_arguments
 from modpush.deploy.arm_mask import ArmMask
 from modpush.deploy.estimate import ObjectEstimate, Perceived
 from modpush.deploy.height_map import HeightMap
@@ -18,8 +18,6 @@ from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scenes.objects import PushedObject, get_object
 from modpush.geometry.camera import CAMERA, Camera, Label
 from modpush.geometry.camera_model import CameraModel
-
-__all__ = ["Perception"]
 
 _OBSTACLE = 0.010
 """Height from which the map's cells are an obstacle [m]."""
@@ -63,7 +61,8 @@ class Perception:
         """Forget the scene; the next image begins an episode.
 
         Args:
-            guess: Pose (x, y, yaw) near which the object is [m, m, rad]; None looks for it everywhere.
+            guess: Place (x, y) or pose (x, y, yaw) near which the object is [m, m, rad]; None looks
+                everywhere.
         """
         self.heights.reset()
         self.tracker.reset(guess)
@@ -98,6 +97,20 @@ class Perception:
         around = self.item.radius + (_AROUND if estimate.found else _AROUND_UNSURE)
         self.heights.keep(self.heights.cells_within(x, y, around))
         return self._perceived(estimate, flange)
+
+    def hidden_by_arm(self, object_pose: NDArray[np.float64], joints: NDArray[np.float64]) -> float:
+        """Share of the object's top that the arm would hide.
+
+        Args:
+            object_pose: x, y, yaw of the object [m, m, rad].
+            joints: Angles of the arm's joints, `[n]` [rad].
+        """
+        column, row, _ = self.tracker.pixels_on_top(object_pose)
+        return float(self._arm(joints)[row, column].mean()) if len(row) else 1.0
+
+    def obstacle_cells(self) -> NDArray[np.float64]:
+        """Places of the map's cells that are obstacles, `[n, 2]` [m]."""
+        return self.heights.centers[self.heights.heights > _OBSTACLE]
 
     def _checked(
         self, depth: NDArray[np.float32], joints: NDArray[np.floating]

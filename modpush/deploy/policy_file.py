@@ -14,8 +14,6 @@ from modpush.parts import check_allowed
 from modpush.recipes.agent_file import Agent, load_agent
 from modpush.recipes.config import PushEnvConfig
 
-__all__ = ["load_policy"]
-
 
 def load_policy(source: str | Path) -> Agent:
     """Load an agent for `PushController`.

@@ -22,8 +22,6 @@ from modpush.envs.scenes.objects import PushedObject
 from modpush.geometry.footprint import outline_of
 from modpush.geometry.shapes import Primitive
 
-__all__ = ["PushMotion", "tool_outlines"]
-
 _STEP = 0.001  # of the tool's corners between two corrections of the object's pose [m]
 _FRICTION = 0.25  # of tool and object, as `envs.robot.physics` has it
 _CORRECTIONS = 4  # after each of its steps, since a side may touch at both ends in turn

@@ -9,8 +9,6 @@ from modpush.deploy.robot_interface import Command, DepthImage
 
 _LOOKS = 5  # images before the approach, of which the map of the table becomes an average
 
-__all__ = ["Pushed", "push"]
-
 
 class Pushed(NamedTuple):
     """Outcome of a push."""
@@ -39,8 +37,9 @@ def push(
         guard: The guard of a connected arm, with its controller.
         read_depth: Gives the newest depth image.
         goal: x, y of the object's goal [m], and its yaw [rad] for an agent of goal poses.
-        guess: Pose (x, y, yaw) near which the object is [m, m, rad], needed where an obstacle has its
-            shape; None looks for it everywhere.
+        guess: Place (x, y) or pose (x, y, yaw) near which the object is, to within 6 cm [m, m, rad];
+            needed where an obstacle has the object's shape, from which no depth image tells it. None looks
+            everywhere.
         approach: Brings the tool from aside to where the push begins, at the height of its tip. It is
             called after the first images, in which the arm hides nothing then. None where the tool is
             there already.

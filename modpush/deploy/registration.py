@@ -15,17 +15,6 @@ from modpush.deploy.outlines import overlap, place
 from modpush.envs.scenes.objects import PushedObject
 from modpush.geometry.footprint import outline_of, side_planes, vertical_range
 
-__all__ = [
-    "BEHIND",
-    "EXPLAINED",
-    "HIDDEN",
-    "UNEXPLAINED",
-    "ObjectShape",
-    "best_pose",
-    "compare",
-    "gather",
-]
-
 EXPLAINED, UNEXPLAINED, HIDDEN = 0, 1, 2
 """Content of a pixel: the table or a known obstacle; something else; the arm, perhaps."""
 BEHIND = 0.010

@@ -6,8 +6,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Command", "DepthImage", "RobotInterface", "RobotState"]
-
 
 class RobotState(NamedTuple):
     """Report of an arm."""

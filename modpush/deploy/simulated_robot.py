@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush._arguments import checked_arguments
 from modpush._types import Frequency
+from modpush._validation import checked_arguments
 from modpush.deploy.robot_interface import Command, RobotInterface, RobotState
 from modpush.deploy.tip import tip_transform
 from modpush.envs.engines.base import SceneSpec, contact_looks
@@ -17,8 +17,6 @@ from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scenes.objects import PushedObject, get_object
 from modpush.envs.scenes.scenario import Scenario
-
-__all__ = ["SimulatedRobot"]
 
 _HIGH = 0.15  # of the tip while the arm stands aside, over all objects [m]
 

@@ -14,8 +14,6 @@ from modpush.envs.scenes.scenario import ScenarioConfig
 from modpush.envs.specs import make_specs
 from modpush.geometry.workspace import Rectangle
 
-__all__ = ["SourceEnv"]
-
 
 class SourceEnv(EnvBase):
     """One scene with the keys of `PushEnv`, which emits at each step what it was given before.
@@ -26,16 +24,33 @@ class SourceEnv(EnvBase):
         robot: The arm.
         scenario: Settings of the workspace, of which `low`, `high` and `path_margin` are read.
         goal: What an episode asks for.
+        obstacle_motion: Emit `obstacle_motion`.
     """
 
     batch_locked = True
 
-    def __init__(self, robot: Robot, scenario: ScenarioConfig, goal: Goal = "position") -> None:
-        super().__init__(device=torch.device("cpu"), batch_size=torch.Size([1]))
+    def __init__(
+        self,
+        robot: Robot,
+        scenario: ScenarioConfig,
+        goal: Goal = "position",
+        obstacle_motion: bool = False,
+    ) -> None:
+        # The object may lie at its goal from the beginning.
+        super().__init__(
+            device=torch.device("cpu"), batch_size=torch.Size([1]), allow_done_after_reset=True
+        )
         self.robot, self.scenario = robot, scenario
-        for name, spec in make_specs(
-            1, self.device, len(robot.joints), images=True, dynamic_obstacles=False, goal=goal
-        ).items():
+        specs = make_specs(
+            1,
+            self.device,
+            len(robot.joints),
+            images=True,
+            dynamic_obstacles=False,
+            goal=goal,
+            obstacle_motion=obstacle_motion,
+        )
+        for name, spec in specs.items():
             setattr(self, name, spec)
         self.entries: Mapping[str, Tensor] = {}
         """Next emitted entries, by the keys of `PushEnv`."""

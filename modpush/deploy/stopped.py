@@ -2,8 +2,6 @@
 
 from typing import Literal, get_args
 
-__all__ = ["STOP_REASONS", "StopReason", "Stopped"]
-
 StopReason = Literal[
     "camera",
     "stale_image",

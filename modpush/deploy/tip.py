@@ -10,8 +10,6 @@ from modpush.deploy.push_motion import tool_outlines
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scenes.objects import PushedObject
 
-__all__ = ["tip_transform", "touches"]
-
 
 def tip_transform(robot: Robot, tool: Tool, joints: NDArray[np.float64]) -> NDArray[np.float64]:
     """Transform of the tool's tip by forward kinematics, `[4, 4]` in the base frame [m].

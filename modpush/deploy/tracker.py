@@ -16,8 +16,6 @@ from modpush.deploy.registration import BEHIND, ObjectShape, best_pose, compare,
 from modpush.envs.scenes.objects import PushedObject
 from modpush.geometry.camera_model import CameraModel
 
-__all__ = ["ObjectTracker"]
-
 _PIXELS = 350
 """About the number of pixels on the object that are compared."""
 _MOST_PIXELS = 6000
@@ -35,7 +33,7 @@ _LEAST_SHOWN = 0.12
 _DOUBT = 0.15
 """Residual from which other poses near by are tried."""
 _PATIENCE = 3
-"""Number of images in a row that contradict the pose before the object is looked for everywhere."""
+"""Number of images in a row that contradict the pose before the object is looked for."""
 _CANDIDATES = 12
 _NEAR_GUESS = 0.06
 """Distance from a guess within which the object is looked for [m]."""
@@ -70,9 +68,13 @@ class ObjectTracker:
         """Forget the object; the next image begins an episode.
 
         Args:
-            guess: Pose (x, y, yaw) near which the object is [m, m, rad]; None looks for it everywhere.
+            guess: Place (x, y) or pose (x, y, yaw) near which the object is [m, m, rad]; None looks
+                everywhere.
+
+        Raises:
+            ValueError: If the guess has another length, or is not finite.
         """
-        self._guess = None if guess is None else np.array(guess, dtype=np.float64)
+        self._guess = _checked_guess(guess)
         self._pose: Floats | None = None
         self._contradicted = self._unseen = 0
 
@@ -111,7 +113,9 @@ class ObjectTracker:
             estimate = min(estimate, self._estimate(again), key=lambda one: one.residual)
         self._contradicted = 0 if estimate.residual <= _CONFIRMED else self._contradicted + 1
         if self._contradicted >= _PATIENCE:
-            found = self._find(None)
+            found = self._find(self._pose)
+            if found is None:
+                found = self._find(None)
             if found is not None:
                 estimate, self._contradicted = self._estimate(found), 0
         self._unseen = 0 if estimate.found else self._unseen + 1
@@ -216,8 +220,12 @@ class ObjectTracker:
         total, own, _, _ = compare(pose, pixels, self._origin, self.item.radius, *self._shape)
         return (total - own) / weight
 
-    def _hidden(self, pose: Floats) -> float:
-        """Share of the top that is hidden at a pose."""
+    def pixels_on_top(self, pose: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
+        """Columns, rows and depths [m] at which the camera sees points on the object's top, `[n]` each.
+
+        Args:
+            pose: x, y, yaw of the object [m, m, rad].
+        """
         points = np.full((len(self._top), 3), self.item.height)
         x, y, yaw = pose
         place(self._top, x, y, yaw, points[:, :2])
@@ -225,10 +233,23 @@ class ObjectTracker:
         width, height = self.camera.size
         column, row = np.rint(np.nan_to_num(at, nan=-1.0)).astype(int).T
         inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        row, column = row[inside], column[inside]
-        before = self._depth[row, column] < depth[inside] - BEHIND
+        return column[inside], row[inside], depth[inside]
+
+    def _hidden(self, pose: Floats) -> float:
+        """Share of the top that is hidden at a pose."""
+        column, row, depth = self.pixels_on_top(pose)
+        before = self._depth[row, column] < depth - BEHIND
         hides = (self._kind[row, column] == ARM) | (before & (self._depth[row, column] > 0))
-        return 1.0 - float((~hides).sum()) / len(points)
+        return 1.0 - float((~hides).sum()) / len(self._top)
+
+
+def _checked_guess(guess: Sequence[float] | None) -> Floats | None:
+    if guess is None:
+        return None
+    values = np.array([*guess, 0.0] if len(guess) == 2 else guess, dtype=np.float64)
+    if values.shape != (3,) or not np.isfinite(values).all():
+        raise ValueError(f"ObjectTracker: guess must be 2 or 3 finite numbers, got {guess!r}.")
+    return values
 
 
 def _near(predicted: Floats, last: Floats) -> Floats:

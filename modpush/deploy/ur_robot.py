@@ -8,15 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush._arguments import checked_arguments
 from modpush._extras import require_extra
 from modpush._types import Length, Positive
+from modpush._validation import checked_arguments
 from modpush.deploy.robot_interface import Command, RobotInterface, RobotState
 from modpush.deploy.tip import tip_transform
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.robot.robot import Robot, Tool
-
-__all__ = ["URRobot", "tool_down_pose"]
 
 _STOP_DECELERATION = 10.0  # of `servoStop` [m/s^2], the maker's default
 

@@ -5,19 +5,11 @@ from .base import (
     encoder_sizes as encoder_sizes,
     evaluating as evaluating,
 )
-from .encode import Encode as Encode
-from .named import ENCODERS as ENCODERS, make_encoder as make_encoder
+from .encode import ENCODERS as ENCODERS, Encode as Encode, make_encoder as make_encoder
 from .networks.conv_encoder import ConvEncoder as ConvEncoder
 from .networks.ray_scan import RayScan as RayScan
 from .vae.data import WindowData as WindowData, augment_windows as augment_windows
 from .vae.model import DepthVAE as DepthVAE, VAELoss as VAELoss, shipped_weights as shipped_weights
-from .vae.quality import (
-    Quality as Quality,
-    encode_all as encode_all,
-    linear_probe as linear_probe,
-    r_squared as r_squared,
-    vae_quality as vae_quality,
-)
 from .window import (
     egocentric_window as egocentric_window,
 )

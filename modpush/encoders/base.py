@@ -12,8 +12,6 @@ from torch import Tensor, nn
 from modpush._checks import check_dtype
 from modpush.encoders.window import METRES_PER_PIXEL, WINDOW_SIZE
 
-__all__ = ["Encoder", "as_floats", "check_window", "encoder_sizes", "evaluating"]
-
 
 class Encoder(nn.Module, ABC):
     """Implement `forward(window [B, 1, S, S] float32 in [0, 1]) -> [B, latent_dim] float32`.

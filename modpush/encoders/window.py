@@ -18,14 +18,6 @@ from modpush._checks import (
 from modpush.encoders.window_kernel import Pinhole, write_windows
 from modpush.geometry.camera import CAMERA, Camera, Label
 
-__all__ = [
-    "MAX_HEIGHT",
-    "METRES_PER_PIXEL",
-    "WINDOW_SIZE",
-    "Outside",
-    "egocentric_window",
-]
-
 WINDOW_SIZE = 64
 """Side of the paper's window [px]."""
 MAX_HEIGHT = 0.08

@@ -12,8 +12,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from modpush._batching import BatchKernel
-from modpush._kernels import njit
+from modpush._kernels import BatchKernel, njit
 from modpush.geometry.camera import Label
 
 _HEIGHT_TOLERANCE = np.float32(0.004)

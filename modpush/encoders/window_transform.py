@@ -7,10 +7,9 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.data import Bounded, TensorSpec
 
-from modpush._arguments import checked_arguments
-from modpush._checks import check_finite, check_real
-from modpush._keys import check_spec_has, read_key
+from modpush._checks import check_finite, check_real, check_spec_has, read_key
 from modpush._transforms import StatelessTransform
+from modpush._validation import checked_arguments
 from modpush.encoders.window import (
     MAX_HEIGHT,
     METRES_PER_PIXEL,
@@ -21,8 +20,6 @@ from modpush.encoders.window import (
 )
 from modpush.geometry.camera import Camera
 from modpush.geometry.frames import Frame, frame_yaw
-
-__all__ = ["EgocentricWindow", "WindowBytes"]
 
 
 class EgocentricWindow(StatelessTransform):

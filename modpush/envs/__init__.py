@@ -1,7 +1,7 @@
 """The pushing task: `PushEnv` for TorchRL, and the same task for ManiSkill and for plain Gymnasium.
 
-Importing this package registers `ClutterPush-v1` (ManiSkill), `ClutterPushState-v1` and
-`modpush/Push-v0` (plain Gymnasium) with Gymnasium, and loads no simulator.
+Importing this package registers `ClutterPush-v1` (ManiSkill) and `modpush/Push-v0` (plain Gymnasium)
+with Gymnasium, and loads no simulator.
 
 Names are imported on first use; `__init__.pyi` lists them.
 """
@@ -16,10 +16,6 @@ __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 # Gymnasium's TimeLimit ends episodes after as many steps as `gymnasium.make` is told, nothing else does.
 _LIMIT: dict[str, Any] = {"max_episode_steps": 200, "kwargs": {"max_episode_steps": None}}
-if "ClutterPushState-v1" not in registry:
-    gymnasium.register(
-        "ClutterPushState-v1", entry_point="modpush.envs.gym_env:PushGymEnv", **_LIMIT
-    )
 if "modpush/Push-v0" not in registry:
     # A name, which Gymnasium imports when the environment is made: this package knows no recipe.
     gymnasium.register(

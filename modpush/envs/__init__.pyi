@@ -5,7 +5,6 @@ from .depth.base import (
 )
 from .engines.sapien.rendering import find_render_device as find_render_device
 from .engines.sapien.task import ClutterPushEnv as ClutterPushEnv
-from .gym_env import PushGymEnv as PushGymEnv
 from .push_env import PushEnv as PushEnv
 from .push_state import PushState as PushState
 from .robot.named import ROBOTS as ROBOTS
@@ -16,7 +15,11 @@ from .robot.robot import (
     Tool as Tool,
 )
 from .robot.tools import TOOLS as TOOLS
-from .scenes.conditions import EpisodeConditions as EpisodeConditions
+from .scenes.conditions import (
+    SENSING as SENSING,
+    EpisodeConditions as EpisodeConditions,
+    SensingConfig as SensingConfig,
+)
 from .scenes.layouts import (
     ALL_SCENES as ALL_SCENES,
     HARD_SCENES as HARD_SCENES,
@@ -37,5 +40,4 @@ from .scenes.scenario import (
     Scenario as Scenario,
     ScenarioConfig as ScenarioConfig,
 )
-from .scenes.sensing import SENSING as SENSING, SensingConfig as SensingConfig
 from .scenes.shape_layouts import SHAPE_SCENES as SHAPE_SCENES

@@ -20,20 +20,6 @@ from modpush.envs.simulation_config import SimulationConfig
 from modpush.envs.specs import ACTION_SIZE
 from modpush.geometry.workspace import Rectangle
 
-__all__ = [
-    "check_action",
-    "check_alone",
-    "check_device",
-    "check_reach",
-    "check_scenarios",
-    "check_scene",
-    "check_simulation",
-    "chosen_scenes",
-    "parameter_names",
-    "refuse_unknown",
-    "scenes_to_reset",
-]
-
 _DOWN = 0.7  # least cosine of the angle of the flange from straight down at home
 _REACH_ROUNDING = 1e-6  # [m]
 _ROUNDING = 1e-4  # an action may exceed its bounds by this much
@@ -93,7 +79,7 @@ def check_simulation(num_envs: int, sim_backend: str, sim_freq: int, control_fre
         raise ValueError(
             f"ClutterPushEnv: num_envs={num_envs} in one task needs CUDA, since on a CPU a task "
             f"holds one scene. Use modpush.envs.PushEnv({num_envs}), or "
-            f"gymnasium.make_vec('ClutterPushState-v1', num_envs={num_envs})."
+            f"gymnasium.make_vec('modpush/Push-v0', num_envs={num_envs})."
         )
     if sim_freq % control_freq:
         raise ValueError(

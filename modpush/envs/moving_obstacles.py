@@ -10,8 +10,6 @@ from torch import Tensor
 from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.rectangles import obstacle_distance
 
-__all__ = ["MovingObstacles"]
-
 
 class MovingObstacles:
     """Places and velocities of the obstacles with a motion, from the time of each scene's episode.

@@ -9,16 +9,6 @@ from torch import Tensor
 
 from modpush.geometry.workspace import Rectangle
 
-__all__ = [
-    "GOAL_THRESHOLD",
-    "EpisodeStatus",
-    "Goal",
-    "episode_status",
-    "is_at_goal",
-    "is_out_of_bounds",
-    "pose_errors",
-]
-
 Goal = Literal["position", "pose"]
 """Kind of the goal: a position of the object's centre, or a pose of the object."""
 

@@ -9,8 +9,8 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import EnvBase
 
-from modpush._arguments import checked_arguments
 from modpush._types import Scenes, Seed
+from modpush._validation import checked_arguments
 from modpush.envs.arguments import (
     check_action,
     check_alone,
@@ -27,18 +27,21 @@ from modpush.envs.depth.analytic import find_depth_camera
 from modpush.envs.engines.base import SceneSpec
 from modpush.envs.engines.named import default_sim_freq, find_engine
 from modpush.envs.outcome import episode_status, is_at_goal, pose_errors
-from modpush.envs.push_state import PushState, check_state, object_digest
+from modpush.envs.push_state import (
+    PushState,
+    check_state,
+    make_generators,
+    object_digest,
+    restart_generators,
+)
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scene_batch import SceneBatch
-from modpush.envs.scene_state import make_generators, restart_generators
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.envs.simulation_config import SimulationConfig, set_fields
 from modpush.envs.specs import make_specs, state_entries
 from modpush.geometry.workspace import Rectangle
-
-__all__ = ["PushEnv"]
 
 
 class PushEnv(EnvBase):
@@ -122,7 +125,7 @@ class PushEnv(EnvBase):
         scenario: Settings from which episodes are drawn. It may be replaced (`env.scenario = ...`),
             which takes effect at the next reset.
         simulation: Engine, robot, tool, goal, depth camera, rates and ends of episodes.
-        pictures: Build the scenes with a renderer, so that `render` shows the arm from the side.
+        pictures: Let `render` show the arm from the side. SAPIEN needs a renderer for it, MuJoCo none.
         seed: Seed of the first scene; scene `i` gets `seed + i`, so that it draws the same episodes
             in a batch of any size, and seeds less than `num_envs` apart have episodes in common. None
             for unpredictable episodes.

@@ -14,6 +14,7 @@ from modpush.envs.depth.analytic import ImageMemory
 from modpush.envs.depth.base import DepthCamera, DepthCameraFactory
 from modpush.envs.engines.base import CONTACT_KEYS, Engine, EngineFactory, SceneSpec, contact_looks
 from modpush.envs.moving_obstacles import MovingObstacles
+from modpush.envs.push_state import SceneState
 from modpush.envs.robot.control import (
     MotionConfig,
     MotionPlanner,
@@ -21,14 +22,11 @@ from modpush.envs.robot.control import (
     start_joints,
 )
 from modpush.envs.robot.robot import Robot, Tool
-from modpush.envs.scene_state import SceneState
 from modpush.envs.scenes.arm_room import check_arm_is_free
 from modpush.envs.scenes.drawing import draw_top_view
 from modpush.envs.scenes.objects import SUPPORT_DIRECTIONS, PushedObject, get_object_of
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES
 from modpush.envs.scenes.scenario import Scenario
-
-__all__ = ["Measurement", "SceneBatch"]
 
 
 class Measurement(NamedTuple):

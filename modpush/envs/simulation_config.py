@@ -12,8 +12,6 @@ from modpush.envs.outcome import GOAL_THRESHOLD, Goal
 from modpush.envs.robot.named import check_robot, check_tool
 from modpush.parts import part_module
 
-__all__ = ["SimulationConfig", "set_fields"]
-
 
 @checked
 class SimulationConfig:

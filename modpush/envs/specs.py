@@ -15,8 +15,6 @@ from modpush.envs.scenes.objects import SUPPORT_DIRECTIONS
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES
 from modpush.geometry.camera import CAMERA
 
-__all__ = ["ACTION_SIZE", "make_specs", "state_entries"]
-
 ACTION_SIZE = 3
 """Length of an action: (dx, dy, dyaw)."""
 

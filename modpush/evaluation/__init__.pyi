@@ -20,10 +20,11 @@ from .sets import (
     load_set as load_set,
 )
 from .shortest import shortest_path as shortest_path
-from .stats import bootstrap_interval as bootstrap_interval, paired_t_test as paired_t_test
 from .tables import (
+    bootstrap_interval as bootstrap_interval,
     compare as compare,
     format_table as format_table,
+    paired_t_test as paired_t_test,
     summarize as summarize,
     to_display as to_display,
 )

@@ -14,7 +14,7 @@ from tensordict import NestedKey, TensorDictBase
 from torchrl.envs import EnvBase, set_exploration_type
 from torchrl.envs.utils import ExplorationType, step_mdp
 
-from modpush._keys import read_key
+from modpush._checks import read_key
 from modpush.envs.scenes.objects import Circle, PushedObject
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.metrics import (
@@ -27,8 +27,6 @@ from modpush.evaluation.metrics import (
 from modpush.evaluation.shortest import shortest_path
 from modpush.files import read_arrays, write_arrays
 from modpush.geometry.workspace import WORKSPACE
-
-__all__ = ["Episode", "Policy", "Trajectory", "run_episodes"]
 
 Policy = Callable[[TensorDictBase], TensorDictBase]
 """Any TensorDictModule: reads what the environment emits, writes `action`."""

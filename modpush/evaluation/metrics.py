@@ -8,25 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush._arguments import checked_arguments
 from modpush._types import NonNegative, Positive
+from modpush._validation import checked_arguments
 from modpush.envs.scenes.obstacle import OBSTACLE_MASS
 from modpush.geometry.workspace import WORKSPACE
-
-__all__ = [
-    "EpisodeMetrics",
-    "collision_rate",
-    "contact_rate",
-    "effort_score",
-    "episode_metrics",
-    "mean_jerk",
-    "obstacle_metrics",
-    "path_share",
-    "pushed_length",
-    "reversal_rate",
-    "side_changes",
-    "success_weighted_by_path_length",
-]
 
 Flags = NDArray[np.bool_]
 _TOPPLED = math.radians(45)  # of an obstacle's vertical axis

@@ -12,24 +12,13 @@ import pandas as pd
 from tensordict.nn import TensorDictModuleBase
 from torch import nn
 
-from modpush._arguments import checked_arguments
 from modpush._atomic import make_folder
 from modpush._state import data_hash, weights_hash
+from modpush._validation import checked_arguments
 from modpush.evaluation.episodes import Episode, Trajectory
 from modpush.evaluation.metrics import EpisodeMetrics
 from modpush.evaluation.sets import EvaluationSet
 from modpush.files import read_json, reading, write_json, write_text
-
-__all__ = [
-    "COLUMNS",
-    "DYNAMICS_COLUMNS",
-    "OBSTACLE_COLUMNS",
-    "SET_FILE",
-    "ResultStore",
-    "describe_policy",
-    "load_trajectory",
-    "policy_hash",
-]
 
 _KIND, _VERSION = "modpush.Results", 2
 _TRAJECTORIES = "trajectories"

@@ -17,19 +17,15 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType
 from tqdm import tqdm
 
-from modpush._arguments import checked_arguments
 from modpush._atomic import FolderLock
 from modpush._processes import RESTARTS, begin_worker_process, ray_session, torch_threads
 from modpush._types import Count, Key, Scenes, Seed
-from modpush._validation import checked
-from modpush.envs.scenes.conditions import EpisodeConditions
+from modpush._validation import checked, checked_arguments
+from modpush.envs.scenes.conditions import EpisodeConditions, SensingConfig
 from modpush.envs.scenes.scenario import Scenario
-from modpush.envs.scenes.sensing import SensingConfig
 from modpush.evaluation.episodes import Episode, Policy, run_episodes
 from modpush.evaluation.results import SET_FILE, ResultStore, describe_policy
 from modpush.evaluation.sets import SET_NAMES, EvaluationSet, load_set
-
-__all__ = ["EnvFactory", "EvaluationConfig", "TrainedAgent", "evaluate"]
 
 _MAX_WAYPOINTS = 32  # of the first planned path, for pictures
 

@@ -1,11 +1,11 @@
-"""Distributions of the evaluation and tuning sets.
+"""Distributions of the evaluation and tuning sets, and the cells of the set `hidden_dynamics`.
 
 Source: paper Sec. V (numbers of episodes, scenes, objects, distances).
 """
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.layouts import (
@@ -14,11 +14,60 @@ from modpush.envs.scenes.layouts import (
     HARD_WIDE_SCENES,
     OBSTACLE_SCENES,
 )
-from modpush.envs.scenes.objects import PAPER_OBJECTS
+from modpush.envs.scenes.objects import PAPER_OBJECTS, get_object
+from modpush.envs.scenes.scenario import Dynamics
 from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
-from modpush.evaluation.hidden_cells import HIDDEN_SHAPES, NUM_CELLS
 
-__all__ = ["RECIPES", "SetRecipe"]
+HIDDEN_SHAPES = (
+    "small_cube",
+    "large_cube",
+    "box",
+    "fragment",
+    "random_24",
+    "random_35",
+    "random_19",
+    "random_13",
+)
+"""Shapes: two cuboids, the box of the pose sets, the shard with a notch, and prisms with 3, 4, 5 and 6
+corners."""
+_MASSES = (0.25, 0.5, 1.0, 2.0, 4.0)  # [kg]
+_FRICTIONS = (0.1, 0.3, 0.5, 0.7, 0.9)  # of the object's material
+_CENTERS = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))  # in quarters of the object's sides
+_LEVELS = 5
+NUM_CELLS = len(HIDDEN_SHAPES) * _LEVELS**3
+"""Number of cells."""
+_DISTANCES = (0.2, 0.6)  # from start to goal, in equal steps over shapes and starts [m]
+
+
+class HiddenCell(NamedTuple):
+    """Shape, start, distance and hidden properties of an episode."""
+
+    shape: int
+    """Number of its shape."""
+    start: int
+    """Number of its start, of five for each shape."""
+    distance: float
+    """Distance from start to goal, which belongs to shape and start [m]."""
+    dynamics: Dynamics
+    """Mass, friction and centre of mass."""
+
+
+def hidden_cell(number: int) -> HiddenCell:
+    """The cell of an episode, by its number in [0, `NUM_CELLS`)."""
+    turn, shape = divmod(number, len(HIDDEN_SHAPES))
+    block, place = divmod(turn, _LEVELS**2)
+    mass, center = divmod(place, _LEVELS)
+    start = (mass + 2 * center) % _LEVELS
+    share = (start * len(HIDDEN_SHAPES) + shape + 0.5) / (_LEVELS * len(HIDDEN_SHAPES))
+    low, high = _DISTANCES
+    sides = get_object(HIDDEN_SHAPES[shape]).sides
+    x, y = (quarter * side / 4 for quarter, side in zip(_CENTERS[center], sides, strict=True))
+    dynamics = Dynamics(
+        mass=_MASSES[mass],
+        friction=_FRICTIONS[(mass + center + block) % _LEVELS],
+        center_of_mass=(x, y),
+    )
+    return HiddenCell(shape, start, low + share * (high - low), dynamics)
 
 
 @dataclass(frozen=True, kw_only=True)

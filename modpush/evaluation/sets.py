@@ -16,33 +16,16 @@ from typing import Any
 
 import numpy as np
 
-from modpush._arguments import checked_arguments
 from modpush._state import data_hash
 from modpush._types import Count, Name, NonNegativeInteger, Several
-from modpush._validation import checked
-from modpush.envs.scenes.conditions import EpisodeConditions
+from modpush._validation import checked, checked_arguments
+from modpush.envs.scenes.conditions import SENSING, EpisodeConditions, SensingName
 from modpush.envs.scenes.reach import within_reach
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Dynamics, Scenario, ScenarioConfig
-from modpush.envs.scenes.sensing import SENSING, SensingName
-from modpush.evaluation.hidden_cells import hidden_cell
-from modpush.evaluation.set_recipes import RECIPES, SetRecipe
+from modpush.evaluation.set_recipes import RECIPES, SetRecipe, hidden_cell
 from modpush.files import read_packed_json, reading, write_packed_json
 from modpush.parts import check_allowed
-
-__all__ = [
-    "BEHIND_SETS",
-    "BENCHMARK_SETS",
-    "EVALUATION_SETS",
-    "MOVING_SETS",
-    "POSE_SETS",
-    "SET_NAMES",
-    "SET_VERSION",
-    "TUNING_SETS",
-    "EvaluationSet",
-    "generate_set",
-    "load_set",
-]
 
 SET_VERSION = 4
 """Version of the files; another number means other episodes, or another form."""
@@ -142,33 +125,44 @@ class EvaluationSet:
         return replace(self, scenarios=self.scenarios[:count])
 
     @checked_arguments
-    def with_tool(self, tool: Name) -> "EvaluationSet":
-        """The same episodes, run with another tool than the set's: its name then ends with `+<tool>`.
+    def with_conditions(
+        self,
+        *,
+        robot: Name | None = None,
+        tool: Name | None = None,
+        engine: Name | None = None,
+        sensing: SensingName | None = None,
+    ) -> "EvaluationSet":
+        """The same episodes under other conditions; the set's name then ends with `+<name>` of each.
 
-        Starts and layouts stay as they were drawn, for the set's own tool.
+        Starts and layouts stay as they were drawn, for the set's own arm and tool; `within_reach` leaves
+        out the episodes that another arm cannot begin.
+
+        Args:
+            robot: Arm: its name, or `module:name`.
+            tool: Tool of the arm.
+            engine: Physics engine, which runs at its own rate.
+            sensing: Delays and noise between policy and world, for agents; a name in `SENSING`.
 
         Raises:
-            ValueError: If there is no such tool.
+            ValueError: If there is no such robot, tool, engine or sensing.
         """
-        if tool == self.conditions.tool:
+        name, conditions = self.name, self.conditions
+        given = {"robot": robot, "tool": tool, "engine": engine, "sensing": sensing}
+        for field_name, value in given.items():
+            if value is None:
+                continue
+            changes: dict[str, Any] = {field_name: value}
+            if field_name == "sensing":
+                changes = {"sensing": SENSING[value]}  # type: ignore[index]  # checked above
+            elif field_name == "engine":
+                changes["sim_freq"] = None
+            if getattr(conditions, field_name) != changes[field_name]:
+                conditions = replace(conditions, **changes)
+                name = f"{name}+{value.rpartition(':')[2]}"
+        if name == self.name:
             return self
-        conditions = replace(self.conditions, tool=tool)
-        return replace(self, name=f"{self.name}+{tool.rpartition(':')[2]}", conditions=conditions)
-
-    @checked_arguments
-    def with_robot(self, robot: Name) -> "EvaluationSet":
-        """The same episodes, run with another arm: its name then ends with `+<robot>`.
-
-        Starts and layouts stay as they were drawn, for the UR5; `within_reach` leaves out the episodes
-        that the arm cannot begin.
-
-        Raises:
-            ValueError: If there is no such robot.
-        """
-        if robot == self.conditions.robot:
-            return self
-        conditions = replace(self.conditions, robot=robot)
-        return replace(self, name=f"{self.name}+{robot.rpartition(':')[2]}", conditions=conditions)
+        return replace(self, name=name, conditions=conditions)
 
     def within_reach(self) -> "EvaluationSet":
         """The episodes that the set's own arm can begin with its tool; see `modpush.envs.within_reach`.
@@ -177,35 +171,6 @@ class EvaluationSet:
         """
         kept = within_reach(self.scenarios, self.conditions.robot, self.conditions.tool)
         return self if len(kept) == len(self) else replace(self, scenarios=tuple(kept), digest="")
-
-    @checked_arguments
-    def with_engine(self, engine: Name) -> "EvaluationSet":
-        """The same episodes, run in another physics engine at its own rate.
-
-        The name then ends with `+<engine>`, of an engine of your own with the name in its module.
-
-        Args:
-            engine: `sapien`, `mujoco`, or `module:name`.
-
-        Raises:
-            ValueError: If there is no such engine.
-        """
-        if engine == self.conditions.engine:
-            return self
-        conditions = replace(self.conditions, engine=engine, sim_freq=None)
-        return replace(self, name=f"{self.name}+{engine.rpartition(':')[2]}", conditions=conditions)
-
-    @checked_arguments
-    def with_sensing(self, sensing: SensingName) -> "EvaluationSet":
-        """The same episodes, with delays or noise, for agents: the name then ends with `+<sensing>`.
-
-        Raises:
-            ValueError: If there are no such conditions in `SENSING`.
-        """
-        if SENSING[sensing] == self.conditions.sensing:
-            return self
-        conditions = replace(self.conditions, sensing=SENSING[sensing])
-        return replace(self, name=f"{self.name}+{sensing}", conditions=conditions)
 
     def save(self, path: Path) -> None:
         """Write the set as gzip-compressed JSON; the same set always gives the same bytes."""

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from modpush._arguments import checked_arguments
+from modpush._validation import checked_arguments
 from modpush.envs.scenes.objects import Circle, PushedObject, get_object
 from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.rectangles import obstacle_distance
@@ -15,8 +15,6 @@ from modpush.geometry.camera import Camera, cell_centers
 from modpush.geometry.workspace import BOUNDS_MARGIN, WORKSPACE
 from modpush.planners import LazyThetaStar, Planner, inflate, make_planner
 from modpush.planners.occupancy import cells_outside
-
-__all__ = ["blocked_cells", "shortest_path", "standing_cells"]
 
 
 def standing_cells(obstacles: Sequence[Obstacle], camera: Camera) -> NDArray[np.bool_]:

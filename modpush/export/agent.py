@@ -14,10 +14,10 @@ from torch import Tensor, nn
 from torchrl.envs import Transform
 
 import modpush
-from modpush._arguments import checked_arguments
 from modpush._atomic import make_folder, replacing
 from modpush._extras import require_extra
 from modpush._types import AtLeastOne
+from modpush._validation import checked_arguments
 from modpush.encoders.encode import Encode
 from modpush.envs.robot.control import MotionConfig
 from modpush.export.graphs import ObservationPolicy, WindowPolicy
@@ -25,8 +25,6 @@ from modpush.mdp.action_frame import ActionFrame
 from modpush.mdp.push_observation import PushObservation
 from modpush.recipes.agent_file import Agent
 from modpush.recipes.fingerprint import describe_transforms
-
-__all__ = ["FORMATS", "Format", "export_agent"]
 
 Format = Literal["onnx", "torch_export"]
 FORMATS: tuple[str, ...] = get_args(Format)
@@ -96,6 +94,12 @@ _MEANINGS = {
     "object_radius": "radius of the circle around the object's footprint [m]",
     "object_inscribed_radius": "radius of the circle inside the object's footprint [m]",
     "object_symmetry": "number of yaw angles at which the object looks the same; 0: all of them",
+    "history": "the last 8 steps in which the object was touched or moved by more than 0.5 mm, newest "
+    "first, zeros before there were as many; each in the object's frame at the beginning of the step: "
+    "tip of the tool from the object's centre (x, y) [m], command (dx, dy) in [-1, 1], motion of the "
+    "tip (x, y) and of the object (x, y) in the step [m], turn of the object [rad], 1 if the tool "
+    "touched it, else 0",
+    "object_dynamics": "mass [kg], friction, and centre of mass (x, y) in the object's frame [m]",
     "object_support": "how far the footprint reaches from the object's centre in 48 directions, evenly "
     "spaced counterclockwise from the object's own x axis [m]",
 }

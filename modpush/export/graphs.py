@@ -7,12 +7,10 @@ from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torchrl.modules import ProbabilisticActor, TanhNormal
 
-from modpush._arguments import checked_arguments
+from modpush._validation import checked_arguments
 from modpush.geometry.frames import Frame, frame_yaw
 from modpush.mdp.action_frame import turn_action
 from modpush.mdp.push_observation import PushObservation
-
-__all__ = ["ObservationPolicy", "WindowPolicy"]
 
 _LARGEST = 1.0 - torch.finfo(torch.float32).resolution  # what TorchRL's tanh is clamped to
 

@@ -13,8 +13,6 @@ from torch import Tensor
 from modpush._types import Coordinate, HalfTurn, Length, PixelCount
 from modpush._validation import checked
 
-__all__ = ["CAMERA", "Camera", "Label", "cell_centers"]
-
 Points = TypeVar("Points", Tensor, NDArray[np.float64])
 """A torch tensor or a numpy array; results have the type of the argument."""
 

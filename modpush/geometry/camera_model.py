@@ -13,8 +13,6 @@ from modpush._types import Finite, PixelCount, Position, Several
 from modpush._validation import checked, from_plain
 from modpush.files import read_yaml, reading, write_yaml
 
-__all__ = ["CameraModel"]
-
 _Row3 = Annotated[tuple[Finite, Finite, Finite], Strict(False)]
 _Row4 = Annotated[tuple[Finite, Finite, Finite, Finite], Strict(False)]
 _Matrix3 = Annotated[tuple[_Row3, _Row3, _Row3], Strict(False)]

@@ -10,20 +10,6 @@ from numpy.typing import NDArray
 
 from modpush.geometry.shapes import Primitive
 
-__all__ = [
-    "area_and_centroid",
-    "centered",
-    "centroid",
-    "circumscribed_radius",
-    "clearances",
-    "inscribed_radius",
-    "outline_of",
-    "side_planes",
-    "support",
-    "vertical_range",
-    "yaw_symmetry",
-]
-
 _MAX_ORDER = 24  # largest order of a symmetry that is tested
 _TOLERANCE = 1e-6  # largest distance of equal outlines [m]
 

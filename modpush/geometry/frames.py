@@ -5,8 +5,6 @@ from typing import Literal, get_args
 import torch
 from torch import Tensor
 
-__all__ = ["Frame", "check_frame", "frame_yaw", "rotate", "wrap_angle"]
-
 
 def wrap_angle(angle: Tensor) -> Tensor:
     """The same angle in [-pi, pi) [rad], for a real tensor of any shape."""

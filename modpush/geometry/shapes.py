@@ -7,11 +7,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush._arguments import checked_arguments
 from modpush._types import Angles, Color, Extents, Length, Point, Position, Several
-from modpush._validation import checked
-
-__all__ = ["KINDS", "Kind", "Primitive", "box", "capsule", "cylinder", "prism", "rpy_matrix"]
+from modpush._validation import checked, checked_arguments
 
 Kind = Literal["box", "cylinder", "capsule", "prism"]
 KINDS: tuple[Kind, ...] = ("box", "cylinder", "capsule", "prism")

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 from modpush._types import Point
 from modpush._validation import check_value
 
-__all__ = ["BOUNDS_MARGIN", "WORKSPACE", "Rectangle"]
-
 BOUNDS_MARGIN = 0.05
 """Distance of the object's centre outside the workspace at which an episode ends [m]."""
 

@@ -22,6 +22,7 @@ from .observation_inputs import (
     ObservationKeys as ObservationKeys,
 )
 from .observation_layout import fingerprint_differences as fingerprint_differences
+from .push_history import PushHistory as PushHistory
 from .push_observation import (
     MirroredObservation as MirroredObservation,
     PushObservation as PushObservation,

@@ -6,12 +6,10 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
-from modpush._arguments import checked_arguments
-from modpush._keys import read_key
+from modpush._checks import read_key
 from modpush._transforms import DescribedTransform
+from modpush._validation import checked_arguments
 from modpush.geometry.frames import Frame, frame_yaw, rotate
-
-__all__ = ["ActionFrame", "turn_action"]
 
 _AGENT_ACTION = "_agent_action"
 """Key under which the agent's action waits while the environment steps with the turned one."""

@@ -8,10 +8,10 @@ import torch
 from numpy.typing import NDArray
 from tensordict import NestedKey, TensorDictBase
 
-from modpush._arguments import checked_arguments
-from modpush._keys import read_key
+from modpush._checks import read_key
 from modpush._transforms import DescribedTransform
 from modpush._types import NonNegative, Positive
+from modpush._validation import checked_arguments
 from modpush.geometry.camera import Camera
 from modpush.geometry.workspace import Rectangle
 from modpush.mdp.predicted_contact import PushedScene, nearest_action, outline

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
-from modpush._arguments import checked_arguments
 from modpush._checks import check_instance, check_keys
 from modpush._types import (
     AtLeastOne,
@@ -16,13 +15,11 @@ from modpush._types import (
     Several,
     YawTolerance,
 )
-from modpush._validation import check_value, checked
+from modpush._validation import check_value, checked, checked_arguments
 from modpush.envs.outcome import GOAL_THRESHOLD
 from modpush.envs.scenes.layouts import ALL_SCENES
 from modpush.envs.scenes.scenario import GoalDistance, GoalDistances, ScenarioConfig
 from modpush.parts import check_part_name
-
-__all__ = ["Curriculum", "CurriculumConfig", "Phase"]
 
 _DISTANCES = (0.06, 0.08, 0.13, 0.18, 0.23, 0.28, 0.33, 0.38, 0.43, 0.48, 0.53, 0.60)
 _SCENE_WINDOW = 100
@@ -66,18 +63,14 @@ class CurriculumConfig:
     """Yaw tolerances for goal poses [rad], through which the last stage of the last phase goes: the next
     one follows as soon as `threshold` of the last `window` episodes have succeeded. Empty for the
     environment's own."""
-    promotion: Literal["success", "steps", "off"] = "success"
-    """Event that begins the next stage: "success" (enough episodes of this stage succeeded), "steps"
-    (after given numbers of environment steps, as in the authors' code), or "off" (no curriculum:
-    training begins with the last stage of the last phase and stays there). The paper gives no rule.
-    With "success" no stage begins before the previous one is learned, however fast that is."""
+    promotion: Literal["success", "off"] = "success"
+    """Event that begins the next stage: "success" (enough episodes of this stage succeeded), or "off" (no
+    curriculum: training begins with the last stage of the last phase and stays there). The paper gives
+    no rule; its authors' code counts steps."""
     threshold: PositiveFraction = 0.7
     """Success rate over the last `window` episodes at which the next stage begins."""
     window: Count = 40
     """Number of episodes of a stage over which its success rate is taken."""
-    step_thresholds: Several[NonNegativeInteger] = ()
-    """Environment steps after which the second, third, ... stage begins, counted through all phases;
-    for the promotion "steps"."""
 
     def __post_init__(self) -> None:
         """Check what depends on several fields."""
@@ -107,12 +100,6 @@ class CurriculumConfig:
                     "CurriculumConfig: first_stage must be in "
                     f"[0, {len(self.distances) - 1}], got {phase.first_stage}."
                 )
-        if self.promotion == "steps" and not self.step_thresholds:
-            raise ValueError("CurriculumConfig: promotion 'steps' needs step_thresholds, got none.")
-        if list(self.step_thresholds) != sorted(self.step_thresholds):
-            raise ValueError(
-                f"CurriculumConfig: step_thresholds must ascend, got {self.step_thresholds}."
-            )
 
 
 class Curriculum:
@@ -210,22 +197,15 @@ class Curriculum:
             return
         if self.finished:
             self._narrow()
-        elif self.config.promotion == "success":
+        else:
             self._advance()
 
     def count_steps(self, steps: int) -> None:
-        """Take note of environment steps; begins the next stage where the config says so."""
+        """Take note of environment steps."""
         check_value("steps", steps, NonNegativeInteger)
         self.steps += steps
-        if self.config.promotion == "steps":
-            while self.level < sum(self.steps >= s for s in self.config.step_thresholds):
-                if self.finished:
-                    break
-                self._advance()
 
     def _advance(self) -> None:
-        if self.finished:
-            return
         if self.stage < len(self.config.distances) - 1:
             self.stage += 1
         else:

@@ -8,14 +8,12 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torchrl.data import TensorSpec
 
-from modpush._arguments import checked_arguments
-from modpush._keys import read_key
+from modpush._checks import read_key
 from modpush._transforms import DescribedTransform, add_unbounded
 from modpush._types import NonNegativeInteger
+from modpush._validation import checked_arguments
 from modpush.envs.scenes.scenario import ScenarioConfig
 from modpush.mdp.curriculum import Curriculum
-
-__all__ = ["CurriculumScenes"]
 
 
 class CurriculumScenes(DescribedTransform):

@@ -9,14 +9,11 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.data import TensorSpec, Unbounded
 
-from modpush._arguments import checked_arguments
-from modpush._checks import check_span
-from modpush._keys import check_spec_has, read_key
+from modpush._checks import check_span, check_spec_has, read_key
 from modpush._transforms import DescribedTransform
 from modpush._types import Seed, StepSpan
+from modpush._validation import checked_arguments
 from modpush.mdp.noise import RandomStream
-
-__all__ = ["ActionDelay", "ObservationDelay", "of_age", "with_newest"]
 
 
 def with_newest(value: Tensor, history: Tensor, lead: int) -> Tensor:

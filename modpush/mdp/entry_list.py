@@ -6,7 +6,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor, nn
 
-from modpush._arguments import checked_arguments
+from modpush._validation import checked_arguments
 from modpush.geometry.frames import Frame
 from modpush.mdp.observation_entries import (
     ENTRIES,
@@ -16,8 +16,6 @@ from modpush.mdp.observation_entries import (
     EntryLike,
 )
 from modpush.parts import find_part
-
-__all__ = ["BlankLatent", "latent_entry", "resolve_entries"]
 
 
 @checked_arguments

@@ -8,13 +8,10 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.data import TensorSpec, Unbounded
 
-from modpush._arguments import checked_arguments
-from modpush._checks import check_dtype
-from modpush._keys import check_spec_has, read_key
+from modpush._checks import check_dtype, check_spec_has, read_key
 from modpush._transforms import DescribedTransform, StatelessTransform, add_unbounded
 from modpush._types import Fraction, NonNegative, NonNegativeLength, Seed
-
-__all__ = ["DepthNoise", "PoseNoise", "RandomStream"]
+from modpush._validation import checked_arguments
 
 _RESOLUTION = 1e4  # starts are rounded to 0.1 mm and 0.1 mrad: processors differ in the last bits
 _INCREMENT = 0x9E3779B97F4A7C15 - (1 << 64)

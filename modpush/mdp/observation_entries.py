@@ -13,17 +13,7 @@ from modpush._types import Finite, Several
 from modpush._validation import check_value
 from modpush.geometry.frames import wrap_angle
 from modpush.mdp.observation_inputs import ObservationInputs
-
-__all__ = [
-    "ENTRIES",
-    "PAPER_ENTRIES",
-    "PATH_AHEAD_ENTRIES",
-    "PATH_ENTRIES",
-    "POSE_ENTRIES",
-    "Entry",
-    "EntryLike",
-]
-
+from modpush.mdp.push_history import HISTORY_STEPS
 
 _Components = Finite | Several[Finite]
 
@@ -132,6 +122,10 @@ def _object_support(inputs: ObservationInputs) -> Tensor:
     return inputs.support(8)
 
 
+def _history(inputs: ObservationInputs) -> Tensor:
+    return inputs.history.flatten(-2)
+
+
 def _times(
     signs: tuple[float, ...], read: Callable[[ObservationInputs], Tensor], inputs: ObservationInputs
 ) -> Tensor:
@@ -178,6 +172,10 @@ _JOINT_SCALE = (1.5, 2.0, 1.5, 5.0, 1.0, 1.0)
 # Inverse of the distance from the goal over which the entry `goal_distance_fine` resolves [1/m].
 _FINE = 25.0
 
+# Of the values of a remembered step: tip, action, motion of tip and of object, turn, contact.
+_HISTORY_SCALE = (10.0, 10.0, 1.0, 1.0, 50.0, 50.0, 50.0, 50.0, 10.0, 1.0)
+_HISTORY_SIGNS = (1, -1, 1, -1, 1, -1, 1, -1, -1, 1)
+
 # Distance at which the edge of the workspace begins to show [m].
 _EDGE_RANGE = 0.15
 
@@ -223,6 +221,11 @@ ENTRIES: dict[str, Entry] = {
         (0.0, 0.5, 0.0, 0.0),
         mirrored=_with_signs(_object_dynamics, 1, 1, 1, -1),
     ),
+    "history": Entry(
+        _history,
+        _HISTORY_SCALE * HISTORY_STEPS,
+        mirrored=_with_signs(_history, *_HISTORY_SIGNS * HISTORY_STEPS),
+    ),
 }
 """The entries that the library brings, by name. `ee_pose` is (x, y, yaw, pitch, roll). `ee_axis` and
 `object_axis` are the cosine and sine of the yaw times the symmetry of gripper and object. `goal_axis`
@@ -234,8 +237,10 @@ ahead, left, behind and right of the object: 0 to 0.15 m. `object_support` is ho
 in eight directions, the first along the frame's x: its shape, size and yaw, whatever its symmetry.
 `path_ahead` needs `PlannerSubgoals(ahead=...)`, and `obstacle_motion`, place and velocity of the nearest
 obstacle that moves by itself, `PushEnv(obstacle_motion=True)`. `object_dynamics` tells mass, friction and
-centre of mass, and needs `PushEnv(object_dynamics=True)`. `subgoal_pose` (x, y and the turn to it),
-`turns_ahead` and `pose_path_length` are of the planned path of poses, `PoseSubgoals(ahead=...)`."""
+centre of mass, and needs `PushEnv(object_dynamics=True)`. `history` is what the object did when it was
+pushed before, and needs `PushHistory`, which `make_push_env` adds for it. `subgoal_pose` (x, y and the
+turn to it), `turns_ahead` and `pose_path_length` are of the planned path of poses,
+`PoseSubgoals(ahead=...)`."""
 
 PAPER_ENTRIES = (
     "latent",

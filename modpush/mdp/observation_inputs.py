@@ -8,13 +8,10 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
-from modpush._keys import read_key
+from modpush._checks import read_key
 from modpush._types import Key
 from modpush._validation import checked
 from modpush.geometry.frames import Frame, frame_yaw, rotate
-
-__all__ = ["ObservationInputs", "ObservationKeys"]
-
 
 _LAST = {
     "object_pose": (3,),
@@ -31,6 +28,7 @@ _LAST = {
     "last_action": (3,),
     "obstacle_motion": (4,),
     "object_dynamics": (4,),
+    "history": (8, 10),
 }
 """Last dimensions of the quantities that have always the same."""
 
@@ -77,6 +75,8 @@ class ObservationKeys:
     """`[..., n, 3]`: poses along that path."""
     pose_path_length: Key = "pose_path_length"
     """`[..., 1]`: cost of that path [m]."""
+    history: Key = "history"
+    """`[..., 8, 10]`: last steps in which the object was touched or moved, see `PushHistory`."""
     latent: Key = "latent"
     """`[..., d]`."""
     last_action: Key = "last_action"
@@ -268,6 +268,13 @@ class ObservationInputs:
         """Mass as its binary logarithm, friction, and centre of mass (x, y) [m], `[..., 4]`."""
         mass, friction, center = self._read("object_dynamics").split((1, 1, 2), -1)
         return torch.cat([mass.log2(), friction, rotate(center, self.object_yaw)], -1)
+
+    @property
+    def history(self) -> Tensor:
+        """Steps in which the object was touched or moved, see `PushHistory`, `[..., 8, 10]`."""
+        vectors, others = self._read("history").split((8, 2), -1)
+        turned = rotate(vectors.unflatten(-1, (4, 2)), self.object_yaw[..., None, None])
+        return torch.cat([turned.flatten(-2), others], -1)
 
     @property
     def latent(self) -> Tensor:

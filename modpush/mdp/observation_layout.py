@@ -11,8 +11,6 @@ from torchrl.data import TensorSpec
 
 from modpush.mdp.observation_entries import Entry
 
-__all__ = ["Layout", "ReadRecorder", "fingerprint_differences"]
-
 
 class Layout:
     """Columns, shift and scale of each entry.

@@ -10,19 +10,16 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.data import TensorSpec
 
-from modpush._arguments import checked_arguments
-from modpush._checks import check_finite
-from modpush._keys import read_key
+from modpush._checks import check_finite, read_key
 from modpush._transforms import DescribedTransform, add_unbounded
 from modpush._types import NonNegativeInteger
+from modpush._validation import checked_arguments
 from modpush.geometry.frames import Frame
 from modpush.geometry.workspace import WORKSPACE, Rectangle
 from modpush.mdp.entry_list import resolve_entries
 from modpush.mdp.observation_entries import Entry, EntryLike
 from modpush.mdp.observation_inputs import ObservationInputs, ObservationKeys
 from modpush.mdp.observation_layout import Layout, ReadRecorder
-
-__all__ = ["MirroredObservation", "PushObservation"]
 
 _ACTION_DIM = 3
 

@@ -8,17 +8,13 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torchrl.data import TensorSpec
 
-from modpush._arguments import checked_arguments
-from modpush._keys import check_spec_has, read_key
+from modpush._checks import check_spec_has, read_key
 from modpush._transforms import DescribedTransform, add_unbounded
 from modpush._types import Finite, Length, Name, Positive
-from modpush._validation import checked
+from modpush._validation import checked, checked_arguments
 from modpush.mdp.reward_terms import REWARD_TERMS, RewardTerm
 from modpush.mdp.step_outcome import RewardKeys, StepOutcome, measure_lengths
 from modpush.parts import find_part
-
-__all__ = ["PushReward", "RewardConfig"]
-
 
 _READ_BY_SOME_TERMS = ("action", "pose_error", "object_radius", "pose_path_length")
 """Names of keys that need not be there."""

@@ -10,8 +10,6 @@ from torch import Tensor
 
 from modpush.mdp.step_outcome import StepOutcome
 
-__all__ = ["REWARD_TERMS", "RewardTerm"]
-
 RewardTerm = Callable[[StepOutcome], Tensor]
 """`StepOutcome -> [..., 1]`, before its weight."""
 

@@ -7,11 +7,9 @@ import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 
-from modpush._keys import read_key
+from modpush._checks import read_key
 from modpush._types import Key
 from modpush._validation import checked
-
-__all__ = ["RewardKeys", "StateBefore", "StepOutcome", "measure_lengths", "pose_length"]
 
 
 @checked

@@ -9,12 +9,10 @@ from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequ
 from torch import Tensor
 from torchrl.data import Binary, Bounded, TensorSpec, Unbounded
 
-from modpush._arguments import checked_arguments
-from modpush._keys import check_spec_has, read_key
+from modpush._checks import check_spec_has, read_key
 from modpush._transforms import DescribedTransform
 from modpush._types import Count, Length
-
-__all__ = ["StuckRecovery", "recovering"]
+from modpush._validation import checked_arguments
 
 # Turned by this angle again and again, directions spread evenly.
 _GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))

@@ -1,11 +1,10 @@
 from .a_star import AStar as AStar
 from .base import Planner as Planner
 from .distance_field import DistanceField as DistanceField
-from .inflation import inflate as inflate
 from .lazy_theta_star import LazyThetaStar as LazyThetaStar
 from .named import PLANNERS as PLANNERS, make_planner as make_planner, warmup as warmup
 from .occupancy import OccupancyGrid as OccupancyGrid
-from .occupancy_map import OccupancyMap as OccupancyMap
+from .occupancy_map import OccupancyMap as OccupancyMap, inflate as inflate
 from .paths import (
     Paths as Paths,
     check_paths as check_paths,
@@ -15,8 +14,11 @@ from .paths import (
     points_ahead as points_ahead,
 )
 from .pose_field import PoseField as PoseField
-from .pose_grid import polygon_support as polygon_support
-from .pose_paths import PosePaths as PosePaths, poses_along as poses_along
+from .pose_paths import (
+    PosePaths as PosePaths,
+    polygon_support as polygon_support,
+    poses_along as poses_along,
+)
 from .pose_subgoals import PoseSubgoals as PoseSubgoals
 from .straight_line import StraightLine as StraightLine
 from .subgoals import PlannerSubgoals as PlannerSubgoals

@@ -7,15 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush._arguments import checked_arguments
 from modpush._checks import check_real
 from modpush._types import Positive
+from modpush._validation import checked_arguments
 from modpush.planners.grid_planner import GridPlanner
 from modpush.planners.kernels.a_star import plan_all
 from modpush.planners.kernels.maps import Maps, PathArrays, Queries
 from modpush.planners.paths import Paths
-
-__all__ = ["AStar"]
 
 _SAME_EVERYWHERE = np.ones((1, 1, 1), dtype=np.float32)
 

@@ -4,11 +4,9 @@ from abc import ABC, abstractmethod
 
 from torch import Tensor
 
-from modpush._arguments import checked_arguments
 from modpush._types import Positive
+from modpush._validation import checked_arguments
 from modpush.planners.paths import Paths
-
-__all__ = ["Planner"]
 
 
 class Planner(ABC):

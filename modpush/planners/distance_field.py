@@ -1,12 +1,10 @@
 """Shortest paths to one goal from a field that is built once and read as the object moves."""
 
-from modpush._batching import PerThread
+from modpush._kernels import PerThread
 from modpush.planners.grid_planner import GridPlanner
 from modpush.planners.kernels.distance_field import Fields, empty_fields, plan_all
-from modpush.planners.kernels.lazy_theta_star import plan_what_is_left
 from modpush.planners.kernels.maps import Maps, PathArrays, Queries
-
-__all__ = ["DistanceField"]
+from modpush.planners.kernels.taut_search import plan_what_is_left
 
 
 class DistanceField(GridPlanner):

@@ -8,14 +8,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush._batching import PerThread
 from modpush._checks import check_dtype, check_shape
+from modpush._kernels import PerThread
 from modpush.planners.base import Planner
 from modpush.planners.kernels.maps import Maps, PathArrays, Queries, empty_maps, empty_paths
 from modpush.planners.kernels.visibility import MAX_SIDE
 from modpush.planners.paths import Paths
-
-__all__ = ["GridPlanner"]
 
 
 class GridPlanner(Planner):

@@ -4,17 +4,15 @@ from typing import Literal
 
 import numpy as np
 
-from modpush._arguments import checked_arguments
 from modpush._types import Positive
+from modpush._validation import checked_arguments
 from modpush.planners.grid_planner import GridPlanner
-from modpush.planners.kernels.lazy_theta_star import (
+from modpush.planners.kernels.maps import Maps, PathArrays, Queries
+from modpush.planners.kernels.taut_search import (
     plan_over_corners,
     plan_over_grid,
     plan_what_is_left,
 )
-from modpush.planners.kernels.maps import Maps, PathArrays, Queries
-
-__all__ = ["LazyThetaStar", "Nodes"]
 
 Nodes = Literal["corners", "grid"]
 

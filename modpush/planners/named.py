@@ -6,20 +6,17 @@ from typing import Any
 
 import torch
 
-from modpush._arguments import checked_arguments
 from modpush._types import PixelCount
+from modpush._validation import checked_arguments
 from modpush.geometry.camera import Camera
 from modpush.parts import find_part
 from modpush.planners.a_star import AStar
 from modpush.planners.base import Planner
 from modpush.planners.distance_field import DistanceField
-from modpush.planners.inflation import inflate
 from modpush.planners.lazy_theta_star import LazyThetaStar
-from modpush.planners.occupancy_map import OccupancyMap
+from modpush.planners.occupancy_map import OccupancyMap, inflate
 from modpush.planners.pose_field import PoseField
 from modpush.planners.straight_line import StraightLine
-
-__all__ = ["PLANNERS", "make_planner", "warmup"]
 
 PLANNERS: dict[str, Callable[[], Planner]] = {
     "distance_field": DistanceField,

@@ -9,16 +9,13 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.data import Binary, Bounded, TensorSpec
 
-from modpush._arguments import checked_arguments
-from modpush._checks import check_finite
-from modpush._keys import check_spec_has, read_key, stored_next
+from modpush._checks import check_finite, check_spec_has, read_key, stored_next
 from modpush._transforms import DescribedTransform, scenes_reset
 from modpush._types import Count, NonNegative
+from modpush._validation import checked_arguments
 from modpush.geometry.camera import Camera, cell_centers
 from modpush.planners.kernels.bit_grid import words_per_row
 from modpush.planners.occupancy_map import OccupancyMap, are_connected
-
-__all__ = ["Corners", "Inflation", "OccupancyGrid"]
 
 Inflation = Literal["circumscribed", "inscribed", "widest"] | NonNegative
 _SMALL_CUBE_RADIUS = 0.025 * math.sqrt(2.0)  # [m]

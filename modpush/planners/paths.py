@@ -8,19 +8,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from modpush._batching import sum_in_order
 from modpush._checks import check_dtype, check_finite, check_real, check_shape
+from modpush._kernels import sum_in_order
 from modpush._types import Positive
 from modpush._validation import check_value
-
-__all__ = [
-    "Paths",
-    "check_paths",
-    "fraction_subgoal",
-    "lookahead_subgoal",
-    "point_along",
-    "points_ahead",
-]
 
 _NEAR = 2.0
 """Tolerance of a path's ends along each axis [px], since planners round."""

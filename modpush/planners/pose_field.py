@@ -8,24 +8,22 @@ from annotated_types import Ge, Le
 from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush._arguments import checked_arguments
-from modpush._batching import PerThread
 from modpush._checks import check_dtype, check_finite, check_real, check_shape
+from modpush._kernels import PerThread
 from modpush._types import NonNegative, Positive
+from modpush._validation import checked_arguments
 from modpush.geometry.camera import Camera
 from modpush.planners.kernels.bit_grid import words_per_row
 from modpush.planners.kernels.pose_field import (
     PoseFields,
+    PosePathArrays,
     PoseQueries,
     empty_fields,
+    read_paths,
     refresh_fields,
 )
-from modpush.planners.kernels.pose_paths import PosePathArrays, read_paths
 from modpush.planners.occupancy import Corners
-from modpush.planners.pose_grid import Turns, extents_per_scene, make_grid, make_turns
-from modpush.planners.pose_paths import PosePaths
-
-__all__ = ["PoseField"]
+from modpush.planners.pose_paths import PosePaths, Turns, extents_per_scene, make_grid, make_turns
 
 
 class PoseField:

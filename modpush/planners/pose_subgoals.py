@@ -8,14 +8,12 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.data import Binary, TensorSpec
 
-from modpush._arguments import checked_arguments
-from modpush._keys import check_spec_has, read_key, stored_next
+from modpush._checks import check_spec_has, read_key, stored_next
 from modpush._transforms import DescribedTransform, add_unbounded
 from modpush._types import Positive, PositiveFraction
+from modpush._validation import checked_arguments
 from modpush.planners.pose_field import PoseField
 from modpush.planners.pose_paths import poses_along
-
-__all__ = ["PoseSubgoals"]
 
 
 class PoseSubgoals(DescribedTransform):

@@ -3,8 +3,7 @@
 import numpy as np
 from numba import prange
 
-from modpush._batching import BatchKernel
-from modpush._kernels import njit
+from modpush._kernels import BatchKernel, njit
 from modpush.planners.grid_planner import GridPlanner
 from modpush.planners.kernels.maps import (
     Maps,
@@ -15,8 +14,6 @@ from modpush.planners.kernels.maps import (
     write_path,
 )
 from modpush.planners.kernels.visibility import line_of_sight
-
-__all__ = ["StraightLine"]
 
 
 @njit(nogil=True)

@@ -9,11 +9,10 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.data import Binary, TensorSpec
 
-from modpush._arguments import checked_arguments
-from modpush._checks import check_finite
-from modpush._keys import check_spec_has, read_key, stored_next
+from modpush._checks import check_finite, check_spec_has, read_key, stored_next
 from modpush._transforms import DescribedTransform, add_unbounded
 from modpush._types import NonNegativeInteger, Positive, PositiveFraction
+from modpush._validation import checked_arguments
 from modpush.geometry.camera import Camera
 from modpush.planners.base import Planner
 from modpush.planners.grid_planner import GridPlanner
@@ -25,8 +24,6 @@ from modpush.planners.paths import (
     lookahead_subgoal,
     points_ahead,
 )
-
-__all__ = ["PlannerSubgoals", "SubgoalMode"]
 
 SubgoalMode = Literal["fraction", "lookahead"]
 

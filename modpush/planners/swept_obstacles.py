@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from tensordict import NestedKey, TensorDictBase
 from torchrl.data import TensorSpec
 
-from modpush._arguments import checked_arguments
-from modpush._keys import check_spec_has, read_key
+from modpush._checks import check_spec_has, read_key
 from modpush._transforms import StatelessTransform
 from modpush._types import Positive
+from modpush._validation import checked_arguments
 from modpush.geometry.camera import Camera
 from modpush.planners.inflation import inflate
 

@@ -7,7 +7,6 @@ from .agent_file import (
 from .config import PushEnvConfig as PushEnvConfig
 from .fingerprint import environment_fingerprint as environment_fingerprint
 from .gym_env import PaperGymEnv as PaperGymEnv
-from .hub import model_card as model_card, push_to_hub as push_to_hub
 from .make_env import make_push_env as make_push_env
 from .methods import (
     METHODS as METHODS,

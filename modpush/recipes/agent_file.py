@@ -1,6 +1,7 @@
 """Trained agents on disk: a policy, the configuration of its environment, and its fingerprint."""
 
 import json
+import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from importlib.resources import files
@@ -14,10 +15,10 @@ from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 from torchrl.modules import ProbabilisticActor
 
-from modpush._arguments import checked_arguments
+from modpush._extras import require_extra
 from modpush._state import check_weights
 from modpush._types import AtLeastOne, Count, Name
-from modpush._validation import checked, from_plain
+from modpush._validation import checked, checked_arguments, from_plain
 from modpush.agents.tqc.config import TQCConfig
 from modpush.agents.tqc.encoder import make_trained_encoder
 from modpush.agents.tqc.factories import ACTORS, LearnerSpecs
@@ -29,20 +30,12 @@ from modpush.recipes.config import END_TO_END, PushEnvConfig
 from modpush.recipes.fingerprint import environment_fingerprint, fingerprint_differences
 from modpush.recipes.make_env import ENV_PARTS, env_parts, make_push_env
 
-__all__ = [
-    "BEST_AGENT",
-    "HUB_PREFIX",
-    "Agent",
-    "load_agent",
-    "observed_symmetry",
-    "save_agent",
-    "shipped_agents",
-]
-
 BEST_AGENT = "best_agent.safetensors"
 """File of the best agent in a training run's folder."""
 HUB_PREFIX = "hf://"
 """Prefix of the name of an agent on the Hugging Face Hub."""
+_HUB_FILE = "agent.safetensors"
+_HUB_ADDRESS = re.compile(r"hf://(?P<repo>[\w.-]+/[\w.-]+)(@(?P<revision>[\w./-]+))?")
 _KIND, _VERSION = "modpush.Agent", 5
 
 
@@ -96,8 +89,6 @@ class Agent:
     """Factory of the environment."""
     missing: Mapping[str, str] = field(default_factory=dict)
     """Parts that the environment needs and that were not given, with what they were."""
-    source: Path | None = None
-    """File that the agent was read from."""
 
     @property
     def policy(self) -> TensorDictModuleBase:
@@ -306,7 +297,6 @@ def load_agent(
         factory=found.pop("make_env", make_push_env),
         parts=found,
         missing=missing,
-        source=path,
     )
 
 
@@ -322,9 +312,7 @@ def _without(config: Mapping[str, Any], kinds: Collection[str]) -> dict[str, Any
 def _find_file(name: str | Path) -> Path:
     path = shipped_agents().get(str(name), Path(name))
     if str(name).startswith(HUB_PREFIX):
-        from modpush.recipes.hub import download_agent  # which imports this module
-
-        path = download_agent(str(name))
+        path = _download(str(name))
     if (path / BEST_AGENT).is_file():
         path = path / BEST_AGENT
     if not path.is_file():
@@ -333,6 +321,32 @@ def _find_file(name: str | Path) -> Path:
             "file, a training run's folder, or hf://owner/name."
         )
     return path
+
+
+def _download(address: str) -> Path:
+    """The file of an agent on the Hub, from the Hub's cache on this machine if it is there.
+
+    Args:
+        address: `"hf://owner/name"`, or `"hf://owner/name@revision"`.
+
+    Raises:
+        ValueError: If the address is malformed.
+        MissingExtraError: If huggingface_hub is not installed.
+        OSError: If the Hub cannot be reached, or has no such agent.
+    """
+    found = _HUB_ADDRESS.fullmatch(address)
+    if found is None:
+        raise ValueError(
+            f"load_agent: expected hf://owner/name or hf://owner/name@revision, got {address!r}."
+        )
+    require_extra(f"load_agent: {address}", "huggingface_hub")
+    from huggingface_hub import hf_hub_download
+    from huggingface_hub.errors import HfHubHTTPError, LocalEntryNotFoundError
+
+    try:
+        return Path(hf_hub_download(found["repo"], _HUB_FILE, revision=found["revision"]))
+    except (HfHubHTTPError, LocalEntryNotFoundError) as error:  # the second: nobody listens
+        raise OSError(f"load_agent: {address} cannot be read: {error}") from error
 
 
 def _actor(

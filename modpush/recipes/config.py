@@ -20,11 +20,11 @@ from modpush._types import (
 )
 from modpush._validation import checked
 from modpush.encoders import ENCODERS
-from modpush.encoders.named import names_a_file
+from modpush.encoders.encode import names_a_file
+from modpush.envs.scenes.conditions import SensingConfig
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES
 from modpush.envs.scenes.objects import Circle
 from modpush.envs.scenes.scenario import ScenarioConfig
-from modpush.envs.scenes.sensing import SensingConfig
 from modpush.envs.simulation_config import SimulationConfig, set_fields
 from modpush.geometry.frames import Frame
 from modpush.mdp.observation_entries import PATH_AHEAD_ENTRIES
@@ -32,8 +32,6 @@ from modpush.mdp.push_reward import RewardConfig
 from modpush.parts import check_part_name
 from modpush.planners import PLANNERS
 from modpush.planners.subgoals import SubgoalMode
-
-__all__ = ["END_TO_END", "PushEnvConfig"]
 
 T = TypeVar("T")
 

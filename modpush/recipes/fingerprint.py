@@ -8,8 +8,6 @@ from torchrl.envs import EnvBase, TransformedEnv
 from modpush._transforms import DescribedTransform
 from modpush.mdp.observation_layout import fingerprint_differences as observation_differences
 
-__all__ = ["describe_transforms", "environment_fingerprint", "fingerprint_differences"]
-
 _FIRST_ROBOT = "ur5"  # the only one that older files know, which do not tell it
 _SEEN_BY_POLICY = (
     "observation",

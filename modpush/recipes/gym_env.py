@@ -3,24 +3,34 @@
 from collections.abc import Mapping
 from typing import Any, Literal
 
+import gymnasium
 import numpy as np
+import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
 from tensordict import TensorDictBase
+from torchrl.envs.utils import step_mdp
 
-from modpush._validation import from_plain
-from modpush.envs.gym_env import SingleSceneEnv, check_arguments
+from modpush._types import Seed
+from modpush._validation import check_value, from_plain
+from modpush.envs.push_env import PushEnv
+from modpush.envs.specs import ACTION_SIZE
 from modpush.mdp.push_observation import PushObservation
 from modpush.recipes.config import END_TO_END, PushEnvConfig
 from modpush.recipes.make_env import make_push_env
 
-__all__ = ["PaperGymEnv"]
-
 _BOUND = 100.0
 """Gymnasium warns of infinite spaces; no entry of the library comes near this."""
+_INFO_KEYS = (
+    "success",
+    "out_of_bounds",
+    "object_contact",
+    "obstacle_contact",
+    "tool_obstacle_contact",
+)
 
 
-class PaperGymEnv(SingleSceneEnv):
+class PaperGymEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     """One scene with planner, encoder, observation and reward: `gymnasium.make("modpush/Push-v0")`.
 
     The observation is that of `make_push_env`, `[n]` float32 of order 1, clipped at 100; `columns` says
@@ -41,6 +51,8 @@ class PaperGymEnv(SingleSceneEnv):
         ValueError: For `num_envs`, an unknown preset, and values out of range.
     """
 
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 15}  # noqa: RUF012 (Gymnasium's form)
+
     def __init__(
         self,
         preset: Literal["cpu", "paper", "authors"] = "cpu",
@@ -48,7 +60,13 @@ class PaperGymEnv(SingleSceneEnv):
         config: PushEnvConfig | Mapping[str, Any] | None = None,
         **options: Any,
     ) -> None:
-        check_arguments("modpush/Push-v0", render_mode, options)
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render_mode must be None or 'rgb_array', got {render_mode!r}.")
+        if "num_envs" in options:
+            raise ValueError(
+                f"it has one scene, got num_envs={options['num_envs']}; for several use "
+                "gymnasium.make_vec('modpush/Push-v0', num_envs=...) or modpush.envs.PushEnv."
+            )
         if isinstance(config, Mapping):
             config = from_plain(PushEnvConfig, config)
         config = config or PushEnvConfig.preset(preset)
@@ -57,10 +75,72 @@ class PaperGymEnv(SingleSceneEnv):
                 f"PaperGymEnv: encoder={END_TO_END!r} has an image beside the observation, which "
                 "one flat space cannot hold; use make_push_env."
             )
-        env = make_push_env(config, num_envs=1, **options)
-        width = env.observation_spec["observation"].shape[-1]
+        self.env = make_push_env(config, num_envs=1, **options)
+        self.render_mode = render_mode
+        width = self.env.observation_spec["observation"].shape[-1]
         space = spaces.Box(-_BOUND, _BOUND, (width,), dtype=np.float32)
-        super().__init__(env, space, render_mode)
+        self.observation_space = space  # type: ignore[assignment]  # a Box of float32
+        self.action_space = spaces.Box(-1.0, 1.0, (ACTION_SIZE,), dtype=np.float32)
+        self._state: TensorDictBase | None = None
+
+    @property
+    def simulator(self) -> PushEnv:
+        """The `PushEnv` without the transforms."""
+        return self.env.base_env
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Start an episode.
+
+        Args:
+            seed: Restarts the random numbers that episodes are drawn with.
+            options: May have `scenario`, a `Scenario` to start from instead of drawing it.
+
+        Raises:
+            ValueError: For unknown options.
+        """
+        check_value("seed", seed, Seed | None)
+        check_value("options", options, dict[str, Any] | None)
+        super().reset(seed=None if seed is None else int(seed))
+        options = options or {}
+        if unknown := sorted(set(options) - {"scenario"}):
+            raise ValueError(f"unknown options {unknown}, expected ['scenario'] or none.")
+        scenario = options.get("scenario")
+        state = self.env.reset(seed=seed, scenarios=None if scenario is None else [scenario])
+        self._state = state
+        return _observation(state), _info(state)
+
+    @torch.no_grad()
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Take one control step, as `gymnasium.Env.step` does."""
+        row = torch.as_tensor(np.asarray(action, dtype=np.float32))
+        if row.shape != (ACTION_SIZE,):
+            raise ValueError(f"action must be [{ACTION_SIZE}], got {tuple(row.shape)}.")
+        if self._state is None:
+            raise RuntimeError("call reset first.")
+        stepped = self.env.step(self._state.set("action", row[None]))
+        after = stepped["next"]
+        self._state = step_mdp(stepped)
+        return (
+            _observation(after),
+            float(after["reward"]),
+            bool(after["terminated"]),
+            bool(after["truncated"]),
+            _info(after),
+        )
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The drawn top view, `[H, W, 3]` uint8, or None without a render mode or an episode."""
+        if self.render_mode is None or self._state is None:
+            return None
+        return self.simulator.render()
+
+    def close(self) -> None:
+        """Free the simulator."""
+        self.env.close(raise_if_closed=False)
 
     @property
     def columns(self) -> dict[str, slice]:
@@ -68,5 +148,11 @@ class PaperGymEnv(SingleSceneEnv):
         (observation,) = [t for t in self.env.transform if isinstance(t, PushObservation)]
         return observation.columns
 
-    def _observation(self, state: TensorDictBase) -> NDArray[np.float32]:
-        return np.clip(state["observation"][0].cpu().numpy(), -_BOUND, _BOUND)
+
+def _observation(state: TensorDictBase) -> NDArray[np.float32]:
+    return np.clip(state["observation"][0].cpu().numpy(), -_BOUND, _BOUND)
+
+
+def _info(state: TensorDictBase) -> dict[str, Any]:
+    """Success, contacts and end of the episode as Python's bools; `is_success` as SB3 names it."""
+    return {key: bool(state[key]) for key in _INFO_KEYS} | {"is_success": bool(state["success"])}

@@ -10,11 +10,10 @@ from tensordict import NestedKey
 from torch import nn
 from torchrl.envs import Compose, EnvBase, ExcludeTransform, InitTracker, Transform, TransformedEnv
 
-from modpush._arguments import checked_arguments
 from modpush._types import Seed
+from modpush._validation import checked_arguments
 from modpush.encoders.base import encoder_sizes
-from modpush.encoders.encode import Encode
-from modpush.encoders.named import make_encoder
+from modpush.encoders.encode import Encode, make_encoder
 from modpush.encoders.networks.conv_encoder import ConvEncoder
 from modpush.encoders.networks.ray_scan import RayScan
 from modpush.encoders.window import METRES_PER_PIXEL
@@ -23,7 +22,7 @@ from modpush.envs.push_env import PushEnv
 from modpush.envs.robot.control import MotionConfig
 from modpush.envs.robot.named import find_tool
 from modpush.envs.robot.robot import Robot
-from modpush.envs.scenes.sensing import SensingConfig
+from modpush.envs.scenes.conditions import SensingConfig
 from modpush.geometry.workspace import Rectangle
 from modpush.mdp.action_frame import ActionFrame
 from modpush.mdp.contact_filter import ContactFilter
@@ -37,10 +36,15 @@ from modpush.mdp.reward_terms import RewardTerm
 from modpush.mdp.step_outcome import RewardKeys
 from modpush.planners.base import Planner
 from modpush.recipes.config import END_TO_END, PushEnvConfig
-from modpush.recipes.planning import TRUE, make_planning
-from modpush.recipes.sensing import make_recovery, make_sensing, observation_keys, observed_keys
-
-__all__ = ["ENV_PARTS", "env_parts", "make_push_env"]
+from modpush.recipes.planning import (
+    TRUE,
+    make_history,
+    make_planning,
+    make_recovery,
+    make_sensing,
+    observation_keys,
+    observed_keys,
+)
 
 ENV_PARTS = (
     "encoder",
@@ -88,7 +92,8 @@ def make_push_env(
     `path_found` (see `PlannerSubgoals`), `latent` `[B, d]`, `observation` `[B, n]` float32,
     `reward` `[B, 1]` and its terms under `reward_terms`. With `encoder="end_to_end"` it emits `window`
     `[B, 1, S, S]` uint8 instead of `latent`, for networks that encode it themselves. With `plan_poses` it
-    emits what `PoseSubgoals` writes as well, and with `recovery` what `StuckRecovery` writes.
+    emits what `PoseSubgoals` writes as well, with `recovery` what `StuckRecovery` writes, and with the
+    entry `history` what `PushHistory` writes.
 
     With noise or delayed observations (`config.sensing`) the keys of `PushEnv` still hold the truth, of
     which the reward is, with the path length `("true", "path_length")`. What the policy's
@@ -151,6 +156,7 @@ def make_push_env(
         lengths = {name: (TRUE, name) for name in ("path_length", "pose_path_length")}
         reward_keys = RewardKeys(**lengths)
     described = _entries(config, entries, module, base.robot)
+    action_frame = config.frame if config.action_frame is None else config.action_frame
     observations = (PushObservation, MirroredObservation) if mirrored else (PushObservation,)
     transforms: list[Transform] = [
         InitTracker(),
@@ -160,10 +166,8 @@ def make_push_env(
         *make_planning(*planned, max_waypoints, observed),
         *_window(config, module, mirrored, observed),
         *([_contact_filter(config, base.bounds, observed)] if config.contact_filter else []),
-        ActionFrame(
-            config.frame if config.action_frame is None else config.action_frame,
-            object_pose_key=observed["object_pose"],
-        ),
+        ActionFrame(action_frame, object_pose_key=observed["object_pose"]),
+        *([make_history(action_frame, observed)] if "history" in described else []),
         *(
             observation(
                 config.frame,

@@ -9,18 +9,15 @@ from typing import Any
 from tensordict import NestedKey, TensorDictBase
 from torchrl.envs import Compose, EnvBase, InitTracker, RenameTransform, TransformedEnv
 
-from modpush._arguments import checked_arguments
+from modpush._validation import checked_arguments
 from modpush.agents import PushingCorridorController, ScriptedPusher, faithful_config
 from modpush.envs import PushEnv
-from modpush.envs.scenes.conditions import EpisodeConditions
-from modpush.envs.scenes.sensing import SensingConfig
+from modpush.envs.scenes.conditions import EpisodeConditions, SensingConfig
 from modpush.mdp import StuckRecovery, recovering
 from modpush.parts import find_part, part_module
 from modpush.planners import DistanceField, OccupancyGrid, PlannerSubgoals
 from modpush.recipes.agent_file import BEST_AGENT, HUB_PREFIX, load_agent, shipped_agents
 from modpush.recipes.served import ServedPolicy, is_served
-
-__all__ = ["METHODS", "Method", "get_method", "get_methods"]
 
 METHODS = {
     "agent": "the shipped agent for all objects, `any_object`",

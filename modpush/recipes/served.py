@@ -10,9 +10,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load, save
 from tensordict import TensorDictBase
 
-from modpush._arguments import checked_arguments
-
-__all__ = ["ServedPolicy", "is_served"]
+from modpush._validation import checked_arguments
 
 _NAME = re.compile(r"[\w+-][\w.+-]{0,63}")
 _MOST = 2**24  # of an answer [bytes]

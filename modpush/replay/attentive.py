@@ -10,17 +10,14 @@ from torch import Tensor
 from torchrl.data.replay_buffers.samplers import Sampler
 from torchrl.data.replay_buffers.storages import Storage
 
-from modpush._arguments import checked_arguments
 from modpush._checks import check_instance, check_keys
 from modpush._state import read_state, write_state
 from modpush._types import Count, Finite, NonNegativeInteger
-from modpush._validation import check_value
+from modpush._validation import check_value, checked_arguments
 from modpush.files import reading
 from modpush.parts import find_part
 from modpush.replay.similarity import SIMILARITIES, Similarity
 from modpush.replay.storage_access import WriteCursor, draw_distinct, read_entries, valid_shape
-
-__all__ = ["AttentiveSampler"]
 
 Index = Tensor | tuple[Tensor, ...]
 _STATE_FILE = "attentive_sampler.safetensors"
@@ -46,7 +43,7 @@ class AttentiveSampler(Sampler):
 
     Args:
         k: Candidates per kept entry, >= 1; 1 is uniform sampling. TorchRL's replay schedulers may
-            set it, too.
+            change it: `LinearScheduler(sampler, "k", 1.0, 10_000)`.
         key: The observation that is compared, flattened to `[*, D]`; bytes are compared as floats.
         similarity: `"cosine"`, `"negative_l2"`, `"module:name"`, or a callable
             `(candidates [Q, C, D], queries [Q, D]) -> [Q, C]`, larger is more alike.
@@ -55,8 +52,6 @@ class AttentiveSampler(Sampler):
         candidate_replacement: Let a candidate be drawn twice, as in TorchRL's uniform sampling;
             the paper leaves it open. With `k = 4`, some 60 of a batch of 512 are then copies of others
             in a buffer of 8,000 entries, and one or none in the paper's million.
-        k_end: Value to which `k` is annealed linearly; by default it stays.
-        annealing_num_samples: Number of calls of `sample` over which it is annealed.
 
     Raises:
         ValueError: If an argument is out of range. In `sample`: if there are more candidates than
@@ -74,42 +69,24 @@ class AttentiveSampler(Sampler):
         similarity: str | Similarity = "cosine",
         num_queries: Count | None = None,
         candidate_replacement: bool = True,
-        k_end: float | None = None,
-        annealing_num_samples: int = 0,
     ) -> None:
         super().__init__()
-        if k_end is not None and annealing_num_samples < 1:
-            raise ValueError(
-                "AttentiveSampler: annealing_num_samples must be >= 1 where k_end is given, got "
-                f"{annealing_num_samples}."
-            )
         self.k = k
-        self.k_end = _checked_k("k_end", k_end) if k_end is not None else None
         self.key = key
         self.similarity: Similarity = find_part("similarity", similarity, SIMILARITIES)
         self.num_queries = num_queries
         self.candidate_replacement = candidate_replacement
-        self.annealing_num_samples = annealing_num_samples
-        self._num_samples = 0
         self._query: Tensor | None = None
         self._cursor = WriteCursor()
 
     @property
     def k(self) -> float:
-        """Candidates per kept entry, before annealing."""
+        """Candidates per kept entry."""
         return self._k
 
     @k.setter
     def k(self, value: float) -> None:
         self._k = _checked_k("k", value)
-
-    @property
-    def current_k(self) -> float:
-        """Candidates per kept entry in the next sample."""
-        if self.k_end is None:
-            return self.k
-        done = min(1.0, self._num_samples / self.annealing_num_samples)
-        return self.k + (self.k_end - self.k) * done
 
     def set_query(self, query: Tensor | None) -> None:
         """Set the present states, until the next call.
@@ -171,7 +148,6 @@ class AttentiveSampler(Sampler):
             first += count
         index = torch.cat([index for index, _ in parts])  # [batch, ndim]
         similarity = torch.cat([similarity for _, similarity in parts])
-        self._num_samples += 1
         info = {"similarity": similarity, "age": self._cursor.age(storage, index[:, 0])}
         return index[:, 0] if storage.ndim == 1 else index.unbind(-1), info
 
@@ -186,16 +162,16 @@ class AttentiveSampler(Sampler):
 
     def _candidates_for(self, kept: int) -> int:
         """Number of candidates of a query that keeps so many entries."""
-        return math.ceil(self.current_k * kept)
+        return math.ceil(self.k * kept)
 
     def _check_enough(self, storage: Storage, batch_size: int) -> None:
         if self.can_sample(storage, batch_size):
             return
         needed = self.num_candidates(storage, batch_size)
-        rounded = needed != self.current_k * batch_size
+        rounded = needed != self.k * batch_size
         raise ValueError(
             f"AttentiveSampler: k * batch_size must be <= the entries stored, got "
-            f"{self.current_k:g} * {batch_size}{f', rounded up to {needed},' if rounded else ''} "
+            f"{self.k:g} * {batch_size}{f', rounded up to {needed},' if rounded else ''} "
             f"for {len(storage)} entries."
         )
 
@@ -263,10 +239,9 @@ class AttentiveSampler(Sampler):
         self._query = None
 
     def state_dict(self) -> dict[str, Any]:
-        """Annealing and query, as copies."""
+        """K and query, as copies."""
         return {
             "k": self.k,
-            "num_samples": self._num_samples,
             "query": None if self._query is None else self._query.clone(),
             "newest": self._cursor.last,
         }
@@ -279,10 +254,9 @@ class AttentiveSampler(Sampler):
         """
         check_keys(state_dict, self.state_dict())
         k = check_value("k", state_dict["k"], Finite)
-        count = check_value("num_samples", state_dict["num_samples"], NonNegativeInteger)
         newest = check_value("newest", state_dict["newest"], NonNegativeInteger | None)
         self.set_query(state_dict["query"])
-        self.k, self._num_samples = k, count
+        self.k = k
         self._cursor.restore(newest)
 
     def dumps(self, path: str | Path) -> None:

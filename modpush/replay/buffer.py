@@ -14,27 +14,15 @@ from torchrl.data import (
 from torchrl.data.replay_buffers.samplers import Sampler
 from torchrl.data.replay_buffers.storages import Storage, TensorStorage
 
-from modpush._arguments import checked_arguments
-from modpush._checks import check_instance
-from modpush._keys import read_key
+from modpush._checks import check_instance, read_key
 from modpush._types import Key
-from modpush._validation import check_value
+from modpush._validation import check_value, checked_arguments
 from modpush.parts import find_part
 from modpush.replay.attentive import AttentiveSampler
 from modpush.replay.config import ReplayConfig
 from modpush.replay.n_step import NStepTransform, forget_open_steps, n_step_transforms
 from modpush.replay.prioritized import PrioritizedSampler
 from modpush.replay.similarity import SIMILARITIES, Similarity
-
-__all__ = [
-    "SAMPLERS",
-    "TRANSITION_KEYS",
-    "KeepTransition",
-    "buffer_state",
-    "load_buffer_state",
-    "make_replay_buffer",
-    "update_priorities",
-]
 
 SamplerFactory = Callable[[ReplayConfig], Sampler]
 """Makes a sampler from the config."""
@@ -201,8 +189,6 @@ def _attentive(config: ReplayConfig) -> AttentiveSampler:
         key=config.observation_key,
         similarity=config.similarity,
         num_queries=config.num_queries,
-        k_end=config.k_end,
-        annealing_num_samples=config.k_annealing_samples,
     )
 
 

@@ -17,8 +17,6 @@ from modpush._validation import checked
 from modpush.parts import check_part_name
 from modpush.replay.similarity import SIMILARITIES
 
-__all__ = ["SAMPLER_NAMES", "ReplayConfig"]
-
 SAMPLER_NAMES = ("attentive", "uniform", "prioritized")
 """Names of the samplers of `make_replay_buffer`."""
 
@@ -39,10 +37,6 @@ class ReplayConfig:
     that takes this config and returns a TorchRL sampler."""
     k: Candidates = 4
     """Attentive sampling: number of candidates drawn per transition that is kept."""
-    k_end: Candidates | None = None
-    """Attentive sampling: value to which k is annealed linearly; None keeps k constant."""
-    k_annealing_samples: NonNegativeInteger = 0
-    """Attentive sampling: number of samples over which k is annealed."""
     similarity: str = "cosine"
     """Attentive sampling: measure by which candidates are ranked: "cosine", "negative_l2", or
     "module:name" of a callable (candidates [Q, C, D], queries [Q, D]) -> [Q, C]."""
@@ -69,17 +63,11 @@ class ReplayConfig:
 
     def __post_init__(self) -> None:
         """Check names, and what depends on several fields."""
-        if self.k_end is not None and self.k_annealing_samples < 1:
-            raise ValueError(
-                "ReplayConfig: k_annealing_samples must be >= 1 where k_end is given, got "
-                f"{self.k_annealing_samples}."
-            )
         check_part_name("ReplayConfig: sampler", self.sampler, SAMPLER_NAMES)
         check_part_name("ReplayConfig: similarity", self.similarity, SIMILARITIES)
-        most, name = max((self.k, "k"), (self.k_end or 1, "k_end"))
-        drawn = self.batch_size * (most if self.sampler == "attentive" else 1)
+        drawn = self.batch_size * (self.k if self.sampler == "attentive" else 1)
         if drawn > self.capacity:
             raise ValueError(
-                f"ReplayConfig: {name} * batch_size must be <= capacity, got {drawn:g} > "
+                f"ReplayConfig: k * batch_size must be <= capacity, got {drawn:g} > "
                 f"{self.capacity}."
             )

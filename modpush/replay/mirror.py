@@ -7,12 +7,10 @@ import torch
 from tensordict import TensorDictBase
 from tensordict.utils import NestedKey, unravel_key
 
-from modpush._arguments import checked_arguments
-from modpush._keys import read_key
+from modpush._checks import read_key
 from modpush._transforms import DescribedTransform
 from modpush._types import Finite, Fraction
-
-__all__ = ["MirrorTransitions"]
+from modpush._validation import checked_arguments
 
 
 class MirrorTransitions(DescribedTransform):

@@ -8,10 +8,8 @@ from torch import Tensor
 from torchrl.data import TensorDictReplayBuffer
 from torchrl.envs.transforms import MultiStepTransform
 
-from modpush._arguments import checked_arguments
 from modpush._types import Count, Fraction
-
-__all__ = ["NStepTransform", "extend_rollout", "forget_open_steps", "n_step_transforms"]
+from modpush._validation import checked_arguments
 
 
 class NStepTransform(MultiStepTransform):

@@ -10,13 +10,10 @@ from torch import Tensor
 from torchrl.data import PrioritizedSampler as TorchRLPrioritizedSampler
 from torchrl.data.replay_buffers.storages import Storage
 
-from modpush._arguments import checked_arguments
 from modpush._checks import check_keys
 from modpush._state import read_state, write_state
 from modpush._types import Count, NonNegative, NonNegativeInteger, Positive
-from modpush._validation import check_value
-
-__all__ = ["PrioritizedSampler"]
+from modpush._validation import check_value, checked_arguments
 
 _STATE_FILE = "prioritized_sampler.safetensors"
 _KIND, _VERSION = "modpush.PrioritizedSampler", 1

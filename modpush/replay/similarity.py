@@ -5,10 +5,8 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
-from modpush._arguments import checked_arguments
 from modpush._checks import check_instance
-
-__all__ = ["SIMILARITIES", "LatentSimilarity", "Similarity", "cosine", "negative_l2"]
+from modpush._validation import checked_arguments
 
 Similarity = Callable[[Tensor, Tensor], Tensor]
 """`(candidates [Q, C, D], queries [Q, D]) -> similarity [Q, C]`, larger is more alike."""

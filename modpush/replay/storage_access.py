@@ -7,8 +7,6 @@ from tensordict.utils import NestedKey
 from torch import Tensor
 from torchrl.data.replay_buffers.storages import Storage, TensorStorage
 
-__all__ = ["WriteCursor", "draw_distinct", "read_entries", "valid_shape"]
-
 
 def valid_shape(storage: Storage) -> torch.Size:
     """Shape of the part that has been written."""

@@ -11,8 +11,6 @@ from modpush.mdp.curriculum import CurriculumConfig
 from modpush.recipes.config import END_TO_END, PushEnvConfig
 from modpush.replay.config import ReplayConfig
 
-__all__ = ["TrainConfig", "field_differences"]
-
 _MAY_CHANGE = {
     "total_steps",
     "evaluate_every",
@@ -61,7 +59,9 @@ class TrainConfig:
     init_from: Name | None = None
     """Start from trained weights, and act with them from the first step. A shipped agent, given by
     its name, or an agent's file provides the weights of the actor. A run's folder or one of its
-    checkpoints provides those of critics, targets and temperature as well. None for random weights."""
+    checkpoints provides those of critics, targets and temperature as well. Entries of the
+    observation that those weights do not know (`env.add`) begin with zero weights. None for random
+    weights."""
     first_actions: Literal["random", "scripted"] = "random"
     """Policy of the first `tqc.learning_starts` steps, which the paper does not specify; its
     authors' code acts at random. `"scripted"` is `ScriptedPusher` with some noise, which pushes
@@ -170,7 +170,7 @@ class TrainConfig:
         """Largest number of transitions that one sample draws from."""
         if self.replay.sampler != "attentive":
             return self.tqc.batch_size
-        k = max(self.replay.k, self.replay.k_end or 0)
+        k = self.replay.k
         queries = self.filled_replay().num_queries or 1
         share, remainder = divmod(self.tqc.batch_size, queries)  # rounded up for each query
         return remainder * math.ceil(k * (share + 1)) + (queries - remainder) * math.ceil(k * share)

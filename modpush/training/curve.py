@@ -10,8 +10,6 @@ matplotlib.use("Agg")  # no screen is needed
 import matplotlib.pyplot as plt
 from matplotlib.ticker import EngFormatter
 
-__all__ = ["draw_curve", "success_in_common"]
-
 _PANELS = (
     ("success", "success, greedy, held-out", (0.0, 1.02)),
     ("contact_rate", "contact rate", (0.0, 1.02)),

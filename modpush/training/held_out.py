@@ -10,14 +10,12 @@ import numpy as np
 import torch
 from torchrl.envs import EnvBase
 
-from modpush._arguments import checked_arguments
+from modpush._validation import checked_arguments
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.episodes import Policy, run_episodes
 from modpush.recipes.make_env import env_parts
 from modpush.training.config import TrainConfig
-
-__all__ = ["EvaluationProgress", "HeldOutEpisodes", "held_out_scenarios", "held_out_score"]
 
 _HELD_OUT_SEED = 20_221_023  # no training run and no evaluation set draws with it
 _ENVS = 8

@@ -22,13 +22,11 @@ from modpush.envs.outcome import is_out_of_bounds, pose_errors
 from modpush.envs.scenes.scenario import Scenario
 from modpush.mdp.action_frame import ActionFrame
 from modpush.recipes.config import PushEnvConfig
-from modpush.recipes.sensing import observed_keys
+from modpush.recipes.planning import observed_keys
 from modpush.training.config import TrainConfig
 
-__all__ = ["Hindsight", "n_step_returns"]
-
 _STATE = ("object_pose", "ee_pose", "joint_position", *CONTACT_KEYS)
-_ENVS = 8  # episodes that are played together
+_ENVS = 16  # episodes that are played together
 
 
 @dataclass(frozen=True)

@@ -29,9 +29,7 @@ from modpush.replay.mirror import MirrorTransitions
 from modpush.replay.n_step import extend_rollout, forget_open_steps, n_step_transforms
 from modpush.training.config import TrainConfig
 from modpush.training.parts import learner_parts, replay_parts
-from modpush.training.rollout import Rollout, WorkerSpecs
-
-__all__ = ["Learner", "NonFiniteLossError", "weights_of"]
+from modpush.training.scene_worker import Rollout, WorkerSpecs
 
 
 class NonFiniteLossError(RuntimeError):
@@ -100,13 +98,11 @@ class Learner:
 
     def state(self) -> dict[str, Any]:
         """Weights, optimizer, buffer and pace for a checkpoint, as tensors and plain data."""
-        sampler = self.buffer.sampler
         return {
             "loss": dict(self.agent.loss.state_dict()),
             "average": None if self._average is None else dict(self._average.state_dict()),
             "optimizer": self.agent.optimizer.state_dict(),
             "buffer": buffer_state(self.buffer) if self.config.save_buffer else None,
-            "attentive": sampler.state_dict() if isinstance(sampler, AttentiveSampler) else None,
             "updates": self.updates,
             "pending_updates": self.pending_updates,
             "metrics": dict(self.metrics),
@@ -120,10 +116,8 @@ class Learner:
         self.agent.optimizer.load_state_dict(copy.deepcopy(state["optimizer"]))
         if state["buffer"] is not None:
             load_buffer_state(self.buffer, state["buffer"])
-        else:  # the annealing of k continues; nothing has been written to the buffer yet
+        else:  # nothing has been written to the buffer yet
             self.learn_from = state["steps"] + self.config.tqc.learning_starts
-            if (attentive := state.get("attentive")) is not None:
-                self.buffer.sampler.load_state_dict({**attentive, "newest": None})
         self.updates, self.pending_updates = state["updates"], state["pending_updates"]
         self.metrics.update(state["metrics"])
 

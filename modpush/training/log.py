@@ -15,8 +15,6 @@ from modpush.files import write_text
 from modpush.training.config import TrainConfig
 from modpush.training.run_folder import RunFolder
 
-__all__ = ["RunLog", "TrainingBar", "quiet_torchrl"]
-
 _METRICS = (
     "success",
     "spl",

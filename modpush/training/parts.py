@@ -8,15 +8,6 @@ from modpush.recipes.config import END_TO_END
 from modpush.recipes.make_env import ENV_PARTS
 from modpush.training.config import TrainConfig
 
-__all__ = [
-    "LEARNER_PARTS",
-    "REPLAY_PARTS",
-    "check_parts",
-    "check_picklable",
-    "learner_parts",
-    "replay_parts",
-]
-
 LEARNER_PARTS = ("loss", "actor", "critic")
 """Parts that `make_tqc` takes as arguments."""
 REPLAY_PARTS = ("sampler", "similarity")

@@ -5,14 +5,12 @@ from dataclasses import replace
 
 from modpush.agents.tqc.config import TQCConfig
 from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
+from modpush.evaluation.set_recipes import HIDDEN_SHAPES
 from modpush.mdp.curriculum import CurriculumConfig, Phase
 from modpush.mdp.observation_entries import PAPER_ENTRIES, POSE_ENTRIES
 from modpush.recipes.config import PushEnvConfig
 from modpush.replay.config import ReplayConfig
 from modpush.training.config import TrainConfig
-
-__all__ = ["TRAIN_PRESETS"]
-
 
 _NO_CURRICULUM = CurriculumConfig(
     phases=(Phase(scenes=("free",)), Phase(first_stage=6)), window=12, promotion="off"
@@ -152,6 +150,27 @@ def _pose() -> TrainConfig:
     )
 
 
+def _pose_any_object() -> TrainConfig:
+    """Goal poses in free space for the shapes and dynamics of the set `hidden_dynamics`."""
+    pose = _pose()
+    return replace(
+        pose,
+        env=pose.env.with_fields(
+            pushed_object=HIDDEN_SHAPES,
+            encoder="none",  # nothing but the object is on the table
+            # In the entries and not in `add`, which is for what an agent knows of the dynamics.
+            entries=(*POSE_ENTRIES, "object_support", "object_symmetry"),
+            randomize_dynamics=True,
+            mass=(0.25, 4.0),
+            friction=(0.1, 0.9),
+            center_of_mass=0.025,  # a quarter of the longest side
+        ),
+        total_steps=200_000,
+        evaluate_every=50_000,
+        evaluation_episodes=96,
+    )
+
+
 _PAST_OBSTACLES = (0.35, 0.6)
 """Distances to the goal with room for an obstacle in the straight way [m]."""
 
@@ -253,6 +272,10 @@ TRAIN_PRESETS: dict[str, tuple[str, TrainConfig]] = {
         "Goals with orientation in free space, for a box of 10 x 5 cm, in some twenty minutes of one "
         "core.",
         _pose(),
+    ),
+    "pose_any_object": (
+        "The same for eight shapes, whose mass, friction and centre of mass are drawn for each episode.",
+        _pose_any_object(),
     ),
     "pose_obstacles": (
         "Goals with orientation past one or two obstacles that stand or move, for the same box.",

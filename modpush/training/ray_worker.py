@@ -20,11 +20,8 @@ from torchrl.collectors.weight_update import RayWeightUpdater
 from modpush._processes import RESTARTS, ray_session
 from modpush.mdp.curriculum import Curriculum
 from modpush.training.config import TrainConfig
-from modpush.training.rollout import Outcome, Rollout
-from modpush.training.scene_worker import EnvFactory, SceneWorker
+from modpush.training.scene_worker import EnvFactory, Outcome, Rollout, SceneWorker
 from modpush.training.worker import CollectionEndedError, Worker
-
-__all__ = ["RayWorker", "SceneCollector"]
 
 
 class _RecordingCurriculum(Curriculum):

@@ -7,15 +7,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from modpush._arguments import checked_arguments
 from modpush._state import read_state, write_state
-from modpush._validation import from_plain
+from modpush._validation import checked_arguments, from_plain
 from modpush.files import read_yaml, reading, write_yaml
 from modpush.parts import check_allowed
 from modpush.recipes.agent_file import BEST_AGENT
 from modpush.training.config import TrainConfig
-
-__all__ = ["CHECKPOINT_KIND", "Checkpoints", "RunFolder", "check_run_folder", "read_checkpoint"]
 
 _KIND, _VERSION = "modpush.TrainConfig", 1
 CHECKPOINT_KIND, _CHECKPOINT_VERSION = "modpush.Checkpoint", 1

@@ -1,13 +1,14 @@
-"""The side of training that acts: scenes, exploration, curriculum and evaluation."""
+"""The side of training that acts: scenes, exploration, curriculum and evaluation; and its rollouts."""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from tensordict import NestedKey, TensorDict, TensorDictBase
+from torchrl.data import Bounded, Composite
 from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
 
 from modpush.agents.scripted import ScriptedPusher
@@ -18,14 +19,69 @@ from modpush.mdp.push_observation import PushObservation
 from modpush.recipes.config import END_TO_END, PushEnvConfig
 from modpush.recipes.fingerprint import environment_fingerprint
 from modpush.recipes.make_env import env_parts, make_push_env
-from modpush.recipes.sensing import observed_keys
+from modpush.recipes.planning import observed_keys
 from modpush.training.config import TrainConfig
 from modpush.training.held_out import EvaluationProgress, HeldOutEpisodes
 from modpush.training.hindsight import Hindsight
 from modpush.training.parts import learner_parts
-from modpush.training.rollout import Rollout, WorkerSpecs
 
-__all__ = ["EnvFactory", "FirstActions", "SceneWorker"]
+
+@dataclass(frozen=True)
+class WorkerSpecs:
+    """Specs and fingerprint of the environment that a worker steps."""
+
+    observation: Composite
+    """The environment's `full_observation_spec_unbatched`."""
+    action: Bounded
+    """Spec of one action, `[A]`."""
+    columns: dict[str, slice]
+    """The columns of each entry of the observation, by name; empty without a `PushObservation`."""
+    fingerprint: dict[str, Any]
+    """Fingerprint, see `modpush.recipes.environment_fingerprint`."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Result of an episode, for the curriculum."""
+
+    level: int
+    """The curriculum's level that the episode is of."""
+    success: bool
+    """True if the object reached the goal."""
+    scene: str
+    """Name of the scene."""
+    evaluated: bool
+    """True if the episode counts towards the next stage."""
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """`T` steps of `B` scenes between two exchanges with the learner."""
+
+    transitions: dict[NestedKey, NDArray]
+    """Arrays `[T * B, ...]` by key, scene after scene within a step. They are arrays because torch
+    would send each tensor to another process through shared memory, with a file handle each."""
+    last_observation: NDArray[np.float32]
+    """Observations that the scenes are in now, `[B, n]`."""
+    episodes: list[dict[str, float]]
+    """Metrics of the episodes that ended: success, steps, return, contact, collision, greedy."""
+    level: int
+    """The curriculum's level."""
+    success_by_family: dict[str, float]
+    """Success of recent episodes, by scene family."""
+    hindsight: dict[NestedKey, NDArray] = field(default_factory=dict)
+    """Further transitions `[N, ...]`, of episodes with another goal, see `Hindsight`."""
+    source: int = 0
+    """Number of the collector."""
+    begins: bool = False
+    """True if the scenes were reset before it, without the end of an episode in the data."""
+    version: int = 0
+    """Number of the weights that it was collected with, counted from 1 as they were sent."""
+    behind: int = 0
+    """Number of later weights that were sent to other collectors until then."""
+    outcomes: list[Outcome] = field(default_factory=list)
+    """Results for the collector's own curriculum; empty where it is the only one."""
+
 
 _NOISE = 0.2
 """Standard deviation of the noise, in units of half the action's range."""

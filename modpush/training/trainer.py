@@ -12,10 +12,10 @@ from typing import Any
 import pandas as pd
 from numpy.typing import NDArray
 
-from modpush._arguments import checked_arguments
 from modpush._atomic import FolderLock
 from modpush._processes import interrupts_noted, interrupts_raised, torch_threads
 from modpush._types import Count
+from modpush._validation import checked_arguments
 from modpush.agents.tqc.update import processor_precision
 from modpush.recipes.make_env import make_push_env
 from modpush.replay.buffer import make_replay_buffer
@@ -24,9 +24,8 @@ from modpush.training.held_out import EvaluationProgress, HeldOutEpisodes, held_
 from modpush.training.learner import Learner, weights_of
 from modpush.training.log import RunLog, TrainingBar, quiet_torchrl
 from modpush.training.parts import check_parts, check_picklable, replay_parts
-from modpush.training.rollout import Rollout
 from modpush.training.run_folder import RunFolder, check_run_folder
-from modpush.training.scene_worker import EnvFactory, SceneWorker
+from modpush.training.scene_worker import EnvFactory, Rollout, SceneWorker
 from modpush.training.trainer_state import load_trainer_state, save_trained_agent, trainer_state
 from modpush.training.warm_start import load_initial_weights
 from modpush.training.worker import (
@@ -36,8 +35,6 @@ from modpush.training.worker import (
     StartMethod,
     Worker,
 )
-
-__all__ = ["Trainer"]
 
 
 class Trainer:

@@ -14,8 +14,6 @@ from modpush.training.run_folder import CHECKPOINT_KIND
 if TYPE_CHECKING:
     from modpush.training.trainer import Trainer
 
-__all__ = ["load_trainer_state", "save_trained_agent", "trainer_state"]
-
 
 def trainer_state(trainer: "Trainer") -> dict[str, Any]:
     """All that the rest of a run depends on between two rollouts, as tensors and plain data.

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import torch
+from torch import Tensor
 from torchrl.objectives import LossModule
 
 from modpush._state import check_weights
@@ -13,10 +15,8 @@ from modpush.recipes.agent_file import Agent, load_agent, observed_symmetry, shi
 from modpush.recipes.fingerprint import fingerprint_differences
 from modpush.training.config import TrainConfig
 from modpush.training.learner import Learner
-from modpush.training.rollout import WorkerSpecs
 from modpush.training.run_folder import CHECKPOINT_KIND, Checkpoints, RunFolder, read_checkpoint
-
-__all__ = ["load_initial_weights"]
+from modpush.training.scene_worker import WorkerSpecs
 
 _OF_YAW = {"object_axis", "object_symmetry"}
 """Entries of the observation that depend on the object's symmetry."""
@@ -31,7 +31,8 @@ def load_initial_weights(
     config names; of a run or a checkpoint those of the critics, the targets and
     the temperature, too. Discount, target entropy, the temperature's bounds, optimizer, buffer and
     curriculum are the run's own in either case. What the environment observes must mean the same as in
-    the run that the weights are from; the reward may be another.
+    the run that the weights are from, but may be more: the weights of further entries begin at zero. The
+    reward may be another.
 
     Raises:
         ValueError: If there are no such weights, they are of another architecture, or the environment
@@ -44,8 +45,10 @@ def load_initial_weights(
         agent, symmetry = _load_agent(caller, source, config, parts)
         _check_environment(caller, agent.fingerprint, symmetry, config, specs, parts)
         actor = learner.agent.actor
-        check_weights(source, actor.state_dict(), agent.actor.state_dict())
-        actor.load_state_dict(agent.actor.state_dict())
+        own, given = actor.state_dict(), agent.actor.state_dict()
+        given = _widened(own, given, agent.fingerprint, specs)
+        check_weights(source, own, given)
+        actor.load_state_dict(given)
         _copy_to_targets(learner.agent.loss)
         return
     with reading(checkpoint, CHECKPOINT_KIND):
@@ -55,6 +58,7 @@ def load_initial_weights(
     _check_environment(caller, fingerprint, symmetry, config, specs, parts)
     loss = learner.agent.loss
     own, given = loss.state_dict(), _weights_in(stored)
+    given = _widened(_weights_in(own), given, fingerprint, specs)
     check_weights(source, _weights_in(own), given)
     loss.load_state_dict({**own, **given})
 
@@ -116,6 +120,36 @@ def _weights_in(state: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+def _widened(
+    own: Mapping[str, Any], given: Mapping[str, Any], stored: Mapping[str, Any], specs: WorkerSpecs
+) -> dict[str, Any]:
+    """Weights of networks that observe entries of their own as well, whose weights are zero.
+
+    Args:
+        own: Weights of the networks that observe more.
+        given: The weights to take over.
+        stored: Fingerprint of the environment that `given` was trained in.
+        specs: Specs of the own environment; in the inputs of a network, the observation comes first.
+    """
+    names = [entry["name"] for entry in stored.get("observation", {}).get("entries", ())]
+    if not names or set(names) == set(specs.columns) or not set(names) <= set(specs.columns):
+        return dict(given)
+    ends = [(specs.columns[name].start, specs.columns[name].stop) for name in names]
+    known = [column for start, stop in ends for column in range(start, stop)]
+    width = max(columns.stop for columns in specs.columns.values())
+    widened = dict(given)
+    for name, value in given.items():
+        whole = own.get(name)
+        if not isinstance(whole, Tensor) or whole.ndim != value.ndim or whole.ndim < 2:
+            continue
+        if whole.shape[-1] - value.shape[-1] != width - len(known):
+            continue
+        after = range(width, whole.shape[-1])  # the action, which a critic reads
+        widened[name] = torch.zeros_like(whole)
+        widened[name][..., [*known, *after]] = value.to(whole)
+    return widened
+
+
 def _find_checkpoint(path: Path) -> Path | None:
     """The checkpoint that a path names: the file itself, or the newest in a run's folder."""
     if not path.is_dir():
@@ -136,9 +170,13 @@ def _check_environment(
     specs: WorkerSpecs,
     parts: Mapping[str, Any],
 ) -> None:
-    """Refuse weights that were trained to read another observation."""
+    """Refuse weights that were trained to read another observation, or more than there is."""
     own = {name: value for name, value in specs.fingerprint.items() if name != "reward"}
     given = {name: value for name, value in stored.items() if name != "reward"}
+    if given.get("observation") and own.get("observation"):
+        known = {entry["name"] for entry in given["observation"]["entries"]}
+        entries = [e for e in own["observation"]["entries"] if e["name"] in known]
+        own["observation"] = {**own["observation"], "entries": entries}
     if differences := fingerprint_differences(given, own):
         raise ValueError(f"{caller}: trained in another environment. " + "; ".join(differences))
     entries = {entry["name"] for entry in own.get("observation", {}).get("entries", ())}

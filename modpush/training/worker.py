@@ -17,14 +17,6 @@ from modpush._processes import begin_worker_process
 from modpush.agents.tqc.quantiles import quantile_huber
 from modpush.training.scene_worker import SceneWorker
 
-__all__ = [
-    "CollectionEndedError",
-    "InlineWorker",
-    "ProcessWorker",
-    "StartMethod",
-    "Worker",
-]
-
 StartMethod = Literal["spawn", "fork"]
 P = ParamSpec("P")
 R = TypeVar("R")

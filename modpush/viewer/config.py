@@ -1,21 +1,17 @@
 """`PlayConfig`: initial settings of the page."""
 
-from pathlib import Path
 from typing import Annotated
 
-import tyro
 from pydantic import Field, Strict
 
 from modpush._types import Fraction, Name, NonNegativeInteger, Several
 from modpush._validation import checked
 from modpush.envs.engines.named import check_engine
 from modpush.envs.outcome import Goal
-from modpush.envs.robot.named import check_robot
+from modpush.envs.robot.named import check_robot, check_tool
 from modpush.envs.scenes.layouts import ALL_SCENES
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.parts import part_module
-
-__all__ = ["CONTROL_FREQ", "PlayConfig"]
 
 CONTROL_FREQ = 15
 """Control steps per second of simulated time [Hz]."""
@@ -23,7 +19,7 @@ CONTROL_FREQ = 15
 
 @checked
 class PlayConfig:
-    """Initial settings of the page; all but the address and the folders can be changed on it."""
+    """Initial settings of the page; all but the address can be changed on it."""
 
     policy: Annotated[tuple[Name, ...], Strict(False), Field(min_length=1, max_length=2)] = (
         "agent",
@@ -45,13 +41,11 @@ class PlayConfig:
     robot: Name | None = None
     """Arm: its name, or `module:name`; by default that with which an agent was trained, and the UR5 for
     other policies."""
+    tool: Name | None = None
+    """Tool of the arm: `2f85`, `rod`, or `module:name`; by default that with which an agent was trained,
+    and the gripper `2f85` for other policies."""
     seed: NonNegativeInteger = 0
-    """Seed of the first episode; in a replay, the number of the episode."""
-    replay: Annotated[
-        tyro.conf.Positional[tuple[Path, ...]], Strict(False), Field(max_length=2)
-    ] = ()
-    """One or two folders that an evaluation wrote for a policy, whose episodes are shown instead of
-    running policies. If the evaluation ran several sets, give the folder of one of them."""
+    """Seed of the first episode."""
     paused: bool = False
     """Start paused."""
     host: Name = "127.0.0.1"
@@ -60,8 +54,7 @@ class PlayConfig:
     port: Annotated[int, Field(ge=0, le=65535)] = 8080
     """Port to listen on; if it is taken, the next free one is used and printed."""
     allow: Several[Name] = ()
-    """Modules from which the file of an agent, a run or a replayed set may import its author's own
-    parts."""
+    """Modules from which the file of an agent or a run may import its author's own parts."""
 
     def __post_init__(self) -> None:
         """Check the names."""
@@ -69,6 +62,8 @@ class PlayConfig:
             check_engine("PlayConfig", self.engine)
         if self.robot is not None:
             check_robot("PlayConfig", self.robot)
+        if self.tool is not None:
+            check_tool("PlayConfig", self.tool)
         for name, value, known in (
             ("scene", self.scene, ALL_SCENES),
             ("pushed_object", self.pushed_object, {*OBJECTS}),

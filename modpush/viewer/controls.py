@@ -1,22 +1,96 @@
-"""The panel beside the scene."""
+"""The panel beside the scene: its buttons and fields, which send commands to the session."""
 
 import functools
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from modpush.envs.scenes.layouts import ALL_SCENES
 from modpush.envs.scenes.objects import OBJECTS
-from modpush.viewer.edits import OBSTACLE_SIZES
+from modpush.viewer.lane import POLICIES
 from modpush.viewer.overlays import Overlays, window_picture
-from modpush.viewer.panel import Panel, assign
-from modpush.viewer.policies import POLICIES
 from modpush.viewer.session import Session
 
 if TYPE_CHECKING:
-    from viser import ViserServer
+    from viser import GuiApi
 
-__all__ = ["Controls"]
+
+def assign(handle: Any, field: str, value: Any) -> None:
+    """Assign only what differs: every assignment is a message to every tab."""
+    now = getattr(handle, field)
+    if now is None or not np.array_equal(now, value):
+        setattr(handle, field, value)
+
+
+class Panel:
+    """Makes the elements of the panel.
+
+    Args:
+        gui: The panel to which they are added.
+        session: The session that carries out their commands.
+    """
+
+    def __init__(self, gui: "GuiApi", session: Session) -> None:
+        self.gui, self.session = gui, session
+
+    def button(self, label: str, command: Callable[[], object], hotkey: str | None = None) -> Any:
+        """A button, and a key that does the same."""
+        button = self.gui.add_button(label if hotkey is None else f"{label} ({hotkey})")
+        button.on_click(lambda _: self.session.submit(command))
+        if hotkey is not None:
+            self.hotkey(label, hotkey, command)
+        return button
+
+    def hotkey(self, label: str, hotkey: Any, command: Callable[[], object]) -> None:
+        """A key that sends a command."""
+        self.gui.add_command(label, hotkey=hotkey).on_trigger(
+            lambda _: self.session.submit(command)
+        )
+
+    def field(self, handle: Any, command: Callable[[Any], object]) -> "Field":
+        """Send a command with each value that a person sets in an element."""
+        return Field(self.session, handle, command)
+
+
+class Field:
+    """An element that shows a value of the session and lets a person set it.
+
+    Args:
+        session: The session that carries out the command.
+        handle: The element.
+        command: Called with what a person has set.
+    """
+
+    def __init__(self, session: Session, handle: Any, command: Callable[[Any], object]) -> None:
+        self._session, self._handle, self._command = session, handle, command
+        self._shown: Any = handle.value
+        handle.on_update(self._on_update)
+
+    # `async`, since viser then calls it before anything else can change the value.
+    async def _on_update(self, event: Any) -> None:
+        if event.client is not None:  # None: `show` has set it
+            value = self._handle.value
+            self._session.submit(lambda: self._set(value), key=id(self))
+
+    def _set(self, value: Any) -> None:
+        try:
+            self._command(value)
+        finally:
+            self._shown = None  # a value that is refused is taken back
+
+    def show(self, value: Any) -> None:
+        """Show the session's value where it has changed.
+
+        It is not compared with the element's own, which a person may just have set.
+        """
+        if self._shown is None or not np.array_equal(self._shown, value):
+            self._shown = value
+            self._handle.value = value
+
+
+if TYPE_CHECKING:
+    from viser import ViserServer
 
 _NONE = "none"
 _MOVES = {
@@ -71,34 +145,18 @@ class SceneControls:
 
     def __init__(self, panel: Panel) -> None:
         self._session = session = panel.session
-        self.selected: int | None = None
-        """The obstacle that was clicked last."""
         with panel.gui.add_folder("Goal and obstacles"):
             panel.gui.add_markdown(
-                "Drag the goal and the obstacles. Shift-drag turns an obstacle or a goal pose, a click "
-                "selects an obstacle."
+                "Drag the goal and the obstacles. Shift-drag turns an obstacle or a goal pose."
             )
             self._goal = panel.field(
                 panel.gui.add_vector2("Goal [m]", self._goal_now(), step=0.01),
                 lambda goal: session.move_goal(*goal),
             )
-            for kind in OBSTACLE_SIZES:
-                panel.button(f"Add a {kind}", functools.partial(session.add_obstacle, kind))
-            panel.button("Remove the selected obstacle", self._remove, "delete")
 
     def _goal_now(self) -> tuple[float, float]:
         x, y = self._session.snapshots[0].scenario.goal_position
         return round(x, 3), round(y, 3)
-
-    def select(self, index: int) -> None:
-        """Select an obstacle."""
-        self.selected = index
-
-    def _remove(self) -> None:
-        if self.selected is None:
-            raise ValueError("Click an obstacle to select it.")
-        index, self.selected = self.selected, None
-        self._session.remove_obstacle(index)
 
     def update(self) -> None:
         """Show where the goal is."""
@@ -168,24 +226,21 @@ class EpisodeControls:
         gui = panel.gui
         with gui.add_folder("Episode"):
             self._seed = panel.field(
-                gui.add_number(
-                    "Stored episode" if session.replaying else "Seed", session.seed, min=0, step=1
-                ),
+                gui.add_number("Seed", session.seed, min=0, step=1),
                 lambda seed: session.reset(int(seed)),
             )
-            if not session.replaying:
-                self._scene = panel.field(
-                    gui.add_dropdown("Scene", _scenes(session), initial_value=session.scene),
-                    lambda name: session.choose_scene(scene=name),
-                )
-                self._difficulty = panel.field(
-                    gui.add_slider("Difficulty", 0.0, 1.0, 0.05, session.difficulty),
-                    lambda value: session.choose_scene(difficulty=float(value)),
-                )
-                self._object = panel.field(
-                    gui.add_dropdown("Object", tuple(OBJECTS), initial_value=session.pushed_object),
-                    lambda name: session.choose_scene(pushed_object=name),
-                )
+            self._scene = panel.field(
+                gui.add_dropdown("Scene", _scenes(session), initial_value=session.scene),
+                lambda name: session.choose_scene(scene=name),
+            )
+            self._difficulty = panel.field(
+                gui.add_slider("Difficulty", 0.0, 1.0, 0.05, session.difficulty),
+                lambda value: session.choose_scene(difficulty=float(value)),
+            )
+            self._object = panel.field(
+                gui.add_dropdown("Object", tuple(OBJECTS), initial_value=session.pushed_object),
+                lambda name: session.choose_scene(pushed_object=name),
+            )
             panel.button("Reset to the seed", session.reset, "R")
             panel.button("Again as changed", session.restart, "B")
             panel.button("Next episode", session.next_episode, "M")
@@ -194,10 +249,9 @@ class EpisodeControls:
         """Show the session's state."""
         session = self._session
         self._seed.show(session.seed)
-        if not session.replaying:
-            self._scene.show(session.scene)
-            self._difficulty.show(session.difficulty)
-            self._object.show(session.pushed_object)
+        self._scene.show(session.scene)
+        self._difficulty.show(session.difficulty)
+        self._object.show(session.pushed_object)
 
 
 _OVERLAYS = {
@@ -207,7 +261,6 @@ _OVERLAYS = {
     "map": "Inflated map",
     "window": "Window and reconstruction",
 }
-_STORED = ("path", "subgoal", "flags")  # what an evaluation keeps of an episode
 
 
 class Controls:
@@ -226,26 +279,20 @@ class Controls:
         server.gui.main_panel.dock_right()
         gui, panel = server.gui, Panel(server.gui, session)
         self._status = gui.add_markdown("")
-        self.scene: SceneControls | None = None
         tabs = gui.add_tab_group()
         with tabs.add_tab("Run"):
             self.time = TimeControls(panel)
-            self._parts: list[Any] = [self.time, EpisodeControls(panel)]
-            if not session.replaying:
-                self._parts.append(PolicyControls(panel))
-        if not session.replaying:
-            with tabs.add_tab("Scene"):
-                self.scene = SceneControls(panel)
-                self._parts.append(self.scene)
-                HandControls(panel)
+            self._parts: list[Any] = [self.time, EpisodeControls(panel), PolicyControls(panel)]
+        with tabs.add_tab("Scene"):
+            self._parts.append(SceneControls(panel))
+            HandControls(panel)
         with tabs.add_tab("Overlays"):
             self._add_overlays(server)
 
     def _add_overlays(self, server: "ViserServer") -> None:
         for field, label in _OVERLAYS.items():
-            if not self._session.replaying or field in _STORED:
-                shown = getattr(self.overlays, field)
-                server.gui.add_checkbox(label, shown).on_update(self._switch(field))
+            shown = getattr(self.overlays, field)
+            server.gui.add_checkbox(label, shown).on_update(self._switch(field))
         empty = np.zeros((8, 16, 3), dtype=np.uint8)
         self._images = [server.gui.add_image(empty, visible=False) for _ in range(2)]
 
@@ -254,16 +301,6 @@ class Controls:
             setattr(self.overlays, field, event.target.value)
 
         return switch
-
-    @property
-    def selected(self) -> int | None:
-        """The obstacle that was clicked last."""
-        return None if self.scene is None else self.scene.selected
-
-    def select(self, index: int) -> None:
-        """Select an obstacle."""
-        if self.scene is not None:
-            self.scene.select(index)
 
     def update(self) -> None:
         """Show the session's state."""

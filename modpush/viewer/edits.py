@@ -3,41 +3,17 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from modpush._validation import check_value
 from modpush.envs.outcome import is_at_goal, is_out_of_bounds
 from modpush.envs.robot.robot import Robot, Tool
-from modpush.envs.scenes.arm_room import arm_reach, check_arm_is_free
-from modpush.envs.scenes.layouts import BAR_SECTION, CUBE_SIDE
+from modpush.envs.scenes.arm_room import check_arm_is_free
 from modpush.envs.scenes.objects import get_object
-from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
+from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.rectangles import obstacle_distance
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.geometry.workspace import WORKSPACE
-
-__all__ = [
-    "OBSTACLE_SIZES",
-    "ObstacleKind",
-    "add_obstacle",
-    "check_scene",
-    "continue_from",
-    "move_goal",
-    "move_obstacle",
-    "remove_obstacle",
-]
-
-ObstacleKind = Literal["cube", "bar"]
-OBSTACLE_SIZES: dict[ObstacleKind, tuple[float, float, float]] = {
-    "cube": (CUBE_SIDE, CUBE_SIDE, CUBE_SIDE),
-    "bar": (0.20, BAR_SECTION, BAR_SECTION),
-}
-"""Length, width and height of the obstacles that can be added [m]."""
-
-_NEW_CLEARANCE = 0.04  # around a new obstacle [m]
 
 
 def continue_from(
@@ -106,75 +82,12 @@ def _with_patrol(old: Obstacle, pose: tuple[float, float, float]) -> Obstacle:
     return Obstacle(old.size, (float(x), float(y), pose[2]), patrol)
 
 
-def remove_obstacle(scenario: Scenario, index: int) -> Scenario:
-    """The scene without one of its obstacles.
-
-    Raises:
-        ValueError: If there is no such obstacle.
-    """
-    _get(scenario, index)
-    kept = [o for i, o in enumerate(scenario.obstacles) if i != index]
-    return replace(scenario, obstacles=tuple(kept))
-
-
 def _get(scenario: Scenario, index: int) -> Obstacle:
     if not 0 <= index < len(scenario.obstacles):
         raise ValueError(
             f"There is no obstacle with index {index}, this scene has {len(scenario.obstacles)}."
         )
     return scenario.obstacles[index]
-
-
-def add_obstacle(
-    scenario: Scenario,
-    kind: ObstacleKind,
-    keep_free: Sequence[tuple[Sequence[float], float]],
-    robot: Robot,
-) -> Scenario:
-    """One more obstacle, at the free place nearest to the middle of the way to the goal.
-
-    Args:
-        scenario: The scene; its object pose and goal say where the way is.
-        kind: Kind of the obstacle.
-        keep_free: Further circles that it must not touch, centre (x, y) and radius [m].
-        robot: The arm, which needs room around its base.
-
-    Raises:
-        ValueError: If there is no such kind, or the scene is full.
-    """
-    check_value("kind", kind, ObstacleKind)
-    if len(scenario.obstacles) >= MAX_OBSTACLES:
-        raise ValueError(f"A scene holds at most {MAX_OBSTACLES} obstacles.")
-    size = OBSTACLE_SIZES[kind]
-    across = math.pi / 2  # the long axis of a bar lies across the way out from the robot
-    (x0, y0), (x1, y1) = WORKSPACE
-    grid = np.stack(np.meshgrid(np.arange(x0, x1, 0.02), np.arange(y0, y1, 0.02)), -1)
-    places = grid.reshape(-1, 2)
-    object_radius = get_object(scenario.pushed_object).radius
-    circles = [
-        (scenario.object_pose[:2], object_radius),
-        (scenario.goal_position, object_radius),
-        (robot.base[:2], arm_reach(robot, size[2]) - _NEW_CLEARANCE),
-        *keep_free,
-    ]
-    centers = np.array([center[:2] for center, _ in circles])
-    radii = np.array([radius for _, radius in circles])
-    new = Obstacle(size, (0.0, 0.0, across))
-    free = np.ones(len(places), dtype=bool)
-    for center, radius in zip(centers, radii, strict=True):
-        free &= obstacle_distance(center - places, [new]) > radius + _NEW_CLEARANCE
-    reach = math.hypot(*size[:2]) / 2
-    free &= obstacle_distance(places, scenario.obstacles) > reach
-    if not free.any():
-        raise ValueError("There is no free place for another obstacle.")
-    middle = centers[:2].mean(0)
-    x, y = _nearest(places[free], middle)
-    return replace(scenario, obstacles=(*scenario.obstacles, Obstacle(size, (x, y, across))))
-
-
-def _nearest(places: NDArray[np.float64], wanted: NDArray[np.float64]) -> tuple[float, float]:
-    x, y = places[np.argmin(np.linalg.norm(places - wanted, axis=-1))].tolist()
-    return x, y
 
 
 def check_scene(

@@ -1,26 +1,28 @@
-"""One policy in one scene, and snapshots of it."""
+"""Policies by name, one policy in one scene, and snapshots of it."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
-from typing import Protocol
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from tensordict import NestedKey, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
 from torchrl.envs import EnvBase, set_exploration_type
 from torchrl.envs.utils import ExplorationType, step_mdp
 
 from modpush.encoders.base import as_floats
 from modpush.encoders.encode import Encode
 from modpush.encoders.vae.model import DepthVAE
+from modpush.envs.outcome import Goal
 from modpush.envs.push_env import PushEnv
 from modpush.envs.robot.robot import Robot, Tool
+from modpush.envs.scenes.objects import OBJECTS
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.episodes import Policy
-from modpush.viewer.config import CONTROL_FREQ
-
-__all__ = ["FLAGS", "Lane", "PolicyLane", "Snapshot"]
+from modpush.viewer.config import CONTROL_FREQ, PlayConfig
 
 FLAGS = ("object_contact", "obstacle_contact", "tool_obstacle_contact", "success", "out_of_bounds")
 """Flags of a snapshot, by the keys of `PushEnv`."""
@@ -66,25 +68,6 @@ class Snapshot:
         return replace(self.scenario, obstacles=tuple(now))
 
 
-class Lane(Protocol):
-    """Running policy or stored episode that a `Session` shows."""
-
-    name: str
-    """Name for the page."""
-
-    def start(self, scenario: Scenario, number: int) -> Snapshot:
-        """Start an episode; `number` is that of a stored one."""
-
-    def step(self) -> Snapshot:
-        """Take one control step."""
-
-    def reconstruction(self) -> NDArray[np.float32] | None:
-        """The autoencoder's reconstruction of the window, `[S, S]` in [0, 1], if there is one."""
-
-    def close(self) -> None:
-        """Free what it holds."""
-
-
 class PolicyLane:
     """A policy in an environment of one scene.
 
@@ -111,9 +94,9 @@ class PolicyLane:
         self._vae = _autoencoder(env)
         self._step = 0
         simulator: PushEnv = getattr(env, "base_env", env)
-        self._robot, self._tool = simulator.robot, simulator.tool
+        self.robot, self.tool = simulator.robot, simulator.tool
 
-    def start(self, scenario: Scenario, number: int = 0) -> Snapshot:
+    def start(self, scenario: Scenario) -> Snapshot:
         """Start an episode."""
         self._td = self.env.reset(scenarios=[scenario])
         self._scenario, self._step = scenario, 0
@@ -140,8 +123,8 @@ class PolicyLane:
             object_pose=(x, y, yaw),
             ee_pose=(tool_x, tool_y, tool_yaw),
             joint_position=now["joint_position"][0].double().numpy(),
-            robot=self._robot,
-            tool=self._tool,
+            robot=self.robot,
+            tool=self.tool,
             step=self._step,
             flags={key: bool(now[key].item()) for key in FLAGS},
             ended=bool(now["done"].item()),
@@ -169,3 +152,97 @@ def _autoencoder(env: EnvBase) -> DepthVAE | None:
         if isinstance(transform, Encode) and isinstance(transform.encoder, DepthVAE):
             return transform.encoder
     return None
+
+
+if TYPE_CHECKING:
+    from modpush.recipes.agent_file import Agent
+
+POLICIES = ("agent", "corridor", "corridor_faithful", "scripted", "hand")
+"""Names of the policies; `"agent"` is the shipped one for all objects, or that for goal poses. What
+`load_agent` takes can be given as well."""
+_MAX_WAYPOINTS = 32  # of the path that is shown
+
+
+def make_lane(policy: str, config: PlayConfig | None = None) -> PolicyLane:
+    """A policy in an environment of one scene that holds all shipped objects.
+
+    Args:
+        policy: One of `POLICIES`, or what `load_agent` takes.
+        config: Robot, tool, engine, goal, and modules from which an agent's file may import its
+            author's own parts.
+
+    Raises:
+        ValueError: If there is no such policy, the file is not an agent, or names modules that are not
+            allowed.
+    """
+    config = config or PlayConfig()
+    allow = config.allow
+    options: dict[str, Any] = {
+        "pushed_object": tuple(OBJECTS),
+        "max_waypoints": _MAX_WAYPOINTS,
+        "max_episode_steps": None,
+        "keep_images": True,
+        **({} if config.goal == "position" else {"goal": config.goal}),
+    }
+    names = ("engine", "robot", "tool")
+    options |= {name: v for name in names if (v := getattr(config, name)) is not None}
+    if policy not in POLICIES or policy == "agent":
+        agent = _load(policy, allow, config.goal)
+        name = policy if policy == "agent" else Path(policy).stem
+        env = agent.make_env(1, **options)
+        return PolicyLane(name, env, agent.policy)
+    # Here, since the simulator comes with it.
+    from modpush.recipes.config import PushEnvConfig
+    from modpush.recipes.make_env import make_push_env
+    from modpush.recipes.methods import get_method
+
+    env_config = PushEnvConfig.preset("cpu", num_envs=1, action_frame="base")
+    env = make_push_env(env_config, **options)
+    if policy == "hand":
+        return PolicyLane(policy, env, HandPolicy())
+    method = get_method(policy)
+    keys = {"path_key": method.path_key, "target_key": method.target_key}
+    return PolicyLane(policy, env, method.make_policy(), **keys)
+
+
+def _load(policy: str, allow: Collection[str], goal: Goal) -> "Agent":
+    from modpush.recipes.agent_file import BEST_AGENT, HUB_PREFIX, load_agent, shipped_agents
+
+    if policy == "agent":  # any object may be chosen on the page
+        return load_agent("any_object" if goal == "position" else "pose")
+    path = Path(policy)
+    known = policy in shipped_agents() or policy.startswith(HUB_PREFIX)
+    if not (known or path.is_file() or (path / BEST_AGENT).is_file()):
+        raise ValueError(
+            f"policy: no {policy!r}, expected one of {[*POLICIES, *shipped_agents()]}, an agent's "
+            "file, a training run's folder, or hf://owner/name."
+        )
+    return load_agent(policy, allow=allow)
+
+
+class HandPolicy(TensorDictModuleBase):
+    """Takes the action that was last pressed for some steps, then stands still.
+
+    A browser repeats a key that is held about 30 times a second after a first pause of up to half a
+    second; a press therefore lasts a few steps.
+    """
+
+    in_keys = ["object_pose"]  # noqa: RUF012
+    out_keys = ["action"]  # noqa: RUF012
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._action = (0.0, 0.0, 0.0)
+        self._steps_left = 0
+
+    def press(self, action: tuple[float, float, float], steps: int = 5) -> None:
+        """Take an action (dx, dy, dyaw) in [-1, 1], base frame, for this many steps."""
+        self._action, self._steps_left = action, steps
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Write the action, `[B, 3]`."""
+        pose = tensordict["object_pose"]
+        values = self._action if self._steps_left > 0 else (0.0, 0.0, 0.0)
+        self._steps_left -= 1
+        tensordict["action"] = torch.tensor(values).expand(pose.shape[0], 3).clone()
+        return tensordict

@@ -1,4 +1,4 @@
-"""`LaneView`: one lane drawn on the page, from the primitives that physics uses."""
+"""`LaneView`: one lane drawn on the page, from the primitives that physics uses, and its drags."""
 
 import functools
 import math
@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modpush.envs.outcome import GOAL_THRESHOLD
 from modpush.envs.scenes.drawing import COLORS
@@ -16,20 +17,85 @@ from modpush.envs.scenes.scenario import Scenario
 from modpush.geometry.camera import CAMERA
 from modpush.geometry.shapes import Primitive, box, cylinder
 from modpush.geometry.workspace import WORKSPACE
-from modpush.viewer.dragging import make_draggable
+from modpush.viewer.controls import assign
 from modpush.viewer.lane import Snapshot
 from modpush.viewer.overlays import Overlays, map_picture, path_segments, primitive_mesh
-from modpush.viewer.panel import assign
 from modpush.viewer.session import Session
+
+if TYPE_CHECKING:
+    from viser import SceneNodeDragEvent
+
+
+def ray_on_plane(
+    eye: NDArray[np.float64], through: NDArray[np.float64], height: float
+) -> NDArray[np.float64] | None:
+    """Intersection of a ray with a horizontal plane.
+
+    Args:
+        eye: Origin of the ray, `[3]` [m].
+        through: A point on it, `[3]` [m].
+        height: Height of the plane [m].
+
+    Returns:
+        x and y, `[2]` [m]; None if the ray does not lead there.
+    """
+    way = through - eye
+    if abs(way[2]) < 1e-9 or (height - eye[2]) / way[2] <= 0:
+        return None
+    return (eye + way * (height - eye[2]) / way[2])[:2]
+
+
+def make_draggable(
+    handle: Any,
+    center: Callable[[], tuple[float, float, float]],
+    move: Callable[[float, float], None],
+    turn: Callable[[float], None] | None = None,
+) -> None:
+    """Let the left button drag something over the table, and turn it with shift held.
+
+    Args:
+        handle: The viser node that is grabbed.
+        center: Its present x, y, yaw in the page's world [m, m, rad].
+        move: Called with where its centre is dragged to [m].
+        turn: Called with the yaw that it is turned to [rad].
+    """
+    grabbed: dict[int, tuple[NDArray[np.float64], float, float]] = {}
+
+    def place(event: "SceneNodeDragEvent[Any]", height: float) -> NDArray[np.float64] | None:
+        eye = np.array(event.client.camera.position)
+        return ray_on_plane(eye, np.array(event.end_position), height)
+
+    # `async`, since viser then keeps the events in their order.
+    async def on_move(event: "SceneNodeDragEvent[Any]") -> None:
+        x, y, _ = center()
+        if event.phase == "start":
+            start = np.array(event.start_position)
+            grabbed[event.client_id] = start[:2] - (x, y), float(start[2]), 0.0
+        offset, height, _ = grabbed.get(event.client_id, (np.zeros(2), 0.0, 0.0))
+        if (point := place(event, height)) is not None:
+            move(*(point - offset).tolist())
+
+    async def on_turn(event: "SceneNodeDragEvent[Any]") -> None:
+        x, y, yaw = center()
+        start = np.array(event.start_position)
+        if event.phase == "start":
+            angle = math.atan2(start[1] - y, start[0] - x)
+            grabbed[event.client_id] = start[:2], float(start[2]), yaw - angle
+        _, height, offset = grabbed.get(event.client_id, (start[:2], 0.0, 0.0))
+        if turn is not None and (point := place(event, height)) is not None:
+            turn(math.atan2(point[1] - y, point[0] - x) + offset)
+
+    handle.on_drag("left")(on_move)
+    if turn is not None:
+        handle.on_drag("left", modifier="shift")(on_turn)
+
 
 if TYPE_CHECKING:
     from viser import ViserServer
 
-__all__ = ["LaneView"]
-
 _TABLE = box(1.20, 1.20, 0.02, (0.30, 0.0, -0.011), color=(0.90, 0.88, 0.84))
 _GOAL = cylinder(GOAL_THRESHOLD, 0.004, (0.0, 0.0, 0.002), color=(0.24, 0.65, 0.30))
-_OBSTACLE, _SELECTED, _HIT = (0.30, 0.33, 0.38), (0.93, 0.62, 0.16), (0.80, 0.15, 0.15)
+_OBSTACLE, _HIT = (0.30, 0.33, 0.38), (0.80, 0.15, 0.15)
 _RED, _GREEN, _BLUE = COLORS["object"]
 _OBJECT = (_RED / 255, _GREEN / 255, _BLUE / 255)  # of every object, as in the pictures
 _MAGENTA = (200, 40, 190)
@@ -50,7 +116,6 @@ class LaneView:
         session: The session behind the page.
         root: Name of the lane's node.
         offset: Position of this lane's robot along the page's y [m].
-        select: Called with the index of an obstacle that is clicked.
     """
 
     def __init__(
@@ -59,10 +124,9 @@ class LaneView:
         session: Session,
         root: str,
         offset: float,
-        select: Callable[[int], None],
     ) -> None:
         self._scene, self._session, self._root = server.scene, session, root
-        self._offset, self._select = offset, select
+        self._offset = offset
         self._shown: Snapshot | None = None
         self._scene.add_frame(root, show_axes=False, position=(0.0, offset, 0.0))
         self._body("table", (_TABLE,))
@@ -151,12 +215,7 @@ class LaneView:
 
         make_draggable(handle, pose, move, turn)
 
-        async def on_click(event: Any) -> None:
-            self._select(index)
-
-        handle.on_click(on_click)
-
-    def update(self, shown: Snapshot, overlays: Overlays, name: str, selected: int | None) -> None:
+    def update(self, shown: Snapshot, overlays: Overlays, name: str) -> None:
         """Bring the page up to a snapshot; what has not changed is not sent."""
         before = self._shown.scenario if self._shown is not None else None
         if before is not shown.scenario:
@@ -178,7 +237,7 @@ class LaneView:
             obstacle = obstacles[i]
             x, y, yaw = obstacle.pose
             _place(handle, x, y, obstacle.size[2] / 2, yaw)
-            color = _SELECTED if i == selected else _HIT if i in hit else _OBSTACLE
+            color = _HIT if i in hit else _OBSTACLE
             assign(handle, "color", tuple(round(255 * c) for c in color))
         self._update_overlays(shown, overlays, name)
         self._shown = shown

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from modpush.geometry.footprint import outline_of
 from modpush.geometry.shapes import Primitive
 
-__all__ = ["Overlays", "map_picture", "path_segments", "primitive_mesh", "window_picture"]
-
 _RIM = (235, 120, 40)  # color of the inflated map
 _SCALE = 3  # screen pixels for each pixel of the window
 

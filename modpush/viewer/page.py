@@ -25,8 +25,6 @@ from modpush.viewer.session import Session
 if TYPE_CHECKING:
     from viser import ViserServer
 
-__all__ = ["Page", "play"]
-
 _BESIDE = 1.35  # distance of two lanes' robots [m]
 _CAMERA_OF_ONE = (1.08, -0.45, 0.72), (0.40, 0.0, 0.05)
 _CAMERA_OF_TWO = (1.75, 0.0, 1.0), (0.40, 0.0, 0.05)
@@ -48,7 +46,7 @@ class Page:
 
     Raises:
         MissingExtraError: If viser is not installed; the message says how to install it.
-        ValueError: If a policy or a folder of the config is not there.
+        ValueError: If a policy of the config is not there.
     """
 
     def __init__(self, config: PlayConfig) -> None:
@@ -102,7 +100,7 @@ class Page:
             for view, lane, shown in zip(
                 self._views, session.lanes, session.snapshots, strict=True
             ):
-                view.update(shown, self.controls.overlays, lane.name, self.controls.selected)
+                view.update(shown, self.controls.overlays, lane.name)
             self.controls.update()
 
     def _make_views(self) -> None:
@@ -111,7 +109,7 @@ class Page:
         count = len(self.session.lanes)
         offsets = [0.0] if count == 1 else [-_BESIDE / 2, _BESIDE / 2]  # left and right
         self._views = [
-            LaneView(self.server, self.session, f"/lane{i}", offset, self.controls.select)
+            LaneView(self.server, self.session, f"/lane{i}", offset)
             for i, offset in enumerate(offsets)
         ]
         camera = self.server.initial_camera
@@ -224,7 +222,7 @@ def play(config: PlayConfig | None = None) -> None:
 
     Raises:
         MissingExtraError: If viser is not installed; the message says how to install it.
-        ValueError: If a policy or a folder of the config is not there.
+        ValueError: If a policy of the config is not there.
     """
     config = config or PlayConfig()
     warnings.filterwarnings("ignore", message="Failed to find system libvulkan")

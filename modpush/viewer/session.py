@@ -1,24 +1,46 @@
-"""`Session`: the policies and scenes behind the page."""
+"""`Session`: the policies and scenes behind the page, and the commands of other threads."""
 
+import queue
 from collections.abc import Callable, Hashable
-from dataclasses import replace
 
 import numpy as np
 
-from modpush._arguments import checked_arguments
 from modpush._types import Angle, Coordinate, Finite, Seed
-from modpush._validation import check_value
+from modpush._validation import check_value, checked_arguments
 from modpush.envs.scenes.layouts import TIGHT_SCENES
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.viewer import edits
-from modpush.viewer.commands import Command, CommandQueue
 from modpush.viewer.config import CONTROL_FREQ, PlayConfig
-from modpush.viewer.lane import Lane, PolicyLane, Snapshot
-from modpush.viewer.policies import HandPolicy, make_lane
-from modpush.viewer.replay import ReplayLane
+from modpush.viewer.lane import HandPolicy, PolicyLane, Snapshot, make_lane
 
-__all__ = ["Session"]
+Command = Callable[[], object]
+
+
+class CommandQueue:
+    """Commands that threads hand over, carried out by one thread."""
+
+    def __init__(self) -> None:
+        self._waiting: queue.SimpleQueue[tuple[Hashable, Command]] = queue.SimpleQueue()
+
+    def put(self, command: Command, key: Hashable = None) -> None:
+        """Add a command.
+
+        Args:
+            command: The command.
+            key: Of waiting commands with the same key, such as the moves of one drag, only the last
+                is carried out.
+        """
+        self._waiting.put((key, command))
+
+    def take(self) -> list[Command]:
+        """All waiting commands in their order, without those that a later one replaces."""
+        found: list[tuple[Hashable, Command]] = []
+        while not self._waiting.empty():
+            found.append(self._waiting.get())
+        last = {key: i for i, (key, _) in enumerate(found)}
+        return [command for i, (key, command) in enumerate(found) if key is None or last[key] == i]
+
 
 _PAUSE_AT_END = CONTROL_FREQ  # ticks until the next episode begins by itself
 
@@ -34,7 +56,7 @@ class Session:
         config: Initial settings.
 
     Raises:
-        ValueError: If a policy or a folder of the config is not there.
+        ValueError: If a policy of the config is not there.
     """
 
     def __init__(self, config: PlayConfig | None = None) -> None:
@@ -46,46 +68,20 @@ class Session:
         """Begin the next episode by itself after one has ended."""
         self.message = ""
         """Error of the last command; empty if it succeeded."""
-        self.lanes: list[Lane] = []
+        self.lanes: list[PolicyLane] = []
         self.policies: tuple[str, ...] = ()
-        """The policies as they were given; empty in a replay."""
+        """The policies as they were given."""
         self.snapshots: list[Snapshot] = []
         """Snapshot of each lane."""
         self._commands = CommandQueue()
         self._ticks_since_end = 0
-        if self.config.replay:
-            self.lanes = [
-                ReplayLane(folder, allow=self.config.allow) for folder in self.config.replay
-            ]
-            self.seed = max(self.seed, self.episode_numbers[0])
-        else:
-            self._make_lanes(self.config.policy)
+        self._make_lanes(self.config.policy)
         self.reset()
 
     @property
     def names(self) -> list[str]:
         """Names of the lanes for the page."""
         return [lane.name for lane in self.lanes]
-
-    @property
-    def replaying(self) -> bool:
-        """True while stored episodes are shown, which nothing can change."""
-        return not self.policies
-
-    @property
-    def episode_numbers(self) -> list[int]:
-        """Numbers of the episodes that all folders of a replay hold; none where policies run.
-
-        Raises:
-            ValueError: If the folders have none in common.
-        """
-        replays = [lane for lane in self.lanes if isinstance(lane, ReplayLane)]
-        if not replays:
-            return []
-        numbers = set.intersection(*(set(lane.numbers) for lane in replays))
-        if not numbers or len({lane.set.digest for lane in replays}) > 1:
-            raise ValueError("Session: the folders of the replay have no episode in common.")
-        return sorted(numbers)
 
     @property
     def ended(self) -> bool:
@@ -147,10 +143,10 @@ class Session:
 
     @checked_arguments
     def reset(self, seed: Seed | None = None) -> None:
-        """Begin the episode of a seed (default: the present one), or the stored one of that number.
+        """Begin the episode of a seed (default: the present one).
 
         Raises:
-            ValueError: If no scene can be drawn with the present settings, or none is stored.
+            ValueError: If no scene can be drawn with the present settings.
         """
         seed = self.seed if seed is None else seed
         self._start([self._draw(seed)] * len(self.lanes), seed)
@@ -160,21 +156,11 @@ class Session:
         self._start([self.snapshots[0].scenario] * len(self.lanes), self.seed)
 
     def next_episode(self) -> None:
-        """Begin the episode of the next seed, or the next stored one."""
-        numbers = self.episode_numbers
-        later = [number for number in numbers if number > self.seed]
-        self.reset((later or numbers)[0] if numbers else self.seed + 1)
+        """Begin the episode of the next seed."""
+        self.reset(self.seed + 1)
 
     def _draw(self, seed: int) -> Scenario:
         lane = self.lanes[0]
-        if isinstance(lane, ReplayLane):
-            numbers = self.episode_numbers
-            if seed not in numbers:
-                raise ValueError(
-                    f"No episode {seed} is stored; there are {len(numbers)} from {numbers[0]} to "
-                    f"{numbers[-1]}."
-                )
-            return lane.set.scenarios[seed]
         return sample_scenario(
             np.random.default_rng(seed),
             ScenarioConfig(
@@ -184,13 +170,14 @@ class Session:
                 # Through the passages of these families only the inscribed circle fits.
                 path_inflation="inscribed" if self.scene in TIGHT_SCENES else None,
             ),
-            robot=self.config.robot or "ur5",
+            robot=lane.robot,
+            tool=lane.tool,
             goal=self.config.goal,
         )
 
     def _start(self, scenarios: list[Scenario], seed: int) -> None:
         self.snapshots = [
-            lane.start(scenario, seed) for lane, scenario in zip(self.lanes, scenarios, strict=True)
+            lane.start(scenario) for lane, scenario in zip(self.lanes, scenarios, strict=True)
         ]
         self.seed, self._ticks_since_end = seed, 0
 
@@ -204,9 +191,8 @@ class Session:
         """Draw episodes from something else, and begin the one of the present seed.
 
         Raises:
-            ValueError: If there is no such scene or object, or none can be drawn, or in a replay.
+            ValueError: If there is no such scene or object, or none can be drawn.
         """
-        self._refuse_in_replay()
         before = self.scene, self.difficulty, self.pushed_object
         self.scene = self.scene if scene is None else scene
         self.difficulty = self.difficulty if difficulty is None else difficulty
@@ -241,12 +227,12 @@ class Session:
             if lane not in self.lanes:
                 lane.close()
 
-    def _make_lanes(self, policies: tuple[str, ...]) -> list[Lane]:
+    def _make_lanes(self, policies: tuple[str, ...]) -> list[PolicyLane]:
         """Take lanes for these policies; returns those that were made, none where one cannot be."""
         # Lanes that are there already are kept: an environment takes a second to make.
         kept = list(zip(self.policies, self.lanes, strict=bool(self.policies)))
-        lanes: list[Lane] = []
-        made: list[Lane] = []
+        lanes: list[PolicyLane] = []
+        made: list[PolicyLane] = []
         try:
             for policy in policies:
                 found = next((pair for pair in kept if pair[0] == policy), None)
@@ -274,34 +260,14 @@ class Session:
         """Put an obstacle elsewhere [m, m, rad]."""
         self._change(lambda scenario: edits.move_obstacle(scenario, index, x, y, yaw))
 
-    def add_obstacle(self, kind: edits.ObstacleKind) -> None:
-        """Add an obstacle where it touches nothing in any lane."""
-        poses = [pose for shown in self.snapshots for pose in (shown.object_pose, shown.ee_pose)]
-        first = self.snapshots[0]
-        here = edits.continue_from(first.present, first.object_pose, first.ee_pose)
-        added = edits.add_obstacle(
-            here, kind, [(pose, 0.05) for pose in poses], first.robot
-        ).obstacles
-        self._change(lambda scenario: replace(scenario, obstacles=added))
-
-    @checked_arguments
-    def remove_obstacle(self, index: int) -> None:
-        """Take an obstacle away."""
-        self._change(lambda scenario: edits.remove_obstacle(scenario, index))
-
     def _change(self, edit: Callable[[Scenario], Scenario]) -> None:
         """Change the scene of every lane; each continues with its object and its tool where they are."""
-        self._refuse_in_replay()
         changed = []
         for shown in self.snapshots:
             poses = shown.object_pose, shown.ee_pose
             changed.append(edits.continue_from(edit(shown.present), *poses))
             edits.check_scene(changed[-1], *poses, shown.robot, shown.tool)
         self._start(changed, self.seed)
-
-    def _refuse_in_replay(self) -> None:
-        if self.replaying:
-            raise ValueError("A stored episode cannot be changed.")
 
     @checked_arguments
     def push_by_hand(self, dx: Finite, dy: Finite, dyaw: Finite = 0.0) -> None:

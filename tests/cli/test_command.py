@@ -49,7 +49,6 @@ def test_the_help_names_every_option_and_its_default(module: ModuleType, config:
     texts = re.split(r"^  (?=[-A-Z])", module.__doc__ or "", flags=re.M)[1:]
     listed = {re.sub("^--(no-)?", "", re.split("[ .,]", text)[0]).lower(): text for text in texts}
     named = {"sets": "set", "formats": "format"} if module is not collect else {}
-    named |= {"replay": "folder"} if module is play else {}
     options = {named.get(f.name, f.name.replace("_", "-")): f.default for f in fields(config)}
     assert {*listed} == {*options}
     for option, default in options.items():

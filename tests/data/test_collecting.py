@@ -2,7 +2,7 @@
 
 import itertools
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import minari
@@ -14,6 +14,7 @@ from modpush.data import CollectConfig, collect_demonstrations, collecting
 from modpush.data.config import card_text, episode_seed
 from modpush.envs import PushEnv, Scenario
 from modpush.evaluation.sets import SET_NAMES, load_set
+from modpush.files import load_yaml
 from modpush.recipes import PushEnvConfig
 from tests.data.conftest import CONFIG, ENV
 
@@ -133,13 +134,16 @@ def test_actions_are_turned_and_kept_in_their_box(collected) -> None:
         np.testing.assert_allclose(*lengths, atol=1e-6)
 
 
-def test_the_card_tells_robot_tool_and_engine() -> None:
+def test_the_card_tells_the_policies_and_the_environment() -> None:
     env = PushEnvConfig.preset("cpu", robot="panda", tool="rod", engine="mujoco")
     policy = {"described": {"class": "a:B"}, "kept": 1, "steps": 9, "solved": 1, "tried": 1}
     about = {
         "policies": {"scripted": policy},
-        "fingerprint": {"observation": {"entries": [{"columns": [0, 55]}]}},
+        "only_success": False,
+        "images": True,
+        "env": json.loads(json.dumps(asdict(env))),
     }
-    text = " ".join(card_text(replace(CONFIG, env=env), about).split())
-    assert "The arm `panda` with the tool `rod` pushes an object" in text
-    assert "in the engine `mujoco`: 1 episodes" in text
+    text = card_text(replace(CONFIG, env=env), about)
+    told = load_yaml(text.partition("```yaml\n")[2].partition("```")[0])
+    assert told == about
+    assert told["env"]["simulation"]["robot"] == "panda"

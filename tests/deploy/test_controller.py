@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -5,11 +7,12 @@ from tensordict import TensorDict
 from torchrl.envs import set_exploration_type
 from torchrl.envs.utils import ExplorationType, step_mdp
 
+from modpush import load_agent
 from modpush.deploy import PushController, Stopped, load_policy
 from modpush.deploy.source_env import SourceEnv
 from modpush.evaluation import load_set
 from modpush.export import export_agent
-from tests.deploy.conftest import Rig
+from tests.deploy.conftest import Rig, straight_push
 
 
 def step(rig: Rig):
@@ -140,12 +143,73 @@ def test_wrong_use_is_refused(agent, rig) -> None:
         PushController("nobody", rig.seen)
 
 
-def test_an_agent_that_watches_moving_obstacles_is_refused(agent, rig) -> None:
-    from dataclasses import replace
-
-    config = replace(agent.config, obstacle_motion=True)
-    with pytest.raises(ValueError, match="must not observe how obstacles move"):
+@pytest.mark.parametrize("field", ["dynamic_obstacles", "object_dynamics"])
+def test_an_agent_that_observes_more_than_is_measured_is_refused(agent, rig, field) -> None:
+    config = replace(agent.config, simulation=replace(agent.config.simulation, **{field: True}))
+    with pytest.raises(ValueError, match="must not observe where movable obstacles are"):
         PushController(replace(agent, config=config), rig.seen)
+
+
+@pytest.fixture(scope="module")
+def pose_agent():
+    return load_agent("pose")
+
+
+def pose_push(goal_yaw: float):
+    return straight_push(
+        pushed_object="box",
+        object_pose=(0.45, 0.0, 0.4),
+        tool_pose=(0.33, 0.0, 0.0),
+        goal_yaw=goal_yaw,
+    )
+
+
+@pytest.mark.parametrize("goal_yaw", [0.9, 0.9 - np.pi])
+def test_the_agent_of_goal_poses_turns_the_object(pose_agent, goal_yaw) -> None:
+    # Turned by half a turn the box looks the same, so that the nearer of both yaw angles is met.
+    scenario = pose_push(goal_yaw)
+    rig = Rig(pose_agent, scenario)
+    assert rig.push(goal=(*scenario.goal_position, goal_yaw)).success
+    x, y, yaw = rig.arm.object_pose
+    config = pose_agent.config.simulation
+    assert np.hypot(x - 0.60, y - 0.05) <= config.position_tolerance
+    assert abs((yaw - 0.9 + np.pi / 2) % np.pi - np.pi / 2) <= config.yaw_tolerance
+    assert abs(yaw - 0.9) < 0.5  # not turned over
+
+
+def test_it_observes_goal_poses_as_the_environment_does(pose_agent) -> None:
+    scenario = pose_push(0.9)
+    rig = Rig(pose_agent, scenario)
+    rig.controller.reset((*scenario.goal_position, 0.9))
+    env = pose_agent.make_env(1, engine="mujoco", scene="free")
+    state = env.reset(scenarios=[scenario])
+    step(rig)
+    ours = rig.controller._state
+    assert not ours["obstacle_motion"].any()
+    for key in ("pose_error", "goal_pose", "object_symmetry", "obstacle_motion", "observation"):
+        assert ours[key].numpy() == pytest.approx(state[key].numpy(), abs=2e-3), key
+    env.close()
+
+
+def test_a_goal_pose_is_reached_only_with_its_yaw(pose_agent) -> None:
+    rig = Rig(pose_agent, pose_push(0.4))
+    for yaw, reached in ((0.4, True), (0.4 + np.pi, True), (0.4 + np.radians(9), False)):
+        rig.controller.reset((0.45, 0.0, yaw))
+        rig.controller.act(rig.read_depth().depth, rig.arm.observe().joints)
+        assert rig.controller.success == reached
+
+
+def test_steps_are_shortened_where_a_joint_would_be_too_fast(agent) -> None:
+    def fastest(rig: Rig) -> float:
+        rig.controller.reset((0.6, 0.05))
+        speeds = []
+        for _ in range(12):
+            joints = rig.arm.observe().joints
+            speeds.append(np.abs(step(rig).joints - joints).max() * rig.controller.rate)
+        return max(speeds)
+
+    assert fastest(Rig(agent)) > 0.5
+    assert fastest(Rig(agent, joint_speed=0.4)) <= 0.4
 
 
 def test_the_source_has_the_keys_of_the_environment(agent, rig) -> None:

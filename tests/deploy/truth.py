@@ -54,3 +54,9 @@ class TruePerception:
         estimate = ObjectEstimate(pose, residual=0.0, hidden=0.0, found=True, unseen_for=0)
         seen = labels != Label.OBJECT
         return self.change(Perceived(view, labels, estimate, tip_pose, seen))
+
+    def hidden_by_arm(self, object_pose, joints) -> float:
+        return 0.0
+
+    def obstacle_cells(self):
+        return np.zeros((0, 2))

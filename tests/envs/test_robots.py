@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 from torchrl.envs.utils import check_env_specs
 
 from modpush import PushEnvConfig, load_agent, make_push_env
@@ -21,6 +22,7 @@ from modpush.geometry import box, cylinder
 from modpush.recipes import environment_fingerprint
 from modpush.recipes.fingerprint import fingerprint_differences
 from modpush.viewer import PlayConfig
+from tests.examples import load_example
 
 UR10 = ROBOTS["ur10"]
 SMALL = {"max_start_radius": 0.42, "max_goal_radius": 0.42, "distance": (0.08, 0.2)}
@@ -104,9 +106,9 @@ def test_an_unknown_robot_or_tool_is_refused_with_the_known_ones(wrong) -> None:
             PushEnv(1, **{name: wrong})
         with pytest.raises(ValueError, match=name):
             EpisodeConditions(**{name: wrong})
-    if wrong is not None:
-        with pytest.raises(ValueError, match="PlayConfig"):
-            PlayConfig(robot=wrong)
+        if wrong is not None:
+            with pytest.raises(ValueError, match=f"PlayConfig: {message}"):
+                PlayConfig(**{name: wrong})
 
 
 @pytest.mark.parametrize(
@@ -208,7 +210,7 @@ def test_the_episodes_that_an_arm_can_begin_run_and_the_others_are_told_by_numbe
     kept = within_reach(far, "panda")
     assert kept == [*far.scenarios[:9]]
     assert within_reach(far) == [*far.scenarios]
-    own = far.with_robot("panda").within_reach()
+    own = far.with_conditions(robot="panda").within_reach()
     assert (own.scenarios, own.conditions.robot) == (tuple(kept), "panda")
     assert far.within_reach() is far
     env = PushEnv(2, robot="panda", depth=None)
@@ -273,6 +275,27 @@ def test_an_arm_of_your_own_needs_no_inverse_kinematics(engine) -> None:
     env.close()
 
 
+@pytest.mark.parametrize("engine", ENGINES)
+def test_joints_turn_about_the_axes_of_a_urdf(engine) -> None:
+    arm = load_example("extending.robot").ARM
+    env = PushEnv(2, robot=arm, engine=engine, depth=None, seed=0)
+    assert tip_errors(env, 10).max() < (0.002 if engine == "sapien" else 0.005)
+    names = [*(link.name for link in arm.links), "tool"]
+    found = arm.link_transforms(env._batch.measure().joint_position[0])
+    for transform, row in zip(found, env._batch.link_transforms_of(0, names), strict=True):
+        rotation = Rotation.from_quat(row[3:], scalar_first=True).as_matrix()
+        np.testing.assert_allclose(transform[:3, 3], row[:3], atol=2e-6)
+        np.testing.assert_allclose(transform[:3, :3], rotation, atol=2e-6)
+    env.close()
+
+
+def test_an_axis_of_another_length_is_refused() -> None:
+    with pytest.raises(
+        ValueError, match=r"Joint 'pan': axis must be of length 1, got \(1.0, 1.0, 0.0\)"
+    ):
+        Joint(name="pan", axis=(1.0, 1.0, 0.0), limits=(-1.0, 1.0), effort=1.0)
+
+
 def test_a_config_with_a_robot_makes_a_stack_with_it() -> None:
     config = PushEnvConfig.preset("cpu", robot="ur10", num_envs=1)
     assert config.simulation.robot == "ur10"
@@ -311,12 +334,12 @@ def test_an_agent_that_sees_the_joints_of_a_robot_is_told_of_another() -> None:
 def test_a_set_with_another_robot_has_its_own_name(tmp_path) -> None:
     smoke = load_set("smoke")
     assert "robot" not in smoke.conditions.to_dict()
-    assert smoke.with_robot("ur5") is smoke
-    other = smoke.with_robot("ur10")
+    assert smoke.with_conditions(robot="ur5") is smoke
+    other = smoke.with_conditions(robot="ur10")
     assert (other.name, other.conditions.robot) == ("smoke+ur10", "ur10")
     other.save(tmp_path / "set.json.gz")
     assert load_set(tmp_path / "set.json.gz") == other
-    own = smoke.with_robot("evil_module:thing")
+    own = smoke.with_conditions(robot="evil_module:thing")
     own.save(tmp_path / "own.json.gz")
     with pytest.raises(ValueError, match="evil_module"):
         load_set(tmp_path / "own.json.gz")

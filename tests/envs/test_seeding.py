@@ -1,6 +1,6 @@
 import pytest
 
-from modpush.envs.scene_state import make_generators
+from modpush.envs.push_state import make_generators
 
 
 @pytest.mark.parametrize("seed", [5, [5], [5, 6, 7]])

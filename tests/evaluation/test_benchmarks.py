@@ -11,7 +11,7 @@ import torch
 from tensordict import TensorDictBase
 
 from modpush.evaluation import EvaluationConfig, evaluate, load_set, summarize, to_display
-from modpush.evaluation.pictures import draw_episode
+from modpush.evaluation.report import draw_episode
 from modpush.evaluation.results import DYNAMICS_COLUMNS, OBSTACLE_COLUMNS, load_trajectory
 from modpush.recipes import ServedPolicy, get_method
 from tests.examples import load_example

@@ -14,8 +14,7 @@ from modpush.envs.scenes.drawing import draw_top_view, to_pixels
 from modpush.envs.scenes.layouts import get_scene
 from modpush.evaluation import EvaluationConfig, EvaluationSet, evaluate
 from modpush.evaluation.episodes import run_episodes
-from modpush.evaluation.pictures import draw_episode, draw_frames
-from modpush.evaluation.report import draw_results
+from modpush.evaluation.report import draw_episode, draw_frames, draw_results
 from modpush.evaluation.shortest import shortest_path
 from modpush.geometry import Label, box, centered
 from modpush.planners import OccupancyGrid

@@ -5,7 +5,7 @@ import numpy as np
 
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.drawing import draw_top_view, to_pixels
-from modpush.evaluation.pictures import (
+from modpush.evaluation.report import (
     draw_episode,
     draw_frames,
     write_picture,

@@ -274,7 +274,7 @@ def test_the_tool_starts_straight_behind_the_object_in_the_base_set_s_episodes(n
             other.goal_position,
         )
     assert kept >= 0.9 * len(base)
-    assert behind.with_tool("rod").scenarios == behind.scenarios
+    assert behind.with_conditions(tool="rod").scenarios == behind.scenarios
 
 
 def test_the_files_are_small() -> None:
@@ -343,11 +343,11 @@ def test_first_takes_the_first_episodes() -> None:
 
 def test_a_set_with_another_tool_has_its_episodes_and_another_name() -> None:
     hard = load_set("hard/small_cube").first(3)
-    with_rod = hard.with_tool("rod")
+    with_rod = hard.with_conditions(tool="rod")
     assert with_rod.name == "hard/small_cube+rod"
     assert with_rod.scenarios == hard.scenarios
     assert with_rod.digest == hard.digest
     assert with_rod.conditions == replace(hard.conditions, tool="rod")
-    assert hard.with_tool("2f85") is hard
+    assert hard.with_conditions(tool="2f85") is hard
     with pytest.raises(ValueError, match=r"tool.*'2f85'.*'spoon'"):
-        hard.with_tool("spoon")  # type: ignore[arg-type]
+        hard.with_conditions(tool="spoon")  # type: ignore[arg-type]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from modpush.evaluation.stats import bootstrap_interval, paired_t_test
+from modpush.evaluation.tables import bootstrap_interval, paired_t_test
 
 
 def test_bootstrap_agrees_with_the_normal_interval_on_many_values() -> None:

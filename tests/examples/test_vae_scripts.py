@@ -132,3 +132,18 @@ def test_the_report_is_written(data, config, tmp_path, capsys):
     pictures = {"reconstructions.png", "prior_samples.png", "traversals.png", "kl_per_latent.png"}
     assert names == {"metrics.json", *pictures}
     assert set(metrics["clearance along 16 rays, R²"]) == {"vae", "pca", "random projection"}
+
+
+def test_probes_find_what_is_there():
+    quality = load_example("vae_quality")
+    torch.manual_seed(0)
+    x = torch.randn(3000, 4)
+    linear, bent = x @ torch.randn(4, 2), x[:, :2].abs()
+
+    def parts(y):
+        return (x[:2000], y[:2000]), (x[2000:], y[2000:])
+
+    assert quality.linear_probe(*parts(linear)) == pytest.approx(1.0, abs=1e-6)
+    assert quality.linear_probe(*parts(bent)) < 0.2
+    assert quality.linear_probe(*parts(torch.randn(3000, 2))) < 0.05
+    assert quality.r_squared(torch.zeros(3, 1), torch.tensor([[-1.0], [0.0], [1.0]])) == 0.0

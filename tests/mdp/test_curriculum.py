@@ -83,37 +83,6 @@ def test_it_begins_with_the_first_stage_of_the_first_phase():
     assert (curriculum.phase, curriculum.stage, curriculum.level) == (1, 0, 2)
 
 
-def test_by_steps():
-    config = CurriculumConfig(
-        distances=(0.06, 0.1, 0.2),
-        phases=(Phase(scenes=("free",)),),
-        promotion="steps",
-        step_thresholds=(100, 150),
-    )
-    curriculum = Curriculum(config)
-    for steps, stage in ((60, 0), (60, 1), (60, 2), (1000, 2)):
-        curriculum.count_steps(steps)
-        assert curriculum.stage == stage
-    solve(curriculum, *[True] * 100)
-    assert curriculum.stage == 2
-
-
-def test_steps_are_counted_through_all_phases():
-    config = replace(SHORT, promotion="steps", step_thresholds=(100, 200, 300, 400))
-    curriculum = Curriculum(config)
-    seen = []
-    for steps in (99, 1, 100, 100, 99, 1, 1000):
-        curriculum.count_steps(steps)
-        seen.append((curriculum.steps, curriculum.phase, curriculum.stage))
-    # Three stages in the first phase; the second one begins with stage 1. The step that a threshold
-    # names is the first of its stage.
-    expected = [(99, 0, 0), (100, 0, 1), (200, 0, 2), (300, 1, 1), (399, 1, 1), (400, 1, 2)]
-    assert seen == [*expected, (1400, 1, 2)]
-    at_once = Curriculum(config)
-    at_once.count_steps(310)  # one rollout may pass several thresholds
-    assert (at_once.phase, at_once.stage) == (1, 1)
-
-
 def test_episodes_of_the_warm_up_are_as_hard_as_the_last_ones():
     curriculum = Curriculum(SHORT, warm_up=10)
     scenario = curriculum.scenario(ScenarioConfig())

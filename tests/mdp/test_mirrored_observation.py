@@ -30,6 +30,7 @@ def mirrored_state(state):
     for key in MIRRORED_KEYS:
         state[key][..., 1:] *= -1
     state["object_dynamics"] = state["object_dynamics"] * torch.tensor([1.0, 1.0, 1.0, -1.0])
+    state["history"] = state["history"] * torch.tensor([1.0, -1.0] * 4 + [-1.0, 1.0])
     state["obstacle_motion"] = state["obstacle_motion"] * torch.tensor([1.0, -1.0, 1.0, -1.0])
     # The object's own directions run the other way round, from its own x axis on.
     state["object_support"] = state["object_support"].flip(-1).roll(1, -1)

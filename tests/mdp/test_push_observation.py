@@ -44,6 +44,7 @@ def make_state(batch=2, seed=0):
             "pose_error": draw(2),
             "obstacle_motion": draw(4),
             "object_dynamics": draw(4).abs() + 0.1,
+            "history": draw(8, 10),
             "subgoal_pose": draw(3),
             "pose_path_ahead": draw(3, 3),
             "pose_path_length": draw(1).abs(),

@@ -257,7 +257,7 @@ def test_point_along_a_bent_line_by_hand():
 NOTHING_LEFT_TO_COMPILE = """
 import sys
 import torch
-from modpush._batching import BatchKernel
+from modpush._kernels import BatchKernel
 import modpush.geometry as geometry
 import modpush.planners as planners
 

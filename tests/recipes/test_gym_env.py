@@ -5,15 +5,18 @@ import numpy as np
 import pytest
 import torch
 from gymnasium.utils.env_checker import check_env
+from stable_baselines3 import SAC
 from stable_baselines3.common.env_checker import check_env as check_env_of_sb3
 from tensordict import TensorDict
-from torchrl.envs.utils import step_mdp
+from torchrl.envs import GymEnv
+from torchrl.envs.utils import check_env_specs, step_mdp
 
 import modpush.envs  # noqa: F401  # registers the environment
 from modpush.data import CollectConfig
 from modpush.encoders import RayScan
 from modpush.planners import OccupancyGrid
 from modpush.recipes import PaperGymEnv, PushEnvConfig, load_agent, make_push_env
+from tests.envs.engines.sapien.test_agent import scenario
 
 
 @pytest.fixture
@@ -26,6 +29,37 @@ def env():
 def test_gymnasiums_and_stable_baselines_own_checks(env) -> None:
     check_env(env.unwrapped)
     check_env_of_sb3(env.unwrapped)
+
+
+def test_stable_baselines_learns_on_it(env) -> None:
+    model = SAC(
+        "MlpPolicy", env, learning_starts=20, batch_size=16, policy_kwargs={"net_arch": [16]}
+    )
+    before = model.policy.actor.mu.weight.clone()
+    model.learn(60)
+    assert not (model.policy.actor.mu.weight == before).all()
+
+
+def test_torchrls_gym_env_takes_it() -> None:
+    env = GymEnv("modpush/Push-v0", scene="slot", encoder="none")
+    check_env_specs(env)
+    env.close()
+
+
+def test_a_given_scenario_and_its_end() -> None:
+    env = PaperGymEnv("paper", encoder="none", render_mode="rgb_array")  # acts in the base frame
+    where = scenario((0.40, 0.0, np.pi / 2), (0.50, 0.0, 0.0), goal_position=(0.60, 0.0))
+    env.reset(options={"scenario": where})
+    assert env.simulator.scenarios == [where]
+    terminated = False
+    while not terminated:
+        _, _, terminated, truncated, info = env.step(np.array([1, 0, 0], np.float32))
+        assert not truncated
+    assert info["is_success"] is True
+    picture = env.render()
+    assert picture.dtype == np.uint8
+    assert picture.std() > 10
+    env.close()
 
 
 def test_observation_and_reward_are_make_push_env_s() -> None:

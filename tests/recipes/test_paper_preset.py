@@ -54,7 +54,6 @@ PRINTED = {
     "replay.batch_size": 512,
     "tqc.batch_size": 512,
     "replay.k": 4,
-    "replay.k_end": None,
     # Sec. IV-B, learning strategy
     "curriculum.phases": ({"scenes": (), "first_stage": 0},),
     "env.scenario.scene": OBSTACLE_SCENES,

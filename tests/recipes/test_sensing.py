@@ -95,15 +95,15 @@ def test_a_shipped_agent_runs_with_delays_and_noise() -> None:
 
 def test_a_set_with_other_conditions_has_another_name_and_its_conditions_are_stored() -> None:
     smoke = load_set("smoke")
-    other = smoke.with_sensing("noise_delay")
+    other = smoke.with_conditions(sensing="noise_delay")
     assert (other.name, other.digest) == ("smoke+noise_delay", smoke.digest)
     stored = other.conditions.to_dict()
     assert stored["sensing"]["action_delay"] == [1, 3]
     assert EpisodeConditions.from_dict(stored) == other.conditions
     assert "sensing" not in smoke.conditions.to_dict()
-    assert smoke.with_sensing("exact") is smoke
+    assert smoke.with_conditions(sensing="exact") is smoke
     with pytest.raises(ValueError, match="sensing: Input should be 'exact', 'noise', 'delay'"):
-        smoke.with_sensing("late")  # type: ignore[arg-type]
+        smoke.with_conditions(sensing="late")  # type: ignore[arg-type]
 
 
 def test_an_evaluation_has_the_set_s_conditions_whatever_an_agent_was_trained_with() -> None:
@@ -116,7 +116,7 @@ def test_an_evaluation_has_the_set_s_conditions_whatever_an_agent_was_trained_wi
 
 
 def test_an_episode_s_rows_do_not_depend_on_the_size_of_the_batch(tmp_path) -> None:
-    episodes = load_set("smoke").first(6).with_sensing("noise_delay")
+    episodes = load_set("smoke").first(6).with_conditions(sensing="noise_delay")
     method = get_method("small_cube")
     rows = [
         evaluate(method, episodes, tmp_path / str(n), config=EvaluationConfig(num_envs=n))
@@ -135,7 +135,7 @@ def test_hand_written_policies_and_factories_without_conditions_refuse(tmp_path)
     with pytest.raises(ValueError, match="make_env must have a parameter `conditions`"):
         evaluate(
             get_method("small_cube").make_policy(),
-            load_set("smoke").first(1).with_sensing("noise"),
+            load_set("smoke").first(1).with_conditions(sensing="noise"),
             tmp_path,
             make_env=lambda num_envs, objects: make_push_env(CPU),
         )

@@ -16,6 +16,7 @@ from torchrl.data import (
     RandomSampler,
     TensorDictReplayBuffer,
 )
+from torchrl.data.replay_buffers.scheduler import LinearScheduler
 
 from modpush.replay import (
     AttentiveSampler,
@@ -167,14 +168,16 @@ def test_age_counts_writes():
     assert torch.equal(sample["age"], 69 - sample["step"])
 
 
-def test_k_is_annealed_linearly_and_then_stays():
-    sampler = AttentiveSampler(5, k_end=1, annealing_num_samples=4)
+def test_torchrl_s_scheduler_anneals_k():
+    sampler = AttentiveSampler(5)
+    annealing = LinearScheduler(sampler, "k", 1.0, 4)
     buffer = make_buffer(sampler)
     buffer.extend(transitions(60))
     seen = []
     for _ in range(6):
-        seen.append(sampler.current_k)
+        seen.append(sampler.k)
         buffer.sample()
+        annealing.step()
     assert seen == [5, 4, 3, 2, 1, 1]
 
 

@@ -46,11 +46,9 @@ def test_every_combination_samples(storage, cls, sampler, sampler_cls):
 
 
 def test_the_sampler_takes_its_settings_from_the_config():
-    config = ReplayConfig(
-        **SMALL, k=3, k_end=1, k_annealing_samples=7, similarity="negative_l2", num_queries=2
-    )
+    config = ReplayConfig(**SMALL, k=3, similarity="negative_l2", num_queries=2)
     sampler = make_replay_buffer(config).sampler
-    assert (sampler.k, sampler.k_end, sampler.annealing_num_samples) == (3, 1, 7)
+    assert sampler.k == 3
     assert (sampler.similarity.__name__, sampler.num_queries) == ("negative_l2", 2)
 
 

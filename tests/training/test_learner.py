@@ -9,7 +9,7 @@ import torch
 from torchrl.data import Bounded, Composite, Unbounded
 
 from modpush.training.learner import Learner, zero_input_weights
-from modpush.training.rollout import Rollout, WorkerSpecs
+from modpush.training.scene_worker import Rollout, WorkerSpecs
 from tests.training.conftest import SMOKE
 
 SCENES = SMOKE.env.num_envs  # 2

@@ -23,9 +23,8 @@ import modpush
 from modpush.recipes.agent_file import load_agent
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
 from modpush.training.learner import Learner
-from modpush.training.rollout import Rollout
 from modpush.training.run_folder import RunFolder
-from modpush.training.scene_worker import SceneWorker
+from modpush.training.scene_worker import Rollout, SceneWorker
 from modpush.training.worker import InlineWorker
 from tests.training.conftest import SMOKE
 

@@ -321,7 +321,7 @@ def test_what_is_due_is_done_at_the_first_rollout_past_its_step():
         ({"replay": replace(SMOKE.replay, batch_size=8)}, "batch_size must be tqc.batch_size"),
         ({"tqc": replace(SMOKE.tqc, learning_starts=63)}, "learning_starts must be >= 64"),
         (
-            {"replay": replace(SMOKE.replay, k_end=8, k_annealing_samples=10)},
+            {"replay": replace(SMOKE.replay, k=8)},
             "learning_starts must be >= 128",
         ),
         (

@@ -63,6 +63,30 @@ def test_it_acts_with_these_weights_from_the_first_step(unbroken, tmp_path):
     assert not (rollout.transitions["action"] == other.transitions["action"]).all()
 
 
+def test_entries_that_the_weights_do_not_know_begin_with_zero_weights(unbroken, tmp_path):
+    before = begin(tmp_path / "before", init_from=str(unbroken))
+    env = replace(SMOKE.env, add=("history", "goal"))
+    for source in (unbroken, unbroken / "last_agent.safetensors"):
+        wide = begin(tmp_path / f"wide_{source.name}", init_from=str(source), env=env)
+        old, new = (
+            before.actor.module[0].module[0][0].weight,
+            wide.actor.module[0].module[0][0].weight,
+        )
+        assert new.shape[-1] == old.shape[-1] + 80 + 2
+        assert not new[:, old.shape[-1] :].any()
+        if source == unbroken:
+            assert torch.equal(new[:, : old.shape[-1]], old)
+    run = begin(tmp_path / "run", init_from=str(unbroken), env=env).loss
+    old, new = (
+        next(v for v in loss.target_qvalue_network_params.values(True, True) if v.ndim == 3)
+        for loss in (before.loss, run)
+    )
+    width = old.shape[-1] - 3
+    assert torch.equal(new[..., :width], old[..., :width])
+    assert torch.equal(new[..., -3:], old[..., -3:])  # the action
+    assert not new[..., width:-3].any()
+
+
 def test_the_target_of_a_trained_actor_begins_as_the_actor():
     config, observed = TQCConfig(hidden_sizes=(8,), loss="td3"), Composite(observation=Unbounded(3))
     loss = make_tqc_from_specs(config, observed, Bounded(-1, 1, (2,))).loss

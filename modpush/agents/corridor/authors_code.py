@@ -5,7 +5,7 @@ import math
 import torch
 from torch import Tensor
 
-from modpush._batching import sum_in_order
+from modpush._kernels import sum_in_order
 from modpush.agents.corridor.config import CorridorConfig
 
 

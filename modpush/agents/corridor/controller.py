@@ -10,10 +10,9 @@ from torch import Tensor
 from torchrl.data import Binary, Composite, Unbounded
 from torchrl.envs.transforms import TensorDictPrimer
 
-from modpush._arguments import checked_arguments
-from modpush._checks import check_finite
-from modpush._keys import read_key
+from modpush._checks import check_finite, read_key
 from modpush._types import Length
+from modpush._validation import checked_arguments
 from modpush.agents.corridor.config import CorridorConfig
 from modpush.agents.corridor.learning import correction, heading_difference, judge_stance, learn
 from modpush.agents.corridor.motion import (

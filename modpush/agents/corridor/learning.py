@@ -16,7 +16,7 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from modpush._batching import sum_in_order
+from modpush._kernels import sum_in_order
 from modpush.agents.corridor import authors_code
 from modpush.agents.corridor.config import CorridorConfig
 from modpush.agents.corridor.scene import direction_of

@@ -8,8 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from modpush._batching import sum_in_order
-from modpush._kernels import njit
+from modpush._kernels import njit, sum_in_order
 from modpush.agents.corridor.config import CorridorConfig
 from modpush.geometry import Camera
 from modpush.planners import AStar, OccupancyMap, point_along

@@ -14,8 +14,8 @@ from torchrl.envs import EnvBase
 from torchrl.modules import AdditiveGaussianModule, ProbabilisticActor
 from torchrl.objectives import LossModule, SoftUpdate
 
-from modpush._arguments import checked_arguments
 from modpush._extras import warn_experimental
+from modpush._validation import checked_arguments
 from modpush.agents.tqc.config import TQCConfig
 from modpush.agents.tqc.encoder import make_trained_encoder
 from modpush.agents.tqc.factories import (
@@ -29,8 +29,6 @@ from modpush.agents.tqc.factories import (
 )
 from modpush.agents.tqc.update import TQCUpdate, processor_precision
 from modpush.parts import find_part
-
-__all__ = ["TQCAgent", "make_tqc", "make_tqc_from_specs"]
 
 Encoder = str | nn.Module | Callable[[], nn.Module]
 

@@ -20,8 +20,6 @@ from modpush._types import (
 from modpush._validation import checked
 from modpush.agents.tqc.update import Execution, Precision
 
-__all__ = ["TQCConfig"]
-
 Preset = Literal["paper", "cpu"]
 
 

@@ -13,18 +13,9 @@ from tensordict.nn import TensorDictModule, TensorDictParams, dispatch
 from tensordict.utils import NestedKey, unravel_key
 from torch import Tensor, nn
 
-from modpush._checks import check_instance
-from modpush._keys import read_key
+from modpush._checks import check_instance, read_key
 from modpush.agents.tqc.loss import TQCLoss
 from modpush.parts import find_part
-
-__all__ = [
-    "LATENT_KEY",
-    "EncodedNetwork",
-    "EncoderTQCLoss",
-    "encode_images",
-    "make_trained_encoder",
-]
 
 LATENT_KEY = "image_latent"
 """Key under which critics read the latent that `EncoderTQCLoss` writes."""

@@ -8,8 +8,6 @@ from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torchrl.modules import MLP, ValueOperator
 
-__all__ = ["AnyFloatMLP", "BatchedEnsemble", "NotBatchableError"]
-
 _ELEMENTWISE = (
     nn.CELU,
     nn.ELU,

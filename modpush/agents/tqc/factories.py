@@ -20,21 +20,6 @@ from modpush.agents.tqc.encoder import EncoderTQCLoss
 from modpush.agents.tqc.loss import TQCLoss
 from modpush.agents.tqc.networks import make_actor, make_critic
 
-__all__ = [
-    "ACTORS",
-    "CRITICS",
-    "LOSSES",
-    "ActorFactory",
-    "CriticFactory",
-    "LearnerSpecs",
-    "LossFactory",
-    "entropy_settings",
-    "mlp_actor",
-    "mlp_critic",
-    "scalar_loss",
-    "tqc_loss",
-]
-
 
 @dataclass(frozen=True, kw_only=True)
 class LearnerSpecs:

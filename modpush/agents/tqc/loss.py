@@ -17,14 +17,11 @@ from torchrl.objectives.sac import compute_rsample_log_prob
 from torchrl.objectives.utils import ValueEstimators
 from torchrl.objectives.value import TD0Estimator
 
-from modpush._checks import check_dtype
-from modpush._keys import read_key
+from modpush._checks import check_dtype, read_key
 from modpush._types import Fraction
 from modpush._validation import check_value
 from modpush.agents.tqc.ensemble import BatchedEnsemble, NotBatchableError
 from modpush.agents.tqc.quantiles import quantile_huber, truncate_atoms
-
-__all__ = ["TQCLoss"]
 
 
 class TQCLoss(_TorchRLTQCLoss):

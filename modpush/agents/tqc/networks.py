@@ -9,12 +9,10 @@ from torch import Tensor, nn
 from torchrl.data import Bounded
 from torchrl.modules import ProbabilisticActor, TanhDelta, TanhNormal, ValueOperator
 
-from modpush._arguments import checked_arguments
 from modpush._types import Count, NonNegativeInteger
+from modpush._validation import checked_arguments
 from modpush.agents.tqc.encoder import LATENT_KEY, EncodedNetwork
 from modpush.agents.tqc.ensemble import AnyFloatMLP
-
-__all__ = ["make_actor", "make_critic"]
 
 _LOG_SCALE_BOUNDS = (-20.0, 2.0)
 

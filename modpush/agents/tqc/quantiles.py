@@ -15,8 +15,6 @@ from torch import Tensor
 from modpush._checks import check_instance
 from modpush._kernels import njit
 
-__all__ = ["quantile_huber", "truncate_atoms"]
-
 
 def truncate_atoms(atoms: Tensor, num_dropped: int) -> Tensor:
     """Pool the atoms of all critics and drop the highest of the pool.

@@ -10,8 +10,6 @@ from tensordict.nn import CudaGraphModule
 from torchrl.objectives import LossModule
 from torchrl.objectives.utils import TargetNetUpdater
 
-__all__ = ["Execution", "Precision", "TQCUpdate", "processor_precision"]
-
 Execution = Literal["eager", "compile", "cudagraph"]
 Precision = Literal["float32", "bfloat16"]
 

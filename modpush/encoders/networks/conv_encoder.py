@@ -3,12 +3,10 @@
 import torch
 from torch import Tensor, nn
 
-from modpush._arguments import checked_arguments
 from modpush._types import Count
+from modpush._validation import checked_arguments
 from modpush.encoders.base import Encoder, as_floats, check_window
 from modpush.encoders.window import WINDOW_SIZE
-
-__all__ = ["ConvEncoder"]
 
 
 class ConvEncoder(Encoder):

@@ -5,12 +5,10 @@ import math
 import torch
 from torch import Tensor
 
-from modpush._arguments import checked_arguments
 from modpush._types import Count, NonNegative, Positive
+from modpush._validation import checked_arguments
 from modpush.encoders.base import Encoder, check_window
 from modpush.encoders.window import MAX_HEIGHT, METRES_PER_PIXEL, WINDOW_SIZE
-
-__all__ = ["RayScan"]
 
 
 class RayScan(Encoder):

@@ -1,1 +1,1 @@
-"""The variational autoencoder of depth windows: model, loss, data and quality."""
+"""The variational autoencoder of depth windows: model, loss and data."""

@@ -8,13 +8,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from modpush._arguments import checked_arguments
 from modpush._checks import check_dtype, check_instance, check_shape
 from modpush._types import Fraction
+from modpush._validation import checked_arguments
 from modpush.encoders.base import check_window
 from modpush.files import read_tensors, reading, write_tensors
-
-__all__ = ["WindowData", "augment_windows"]
 
 _KIND, _VERSION = "modpush.WindowData", 2
 

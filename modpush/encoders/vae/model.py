@@ -12,15 +12,13 @@ from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits, softplus
 from torchrl.objectives import LossModule
 
-from modpush._arguments import checked_arguments
-from modpush._keys import read_key
+from modpush._checks import read_key
 from modpush._state import check_weights
 from modpush._types import Count, NonNegative, Positive
+from modpush._validation import checked_arguments
 from modpush.encoders.base import Encoder, check_window
 from modpush.encoders.window import METRES_PER_PIXEL
 from modpush.files import read_tensors, reading, write_tensors
-
-__all__ = ["DepthVAE", "VAELoss", "bernoulli_entropy", "kl_divergence", "shipped_weights"]
 
 _KIND, _VERSION = "modpush.DepthVAE", 2
 _MIN_STD = 1e-4
@@ -198,15 +196,6 @@ def _up(inputs: int, outputs: int, stride: int) -> list[nn.Module]:
 def kl_divergence(mean: Tensor, std: Tensor) -> Tensor:
     """KL divergence from N(mean, std) to N(0, 1) of each number, shaped like both [nat]."""
     return 0.5 * (mean.square() + std.square() - 1.0) - std.log()
-
-
-def bernoulli_entropy(window: Tensor) -> Tensor:
-    """Entropy of pixels taken as probabilities, summed over each window, `[B]` [nat].
-
-    No decoder's negative log-likelihood goes below it: a bar of value 0.75 costs 0.56 nat a pixel
-    even where it is reconstructed exactly.
-    """
-    return -(torch.xlogy(window, window) + torch.xlogy(1 - window, 1 - window)).flatten(1).sum(1)
 
 
 class VAELoss(LossModule):

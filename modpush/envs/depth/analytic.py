@@ -13,8 +13,6 @@ from modpush.geometry.camera import CAMERA, Label
 from modpush.geometry.shapes import box
 from modpush.parts import find_part
 
-__all__ = ["DEPTH_CAMERAS", "AnalyticDepthCamera", "ImageMemory", "find_depth_camera"]
-
 
 class ImageMemory:
     """Arrays for a batch of images, used again once the images in them are released.

@@ -11,8 +11,6 @@ from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.scenario import Scenario
 
-__all__ = ["DepthCamera", "DepthCameraFactory", "SceneView"]
-
 
 class SceneView(Protocol):
     """State that a depth camera may read from one or several scenes.

@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from modpush._kernels import njit
 from modpush.geometry.shapes import KINDS
 
-__all__ = ["draw_solids"]
-
 BOX, CYLINDER, CAPSULE, PRISM = range(len(KINDS))
 _MISS = np.inf
 

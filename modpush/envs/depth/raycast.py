@@ -17,8 +17,6 @@ from modpush.geometry.camera import CAMERA, Camera, Label
 from modpush.geometry.footprint import side_planes
 from modpush.geometry.shapes import KINDS, Primitive
 
-__all__ = ["Solids", "blank_image", "draw", "warmup"]
-
 _MAX_SIDES = 16  # of a prism
 
 

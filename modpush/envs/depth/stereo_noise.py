@@ -4,10 +4,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush._arguments import checked_arguments
 from modpush._types import Fraction, NonNegative, NonNegativeLength, Positive
-
-__all__ = ["stereo_noise"]
+from modpush._validation import checked_arguments
 
 _EDGE = 0.02  # step of depth from pixel to pixel that is an edge, per depth
 _PATCH = 5  # side of the patches that a matcher compares [px]

@@ -13,8 +13,6 @@ from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.scenario import Scenario
 
-__all__ = ["CONTACT_KEYS", "Engine", "EngineFactory", "SceneSpec", "contact_looks"]
-
 CONTACT_KEYS = (
     "object_contact",
     "obstacle_contact",
@@ -52,7 +50,7 @@ class SceneSpec:
     dynamic_obstacles: bool = False
     """Obstacles can be moved; each has the mass `OBSTACLE_MASS`."""
     rendered: bool = False
-    """Build the scene with a renderer."""
+    """Pictures are asked for; build the scene with a renderer if they need one."""
 
 
 class Engine(ABC):
@@ -147,7 +145,7 @@ class Engine(ABC):
         """
 
     def picture(self) -> NDArray[np.uint8] | None:
-        """A rendered picture from the side, `[H, W, 3]`; None without a renderer."""
+        """A picture from the side, `[H, W, 3]`; None where `SceneSpec.rendered` is False."""
         return None
 
     @abstractmethod

@@ -8,8 +8,6 @@ from modpush._extras import require_extra
 from modpush.envs.engines.base import EngineFactory
 from modpush.parts import find_part, part_module
 
-__all__ = ["ENGINES", "ShippedEngine", "check_engine", "default_sim_freq", "find_engine"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class ShippedEngine:

@@ -11,8 +11,6 @@ from modpush.envs.engines.base import CONTACT_KEYS, Engine, SceneSpec
 from modpush.envs.scenes.objects import get_object_of
 from modpush.envs.scenes.scenario import Scenario
 
-__all__ = ["RecordedEngine", "Recording"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Recording:

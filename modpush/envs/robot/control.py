@@ -22,8 +22,6 @@ _LAST = 0.3  # weight of the last joint, which follows yaw, in the distance from
 _OTHER_TURNS = (0.0, -1.0, 1.0)  # where the action has no solution
 _LARGEST_STEP = 0.5  # of a joint from one knot to the next [rad]; a UR5's are below 0.1
 
-__all__ = ["MotionConfig", "MotionPlanner", "PlannedMotion", "start_joints"]
-
 
 @checked
 class MotionConfig:

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from modpush._kernels import njit
 
-__all__ = ["ThreeParallelAxes"]
-
 
 @dataclass(frozen=True)
 class ThreeParallelAxes:

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from modpush._kernels import njit
 from modpush.envs.robot.robot import Chain
 
-__all__ = ["DampedLeastSquares"]
-
 _ITERATIONS = 100
 _TOLERANCE = 1e-9  # of the pose [m, rad]
 _DRAW = 0.02  # by which home draws a joint in one solution, where the pose lets it [rad]

@@ -8,8 +8,6 @@ from modpush.envs.robot.tools import TOOLS
 from modpush.envs.robot.universal_robots import UR_ROBOTS
 from modpush.parts import find_part, part_module
 
-__all__ = ["ROBOTS", "check_robot", "check_tool", "find_robot", "find_tool"]
-
 ROBOTS: dict[str, Robot] = {**UR_ROBOTS, PANDA.name: PANDA}
 """The robots that the library brings, by name."""
 

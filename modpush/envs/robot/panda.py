@@ -9,8 +9,6 @@ import math
 from modpush.envs.robot.robot import Joint, Link, Robot
 from modpush.geometry.shapes import box, capsule, cylinder
 
-__all__ = ["PANDA"]
-
 _WHITE, _DARK = (0.90, 0.91, 0.92), (0.25, 0.26, 0.28)
 _QUARTER = math.pi / 2
 _Y_AXIS = (_QUARTER, 0.0, 0.0)  # turns a solid's z onto the link's y
@@ -53,7 +51,7 @@ _LINKS = (
         name="link_4",
         mass=3.587895,
         shapes=(
-            cylinder(0.055, 0.12, (0.0, 0.0, 0.0), color=_WHITE),
+            cylinder(0.055, 0.12, (0.0, 0.0, 0.0), color=_DARK),
             cylinder(0.055, 0.10, (-0.0825, 0.08, 0.0), rpy=_Y_AXIS, color=_WHITE),
         ),
     ),
@@ -63,7 +61,7 @@ _LINKS = (
         shapes=(
             cylinder(0.055, 0.12, (0.0, 0.0, -0.26), color=_WHITE),
             capsule(0.04, 0.18, (0.0, 0.06, -0.13), color=_WHITE),
-            cylinder(0.05, 0.14, (0.0, 0.02, 0.0), rpy=_Y_AXIS, color=_WHITE),
+            cylinder(0.05, 0.14, (0.0, 0.02, 0.0), rpy=_Y_AXIS, color=_DARK),
         ),
     ),
     Link(

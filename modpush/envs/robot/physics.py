@@ -1,7 +1,5 @@
 """Physical constants of the task, the same for every engine."""
 
-__all__ = ["CONTACT_GAP", "DAMPING", "FRICTION", "STIFFNESS"]
-
 STIFFNESS = 2e4
 """Stiffness of the joint drives [N m/rad]."""
 DAMPING = 5e2

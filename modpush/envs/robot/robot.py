@@ -25,8 +25,6 @@ from modpush._validation import checked
 from modpush.envs.robot.physics import DAMPING, STIFFNESS
 from modpush.geometry.shapes import Primitive, rpy_matrix
 
-__all__ = ["InverseKinematics", "Joint", "Link", "Robot", "Room", "Tool"]
-
 InverseKinematics = Callable[
     [NDArray[np.float64], NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.bool_]]
 ]
@@ -41,6 +39,7 @@ the solution should be close. `joints` `[N, n]` are finite also where `found` `[
 _OTHER_BODIES = ["tool", "tip", "object"]
 _MOST_TURNED = 4 * math.pi  # by a joint; a larger number is in degrees [rad]
 _POSE_JOINTS = 6  # that reach a position and an orientation
+_ROUNDING = 1e-6  # of an axis' length
 _SHAPES = ("box", "cylinder", "capsule")  # that a URDF knows
 
 
@@ -51,7 +50,7 @@ def _check_shapes(name: str, shapes: tuple[Primitive, ...]) -> None:
 
 @checked
 class Link:
-    """A link of an arm; its frame is that of the joint before it, z along the joint's axis."""
+    """A link of an arm; its frame is that of the joint before it."""
 
     name: Name
     mass: Positive
@@ -66,7 +65,7 @@ class Link:
 
 @checked
 class Joint:
-    """A joint between a link and the next one, which turns about the z axis of its frame."""
+    """A joint between a link and the next one, which turns about an axis through its frame's origin."""
 
     name: Name
     limits: Annotated[tuple[Angle, Angle], Strict(False)]
@@ -77,9 +76,13 @@ class Joint:
     """Origin of its frame in that of the link before it [m]."""
     rpy: Angles = (0.0, 0.0, 0.0)
     """Fixed-axis roll, pitch, yaw of its frame in that of the link before it [rad], as in URDF."""
+    axis: Position = (0.0, 0.0, 1.0)
+    """Its axis in its frame, of length 1, as in URDF; by default the frame's z axis."""
 
     def __post_init__(self) -> None:
-        """Check the order of the limits, and that they are no degrees."""
+        """Check the length of the axis, the order of the limits, and that they are no degrees."""
+        if abs(math.hypot(*self.axis) - 1) > _ROUNDING:
+            raise ValueError(f"Joint {self.name!r}: axis must be of length 1, got {self.axis}.")
         low, high = self.limits
         if max(abs(low), abs(high)) > _MOST_TURNED:
             raise ValueError(
@@ -130,10 +133,10 @@ class Room:
 
 
 class Chain(NamedTuple):
-    """The joints of an arm as arrays."""
+    """The joints of an arm as arrays, their frames turned such that each joint turns about its z axis."""
 
     frames: NDArray[np.float64]
-    """Frame of each joint in that of the link before it, and the flange's, `[n + 1, 4, 4]`."""
+    """Frame of each joint in that of the joint before it, and the flange's, `[n + 1, 4, 4]`."""
     limits: NDArray[np.float64]
     """`[n, 2]` [rad]."""
     home: NDArray[np.float64]
@@ -227,13 +230,19 @@ class Robot:
     def chain(self) -> Chain:
         """The joints as arrays."""
         places = [(joint.position, joint.rpy) for joint in self.joints]
-        frames = np.tile(np.eye(4), (len(places) + 1, 1, 1))
-        for frame, (position, rpy) in zip(
-            frames, [*places, (self.flange_position, self.flange_rpy)], strict=True
-        ):
-            frame[:3, :3], frame[:3, 3] = rpy_matrix(rpy), position
+        places.append((self.flange_position, self.flange_rpy))
+        frames = np.tile(np.eye(4), (len(places), 1, 1))
+        turns = [np.eye(3), *self._turns, np.eye(3)]
+        for i, (frame, (position, rpy)) in enumerate(zip(frames, places, strict=True)):
+            frame[:3, :3] = turns[i].T @ rpy_matrix(rpy) @ turns[i + 1]
+            frame[:3, 3] = turns[i].T @ position
         limits = np.array([joint.limits for joint in self.joints])
         return Chain(frames, limits, np.array(self.home))
+
+    @cached_property
+    def _turns(self) -> list[NDArray[np.float64]]:
+        """For each joint the rotation that takes z to its axis, `[3, 3]`."""
+        return [_turn_of_z(joint.axis) for joint in self.joints]
 
     def link_transforms(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
         """Transforms of the links, then of the flange, on which the tool is mounted.
@@ -248,10 +257,22 @@ class Robot:
         transform = np.tile(np.eye(4), (*joints.shape[:-1], 1, 1))
         transform[..., :3, 3] = self.base
         found = [transform]
-        for frame, angle in zip(self.chain.frames, np.moveaxis(joints, -1, 0), strict=False):
+        angles = np.moveaxis(joints, -1, 0)
+        for frame, angle, of_z in zip(self.chain.frames, angles, self._turns, strict=False):
             turn = np.tile(np.eye(4), (*angle.shape, 1, 1))
             turn[..., 0, 0], turn[..., 0, 1] = np.cos(angle), -np.sin(angle)
             turn[..., 1, 0], turn[..., 1, 1] = np.sin(angle), np.cos(angle)
             transform = transform @ frame @ turn
-            found.append(transform)
+            link = transform.copy()
+            link[..., :3, :3] = transform[..., :3, :3] @ of_z.T
+            found.append(link)
         return np.stack([*found, transform @ self.chain.frames[-1]], -3)
+
+
+def _turn_of_z(axis: tuple[float, float, float]) -> NDArray[np.float64]:
+    """The smallest rotation that takes z to an axis of length 1, `[3, 3]`."""
+    x, y, z = axis
+    if z < -1 + _ROUNDING:
+        return np.diag([1.0, -1.0, -1.0])
+    cross = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])  # z times the axis, as a matrix
+    return np.eye(3) + cross + cross @ cross / (1 + z)

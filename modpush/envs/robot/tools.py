@@ -3,8 +3,6 @@
 from modpush.envs.robot.robot import Tool
 from modpush.geometry.shapes import box
 
-__all__ = ["TOOLS"]
-
 _GREY, _DARK = (0.72, 0.74, 0.76), (0.25, 0.26, 0.28)
 
 TOOLS: dict[str, Tool] = {

@@ -11,8 +11,6 @@ from modpush.envs.robot.inverse import ThreeParallelAxes
 from modpush.envs.robot.robot import Joint, Link, Robot, Room
 from modpush.geometry.shapes import Primitive, capsule, cylinder
 
-__all__ = ["UR_ROBOTS"]
-
 _GREY, _DARK, _BLUE = (0.72, 0.74, 0.76), (0.25, 0.26, 0.28), (0.35, 0.58, 0.78)
 _SIDEWAYS = (0.0, math.pi / 2, 0.0)  # turns a capsule's z onto the link's x
 _HALF, _TURN = math.pi, 2 * math.pi

@@ -14,8 +14,6 @@ import numpy as np
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.geometry.shapes import Primitive
 
-__all__ = ["extent", "mass_properties", "urdf_text"]
-
 _ORIGIN = (0.0, 0.0, 0.0)
 
 
@@ -31,7 +29,7 @@ def urdf_text(robot: Robot, tool: Tool) -> str:
         links = robot.links[i].name, robot.links[i + 1].name
         added = _add_joint(root, joint.name, *links, joint.position, joint.rpy)
         added.set("type", "revolute")
-        ET.SubElement(added, "axis", xyz="0 0 1")
+        ET.SubElement(added, "axis", xyz=_numbers(joint.axis))
         low, high = joint.limits
         limits = {"lower": f"{low:.9g}", "upper": f"{high:.9g}", "effort": f"{joint.effort:g}"}
         ET.SubElement(added, "limit", {**limits, "velocity": "3.15"})

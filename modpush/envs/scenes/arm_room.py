@@ -20,8 +20,6 @@ from modpush.envs.scenes.rectangles import (
 from modpush.envs.scenes.scenario import Scenario
 from modpush.geometry.shapes import Primitive
 
-__all__ = ["MAX_HEIGHT", "arm_reach", "check_arm_is_free", "obstacle_in_arm", "tool_touches"]
-
 MAX_HEIGHT = 0.15
 """Height of the tallest obstacles [m]. Forearm and wrist stay above it wherever the tool is."""
 _FLANGE_HEIGHT = 0.175  # with the tip as low as it gets and a tool of the usual length [m]

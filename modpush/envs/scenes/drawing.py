@@ -14,8 +14,6 @@ from modpush.envs.scenes.objects import PushedObject, get_object
 from modpush.envs.scenes.scenario import Scenario
 from modpush.geometry.workspace import WORKSPACE
 
-__all__ = ["COLORS", "draw_top_view", "to_pixels"]
-
 _SHIFT = 4  # fractional bits of cv2's coordinates
 _LEGEND = ("goal", "start", "object", "tool", "planned")
 """Colours that the line below a picture with a caption explains."""

@@ -10,25 +10,9 @@ from collections.abc import Callable
 import numpy as np
 
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
-from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
-from modpush.envs.scenes.track_layouts import TRACK_SCENES
+from modpush.envs.scenes.shape_layouts import SHAPE_SCENES, TRACK_SCENES
 from modpush.geometry.workspace import WORKSPACE
 from modpush.parts import find_part, part_name
-
-__all__ = [
-    "ALL_SCENES",
-    "BAR_SECTION",
-    "CUBE_SIDE",
-    "HARD_SCENES",
-    "HARD_TUNING_SCENES",
-    "HARD_WIDE_SCENES",
-    "OBSTACLE_SCENES",
-    "SCENES",
-    "TIGHT_SCENES",
-    "SceneFn",
-    "get_scene",
-    "random_clutter",
-]
 
 BAR_SECTION = 0.06
 """Width and height of a bar [m]."""

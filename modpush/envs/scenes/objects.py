@@ -24,18 +24,6 @@ from modpush.geometry.footprint import (
 from modpush.geometry.shapes import Primitive, box, cylinder, prism
 from modpush.parts import find_part
 
-__all__ = [
-    "OBJECTS",
-    "PAPER_OBJECTS",
-    "SUPPORT_DIRECTIONS",
-    "Circle",
-    "PushedObject",
-    "get_object",
-    "get_object_of",
-    "random_object",
-    "random_object_seed",
-]
-
 Circle = Literal["circumscribed", "inscribed"]
 """A circle about an object's origin: around its footprint, or inside it."""
 
@@ -118,6 +106,12 @@ class PushedObject:
         The first direction is the object's x, the others follow counter-clockwise at equal angles.
         """
         return support(self.parts, SUPPORT_DIRECTIONS)
+
+    @property
+    def sides(self) -> tuple[float, float]:
+        """Lengths of the rectangle about the origin that reaches the nearer end along each axis [m]."""
+        ahead, left, back, right = support(self.parts, 4).tolist()
+        return 2 * min(ahead, back), 2 * min(left, right)
 
     @property
     def tool_height(self) -> float:

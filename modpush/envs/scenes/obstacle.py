@@ -13,12 +13,12 @@ from modpush._types import Finite, NonNegativeLength, Pose, Size
 from modpush._validation import checked
 from modpush.geometry.workspace import WORKSPACE
 
-__all__ = ["MAX_OBSTACLES", "OBSTACLE_MASS", "Obstacle", "Patrol"]
-
 MAX_OBSTACLES = 24
 """The most obstacles that a layout may have."""
 OBSTACLE_MASS = 0.5
 """Mass of an obstacle that can be moved, of whatever size [kg]."""
+OBSTACLE_COLOR = (0.30, 0.33, 0.38)
+"""Red, green and blue of an obstacle in rendered pictures."""
 
 Speed = Annotated[Finite, Ge(-1), Le(1)]
 """Velocity along an axis [m/s]; an arm's tool moves at 0.3 m/s."""

@@ -10,8 +10,6 @@ from modpush.envs.scenes.arm_room import check_arm_is_free
 from modpush.envs.scenes.objects import get_object
 from modpush.envs.scenes.scenario import Scenario
 
-__all__ = ["within_reach"]
-
 
 def within_reach(
     scenarios: Iterable[Scenario], robot: str | Robot = "ur5", tool: str | Tool = "2f85"

@@ -8,15 +8,6 @@ import numpy as np
 from modpush._kernels import njit
 from modpush.envs.scenes.obstacle import Obstacle
 
-__all__ = [
-    "crosses_rectangle",
-    "nearest_rectangle",
-    "obstacle_distance",
-    "rectangles",
-    "rectangles_touch",
-    "turned_rectangles",
-]
-
 
 def obstacle_distance(points: np.ndarray, obstacles: Sequence[Obstacle]) -> np.ndarray:
     """Distance from points to the nearest obstacle seen from above [m]; 0 inside one, inf for none.

@@ -26,8 +26,6 @@ from modpush.envs.scenes.rectangles import (
 )
 from modpush.envs.scenes.scenario import Dynamics, Scenario, ScenarioConfig
 
-__all__ = ["sample_scenario"]
-
 _CELLS = {"circumscribed": 0.01, "inscribed": 0.0025}
 """Sides of the cells of the grid that decides whether a path exists [m]. An object has a few millimetres
 to spare in the passages that only its inscribed circle fits through."""
@@ -411,7 +409,8 @@ def _sample_dynamics(
 ) -> Dynamics:
     if not config.randomize_dynamics:
         return Dynamics(mass=item.mass)
-    x, y = rng.uniform(-config.center_of_mass, config.center_of_mass, 2)
+    most = np.minimum(config.center_of_mass, np.array(item.sides) / 4)
+    x, y = rng.uniform(-most, most)
     return Dynamics(
         mass=float(np.exp(rng.uniform(*np.log(config.mass)))),
         friction=float(rng.uniform(*config.friction)),

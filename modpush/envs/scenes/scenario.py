@@ -33,8 +33,6 @@ from modpush.envs.scenes.objects import Circle, PushedObject, get_object
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
 from modpush.geometry.workspace import BOUNDS_MARGIN, WORKSPACE, Rectangle
 
-__all__ = ["Dynamics", "Scenario", "ScenarioConfig"]
-
 Mass = Annotated[Positive, Ge(1e-3), Le(1e3)]
 """Mass of an object [kg]."""
 Friction = Annotated[NonNegative, Le(10)]
@@ -173,7 +171,8 @@ class ScenarioConfig:
     friction: Annotated[tuple[Friction, Friction], Strict(False)] = (0.2, 0.8)
     """Range of the friction coefficient of the object's material with randomised dynamics."""
     center_of_mass: NonNegativeLength = 0.01
-    """Largest offset of the centre of mass along each axis with randomised dynamics [m]."""
+    """Largest offset of the centre of mass along each axis with randomised dynamics [m]; at most a
+    quarter of the object's side (`PushedObject.sides`), so that it stays over the footprint."""
 
     def __post_init__(self) -> None:
         """Check names and ranges; `"module:name"` is imported when it is used.

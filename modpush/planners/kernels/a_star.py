@@ -6,8 +6,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from modpush._batching import BatchKernel
-from modpush._kernels import njit
+from modpush._kernels import BatchKernel, njit
 from modpush.planners.kernels.heap import heap_pop, heap_set
 from modpush.planners.kernels.maps import (
     Maps,
@@ -18,8 +17,6 @@ from modpush.planners.kernels.maps import (
     write_path,
 )
 from modpush.planners.kernels.visibility import FRACTION_BITS, ONE, SE
-
-__all__ = ["Steps", "plan_all", "search_cells"]
 
 _DX = np.array([1, -1, 0, 0, 1, -1, 1, -1], dtype=np.int64)
 _DY = np.array([0, 0, 1, -1, 1, 1, -1, -1], dtype=np.int64)

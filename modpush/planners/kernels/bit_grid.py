@@ -6,22 +6,8 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from modpush._batching import BatchKernel
-from modpush._kernels import njit
+from modpush._kernels import BatchKernel, njit
 from modpush.geometry.camera import Label
-
-__all__ = [
-    "Inflated",
-    "Views",
-    "empty_inflated",
-    "find_blocked",
-    "inflate_all",
-    "inflate_bits",
-    "observe_all",
-    "pack_cells",
-    "unpack_cells",
-    "words_per_row",
-]
 
 _OBJECT, _ROBOT = int(Label.OBJECT), int(Label.ROBOT)
 

@@ -6,9 +6,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from modpush._batching import BatchKernel
-from modpush._kernels import njit
-from modpush.planners.kernels.lazy_theta_star import TOO_MANY_CORNERS
+from modpush._kernels import BatchKernel, njit
 from modpush.planners.kernels.maps import (
     MAX_CORNERS,
     Maps,
@@ -19,10 +17,14 @@ from modpush.planners.kernels.maps import (
     refresh_map,
     write_path,
 )
-from modpush.planners.kernels.taut_search import length_of, stays_taut, taut_search, touches
+from modpush.planners.kernels.taut_search import (
+    TOO_MANY_CORNERS,
+    length_of,
+    stays_taut,
+    taut_search,
+    touches,
+)
 from modpush.planners.kernels.visibility import line_of_sight
-
-__all__ = ["Fields", "empty_fields", "plan_all"]
 
 
 class Fields(NamedTuple):

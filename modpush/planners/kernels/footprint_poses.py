@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from modpush._kernels import njit
 from modpush.planners.kernels.bit_grid import inflate_bits
 
-__all__ = ["BLOCKED", "PoseGrid", "mark_poses"]
-
 BLOCKED = np.float32(-1.0)
 """The cost of a blocked pose, less than any other, so that no search improves it."""
 _FREE = np.float32(np.inf)

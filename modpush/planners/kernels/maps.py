@@ -8,19 +8,6 @@ from numpy.typing import NDArray
 from modpush._kernels import njit
 from modpush.planners.kernels.visibility import ONE, convex_corners, place, vertex_codes
 
-__all__ = [
-    "MAX_CORNERS",
-    "Maps",
-    "PathArrays",
-    "Queries",
-    "corner_count",
-    "empty_maps",
-    "empty_paths",
-    "place_ends",
-    "refresh_map",
-    "write_path",
-]
-
 # Searches over corners take time quadratic in their number. A map of ten inflated bars has 440;
 # past this number the map is noise, and planners turn to searches over the grid.
 MAX_CORNERS = 2048

@@ -5,19 +5,6 @@ from numpy.typing import NDArray
 
 from modpush._kernels import njit
 
-__all__ = [
-    "DIAGONAL",
-    "are_joined",
-    "corners_around",
-    "cost_at",
-    "descend",
-    "find_nearest",
-    "is_same",
-    "move_cost",
-    "put",
-    "search_poses",
-]
-
 _SAME = 1e-6  # [steps]; a pose so near to one row of the grid is not between two
 
 

@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 import pytorch_kinematics
 import torch
+from scipy.spatial.transform import Rotation
 
 from modpush.envs.robot.inverse import ThreeParallelAxes
 from modpush.envs.robot.least_squares import DampedLeastSquares
 from modpush.envs.robot.named import ROBOTS
+from modpush.envs.robot.robot import Joint
 from modpush.envs.robot.tools import TOOLS
 from modpush.envs.robot.urdf import urdf_text
+from modpush.geometry.shapes import rpy_matrix
 
 HEIGHT = 0.02 + 0.163
 UR = [name for name in ROBOTS if name.startswith("ur")]
@@ -35,6 +38,25 @@ GOLDEN = {
         -0.24603677002047863,
     ),
 }
+
+
+def with_turned_frames(robot):
+    """The same arm, its joints' frames turned, so that they turn about other axes than z."""
+    turns = Rotation.random(len(robot.joints), rng=np.random.default_rng(0))
+    turns[1] = Rotation.from_euler("x", math.pi)  # about -z
+    joints, back = [], Rotation.identity()
+    places = [*robot.joints, Joint(name="flange", limits=(0, 1), effort=1.0)]
+    places[-1] = replace(places[-1], position=robot.flange_position, rpy=robot.flange_rpy)
+    for joint, turn in zip(places, [*turns, Rotation.identity()], strict=True):
+        frame = back * Rotation.from_matrix(rpy_matrix(joint.rpy)) * turn
+        place = tuple(back.apply(joint.position).tolist())
+        axis = tuple(turn.inv().apply((0.0, 0.0, 1.0)).tolist())
+        rpy = tuple(frame.as_euler("xyz").tolist())
+        joints.append(replace(joint, position=place, rpy=rpy, axis=axis))
+        back = turn.inv()
+    *joints, flange = joints
+    place = {"flange_position": flange.position, "flange_rpy": flange.rpy}
+    return replace(robot, joints=tuple(joints), **place), turns.as_matrix()
 
 
 def poses_in_reach(robot, n: int = 2000) -> np.ndarray:
@@ -168,3 +190,31 @@ def test_wrong_shapes_are_refused() -> None:
     assert isinstance(solve, ThreeParallelAxes)
     with pytest.raises(ValueError, match=r"pose must be \[N, 4\]"):
         solve(np.zeros((1, 3)), np.zeros((1, 6)))
+
+
+@pytest.mark.parametrize("name", ["panda", "ur10"])
+def test_a_joint_may_turn_about_any_axis_of_its_frame(name) -> None:
+    robot = ROBOTS[name]
+    turned, turns = with_turned_frames(robot)
+    q = np.random.default_rng(1).uniform(-1.5, 1.5, (20, len(robot.joints)))
+    expected, found = robot.link_transforms(q), turned.link_transforms(q)
+    np.testing.assert_allclose(found[..., :3, 3], expected[..., :3, 3], atol=1e-12)
+    np.testing.assert_allclose(
+        found[:, 1:-1, :3, :3], expected[:, 1:-1, :3, :3] @ turns, atol=1e-12
+    )
+    np.testing.assert_allclose(found[:, -1], expected[:, -1], atol=1e-12)
+    pose = poses_in_reach(robot, 50)
+    joints, found = replace(turned, solve=None).inverse(pose, home(robot, 50))
+    assert_at(turned, joints[found], pose[found])
+    assert found.mean() > 0.9
+
+
+def test_the_axes_of_a_urdf_are_read_by_a_peer() -> None:
+    turned, _ = with_turned_frames(ROBOTS["panda"])
+    text = urdf_text(turned, TOOLS["2f85"]).encode()
+    chain = pytorch_kinematics.build_serial_chain_from_urdf(text, "tool").to(dtype=torch.float64)
+    q = np.random.default_rng(2).uniform(-1, 1, (10, 7))
+    theirs = chain.forward_kinematics(torch.from_numpy(q)).get_matrix().numpy()
+    ours = turned.link_transforms(q)[:, -1]
+    ours[:, :3, 3] -= turned.base
+    np.testing.assert_allclose(ours, theirs, atol=5e-6)  # the peer's axes are of single precision

@@ -9,11 +9,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush._arguments import checked_arguments
+from modpush._validation import checked_arguments
 from modpush.envs.engines.mujoco.engine import MujocoEngine
 from modpush.geometry.camera_model import CameraModel
-
-__all__ = ["DepthRenderer"]
 
 _NEAR, _FAR = 0.05, 5.0
 """Range of depth [m]; a pixel beyond it has no reading."""

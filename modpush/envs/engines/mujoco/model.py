@@ -20,11 +20,9 @@ from modpush.envs.robot.physics import FRICTION
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.robot.urdf import mass_properties
 from modpush.envs.scenes.objects import PushedObject
-from modpush.envs.scenes.obstacle import OBSTACLE_MASS, Obstacle
+from modpush.envs.scenes.obstacle import OBSTACLE_COLOR, OBSTACLE_MASS, Obstacle
 from modpush.envs.scenes.scenario import Scenario
 from modpush.geometry.shapes import Primitive, box, prism
-
-__all__ = ["build_model"]
 
 _ARMATURE = 0.1
 """Inertia of the motors' rotors about the joints' axes [kg m^2], of the order of a real UR5's. Without
@@ -88,7 +86,7 @@ def _add_arm(model: "mujoco.MjSpec", robot: Robot, tool: Tool, object_friction: 
         body = body.add_body(name=link.name, pos=joint.position, quat=_quaternion(joint.rpy))
         body.add_joint(
             name=joint.name,
-            axis=(0.0, 0.0, 1.0),
+            axis=joint.axis,
             limited=mujoco.mjtLimited.mjLIMITED_TRUE,
             range=joint.limits,
             armature=_ARMATURE,
@@ -146,7 +144,8 @@ def _many_sided(part: Primitive) -> Primitive:
     radius, half, _ = part.size
     angles = np.arange(_SIDES) * (2 * math.pi / _SIDES)
     corners = radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    return prism(tuple((float(x), float(y)) for x, y in corners), 2 * half, position=part.position)
+    outline = tuple((float(x), float(y)) for x, y in corners)
+    return prism(outline, 2 * half, position=part.position, color=part.color)
 
 
 @functools.lru_cache(maxsize=1024)
@@ -170,7 +169,7 @@ def _add_obstacle(model: "mujoco.MjSpec", index: int, obstacle: Obstacle, movabl
     body = model.worldbody.add_body(
         name=f"obstacle_{index}", pos=(x, y, obstacle.size[2] / 2), quat=_yaw(yaw)
     )
-    geoms = add_solids(model, body, [box(*obstacle.size)])
+    geoms = add_solids(model, body, [box(*obstacle.size, color=OBSTACLE_COLOR)])
     if movable:
         body.add_joint(type=_FREE)
         square = np.square(obstacle.size)

@@ -8,8 +8,6 @@ import numpy as np
 from modpush.envs.robot.physics import CONTACT_GAP
 from modpush.geometry.shapes import Primitive
 
-__all__ = ["OBJECT", "OBSTACLE", "ROBOT", "TABLE", "add_solids", "set_contact"]
-
 ROBOT, OBJECT, OBSTACLE, TABLE = 1, 2, 4, 8
 """Categories of bodies, by which contacts are told apart: the `contype` of their geoms."""
 
@@ -46,6 +44,7 @@ def add_solids(
             type=_KINDS[part.kind], size=part.size, pos=part.position, quat=quaternion
         )
         geom.contype = geom.conaffinity = 0
+        geom.rgba = (*part.color, 1.0)
         if part.kind == "prism":
             geom.meshname = f"{body.name}_{i}"
             spec.add_mesh(name=geom.meshname, uservert=_corners(part))

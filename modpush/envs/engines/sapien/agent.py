@@ -26,8 +26,6 @@ from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.robot.tools import TOOLS
 from modpush.envs.robot.urdf import urdf_text
 
-__all__ = ["PlanarController", "PlanarControllerConfig", "PushArm", "agent_class"]
-
 
 class PlanarController(BaseController):
     """Moves the tip in the plane, tool down, at a constant height: `(dx, dy, dyaw)` in [-1, 1]^3.

@@ -17,8 +17,6 @@ from modpush.geometry.shapes import Kind, Primitive, rpy_matrix
 if TYPE_CHECKING:
     from mani_skill.envs.scene import ManiSkillScene
 
-__all__ = ["attach_visuals", "build_actor", "collision_shapes", "rigid_body", "yaw_pose"]
-
 # SAPIEN's cylinders and capsules lie along x, ours stand along z.
 _X_TO_Z = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
 

@@ -15,16 +15,6 @@ from modpush.envs.robot.physics import FRICTION
 from modpush.geometry.camera import CAMERA
 from modpush.geometry.shapes import box
 
-__all__ = [
-    "build_goal_marker",
-    "build_table",
-    "camera_from_above",
-    "camera_from_the_side",
-    "make_material",
-    "set_material",
-    "simulation_config",
-]
-
 
 def camera_from_above() -> CameraConfig:
     """The observing bird's-eye camera."""

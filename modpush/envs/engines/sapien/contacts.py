@@ -13,8 +13,6 @@ from modpush.envs.engines.base import CONTACT_KEYS
 from modpush.envs.engines.sapien.obstacle_bodies import ObstacleSwapper
 from modpush.envs.robot.physics import CONTACT_GAP
 
-__all__ = ["CpuContacts"]
-
 _AT_END = 3  # index of the first that is about the step's end
 _ROBOT, _OBJECT, _OBSTACLE = 1, 2, 4
 _KEY_OF_PAIR = {_ROBOT | _OBJECT: 0, _OBJECT | _OBSTACLE: 1, _ROBOT | _OBSTACLE: 2}

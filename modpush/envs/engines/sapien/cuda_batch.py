@@ -15,11 +15,9 @@ from modpush._extras import warn_experimental
 from modpush.envs.depth.base import DepthCameraFactory
 from modpush.envs.engines.base import SceneSpec
 from modpush.envs.engines.sapien.task import ClutterPushEnv
+from modpush.envs.push_state import SceneState
 from modpush.envs.scene_batch import Measurement, SceneBatch
-from modpush.envs.scene_state import SceneState
 from modpush.envs.scenes.scenario import Scenario
-
-__all__ = ["CudaBatch"]
 
 
 class CudaBatch(SceneBatch):

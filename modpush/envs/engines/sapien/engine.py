@@ -20,8 +20,6 @@ from modpush.envs.scenes.scenario import Scenario
 if TYPE_CHECKING:
     from modpush.envs.engines.sapien.task import ClutterPushEnv
 
-__all__ = ["SapienEngine"]
-
 _STILL = np.zeros(3, dtype=np.float32)
 _BODY = 13  # numbers of a body's packed state: quaternion, position, linear and angular velocity
 _JOINT = 4  # numbers of a joint's: angle, rate, and the drive's targets of both

@@ -9,8 +9,6 @@ from sapien import physx
 from modpush.geometry.footprint import outline_of, vertical_range
 from modpush.geometry.shapes import Primitive
 
-__all__ = ["add_to_group", "attach_feet", "stand_on_feet"]
-
 _GROUP = (
     1 << 5
 )  # of feet and table alone: two shapes collide whose first two words have a bit in common

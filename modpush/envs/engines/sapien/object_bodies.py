@@ -14,8 +14,6 @@ from modpush.envs.engines.sapien import bodies
 from modpush.envs.scenes.objects import PushedObject, get_object_of
 from modpush.envs.scenes.scenario import Scenario
 
-__all__ = ["ObjectBodies"]
-
 _PARKED = (20.0, 0.0)  # objects that are not in play stand in a row from here on [m]
 
 

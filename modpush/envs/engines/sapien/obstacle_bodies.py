@@ -10,15 +10,11 @@ from sapien import physx
 from torch import Tensor
 
 from modpush.envs.engines.sapien import bodies
-from modpush.envs.scenes.obstacle import OBSTACLE_MASS, Obstacle
+from modpush.envs.scenes.obstacle import OBSTACLE_COLOR, OBSTACLE_MASS, Obstacle
 from modpush.geometry.shapes import Primitive, box
 
 if TYPE_CHECKING:
     from mani_skill.envs.scene import ManiSkillScene
-
-__all__ = ["OBSTACLE_COLOR", "ObstacleSwapper", "obstacle_part"]
-
-OBSTACLE_COLOR = (0.30, 0.33, 0.38)
 
 
 def obstacle_part(obstacle: Obstacle) -> Primitive:

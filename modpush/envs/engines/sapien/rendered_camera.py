@@ -14,8 +14,6 @@ from modpush.geometry.camera import CAMERA, Label
 if TYPE_CHECKING:
     from modpush.envs.engines.sapien.task import ClutterPushEnv
 
-__all__ = ["RenderedDepthCamera"]
-
 
 class RenderedDepthCamera(DepthCamera):
     """SAPIEN's own rendered camera: slow without a GPU; the analytic one is tested against it.
@@ -34,7 +32,11 @@ class RenderedDepthCamera(DepthCamera):
     def __init__(self, scenes: Any, arm_in_depth: bool = False) -> None:
         super().__init__(scenes, arm_in_depth)
         if not all(isinstance(engine, SapienEngine) for engine in scenes.engines):
-            raise ValueError("RenderedDepthCamera: the scenes must be in SAPIEN on a CPU.")
+            engines = sorted({engine.name for engine in scenes.engines})
+            raise ValueError(
+                "PushEnv: depth='sapien' is rendered in the engine 'sapien' on a CPU alone, got engine="
+                f"{engines}; depth='analytic' gives the same image in any."
+            )
         self._tasks = [engine.task for engine in scenes.engines]
         if not all(task.scene.can_render() for task in self._tasks):
             raise RuntimeError(NO_RENDERER)

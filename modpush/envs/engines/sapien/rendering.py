@@ -15,8 +15,6 @@ from modpush.geometry.camera import Camera
 if TYPE_CHECKING:
     import sapien
 
-__all__ = ["NO_RENDERER", "camera_pose", "choose_render_backend", "find_render_device"]
-
 NO_RENDERER = (
     "No Vulkan device that SAPIEN can render with was found. Without one physics, "
     "depth='analytic', every state observation and drawn videos still work. To get one: install a "

@@ -32,25 +32,22 @@ from modpush.envs.engines.sapien.builders import (
     simulation_config,
 )
 from modpush.envs.engines.sapien.contacts import CpuContacts
-from modpush.envs.engines.sapien.cuda_contacts import CudaContacts
-from modpush.envs.engines.sapien.cuda_obstacles import ObstaclePool
+from modpush.envs.engines.sapien.cuda_obstacles import CudaContacts, ObstaclePool
 from modpush.envs.engines.sapien.engine import SapienEngine
 from modpush.envs.engines.sapien.object_bodies import ObjectBodies
 from modpush.envs.engines.sapien.obstacle_bodies import ObstacleSwapper
 from modpush.envs.engines.sapien.rendering import choose_render_backend
 from modpush.envs.outcome import GOAL_THRESHOLD, is_at_goal, is_out_of_bounds
+from modpush.envs.push_state import make_generators
 from modpush.envs.robot.control import start_joints
 from modpush.envs.robot.named import ROBOTS
 from modpush.envs.robot.tools import TOOLS
-from modpush.envs.scene_state import make_generators
 from modpush.envs.scenes.arm_room import check_arm_is_free
 from modpush.envs.scenes.objects import get_object_of
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 from modpush.envs.simulation_config import set_fields
 from modpush.geometry.workspace import BOUNDS_MARGIN
-
-__all__ = ["ClutterPushEnv", "EpisodeEnd"]
 
 
 class ClutterPushEnv(BaseEnv):

@@ -1,4 +1,4 @@
-"""Quality of a latent: reconstruction, active values, and probes."""
+"""Quality of a latent: reconstruction, active values, and probes; for `train_vae` and `report_vae`."""
 
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -8,12 +8,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
-from modpush._arguments import checked_arguments
-from modpush._types import Count
 from modpush.encoders.base import evaluating
-from modpush.encoders.vae.model import DepthVAE, bernoulli_entropy, kl_divergence
-
-__all__ = ["Quality", "encode_all", "linear_probe", "r_squared", "vae_quality"]
+from modpush.encoders.vae.model import DepthVAE, kl_divergence
 
 _BATCH = 512
 
@@ -47,19 +43,23 @@ class Quality:
     """KL divergence of each value of the latent [nat]."""
 
 
+def bernoulli_entropy(window: Tensor) -> Tensor:
+    """Entropy of pixels taken as probabilities, summed over each window, `[B]` [nat].
+
+    No decoder's negative log-likelihood goes below it: a bar of value 0.75 costs 0.56 nat a pixel
+    even where it is reconstructed exactly.
+    """
+    return -(torch.xlogy(window, window) + torch.xlogy(1 - window, 1 - window)).flatten(1).sum(1)
+
+
 @torch.no_grad()
-@checked_arguments
-def vae_quality(vae: DepthVAE, windows: Callable[[slice], Tensor], count: Count) -> Quality:
+def vae_quality(vae: DepthVAE, windows: Callable[[slice], Tensor], count: int) -> Quality:
     """Measure on `count` windows, in eval mode.
 
     Args:
         vae: The autoencoder to measure.
         windows: Function of a slice that returns `[n, 1, 64, 64]` float32, such as `WindowData.floats`.
         count: Number of windows.
-
-    Raises:
-        ValueError: If `vae` is not an autoencoder, `windows` is not a function, or `count` is not
-            positive.
     """
     device = next(vae.parameters()).device
     rows, means = [], []
@@ -125,16 +125,7 @@ def r_squared(predicted: Tensor, true: Tensor) -> float:
     Args:
         predicted: Predictions, `[N, T]`.
         true: Targets, `[N, T]`.
-
-    Raises:
-        TypeError: If an argument is not a tensor.
-        ValueError: If their shapes differ.
     """
-    if predicted.shape != true.shape:
-        raise ValueError(
-            f"r_squared: predicted and true must be of one shape [N, T], got "
-            f"{list(predicted.shape)} and {list(true.shape)}."
-        )
     return 1.0 - ((predicted - true).square().sum() / (true - true.mean(0)).square().sum()).item()
 
 
@@ -144,19 +135,7 @@ def linear_probe(train: tuple[Tensor, Tensor], test: tuple[Tensor, Tensor]) -> f
     Args:
         train: Latents `[N, d]` and targets `[N, T]`.
         test: The same of the test part.
-
-    Raises:
-        ValueError: If an argument is not such a pair.
     """
-    _check_probe(train=train, test=test)
     one = [torch.cat([x, torch.ones_like(x[:, :1])], 1).double() for x, _ in (train, test)]
     weights = torch.linalg.lstsq(one[0], train[1].double()).solution
     return r_squared(one[1] @ weights, test[1].double())
-
-
-def _check_probe(**parts: tuple[Tensor, Tensor]) -> None:
-    for name, part in parts.items():
-        good = isinstance(part, tuple | list) and len(part) == 2
-        good = good and all(isinstance(value, Tensor) and value.ndim == 2 for value in part)
-        if not good or len(part[0]) != len(part[1]):
-            raise ValueError(f"{name} must be latents [N, d] and targets [N, T], got {part!r}.")

@@ -1,0 +1,89 @@
+"""`place_aside`: a place of the tool from which the arm does not hide the object."""
+
+import math
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modpush.deploy.estimate import Perceived
+from modpush.envs.robot.control import MotionConfig
+from modpush.envs.robot.robot import Robot, Tool
+
+_DISTANCES = 0.10, 0.18  # from the tip's present place [m]
+_DIRECTIONS = 12
+_AWAY = 0.2
+"""Least cosine of the angle between the way and the direction away from the object."""
+_ROOM = 0.05
+"""Distance that the tip keeps from obstacles, if it is not nearer already [m]."""
+_ENOUGH = 0.5
+"""Share of the object's top that may be hidden where another place is further away."""
+
+Floats = NDArray[np.float64]
+
+
+class KnowsWhatIsHidden(Protocol):
+    """Interface of perception that `place_aside` needs; `Perception` has it."""
+
+    robot: Robot
+    """The arm."""
+    tool: Tool
+    """Its tool."""
+
+    def hidden_by_arm(self, object_pose: Floats, joints: Floats) -> float:
+        """Share of the top of the object at a pose that the arm would hide."""
+
+    def obstacle_cells(self) -> Floats:
+        """Places at which something stands, `[n, 2]` [m]."""
+
+
+def place_aside(
+    perception: KnowsWhatIsHidden,
+    seen: Perceived,
+    joints: Floats,
+    tip_height: float,
+    motion: MotionConfig,
+) -> Floats | None:
+    """The nearest place (x, y) of the tip at which the camera sees enough of the object, or the most.
+
+    The straight way there leads away from the object and past the known obstacles.
+
+    Args:
+        perception: Arm, camera and map of the obstacles.
+        seen: Its last estimates.
+        joints: Angles of the joints, `[n]` [rad].
+        tip_height: Height of the tip over the table [m].
+        motion: The tool's workspace.
+
+    Returns:
+        `[2]` [m]; None if there is no such way.
+    """
+    robot, object_pose, tip = perception.robot, np.array(seen.object.pose), np.array(seen.tip_pose)
+    angles = np.arange(_DIRECTIONS) * (2 * math.pi / _DIRECTIONS)
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    away = (tip - object_pose)[:2] / max(1e-6, math.dist(tip[:2], object_pose[:2]))
+    directions = directions[directions @ away >= _AWAY]
+    places = np.concatenate([tip[:2] + distance * directions for distance in _DISTANCES])
+    inside = ((places >= motion.low) & (places <= motion.high)).all(1)
+    obstacles = perception.obstacle_cells()
+    inside &= np.array([_has_room(tip[:2], place, obstacles) for place in places], dtype=bool)
+    height = tip_height + perception.tool.length
+    poses = np.array([[x, y, height, tip[2]] for x, y in places]) - (*robot.base, 0.0)
+    joints_there, found = robot.inverse(poses, joints[None].repeat(len(places), 0))
+    best, least = None, (math.inf, math.inf)
+    for number in np.flatnonzero(inside & found):
+        hidden = perception.hidden_by_arm(object_pose, joints_there[number])
+        near = number < len(directions)
+        score = (0.0 if near else 1.0, hidden) if hidden <= _ENOUGH else (2.0, hidden)
+        if score < least:
+            best, least = places[number], score
+    return best
+
+
+def _has_room(start: Floats, end: Floats, obstacles: Floats) -> bool:
+    """True if no obstacle's cell `[n, 2]` is near the way from start to end."""
+    if not len(obstacles):
+        return True
+    way = start + np.linspace(0.0, 1.0, 10)[:, None] * (end - start)
+    gaps = np.linalg.norm(way[:, None] - obstacles, axis=-1).min(1)
+    return bool(gaps.min() >= min(_ROOM, gaps[0]) - 0.002)
