@@ -15,7 +15,7 @@ from modpush._transforms import StatelessTransform
 from modpush._types import Positive
 from modpush._validation import checked_arguments
 from modpush.geometry.camera import Camera
-from modpush.planners.inflation import inflate
+from modpush.planners.occupancy_map import inflate
 
 __all__ = ["SweptObstacles"]
 
