@@ -59,6 +59,7 @@ def main(agents: Sequence[Path], out: Path, steps: Sequence[int], changes: Seque
     states = states or [load_agent(path).actor.state_dict() for path in agents]
     actor = agent.actor.requires_grad_(False)
     actor.load_state_dict(mean(states))
+    sources = [*steps] or [str(path) for path in agents]
     fields = {name: ast.literal_eval(value) for name, value in changes}
     save_agent(
         out,
@@ -67,7 +68,7 @@ def main(agents: Sequence[Path], out: Path, steps: Sequence[int], changes: Seque
         hidden_sizes=hidden_sizes(agent),
         observation_dim=next(actor.parameters()).shape[1],
         fingerprint=agent.fingerprint,
-        metadata={**agent.metadata, "mean_of": [*steps] or [str(path) for path in agents]},
+        metadata={**agent.metadata, **({"mean_of": sources} if len(states) > 1 else {})},
     )
     print(f"{out}: the mean of {len(states)}")
 
