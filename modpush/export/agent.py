@@ -57,6 +57,11 @@ _RECOVERY = (
     "further time a grows by the golden angle, pi (3 - sqrt 5), and turn changes its sign. After every "
     "third time the next ones take two steps more."
 )
+_CONTACT_FILTER = (
+    "Not in the graphs. An action in the base frame, also of a recovery, is replaced if it is predicted "
+    "to bring the tool, or the object that it pushes, nearer to an obstacle than `clearance` [m], or the "
+    "object's centre nearer than `edge` [m] to where an episode ends: modpush.mdp.ContactFilter."
+)
 _PLANNING = (
     "Arguments of `OccupancyGrid` and `PlannerSubgoals`, lengths in metres. Cells outside `bounds`, made "
     "smaller by `margin` (larger where it is negative), are blocked; of several margins the first that "
@@ -195,9 +200,17 @@ def _settings(described: Mapping[str, Any]) -> dict[str, Any]:
     """Origin of the graphs' inputs, and the policies beside the graphs."""
     explained = {
         name: {**described[name], "meaning": meaning} if name in described else None
-        for name, meaning in (("window", _WINDOW), ("recovery", _RECOVERY))
+        for name, meaning in (
+            ("window", _WINDOW),
+            ("recovery", _RECOVERY),
+            ("contact_filter", _CONTACT_FILTER),
+        )
     }
-    planning = {name: described[name] for name in ("occupancy", "subgoals") if name in described}
+    planning = {
+        name: described[name]
+        for name in ("occupancy", "swept_obstacles", "subgoals")
+        if name in described
+    }
     return {**explained, "planning": {**planning, "meaning": _PLANNING}, "frames": _FRAMES}
 
 

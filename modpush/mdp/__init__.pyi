@@ -1,4 +1,5 @@
 from .action_frame import ActionFrame as ActionFrame
+from .contact_filter import ContactFilter as ContactFilter
 from .curriculum import (
     Curriculum as Curriculum,
     CurriculumConfig as CurriculumConfig,

@@ -114,6 +114,9 @@ class PushEnvConfig:
     """Distance by which planned paths may leave the workspace [m]. Where this leaves no path, the limit
     is `scenario.path_margin`, within which every drawn episode has one. None lets paths lead
     wherever the camera sees (the paper), also where an episode ends."""
+    motion_ahead: NonNegative = 0.0
+    """Duration for which the way of the nearest obstacle that moves by itself counts as blocked for the
+    planner (`SweptObstacles`) [s]; 0 for its place alone. It needs `simulation.obstacle_motion`."""
     plan_poses: bool = False
     """Also plan the object's pose to a goal pose, on its footprint (`PoseField`), and emit
     `pose_path_length`, `subgoal_pose`, `pose_path_found` and, at the distances `path_ahead`,
@@ -153,6 +156,10 @@ class PushEnvConfig:
     """Append `StuckRecovery`, which `Agent.policy` follows when tool and object have come to rest
     before the goal. Training ignores this field: neither its scenes nor its held-out episodes have
     the recovery. The paper has nothing like it."""
+    contact_filter: bool = False
+    """Replace actions after which tool or pushed object are predicted to touch an obstacle, or the object
+    to leave the workspace, by the nearest ones after which they are not (`ContactFilter`), in training
+    as well. It reads what the agent observes. The paper has nothing like it."""
 
     def __post_init__(self) -> None:
         """Check the names of the library's own parts.
@@ -170,6 +177,11 @@ class PushEnvConfig:
         if self.plan_poses and self.simulation.goal != "pose":
             raise ValueError(
                 f"PushEnvConfig: plan_poses needs goal='pose', got {self.simulation.goal!r}."
+            )
+        if self.motion_ahead > 0 and not self.simulation.obstacle_motion:
+            raise ValueError(
+                "PushEnvConfig: motion_ahead needs obstacle_motion=True, got "
+                f"motion_ahead={self.motion_ahead:g} without it."
             )
         if self.latent_dim is not None and self.encoder != "rays":
             raise ValueError(

@@ -19,9 +19,13 @@ from modpush.encoders.networks.ray_scan import RayScan
 from modpush.encoders.window import METRES_PER_PIXEL
 from modpush.encoders.window_transform import EgocentricWindow, WindowBytes
 from modpush.envs.push_env import PushEnv
+from modpush.envs.robot.control import MotionConfig
+from modpush.envs.robot.named import find_tool
 from modpush.envs.robot.robot import Robot
 from modpush.envs.scenes.conditions import SensingConfig
+from modpush.geometry.workspace import Rectangle
 from modpush.mdp.action_frame import ActionFrame
+from modpush.mdp.contact_filter import ContactFilter
 from modpush.mdp.curriculum import Curriculum
 from modpush.mdp.curriculum_scenes import CurriculumScenes
 from modpush.mdp.entry_list import latent_entry, resolve_entries
@@ -161,6 +165,7 @@ def make_push_env(
         *([] if config.sensing.exact else make_planning(*planned, 0, true, TRUE)),
         *make_planning(*planned, max_waypoints, observed),
         *_window(config, module, mirrored, observed),
+        *([_contact_filter(config, base.bounds, observed)] if config.contact_filter else []),
         ActionFrame(action_frame, object_pose_key=observed["object_pose"]),
         *([make_history(action_frame, observed)] if "history" in described else []),
         *(
@@ -183,6 +188,20 @@ def make_push_env(
         encoded = ["window"] if module is not None else []
         transforms.append(ExcludeTransform(*dict.fromkeys(images), *maps, *encoded))
     return TransformedEnv(base, Compose(*transforms))
+
+
+def _contact_filter(
+    config: PushEnvConfig, bounds: Rectangle, read: Mapping[str, NestedKey]
+) -> ContactFilter:
+    return ContactFilter(
+        find_tool(config.simulation.tool).tip_half_extents,
+        bounds,
+        max_step=MotionConfig.max_step,
+        max_turn=MotionConfig.max_turn,
+        step_time=1 / config.simulation.control_freq,
+        object_pose_key=read["object_pose"],
+        ee_pose_key=read["ee_pose"],
+    )
 
 
 def _make_encoder(config: PushEnvConfig, given: Any) -> nn.Module | None:

@@ -20,6 +20,7 @@ from modpush.planners.occupancy import OccupancyGrid
 from modpush.planners.pose_field import PoseField
 from modpush.planners.pose_subgoals import PoseSubgoals
 from modpush.planners.subgoals import PlannerSubgoals
+from modpush.planners.swept_obstacles import SweptObstacles
 from modpush.recipes.config import PushEnvConfig
 
 TRUE = "true"
@@ -78,8 +79,12 @@ def make_planning(
         object_pose_key=read["object_pose"],
         **_within(group, _PLAN_KEYS),
     )
+    maps: list[Transform] = [occupancy]
+    if config.motion_ahead > 0:
+        keys = {name: _MAP_KEYS[name] for name in ("occupancy", "blocked")}
+        maps.append(SweptObstacles(config.motion_ahead, **_within(group, keys)))
     if not config.plan_poses:
-        return [occupancy, subgoals]
+        return [*maps, subgoals]
     poses = PoseSubgoals(
         PoseField(bounds=None if config.planner_margin is None else scenario.bounds(margins[-1])),
         ahead=config.path_ahead,
@@ -87,7 +92,7 @@ def make_planning(
         object_pose_key=read["object_pose"],
         **_within(group, _POSE_PLAN_KEYS),
     )
-    return [occupancy, subgoals, poses]
+    return [*maps, subgoals, poses]
 
 
 def _within(group: str | None, keys: Mapping[str, str]) -> dict[str, Any]:

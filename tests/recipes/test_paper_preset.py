@@ -73,6 +73,8 @@ PRINTED = {
     "env.path_ahead": (),
     "env.raw": False,
     "env.recovery": False,
+    "env.contact_filter": False,
+    "env.motion_ahead": 0.0,
     "replay.n_steps": 1,
     "actor_average": 0.0,
     "first_actions": "random",

@@ -1,0 +1,122 @@
+"""An agent for goal poses on the sets of the eight scenes, or on episodes that no set holds.
+
+    python benchmarks/goal_poses.py pose --out runs/goal_poses
+    python benchmarks/goal_poses.py pose --tuning --out runs/tuning
+
+Prints success at 1.5 cm and each tolerance of the yaw, success without a contact of object, tool or arm
+with an obstacle, the shares of episodes in which they touch one or leave the workspace, and the steps of
+the solved ones. The episodes are run once, at the smallest tolerance: at a wider one an episode ends
+at its first step within that.
+
+The tuning episodes are those with the numbers 2,000 to 2,019 of the generators of the seven sets with
+obstacles, on which settings are chosen. `--set contact_filter False` changes a field of the agent's
+config.
+"""
+
+import argparse
+import ast
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from modpush import load_agent
+from modpush.envs.outcome import pose_errors
+from modpush.envs.scenes.objects import get_object
+from modpush.envs.scenes.scenario import Scenario
+from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
+from modpush.evaluation import (
+    EvaluationConfig,
+    EvaluationSet,
+    Trajectory,
+    evaluate,
+    format_table,
+    generate_set,
+    load_set,
+)
+
+_SCENES = (*SHAPE_SCENES, "free")
+_TUNING = range(2000, 2020)
+
+
+def chosen_set(scene: str, degrees: float, episodes: int, tuning: bool) -> EvaluationSet:
+    """The first episodes of a scene's set, or its tuning episodes, at a tolerance of the yaw."""
+    name = f"pose/{scene}/box"
+    found = generate_set(name, _TUNING) if tuning else load_set(name).first(episodes)
+    conditions = replace(found.conditions, yaw_tolerance=math.radians(degrees))
+    return replace(found, name=f"{name}/{degrees:g}deg", conditions=conditions)
+
+
+def row(
+    scenario: Scenario, trajectory: Trajectory, degrees: float, tolerance: float
+) -> dict[str, float]:
+    """The figures of an episode that ends at its first step within the tolerances."""
+    poses = trajectory.object_pose[1:].astype(np.float64)
+    goal = np.array([*scenario.goal_position, scenario.goal_yaw])
+    symmetry = np.full(len(poses), get_object(scenario.pushed_object).symmetry)
+    distance, turn = pose_errors(poses, np.broadcast_to(goal, poses.shape), symmetry).T
+    arrived = np.flatnonzero((distance <= tolerance) & (np.abs(turn) <= math.radians(degrees)))
+    steps = int(arrived[0]) + 1 if len(arrived) else len(poses)
+    _, thing, tool = trajectory.contacts[:steps].any(0)
+    return {
+        "success": float(len(arrived) > 0),
+        "without contact": float(len(arrived) > 0 and not thing and not tool),
+        "object touches": float(thing),
+        "tool touches": float(tool),
+        "ends early": float(len(arrived) == 0 and steps < 200),  # out of bounds
+        "steps": steps if len(arrived) else math.nan,
+    }
+
+
+def main(
+    agent: str,
+    degrees: Sequence[float],
+    episodes: int,
+    tuning: bool,
+    out: Path,
+    changes: Sequence[Sequence[str]],
+    scenes: Sequence[str],
+) -> pd.DataFrame:
+    """Run the agent, and print a table with a line for each scene and tolerance."""
+    loaded = load_agent(agent)
+    fields: dict[str, Any] = {name: ast.literal_eval(value) for name, value in changes}
+    loaded = replace(loaded, config=loaded.config.with_fields(**fields))
+    lines = []
+    for scene in scenes:
+        if tuning and scene == "free":
+            continue
+        chosen = chosen_set(scene, min(degrees), episodes, tuning)
+        folder = out / Path(agent).stem / chosen.name
+        found = evaluate(loaded, chosen, folder, config=EvaluationConfig(progress=False))
+        tolerance = chosen.conditions.position_tolerance
+        runs = [Trajectory.load(folder / f"trajectories/{k:05d}.npz") for k in range(len(chosen))]
+        for angle in degrees:
+            rows = pd.DataFrame(
+                [row(*episode, angle, tolerance) for episode in zip(chosen, runs, strict=True)]
+            )
+            assert angle > min(degrees) or rows["success"].sum() == found["success"].sum()
+            lines.append({"scene": scene, "degrees": angle, **rows.mean()})
+            print({k: v if isinstance(v, str) else round(v, 3) for k, v in lines[-1].items()})
+    table = pd.DataFrame(lines)
+    print(format_table(table.groupby("degrees").mean(numeric_only=True)))
+    return table
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("agent", help="a shipped agent's name, or an agent's file")
+    parser.add_argument(
+        "--degrees", type=float, nargs="+", default=[30.0, 10.0], help="tolerances of the yaw"
+    )
+    parser.add_argument("--episodes", type=int, default=100, help="of each set")
+    parser.add_argument("--tuning", action="store_true", help="the tuning episodes instead")
+    parser.add_argument("--out", type=Path, default=Path("runs/goal_poses"))
+    parser.add_argument("--scenes", nargs="+", default=_SCENES, choices=_SCENES)
+    parser.add_argument(
+        "--set", nargs=2, action="append", default=[], dest="changes", metavar=("FIELD", "VALUE")
+    )
+    main(**vars(parser.parse_args()))

@@ -1,0 +1,149 @@
+"""Which actions the contact filter changes, and into what."""
+
+import math
+import pickle
+
+import numpy as np
+import pytest
+import torch
+from tensordict import TensorDict
+from torchrl.envs import check_env_specs
+from torchrl.envs.utils import step_mdp
+
+from modpush import make_push_env
+from modpush.envs.scenes.objects import get_object
+from modpush.geometry.camera import CAMERA
+from modpush.geometry.workspace import WORKSPACE
+from modpush.mdp import ContactFilter
+from modpush.mdp.predicted_contact import outline
+
+TIP = (0.032, 0.011)
+BOX = torch.from_numpy(get_object("box").support.astype(np.float32))
+
+
+def blocked(*squares, side=0.05):
+    """Bits of a map with squares around the given places."""
+    centres = np.stack(np.meshgrid(np.arange(256), np.arange(256)), -1)  # (u, v)
+    places = CAMERA.unproject(centres.astype(np.float64))
+    cells = np.zeros((256, 256), bool)
+    for square in squares:
+        cells |= (np.abs(places - square) < side / 2).all(-1)
+    return torch.from_numpy(np.packbits(cells, axis=1, bitorder="little"))[None]
+
+
+def scene(action, tip, thing=(0.3, 0.3, 0.0), bits=None, **more):
+    entries = {
+        "action": torch.tensor([action]),
+        "ee_pose": torch.tensor([tip]),
+        "object_pose": torch.tensor([thing]),
+        "object_support": BOX[None],
+        "blocked_bits": blocked() if bits is None else bits,
+        **{key: torch.tensor([value]) for key, value in more.items()},
+    }
+    return TensorDict(entries, [1])
+
+
+def filtered(*args, **kwargs):
+    return ContactFilter(TIP, WORKSPACE.bounds()).inv(scene(*args, **kwargs))["action"][0]
+
+
+def test_an_action_without_a_contact_stays() -> None:
+    action = [0.3, -0.9, 0.5]
+    assert filtered(action, (0.5, 0.0, 0.0)).tolist() == pytest.approx(action)
+
+
+def test_the_tool_stops_or_turns_aside_before_an_obstacle() -> None:
+    bits = blocked((0.5, 0.1))  # from y = 0.075 on; the tool's side is at 0.011
+    tip = (0.5, 0.05, 0.0)
+    action = filtered([0.0, 1.0, 0.0], tip, bits=bits)
+    # After one and a half steps its side would be at 0.05 + 0.011 + 0.03 action.
+    assert 0.05 + 0.011 + 0.03 * float(action[1]) < 0.075 - 0.006 + 0.004  # half a cell is 1.8 mm
+    assert filtered([0.0, -1.0, 0.0], tip, bits=bits).tolist() == [0.0, -1.0, 0.0]
+
+
+def test_a_turn_alone_is_seen() -> None:
+    """The end of a tool of 40 cm moves by 15 mm."""
+    bits = blocked((0.7, 0.01 + 0.014 + 0.025))  # 14 mm beside its end
+    long_tool = ContactFilter((0.2, 0.01), WORKSPACE.bounds())
+    state = scene([0.0, 0.0, 1.0], (0.5, 0.0, 0.0), bits=bits)
+    assert float(long_tool.filter(state, state["action"])[0, 1]) < -0.1  # and it moves away
+    back = state["action"] * -1.0
+    assert torch.equal(long_tool.filter(state, back), back)
+
+
+def test_the_object_is_not_pushed_against_an_obstacle() -> None:
+    # The box reaches from y = -0.025 to 0.025, the tool touches it from below.
+    tip, thing, push = (0.5, -0.036, 0.0), (0.5, 0.0, 0.0), [0.0, 1.0, 0.0]
+    assert filtered(push, tip, thing).tolist() == push
+    action = filtered(push, tip, thing, bits=blocked((0.5, 0.06)))  # from y = 0.035 on
+    assert float(action[1]) < 0.5
+
+
+def test_the_object_is_not_pushed_over_the_edge_but_back() -> None:
+    x = 0.75 + 0.05 - 0.02  # where an episode ends, less 2 cm
+    over = filtered([1.0, 0.0, 0.0], (x - 0.036, 0.0, math.pi / 2), (x, 0.0, math.pi / 2))
+    assert float(over[0]) < 0.5
+    back = filtered([-1.0, 0.0, 0.0], (x + 0.036, 0.0, math.pi / 2), (x, 0.0, math.pi / 2))
+    assert back.tolist() == [-1.0, 0.0, 0.0]
+
+
+def test_a_tool_in_contact_may_leave() -> None:
+    bits = blocked((0.5, 0.04))  # the tool's side touches it
+    action = filtered([0.0, -1.0, 0.0], (0.5, 0.004, 0.0), bits=bits)
+    assert float(action[1]) < -0.5
+
+
+def test_an_obstacle_that_comes_near_counts_where_it_will_be() -> None:
+    bits, tip = blocked((0.5, 0.1)), (0.5, 0.045, 0.0)  # 19 mm apart
+    still = filtered([0.0, 0.0, 0.0], tip, bits=bits)
+    assert not still.any()
+    comes = filtered([0.0, 0.0, 0.0], tip, bits=bits, obstacle_motion=[0.5, 0.1, 0.0, -0.2])
+    assert float(comes[1]) < 0.0
+
+
+def test_the_outline_of_a_box_is_its_own() -> None:
+    radii = outline(BOX.double().numpy())
+    angle = 2 * math.pi * np.arange(48) / 48
+    with np.errstate(divide="ignore"):
+        expected = np.minimum(0.05 / np.abs(np.cos(angle)), 0.025 / np.abs(np.sin(angle)))
+    np.testing.assert_allclose(radii, expected, atol=1e-6)
+
+
+def test_a_map_that_changes_is_read_again_and_the_filter_can_be_pickled() -> None:
+    contact_filter = pickle.loads(pickle.dumps(ContactFilter(TIP, WORKSPACE.bounds())))
+    state = scene([0.0, 1.0, 0.0], (0.5, 0.05, 0.0))
+    assert contact_filter.filter(state, state["action"])[0, 1] == 1.0
+    state["blocked_bits"] = blocked((0.5, 0.1))
+    assert contact_filter.filter(state, state["action"])[0, 1] < 1.0
+
+
+def test_in_a_stack_the_agents_own_action_is_stored() -> None:
+    env = make_push_env(
+        num_envs=2,
+        scene="two_rectangles",
+        frame="path",
+        action_frame=None,
+        encoder="none",
+        contact_filter=True,
+        seed=0,
+    )
+    check_env_specs(env)
+    state = env.reset()
+    action = torch.tensor([[1.0, 0.0, 0.0], [-1.0, 0.5, 0.3]])
+    for _ in range(3):
+        state = env.step(state.set("action", action.clone()))
+        assert torch.equal(state["action"], action)
+        state = step_mdp(state)
+    env.close()
+
+
+def test_a_missing_key_is_named() -> None:
+    with pytest.raises(KeyError, match="blocked_bits"):
+        ContactFilter(TIP, WORKSPACE.bounds()).inv(
+            scene([0.0, 0.0, 0.0], (0.5, 0.0, 0.0)).exclude("blocked_bits")
+        )
+
+
+def test_numbers_out_of_range_are_refused() -> None:
+    with pytest.raises(ValueError, match="clearance"):
+        ContactFilter(TIP, WORKSPACE.bounds(), clearance=-0.1)
