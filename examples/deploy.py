@@ -25,7 +25,7 @@ import imageio
 import numpy as np
 import pandas as pd
 import torch
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from modpush.deploy import (
     Command,
@@ -70,13 +70,15 @@ class Recorder:
         seen, true = self.controller.perceived, self.arm.object_pose
         assert seen is not None
         distance, turn = self.error(seen.object.pose, true)
-        column, row, depth = self.controller.perception.tracker.pixels_on_top(true)
+        perception = self.controller.perception
+        assert isinstance(perception, Perception)
+        column, row, depth = perception.tracker.pixels_on_top(true)
         hidden = float((self.exact[row, column] < depth - 0.005).mean())
         self.rows.append((distance, turn, hidden, seen.object.found))
         if self.pictures:
             self.frames.append(picture(image, self.arm.scenario, seen.object.pose, seen.tip_pose))
 
-    def error(self, pose: Sequence[float], wanted: Sequence[float]) -> tuple[float, float]:
+    def error(self, pose: ArrayLike, wanted: ArrayLike) -> tuple[float, float]:
         """Distance and angle of two poses, at the object's symmetry [m, rad]."""
         symmetry = np.array([float(self.arm.item.symmetry)])
         distance, turn = pose_errors(np.array([pose]), np.array([wanted]), symmetry)[0]

@@ -113,6 +113,46 @@ def gather(
 
 
 @njit(error_model="numpy")
+def _first_hit(
+    origin: tuple[float, float, float],
+    ray: tuple[float, float, float],
+    sides: Floats,
+    counts: NDArray[np.int64],
+    circles: Floats,
+    levels: Floats,
+) -> float:
+    """Depth at which a ray in the object's frame meets it first, inf if it does not [m]."""
+    (ox, oy, oz), (rx, ry, z) = origin, ray
+    first = np.inf
+    for k in range(len(counts)):
+        near, far = (levels[k, 1] - oz) / z, (levels[k, 0] - oz) / z
+        if near > far:
+            near, far = far, near
+        for m in range(counts[k]):
+            nx, ny = sides[k, m, 0], sides[k, m, 1]
+            rate = nx * rx + ny * ry
+            gap = sides[k, m, 2] - nx * ox - ny * oy
+            if rate < 0.0:
+                near = max(near, gap / rate)
+            elif rate > 0.0:
+                far = min(far, gap / rate)
+            elif gap < 0.0:
+                far = -np.inf
+        if circles[k, 2] > 0.0:
+            cx, cy = ox - circles[k, 0], oy - circles[k, 1]
+            a, b = rx * rx + ry * ry, cx * rx + cy * ry
+            inside = b * b - a * (cx * cx + cy * cy - circles[k, 2] ** 2)
+            if inside < 0.0:
+                far = -np.inf
+            else:
+                root = math.sqrt(inside)
+                near, far = max(near, (-b - root) / a), min(far, (-b + root) / a)
+        if near <= far:
+            first = min(first, near)
+    return first
+
+
+@njit(error_model="numpy")
 def compare(
     pose: Floats,
     pixels: Floats,
@@ -153,31 +193,7 @@ def compare(
         along = ox * rx + oy * ry + ball_z * z
         first = np.inf
         if along * along > (rx * rx + ry * ry + z * z) * outside:
-            for k in range(len(counts)):
-                near, far = (levels[k, 1] - oz) / z, (levels[k, 0] - oz) / z
-                if near > far:
-                    near, far = far, near
-                for m in range(counts[k]):
-                    nx, ny = sides[k, m, 0], sides[k, m, 1]
-                    rate = nx * rx + ny * ry
-                    gap = sides[k, m, 2] - nx * ox - ny * oy
-                    if rate < 0.0:
-                        near = max(near, gap / rate)
-                    elif rate > 0.0:
-                        far = min(far, gap / rate)
-                    elif gap < 0.0:
-                        far = -np.inf
-                if circles[k, 2] > 0.0:
-                    cx, cy = ox - circles[k, 0], oy - circles[k, 1]
-                    a, b = rx * rx + ry * ry, cx * rx + cy * ry
-                    inside = b * b - a * (cx * cx + cy * cy - circles[k, 2] ** 2)
-                    if inside < 0.0:
-                        far = -np.inf
-                    else:
-                        root = math.sqrt(inside)
-                        near, far = max(near, (-b - root) / a), min(far, (-b + root) / a)
-                if near <= far:
-                    first = min(first, near)
+            first = _first_hit((ox, oy, oz), (rx, ry, z), sides, counts, circles, levels)
         what = int(pixels[i, 4])
         if first == np.inf:
             if what == UNEXPLAINED:
