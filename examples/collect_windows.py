@@ -26,8 +26,9 @@ import torch
 import tyro
 from torch import Tensor
 from tqdm import tqdm
+from window_data import WindowData
 
-from modpush.encoders import WindowData, egocentric_window
+from modpush.encoders import egocentric_window
 from modpush.encoders.window import WINDOW_SIZE
 from modpush.envs import OBSTACLE_SCENES, PushEnv
 from modpush.envs.scenes.objects import PAPER_OBJECTS

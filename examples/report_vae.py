@@ -23,12 +23,11 @@ import torch
 import tyro
 from torch import Tensor, nn
 from vae_quality import encode_all, linear_probe, r_squared, vae_quality
+from window_data import WindowData, augment_windows
 
 from modpush.encoders import (
     DepthVAE,
     RayScan,
-    WindowData,
-    augment_windows,
 )
 
 matplotlib.use("Agg")

@@ -25,8 +25,9 @@ from tensordict import TensorDict
 from torch import Tensor
 from tqdm import tqdm
 from vae_quality import vae_quality
+from window_data import WindowData, augment_windows
 
-from modpush.encoders import DepthVAE, VAELoss, WindowData, augment_windows
+from modpush.encoders import DepthVAE, VAELoss
 
 
 @dataclass(frozen=True, kw_only=True)

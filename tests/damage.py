@@ -4,10 +4,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from modpush.agents.tqc.networks import make_actor
-from modpush.encoders import DepthVAE, WindowData
+from modpush.encoders import DepthVAE
 from modpush.recipes import PushEnvConfig, load_agent, save_agent
 
 Reader = Callable[[], object]
@@ -28,17 +27,9 @@ def _vae(folder: Path) -> tuple[Path, Reader]:
     return path, lambda: DepthVAE.from_pretrained(path)
 
 
-def _windows(folder: Path) -> tuple[Path, Reader]:
-    path = folder / "windows.safetensors"
-    flags = torch.zeros(4, dtype=torch.uint8)
-    WindowData.from_floats(torch.rand(4, 1, 16, 16), flags, flags.bool(), {"seed": 3}).save(path)
-    return path, lambda: WindowData.load(path)
-
-
 KINDS: dict[str, Callable[[Path], tuple[Path, Reader]]] = {
     "agent": _agent,
     "VAE weights": _vae,
-    "windows": _windows,
 }
 """Writes a file of a kind into a folder; returns its path and a function that reads it."""
 

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 import modpush
+from modpush.cli.train import parse_run
 from modpush.data import load_demonstrations
 from modpush.envs import PushEnv
 from modpush.envs.scenes.objects import OBJECTS, get_object_of
@@ -22,7 +23,6 @@ from modpush.files import read_tensors, write_packed_json, write_tensors, write_
 from modpush.parts import ModulesRefusedError, check_allowed
 from modpush.recipes import PushEnvConfig, load_agent
 from modpush.training import TRAIN_PRESETS
-from modpush.training.run_folder import RunFolder
 from modpush.training.warm_start import load_initial_weights
 from tests.damage import KINDS
 
@@ -136,7 +136,7 @@ def minari_specification(folder: Path, text: str) -> object:
 def run_config(folder: Path, text: str) -> object:
     env = json.loads(json.dumps({**asdict(SMOKE), "env": {**asdict(SMOKE.env), "planner": text}}))
     write_yaml(folder / "config.yaml", env, "modpush.TrainConfig", 1)
-    return RunFolder(folder).read_config()
+    return parse_run(["smoke", "--config", str(folder / "config.yaml")])
 
 
 READERS: dict[str, Callable[[Path, str], object]] = {

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from modpush import files
-from modpush.encoders import DepthVAE, WindowData
+from modpush.encoders import DepthVAE
 from modpush.evaluation.sets import load_set
 from modpush.files import (
     read_arrays,
@@ -53,14 +53,13 @@ def start_from(path: Path) -> None:
 READERS: dict[str, tuple[str, int, Callable[..., None], Callable[[Path], object]]] = {
     "a.safetensors": ("modpush.Agent", 5, write_tensor_config, load_agent),
     "vae.safetensors": ("modpush.DepthVAE", 2, write_tensor_config, DepthVAE.from_pretrained),
-    "windows.safetensors": ("modpush.WindowData", 2, write_tensor_config, WindowData.load),
     "step-1.safetensors": ("modpush.Checkpoint", 1, write_tensor_config, start_from),
     "set.json.gz": ("modpush.EvaluationSet", 3, write_packed, load_set),
     "config.yaml": (
         "modpush.TrainConfig",
         1,
         write_json,
-        lambda path: RunFolder(path.parent).read_config(),
+        lambda path: RunFolder(path.parent).stored_config(),
     ),
 }
 """By name of the file: kind, version, and what writes and reads it."""

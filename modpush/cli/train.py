@@ -27,6 +27,8 @@ Presets:
                      takes to learn with them on two CPU cores, in an hour and a half.
   pose               Goals with orientation in free space, for a box of 10 x 5 cm, in some twenty
                      minutes of one core.
+  pose_any_object    The same for eight shapes, whose mass, friction and centre of mass are drawn for
+                     each episode.
   pose_obstacles     Goals with orientation past one or two obstacles that stand or move, for the same
                      box.
   refine_pose_obstacles

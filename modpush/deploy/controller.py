@@ -68,10 +68,11 @@ class PushController:
             `position_tolerance`, so that it has arrived in truth as well [m].
         yaw_arrival_margin: The same for the yaw of a goal pose [rad].
         motion: How far a control step goes, and the tool's workspace.
-        joint_speed: Speed of a joint from which steps are made shorter [rad/s], as near the arm's own axis.
-            It should be below `Limits.joint_speed`, at which the guard stops the arm.
-        look_after: Time without an image that confirms the object after which the tool steps aside [s], so
-            that the camera sees it again. It should be below `Limits.lost_for`.
+        joint_speed: Speed of a joint from which steps are made shorter [rad/s], near the arm's axis. It
+            should be below `Limits.joint_speed`, at which the guard stops the arm.
+        look_after: Time of contact with the object without an image that confirms it after which the tool
+            steps aside [s], so that the camera sees it again; without contact, twice that time. It should
+            be below half of `Limits.lost_for`.
 
     Raises:
         ValueError: If the agent observes what perception does not measure, or cannot be found.
@@ -90,7 +91,7 @@ class PushController:
         yaw_arrival_margin: NonNegative = _YAW_MARGIN,
         motion: MotionConfig | None = None,
         joint_speed: Positive = 3.0,
-        look_after: Positive = 1.0,
+        look_after: Positive = 0.5,
     ) -> None:
         self.agent = agent if isinstance(agent, Agent) else load_policy(agent)
         self.perception = perception
@@ -152,6 +153,7 @@ class PushController:
         self.perception.reset(guess)
         self._state, self.perceived, self._aside = None, None, None
         self.success = self.contact = False
+        self._pushed_unseen = 0
 
     def _checked_goal(self, goal: Sequence[float]) -> tuple[float, ...]:
         size = 3 if self._goal_kind == "pose" else 2
@@ -231,11 +233,14 @@ class PushController:
 
     def _steps_aside(self, seen: Perceived, joints: NDArray[np.float64]) -> bool:
         """True while the tool makes way for the camera, to the place `_aside`."""
-        if self._aside is None and seen.object.unseen_for >= self._patience * self.rate:
+        estimate = seen.object
+        self._pushed_unseen = 0 if estimate.found else self._pushed_unseen + self.contact
+        unsure = max(self._pushed_unseen, estimate.unseen_for / 2)
+        if self._aside is None and unsure >= self._patience * self.rate:
             self._aside = place_aside(self.perception, seen, joints, self.tip_height, self.motion)
         if self._aside is not None:
             arrived = math.dist(self._aside, seen.tip_pose[:2]) < _ARRIVED
-            if arrived or (seen.object.found and seen.object.hidden < 1 - _SEEN):
+            if arrived or (estimate.found and estimate.hidden < 1 - _SEEN):
                 self._aside = None
         return self._aside is not None
 

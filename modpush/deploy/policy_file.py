@@ -48,7 +48,7 @@ def _exported(folder: Path) -> Agent:
     actor: Any = TensorDictModule(
         _onnx_policy(folder / "policy.onnx"), in_keys=["observation"], out_keys=["action"]
     )
-    return Agent(actor=actor, config=config, metadata={}, fingerprint=fingerprint, source=folder)
+    return Agent(actor=actor, config=config, metadata={}, fingerprint=fingerprint)
 
 
 def _onnx_policy(path: Path) -> Any:

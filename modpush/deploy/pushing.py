@@ -38,8 +38,8 @@ def push(
         read_depth: Gives the newest depth image.
         goal: x, y of the object's goal [m], and its yaw [rad] for an agent of goal poses.
         guess: Place (x, y) or pose (x, y, yaw) near which the object is, to within 6 cm [m, m, rad];
-            needed where an obstacle has the object's shape, from which no depth image tells it. None looks
-            everywhere.
+            needed where an obstacle has the object's shape, from which no depth image tells it. None
+            looks everywhere.
         approach: Brings the tool from aside to where the push begins, at the height of its tip. It is
             called after the first images, in which the arm hides nothing then. None where the tool is
             there already.

@@ -16,8 +16,6 @@ from modpush.geometry.camera import Camera
 from modpush.geometry.workspace import Rectangle
 from modpush.mdp.predicted_contact import PushedScene, nearest_action, outline
 
-__all__ = ["ContactFilter"]
-
 
 class ContactFilter(DescribedTransform):
     """Replaces actions after which tool or object are predicted to touch an obstacle, or to leave.

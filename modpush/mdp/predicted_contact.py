@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 
 from modpush._kernels import njit
 
-__all__ = ["PushedScene", "nearest_action", "outline", "violation"]
-
 _PARTS = (0.5, 1.0, 1.5)  # of a step, at which contacts are predicted
 _SPACING = 0.008  # of the points on the tool's outline [m]
 _DIRECTIONS = 17  # from straight back on one side to straight back on the other

@@ -33,16 +33,7 @@ class GridPlanner(Planner):
         self._capacity = 64  # waypoints; grows with the first path that needs more
 
     def plan(self, occupancy: Tensor, start: Tensor, goal: Tensor) -> Paths:
-        """Plan one path per scene.
-
-        Args:
-            occupancy: `[B, H, W]` bool, True where blocked; H and W from 1 to 4096.
-            start: `[B, 2]` float (u, v) [px]; any finite point, see `Paths` for ends that are not
-                free.
-            goal: `[B, 2]` float (u, v) [px]; the same.
-
-        Returns:
-            The paths, on the occupancy's device.
+        """Plan one path per scene, see `Planner.plan`.
 
         Raises:
             TypeError: If the occupancy is not a bool tensor, or an end is not a floating-point tensor.

@@ -17,8 +17,6 @@ from modpush._validation import checked_arguments
 from modpush.geometry.camera import Camera
 from modpush.planners.occupancy_map import inflate
 
-__all__ = ["SweptObstacles"]
-
 
 class SweptObstacles(StatelessTransform):
     """Blocks the way of a moving obstacle for the next seconds, inflated by the object's radius.

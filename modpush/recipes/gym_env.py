@@ -79,7 +79,7 @@ class PaperGymEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.render_mode = render_mode
         width = self.env.observation_spec["observation"].shape[-1]
         space = spaces.Box(-_BOUND, _BOUND, (width,), dtype=np.float32)
-        self.observation_space = space  # type: ignore[assignment]  # a Box of float32
+        self.observation_space = space
         self.action_space = spaces.Box(-1.0, 1.0, (ACTION_SIZE,), dtype=np.float32)
         self._state: TensorDictBase | None = None
 

@@ -27,8 +27,7 @@ from modpush.replay.buffer import (
 )
 from modpush.replay.mirror import MirrorTransitions
 from modpush.replay.n_step import extend_rollout, forget_open_steps, n_step_transforms
-from modpush.training.config import TrainConfig
-from modpush.training.parts import learner_parts, replay_parts
+from modpush.training.config import TrainConfig, learner_parts, replay_parts
 from modpush.training.scene_worker import Rollout, WorkerSpecs
 
 

@@ -2,7 +2,6 @@
 
 import json
 import re
-from collections.abc import Collection
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,6 @@ from typing import Any
 from modpush._state import read_state, write_state
 from modpush._validation import checked_arguments, from_plain
 from modpush.files import read_yaml, reading, write_yaml
-from modpush.parts import check_allowed
 from modpush.recipes.agent_file import BEST_AGENT
 from modpush.training.config import TrainConfig
 
@@ -50,22 +48,14 @@ class RunFolder:
         plain = json.loads(json.dumps(asdict(config)))  # tuples as lists
         write_yaml(self.config, plain, _KIND, _VERSION)
 
-    def read_config(self, *, allow: Collection[str] = ()) -> TrainConfig:
-        """Inverse of `write_config`.
+    def stored_config(self) -> TrainConfig:
+        """Inverse of `write_config`, to compare it with another config.
 
-        Args:
-            allow: Modules and packages from which the file may name parts.
+        Its parts may be in any modules, so do not make them; `modpush train --config` checks that.
 
         Raises:
-            ValueError: If the file is damaged, not a run's config, or names modules that are not
-                allowed; the message names it and the field.
+            ValueError: If the file is damaged or not a run's config; the message names it.
         """
-        config = self.stored_config()
-        check_allowed(f"RunFolder: {self.config}", config.fixed_fields(), allow)
-        return config
-
-    def stored_config(self) -> TrainConfig:
-        """The same, to compare it with another: its parts may be in any modules, so do not make them."""
         with reading(self.config, _KIND):
             return from_plain(TrainConfig, read_yaml(self.config, _KIND))
 

@@ -20,10 +20,9 @@ from modpush.recipes.config import END_TO_END, PushEnvConfig
 from modpush.recipes.fingerprint import environment_fingerprint
 from modpush.recipes.make_env import env_parts, make_push_env
 from modpush.recipes.planning import observed_keys
-from modpush.training.config import TrainConfig
+from modpush.training.config import TrainConfig, learner_parts
 from modpush.training.held_out import EvaluationProgress, HeldOutEpisodes
 from modpush.training.hindsight import Hindsight
-from modpush.training.parts import learner_parts
 
 
 @dataclass(frozen=True)

@@ -19,11 +19,10 @@ from modpush._validation import checked_arguments
 from modpush.agents.tqc.update import processor_precision
 from modpush.recipes.make_env import make_push_env
 from modpush.replay.buffer import make_replay_buffer
-from modpush.training.config import TrainConfig
+from modpush.training.config import TrainConfig, check_parts, check_picklable, replay_parts
 from modpush.training.held_out import EvaluationProgress, HeldOutEpisodes, held_out_score
 from modpush.training.learner import Learner, weights_of
 from modpush.training.log import RunLog, TrainingBar, quiet_torchrl
-from modpush.training.parts import check_parts, check_picklable, replay_parts
 from modpush.training.run_folder import RunFolder, check_run_folder
 from modpush.training.scene_worker import EnvFactory, Rollout, SceneWorker
 from modpush.training.trainer_state import load_trainer_state, save_trained_agent, trainer_state

@@ -175,8 +175,8 @@ def _check_environment(
     given = {name: value for name, value in stored.items() if name != "reward"}
     if given.get("observation") and own.get("observation"):
         known = {entry["name"] for entry in given["observation"]["entries"]}
-        entries = [e for e in own["observation"]["entries"] if e["name"] in known]
-        own["observation"] = {**own["observation"], "entries": entries}
+        shared = [e for e in own["observation"]["entries"] if e["name"] in known]
+        own["observation"] = {**own["observation"], "entries": shared}
     if differences := fingerprint_differences(given, own):
         raise ValueError(f"{caller}: trained in another environment. " + "; ".join(differences))
     entries = {entry["name"] for entry in own.get("observation", {}).get("entries", ())}

@@ -14,7 +14,7 @@ from modpush.evaluation.sets import BEHIND_SETS, EVALUATION_SETS, EvaluationSet,
 
 def test_evaluate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     config = EvaluateConfig(
-        policy=("corridor", "scripted"), sets=("smoke",), episodes=2, pictures=2, out=tmp_path
+        policy=("corridor", "scripted"), episodes=2, num_envs=2, pictures=2, out=tmp_path
     )
     evaluate_policies(config)
     printed = capsys.readouterr().out
@@ -37,7 +37,13 @@ def test_evaluate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_the_engine_is_part_of_what_results_are_stored_under(tmp_path: Path) -> None:
     config = EvaluateConfig(
-        policy=("scripted",), engine="mujoco", episodes=1, pictures=0, videos=False, out=tmp_path
+        policy=("scripted",),
+        engine="mujoco",
+        episodes=1,
+        num_envs=1,
+        pictures=0,
+        videos=False,
+        out=tmp_path,
     )
     (rows,) = evaluate_policies(config)["smoke"].values()
     assert len(rows) == 1
@@ -56,6 +62,7 @@ def test_another_robot_runs_the_first_episodes_that_it_reaches(tmp_path: Path, c
         policy=("scripted",),
         sets=(str(tmp_path / "own.json.gz"),),
         robot="panda",
+        num_envs=2,
         pictures=0,
         videos=False,
         out=tmp_path,
@@ -91,13 +98,14 @@ def test_a_set_of_your_own_is_given_as_a_file(tmp_path: Path) -> None:
         tmp_path / "s.json.gz"
     )
     config = EvaluateConfig(
-        policy=("corridor",),
+        policy=("scripted",),
         sets=(str(tmp_path / "s.json.gz"),),
+        num_envs=1,
         videos=False,
         out=tmp_path / "out",
     )
     evaluate_policies(config)
-    folder = tmp_path / "out" / "corridor" / "mine"
+    folder = tmp_path / "out" / "scripted" / "mine"
     assert (folder / "table.md").exists()
     assert (folder / "episodes.csv").exists()
 
@@ -107,7 +115,8 @@ def test_a_set_is_run_with_another_tool(tmp_path: Path) -> None:
         policy=("scripted",),
         sets=("hard/small_cube",),
         tool="rod",
-        episodes=2,
+        episodes=1,
+        num_envs=1,
         videos=False,
         pictures=0,
         out=tmp_path,
@@ -129,6 +138,7 @@ def test_a_policy_at_rest_is_moved_on(tmp_path: Path) -> None:
             policy=("any_object",),
             sets=(str(file),),
             recovery=recovery,
+            num_envs=6,
             videos=False,
             pictures=0,
             out=tmp_path,

@@ -9,8 +9,9 @@ import minari
 import numpy as np
 import pytest
 import torch
+from tensordict import TensorDict
 
-from modpush.data import CollectConfig, collect_demonstrations, collecting
+from modpush.data import CollectConfig, collect_demonstrations, collecting, load_demonstrations
 from modpush.data.config import card_text, episode_seed
 from modpush.envs import PushEnv, Scenario
 from modpush.evaluation.sets import SET_NAMES, load_set
@@ -147,3 +148,20 @@ def test_the_card_tells_the_policies_and_the_environment() -> None:
     told = load_yaml(text.partition("```yaml\n")[2].partition("```")[0])
     assert told == about
     assert told["env"]["simulation"]["robot"] == "panda"
+
+
+def test_another_arm_tool_and_engine_are_recorded_and_replayed(tmp_path) -> None:
+    parts = {"robot": "panda", "tool": "rod", "engine": "mujoco"}
+    env = PushEnvConfig.preset("cpu", num_envs=1, encoder="rays", scene="free", **parts)
+    config = CollectConfig(policy=("scripted",), episodes=1, env=env, out=tmp_path)
+    demonstrations = load_demonstrations(collect_demonstrations(config, progress=False))
+    (episode,) = dataset(tmp_path)
+    simulator = demonstrations.make_env(num_envs=1).base_env
+    found = {"robot": simulator.robot.name, "tool": simulator.tool.name}
+    assert {**found, "engine": simulator.engine_name} == parts
+    (about,) = metadata(dataset(tmp_path))
+    simulator.reset(scenarios=[Scenario.from_dict(json.loads(about["scenario"]))])
+    for t, command in enumerate(torch.from_numpy(episode.infos["command"]), 1):
+        td = simulator.step(TensorDict(action=command[None], batch_size=[1]))["next"]
+        np.testing.assert_array_equal(td["ee_pose"][0].numpy(), episode.infos["ee_pose"][t])
+    simulator.close()

@@ -12,6 +12,7 @@ from modpush.deploy import PushController, Stopped, load_policy
 from modpush.deploy.source_env import SourceEnv
 from modpush.evaluation import load_set
 from modpush.export import export_agent
+from modpush.training.scene_worker import FirstActions
 from tests.deploy.conftest import Rig, straight_push
 
 
@@ -226,6 +227,33 @@ def test_the_source_has_the_keys_of_the_environment(agent, rig) -> None:
     env.close()
 
 
+def test_an_object_at_its_goal_is_not_pushed(rig) -> None:
+    assert rig.push(goal=(0.46, 0.0)) == (True, 0)
+
+
+def test_the_tool_steps_aside_after_half_a_second_of_unseen_contact(rig) -> None:
+    unseen = 0
+
+    def hidden_from_the_sixth_image(perceived):
+        nonlocal unseen
+        unseen += 1
+        estimate = perceived.object._replace(found=unseen < 6, unseen_for=max(0, unseen - 5))
+        return perceived._replace(object=estimate)
+
+    def distance() -> float:
+        step(rig)
+        return np.hypot(*np.subtract(rig.controller.perceived.tip_pose, rig.arm.object_pose)[:2])
+
+    rig.seen.change = hidden_from_the_sixth_image
+    rig.controller.reset((0.6, 0.05))
+    away = np.array([distance() for _ in range(20)])
+    left = 10 + np.flatnonzero(away[10:] > away[10] + 0.01)[0]
+    assert 12 <= left <= 16  # 8 images from the sixth on, in which it pushes, and a step
+    assert away[10:].max() > away[10] + 0.06
+    rig.seen.change = lambda perceived: perceived
+    assert min(distance() for _ in range(14)) < away[10] + 0.01  # and it returns
+
+
 def test_a_push_passes_the_guess_of_the_start_on(rig, monkeypatch) -> None:
     given, reset = [], rig.seen.reset
 
@@ -236,3 +264,21 @@ def test_a_push_passes_the_guess_of_the_start_on(rig, monkeypatch) -> None:
     monkeypatch.setattr(rig.seen, "reset", noted)
     assert rig.push(guess=(0.45, 0.0, 0.1)).success
     assert given == [(0.45, 0.0, 0.1)]
+
+
+def test_an_agent_s_memory_is_kept_between_images(agent) -> None:
+    config = replace(agent.config, add=(*agent.config.add, "history"), recovery=False)
+    pusher = replace(agent, actor=FirstActions(config), config=config, fingerprint={})
+    rig = Rig(pusher)
+    rig.controller.reset((0.6, 0.05))
+    torch.manual_seed(0)
+    remembered = []
+    for _ in range(20):
+        step(rig)
+        remembered.append(int(rig.controller._state["history"].any(-1).sum()))
+    assert remembered[0] == 0
+    assert remembered == sorted(remembered)
+    assert remembered[-1] > 3
+    rig.controller.reset((0.6, 0.05))
+    step(rig)
+    assert not rig.controller._state["history"].any()

@@ -22,14 +22,14 @@ def stopped(rig: Rig, reason: str, match: str, **options) -> None:
     PROVOKED.add(reason)
 
 
-def after(steps: int, change):
-    """What is seen is changed from this image on."""
+def after(steps: int, change, until: int = 10_000):
+    """What is seen is changed from this image on, and up to another one."""
     count = 0
 
     def spoil(perceived):
         nonlocal count
         count += 1
-        return change(perceived) if count > steps else perceived
+        return change(perceived) if steps < count <= until else perceived
 
     return spoil
 
@@ -90,7 +90,7 @@ def test_an_object_that_is_lost(rig) -> None:
 
 
 def test_an_object_that_is_hidden_for_a_moment_is_not_lost(rig) -> None:
-    rig.seen.change = after(3, moved(found=False, unseen_for=29))
+    rig.seen.change = after(3, moved(found=False, unseen_for=29), until=15)
     assert rig.push().success
 
 

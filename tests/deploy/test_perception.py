@@ -90,8 +90,36 @@ def test_a_guess_says_which_of_several_alike_things_is_the_object(bench) -> None
         perception.reset((place[0] + 0.02, place[1] - 0.02, 0.3))
         seen = perception.update(bench.image(), joints)
         assert np.linalg.norm(np.array(seen.object.pose[:2]) - place) < 0.003
-    perception.reset((0.30, 0.30, 0.0))
+    perception.reset((0.30, 0.30))
     assert perception.update(bench.image(), joints) is None
+    for guess in ((0.4,), (0.4, float("nan"))):
+        with pytest.raises(ValueError, match="guess must be 2 or 3 finite numbers"):
+            perception.reset(guess)
+
+
+@pytest.mark.parametrize("name", ["small_cube", "fragment"])
+def test_a_pose_that_was_wrong_while_the_object_was_hidden_is_corrected(bench, name) -> None:
+    perception = Perception(CAMERA, name)
+    joints = bench.load(name, (0.45, 0.10, 0.3))
+    perception.update(bench.image(), joints)
+    covered = np.zeros((480, 640), np.float32)
+    for _ in range(3):
+        assert not perception.update(covered, joints).object.found
+    joints = bench.load(name, (0.465, 0.11, 1.9))
+    seen = perception.update(bench.image(), joints)
+    assert seen.object.found
+    assert_tracked(seen, bench.object_pose(), name)
+
+
+def test_the_arm_hides_what_is_behind_it_as_seen_from_the_camera(bench) -> None:
+    perception = Perception(CAMERA, "small_cube")
+    joints = bench.load("small_cube", (0.40, 0.0, 0.0), (0.46, 0.02, 0.0))
+    pose = np.array([0.40, 0.0, 0.0])
+    hidden = perception.hidden_by_arm(pose, joints)
+    seen = perception.update(bench.image(), joints)
+    assert hidden > 0.5
+    assert seen is None or seen.object.hidden == pytest.approx(hidden, abs=0.05)
+    assert perception.hidden_by_arm(pose, OUT_OF_SIGHT) == 0.0
 
 
 def expected_images(name: str, pose, obstacles) -> tuple[np.ndarray, np.ndarray]:

@@ -40,24 +40,6 @@ def test_halves_have_the_rows_of_the_whole_and_draw_nothing(tmp_path):
     pd.testing.assert_frame_equal(pd.DataFrame(whole), pd.DataFrame(halves), check_exact=True)
 
 
-def test_both_processes_run_held_out_episodes_where_there_are_two(tmp_path, monkeypatch):
-    trainer = Trainer(replace(SMOKE, async_collection=True), tmp_path / "run")
-    shares = []
-    submit, run = trainer.worker.submit, trainer.held_out.run
-    monkeypatch.setattr(
-        trainer.worker, "submit", lambda *args: shares.append(args[-1]) or submit(*args)
-    )
-    monkeypatch.setattr(
-        trainer.held_out, "run", lambda *args: shares.append(args[-1]) or run(*args)
-    )
-    trainer._evaluate()
-    trainer.close()
-    assert shares == [range(2), range(2, 4)]
-    rows = pd.read_csv(trainer.folder.evaluations)
-    assert len(rows) == 1
-    assert not rows[["success/free", "success/posts"]].isna().any(axis=None)
-
-
 def held_out_rows(trainer, evaluation):
     """A row for each held-out episode with these means."""
     count = trainer.config.evaluation_episodes

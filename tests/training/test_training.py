@@ -32,7 +32,6 @@ from modpush.training import (
     held_out_scenarios,
 )
 from modpush.training.log import TrainingBar
-from modpush.training.run_folder import RunFolder
 from modpush.training.scene_worker import SceneWorker
 from modpush.training.worker import InlineWorker, ProcessWorker
 from tests.full_disk import full_disk
@@ -97,11 +96,6 @@ def wait_for_checkpoint(folder, process, limit=240):
         time.sleep(0.02)
 
 
-def newest_step(folder):
-    checkpoints = RunFolder(folder).checkpoints
-    return checkpoints.step(checkpoints.latest())
-
-
 def test_a_run_leaves_config_logs_agents_and_checkpoints(unbroken):
     stored = yaml.safe_load((unbroken / "config.yaml").read_text())
     assert stored["tqc"]["hidden_sizes"] == [16]
@@ -129,8 +123,26 @@ def test_a_run_killed_and_resumed_reaches_the_same_numbers(unbroken, tmp_path):
     assert_same(numbers(unbroken), numbers(folder))
 
 
-def test_async_collection_learns_the_same_as_taking_turns(unbroken, tmp_path):
-    train(tmp_path / "run", SMOKE_ASYNC)
+def test_async_collection_learns_the_same_as_taking_turns(unbroken, tmp_path, monkeypatch):
+    """In two processes, which share the held-out episodes; one test, since a process takes 10 s."""
+    trainer = Trainer(SMOKE_ASYNC, tmp_path / "run")
+    assert isinstance(trainer.worker, ProcessWorker)
+    with pytest.raises(RuntimeError, match=r"(?s)the worker failed.*call restart first"):
+        trainer.worker.call(SceneWorker.collect, 1, None)
+    shares = []
+    submit, run = trainer.worker.submit, trainer.held_out.run
+
+    def submitted(method, *args):
+        if method is SceneWorker.evaluate:
+            shares.append(args[-1])
+        submit(method, *args)
+
+    monkeypatch.setattr(trainer.worker, "submit", submitted)
+    monkeypatch.setattr(
+        trainer.held_out, "run", lambda *args: shares.append(args[-1]) or run(*args)
+    )
+    trainer.run()
+    assert shares == [range(2), range(2, 4)] * 2
     assert_same(numbers(unbroken), numbers(tmp_path / "run"))
 
 
@@ -149,17 +161,6 @@ def test_the_script_shares_its_libraries_with_the_worker_which_ends_with_it(tmp_
     process.stdout.close()
     _, alive = psutil.wait_procs(workers, timeout=60)
     assert not alive
-    steps = newest_step(folder)
-    train(folder, replace(SMOKE_ASYNC, total_steps=steps + 32), resume=True)
-
-
-def test_a_failing_worker_process_is_heard():
-    worker = ProcessWorker(partial(SceneWorker, SMOKE))
-    try:
-        with pytest.raises(RuntimeError, match="call restart first"):
-            worker.call(SceneWorker.collect, 1, None)
-    finally:
-        worker.close()
 
 
 def test_a_worker_in_this_process_leaves_the_callers_random_numbers_alone():

@@ -146,7 +146,7 @@ def test_of_the_moves_of_one_drag_only_the_last_is_carried_out(session) -> None:
     started = []
     lane = session.lanes[0]
     start = lane.start
-    lane.start = lambda scenario, seed: started.append(scenario) or start(scenario, seed)
+    lane.start = lambda scenario: started.append(scenario) or start(scenario)
     for y in np.linspace(0.0, 0.2, 9).tolist():
         session.submit(lambda y=y: session.move_goal(0.3, y), "goal")
     session.tick()

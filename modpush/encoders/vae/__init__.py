@@ -1,1 +1,1 @@
-"""The variational autoencoder of depth windows: model, loss and data."""
+"""The variational autoencoder of depth windows."""

@@ -1,7 +1,5 @@
 """The start of an episode, and the settings from which starts are drawn, as plain data."""
 
-import json
-import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, field, fields
 from functools import cached_property
@@ -98,15 +96,6 @@ class Scenario:
         """Plain lists, numbers and strings, ready for JSON; `goal_yaw` only where the goal is a pose."""
         plain = {**asdict(self), "obstacles": tuple(item.to_dict() for item in self.obstacles)}
         return {k: v for k, v in plain.items() if (k, v) != ("goal_yaw", None)}
-
-    @property
-    def layout_code(self) -> tuple[float, float, float]:
-        """The goal's x and y [m] and a checksum of object and obstacles, exact in single precision.
-
-        By it a state of `ClutterPush-v1` is known to be of this layout.
-        """
-        rest = json.dumps([self.pushed_object, [item.to_dict() for item in self.obstacles]])
-        return *self.goal_position, float(zlib.crc32(rest.encode()) & 0xFFFFFF)
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "Scenario":

@@ -333,36 +333,16 @@ class ClutterPushEnv(BaseEnv):
         return torch.cat([pose.p[:, :2].double(), tip_yaw(pose.q.double())[:, None]], -1)
 
     def get_state_dict(self) -> dict[str, Any]:
-        """ManiSkill's state of bodies and controller, movable obstacles among the actors.
-
-        `"layout"` says which episode it belongs to, see `Scenario.layout_code`.
-        """
+        """ManiSkill's state of bodies and controller, movable obstacles among the actors."""
         state = super().get_state_dict()
-        state["layout"] = self._layout_codes()
         if isinstance(self.obstacles, ObstacleSwapper):  # its bodies are not ManiSkill's actors
             state["actors"] = {**state["actors"], **self.obstacles.get_states()}
         return state
-
-    def _layout_codes(self) -> Tensor:
-        """`Scenario.layout_code` of each scene, `[num_envs, 3]` float32."""
-        return torch.tensor([s.layout_code for s in self.scenarios], device=self.device)
-
-    def _check_layout(self, where: str, codes: Any, env_idx: Tensor | None) -> None:
-        present = self._layout_codes().cpu()
-        present = present if env_idx is None else present[env_idx.cpu()]
-        if not torch.equal(torch.as_tensor(codes).cpu().expand_as(present), present):
-            raise ValueError(
-                f"ClutterPushEnv.{where}: state must be of the present goal, object and obstacles, got "
-                "one of another layout. First reset(options={'scenarios': ...}) with the scenarios of "
-                "its episode."
-            )
 
     def set_state(self, state: Tensor | np.ndarray, env_idx: Tensor | None = None) -> None:
         """Put bodies into a state of `get_state`, of an episode with as many movable obstacles."""
         # By ManiSkill it says which actors the vector is of, and these change with the layout.
         self._init_raw_state = self.get_state_dict()
-        if state.shape[-1] == self.get_state().shape[-1]:
-            self._check_layout("set_state", state[:, -3:], env_idx)  # the vector's last entry
         super().set_state(state, env_idx)
 
     def set_state_dict(self, state: dict[str, Any], env_idx: Tensor | None = None) -> None:
@@ -372,8 +352,7 @@ class ClutterPushEnv(BaseEnv):
         `reset(options={"scenarios": ...})` with the `scenarios` of that episode.
 
         Raises:
-            ValueError: If the state has other movable obstacles than the present layout, or is of
-                another goal, object or fixed obstacles. States without `"layout"` are not compared.
+            ValueError: If the state has other movable obstacles than the present layout.
         """
         if isinstance(self.obstacles, ObstacleSwapper) and "actors" in state:
             names = self.obstacles.get_states().keys()
@@ -386,9 +365,6 @@ class ClutterPushEnv(BaseEnv):
             self.obstacles.set_states(given)
             others = {n: s for n, s in state["actors"].items() if n not in given}
             state = {**state, "actors": others}
-        if "layout" in state:
-            state = {**state}
-            self._check_layout("set_state_dict", state.pop("layout"), env_idx)
         super().set_state_dict(state, env_idx)
         if "controller" in state:
             self.agent.controller.set_state(state["controller"])

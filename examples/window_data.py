@@ -1,4 +1,4 @@
-"""`WindowData`, stored windows and their origin, and their augmentation."""
+"""Stored windows and their augmentation, for `collect_windows`, `train_vae` and `report_vae`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -8,10 +8,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from modpush._checks import check_dtype, check_instance, check_shape
-from modpush._types import Fraction
-from modpush._validation import checked_arguments
-from modpush.encoders.base import check_window
 from modpush.files import read_tensors, reading, write_tensors
 
 _KIND, _VERSION = "modpush.WindowData", 2
@@ -34,27 +30,6 @@ class WindowData:
     config: dict[str, Any] = field(default_factory=dict)
     """Settings with which the windows were made."""
 
-    def __post_init__(self) -> None:
-        """Check shapes and dtypes."""
-        for name in ("windows", "family", "held_out"):
-            check_instance(name, getattr(self, name), Tensor)
-        check_instance("config", self.config, dict)
-        check_dtype("family", self.family, torch.uint8)
-        check_dtype("held_out", self.held_out, torch.bool)
-        shape = self.windows.shape
-        if self.windows.dtype != torch.uint8 or len(shape) != 3 or shape[1] != shape[2]:
-            raise ValueError(
-                f"WindowData: windows must be [N, S, S] uint8, got {list(shape)} "
-                f"{self.windows.dtype}."
-            )
-        for name in ("family", "held_out"):
-            check_shape(name, getattr(self, name), "N", (len(self),))
-
-    @property
-    def window_size(self) -> int:
-        """Side of the windows [px]."""
-        return self.windows.shape[-1]
-
     def __len__(self) -> int:
         return len(self.windows)
 
@@ -69,12 +44,7 @@ class WindowData:
             family: `[N]` uint8.
             held_out: `[N]` bool.
             config: Settings with which the windows were made.
-
-        Raises:
-            TypeError: If the windows are not a float32 tensor.
-            ValueError: If a value is NaN or not in [0, 1], or a shape does not fit.
         """
-        check_window(windows, windows.shape[-1], batched=True)
         levels = (windows[:, 0] * 255).round().to(torch.uint8)
         return cls(windows=levels, family=family, held_out=held_out, config=config)
 
@@ -84,8 +54,6 @@ class WindowData:
 
     def where(self, mask: Tensor) -> "WindowData":
         """The windows where a mask `[N]` bool is True."""
-        check_dtype("mask", mask, torch.bool)
-        check_shape("mask", mask, "N", (len(self),))
         return WindowData(
             windows=self.windows[mask],
             family=self.family[mask],
@@ -96,10 +64,6 @@ class WindowData:
     @classmethod
     def join(cls, parts: Sequence["WindowData"]) -> "WindowData":
         """Concatenate data sets of one window size; the config is that of the first."""
-        if not isinstance(parts, Sequence) or not parts:
-            raise ValueError(f"WindowData.join: parts must be one or more, got {parts!r}.")
-        for part in parts:
-            check_instance("parts", part, WindowData)
         columns = {
             name: torch.cat([getattr(part, name) for part in parts])
             for name in ("windows", "family", "held_out")
@@ -121,13 +85,10 @@ class WindowData:
         """
         with reading(path, _KIND):
             tensors, config = read_tensors(path, _KIND, _VERSION)
-            if missing := {"windows", "family", "held_out"} - set(tensors):
-                raise ValueError(f"{_KIND}: {path} lacks {sorted(missing)}.")
             return cls(**tensors, config=config)
 
 
-@checked_arguments
-def augment_windows(windows: Tensor, others: Tensor, overlay: Fraction = 0.5) -> Tensor:
+def augment_windows(windows: Tensor, others: Tensor, overlay: float = 0.5) -> Tensor:
     """Rotate and mirror windows at random, and overlay some of them with others.
 
     All results are windows of possible scenes: a quarter turn or a mirror image of a layout is a
@@ -142,15 +103,7 @@ def augment_windows(windows: Tensor, others: Tensor, overlay: Fraction = 0.5) ->
 
     Returns:
         `[B, 1, S, S]`; uses torch's global generator.
-
-    Raises:
-        ValueError: If `overlay` is not in [0, 1] or the shapes differ.
     """
-    if windows.shape != others.shape:
-        raise ValueError(
-            f"augment_windows: others must be shaped like windows {list(windows.shape)}, "
-            f"got {list(others.shape)}."
-        )
     filled = windows.flatten(1).amax(1) > 0
     chosen = filled & (torch.rand(len(windows)) < overlay).to(windows.device)
     return torch.maximum(_rotated(windows), _rotated(others) * chosen[:, None, None, None])
