@@ -124,7 +124,7 @@ class PushController:
         self.perceived: Perceived | None = None
         """Estimates and images from the last depth image."""
         self.success = False
-        """True if the object is at the goal, by the last image."""
+        """True if the object is at the goal, by an image that confirms its pose."""
         self.contact = False
         """True if the tip touches the object, by the last image."""
         self._state: TensorDictBase | None = None
@@ -153,7 +153,7 @@ class PushController:
         self.perception.reset(guess)
         self._state, self.perceived, self._aside = None, None, None
         self.success = self.contact = False
-        self._pushed_unseen = 0
+        self._pushed_unseen, self._arrived_unseen = 0, False
 
     def _checked_goal(self, goal: Sequence[float]) -> tuple[float, ...]:
         size = 3 if self._goal_kind == "pose" else 2
@@ -236,7 +236,8 @@ class PushController:
         estimate = seen.object
         self._pushed_unseen = 0 if estimate.found else self._pushed_unseen + self.contact
         unsure = max(self._pushed_unseen, estimate.unseen_for / 2)
-        if self._aside is None and unsure >= self._patience * self.rate:
+        unsure_enough = unsure >= self._patience * self.rate or self._arrived_unseen
+        if self._aside is None and unsure_enough:
             self._aside = place_aside(self.perception, seen, joints, self.tip_height, self.motion)
         if self._aside is not None:
             arrived = math.dist(self._aside, seen.tip_pose[:2]) < _ARRIVED
@@ -301,6 +302,8 @@ class PushController:
             numbers |= {"goal_pose": goal, "pose_error": error}
         if config.obstacle_motion:
             numbers["obstacle_motion"] = np.zeros((1, 4))  # as `PushEnv` has it where nothing moves
+        self._arrived_unseen = bool(at_goal[0]) and not seen.object.found
+        at_goal = at_goal & seen.object.found
         self.success = bool(at_goal[0])
         flags = dict.fromkeys(CONTACT_KEYS, False)
         flags |= {"object_contact": self.contact, "object_contact_at_end": self.contact}

@@ -254,6 +254,23 @@ def test_the_tool_steps_aside_after_half_a_second_of_unseen_contact(rig) -> None
     assert min(distance() for _ in range(14)) < away[10] + 0.01  # and it returns
 
 
+def test_the_goal_is_reached_only_by_an_image_that_shows_the_object(rig) -> None:
+    rig.controller.reset((0.6, 0.05))
+    for _ in range(6):
+        step(rig)
+    rig.controller.goal = tuple(rig.arm.object_pose[:2])
+    rig.seen.change = lambda seen: seen._replace(object=seen.object._replace(found=False))
+    near = np.hypot(*np.subtract(rig.controller.perceived.tip_pose, rig.arm.object_pose)[:2])
+    for _ in range(4):  # the tool makes way at once
+        step(rig)
+        assert not rig.controller.success
+    away = np.hypot(*np.subtract(rig.controller.perceived.tip_pose, rig.arm.object_pose)[:2])
+    assert away > near + 0.02
+    rig.seen.change = lambda seen: seen
+    step(rig)
+    assert rig.controller.success
+
+
 def test_a_push_passes_the_guess_of_the_start_on(rig, monkeypatch) -> None:
     given, reset = [], rig.seen.reset
 
