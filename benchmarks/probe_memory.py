@@ -1,6 +1,6 @@
 """How well hidden properties can be read from an agent's memory: a linear probe.
 
-python benchmarks/probe_memory.py --policy examples/agents/pose_any_object_memory.safetensors
+python benchmarks/probe_memory.py --policy examples/agents/any_object_memory.safetensors
 
 The agent runs on the cells of `tuning/hidden_dynamics` and on the first of `hidden_dynamics`, which
 have other starts. In each step after eight remembered ones, a ridge regression predicts what is hidden,
@@ -74,13 +74,14 @@ def sample(agent: Agent, td: Any, columns: slice, target: PushObservation) -> di
     blank = observation.clone()
     blank[:, columns] = 0.0
     actor: Any = agent.actor
-    network = actor.module[0].module[0]
+    layers = list(actor.module[0].module[0])
+    first, second = torch.nn.Sequential(*layers[:2]), torch.nn.Sequential(*layers[:4])
     return {
         "`history`": observation[:, columns],
-        "first layer": network[:2](observation.clone()),
-        "first layer, history zero": network[:2](blank.clone()),
-        "second layer": network[:4](observation.clone()),
-        "second layer, history zero": network[:4](blank.clone()),
+        "first layer": first(observation),
+        "first layer, history zero": first(blank),
+        "second layer": second(observation),
+        "second layer, history zero": second(blank),
         "target": target(td.clone())["observation"],
     }
 
