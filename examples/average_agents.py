@@ -59,7 +59,7 @@ def main(agents: Sequence[Path], out: Path, steps: Sequence[int], changes: Seque
     states = states or [load_agent(path).actor.state_dict() for path in agents]
     actor = agent.actor.requires_grad_(False)
     actor.load_state_dict(mean(states))
-    sources = [*steps] or [str(path) for path in agents]
+    sources: list[Any] = [*steps] or [str(path) for path in agents]
     fields = {name: ast.literal_eval(value) for name, value in changes}
     save_agent(
         out,
