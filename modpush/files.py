@@ -276,7 +276,7 @@ def reading(path: Path | str, kind: str) -> Iterator[None]:
     except ValueError as error:
         if str(path) in str(error):
             raise
-        raise ValueError(f"{kind}: {path} cannot be read: {error}.") from error
+        raise ValueError(f"{kind}: {path} cannot be read: {str(error).rstrip('.')}.") from error
     except _WRONG_STRUCTURE as error:
         raise ValueError(
             f"{kind}: {path} is damaged or of another structure ({error!r})."

@@ -1,6 +1,8 @@
 """Projection against OpenCV's, points against the camera's own pose, and files."""
 
 import pickle
+import re
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,6 +13,7 @@ from modpush.geometry import CameraModel
 TILTED = CameraModel.looking_at(
     (0.5, 0.0, 0.0), (1.0, 0.1, 0.9), distortion=(0.1, -0.05, 0.001, 0.002)
 )
+PAGE = Path(__file__).parents[2] / "docs/howto/camera.md"
 STRAIGHT = CameraModel.looking_at((0.6, 0.0, 0.0), (0.6, 0.0, 1.1), up=(1.0, 0.0, 0.0))
 
 
@@ -127,3 +130,14 @@ def test_a_file_without_an_entry_is_refused_by_name(tmp_path) -> None:
     path.write_bytes(b"%YAML:1.0\n---\nimage_width: [640\n")
     with pytest.raises(ValueError, match="cannot be read"):
         CameraModel.load(path)
+
+
+def test_the_file_on_the_page_is_the_camera_of_its_example(tmp_path) -> None:
+    """As it stands, and as somebody types it who rounds to three digits."""
+    (written,) = re.findall(r"```yaml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    expected = CameraModel.looking_at(target=(0.5, 0.0, 0.0), position=(1.0, 0.0, 0.866))
+    for text in (written, written.replace("0.866025", "0.866")):
+        (tmp_path / "camera.yaml").write_text(text, encoding="utf-8")
+        camera = CameraModel.load(tmp_path / "camera.yaml")
+        assert np.allclose(camera.camera_in_base, expected.camera_in_base, atol=1e-4)
+        assert camera.intrinsics == expected.intrinsics
