@@ -233,6 +233,7 @@ NO_PARTS = {
     "envs/scenes/scenario.py": "takes plain data; its names are looked up by those who use it",
     "envs/push_state.py": "names are compared with those of the environment",
     "recipes/gym_env.py": "takes arguments",
+    "training/run_folder.py": "compares the config with another, and makes no parts",
 }
 """Modules that make objects of plain data without the gate, and why."""
 

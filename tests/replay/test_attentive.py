@@ -235,7 +235,7 @@ def test_the_query_follows_what_another_process_writes():
     sampler = AttentiveSampler(2)
     buffer = make_buffer(sampler, shared=True)
     buffer.extend(transitions(40))
-    context = mp.get_context("fork")  # one that is spawned takes 10 s to import all
+    context = mp.get_context("spawn")
     process = context.Process(target=write_from_another_process, args=(buffer,))
     process.start()
     process.join()
