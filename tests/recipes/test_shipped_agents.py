@@ -60,14 +60,16 @@ def test_pose_is_of_its_preset_and_solves_poses_past_every_kind_of_obstacle() ->
         for name in SHAPE_SCENES
         for scenario in generate_set(f"pose/{name}/box", (5000, 5001)).scenarios
     ]
-    env = agent.make_env(8)
-    episodes = list(run_episodes(env, agent.policy, enumerate(scenarios)))
-    env.close()
     assert config.simulation.yaw_tolerance == pytest.approx(math.radians(10))
-    solved = [episode for episode in episodes if episode.metrics.success]
-    assert len(solved) >= 10
-    clean = [episode for episode in solved if not episode.trajectory.contacts[:, 1:].any()]
-    assert len(clean) >= 9
+    parts_off = {"contact_filter": False, "motion_ahead": 0.0}
+    for changes, least, least_clean in ((parts_off, 12, 10), ({}, 10, 10)):
+        env = agent.make_env(8, **changes)
+        episodes = list(run_episodes(env, agent.policy, enumerate(scenarios)))
+        env.close()
+        solved = [episode for episode in episodes if episode.metrics.success]
+        clean = [episode for episode in solved if not episode.trajectory.contacts[:, 1:].any()]
+        assert len(solved) >= least
+        assert len(clean) >= least_clean
 
 
 def test_any_object_pushes_shapes_it_never_saw() -> None:
