@@ -267,7 +267,7 @@ TRAIN_PRESETS: dict[str, tuple[str, TrainConfig]] = {
         _any_object(),
     ),
     "movable": (
-        "The same among boxes that can be pushed away, past which there may be no path.",
+        "The small cube among boxes that can be pushed away, past which there may be no path.",
         _movable(),
     ),
     "refine": (
