@@ -20,7 +20,14 @@ from modpush.training.run_folder import RunFolder
 from modpush.training.worker import ProcessWorker
 from tests.test_files import Poison
 from tests.training.conftest import SHORT, SMOKE
-from tests.training.test_training import assert_same, numbers, start, train, wait_for_checkpoint
+from tests.training.test_training import (
+    assert_same,
+    numbers,
+    resume_here,
+    start,
+    train,
+    wait_for_checkpoint,
+)
 
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 
@@ -100,7 +107,7 @@ def hang_up():
 @pytest.mark.parametrize(
     "name", [SIGNALS[0], *(pytest.param(name, marks=pytest.mark.slow) for name in SIGNALS[1:])]
 )
-def test_a_signal_to_all_processes_ends_a_run_with_a_checkpoint(tmp_path, name):
+def test_a_signal_to_all_processes_ends_a_run_with_a_checkpoint(tmp_path, monkeypatch, name):
     folder = tmp_path / "run"
     process = start(folder, "--train.async-collection", start_new_session=True)
     wait_for_checkpoint(folder, process)
@@ -108,7 +115,7 @@ def test_a_signal_to_all_processes_ends_a_run_with_a_checkpoint(tmp_path, name):
     output, _ = process.communicate(timeout=120)
     assert process.returncode == 130, output
     assert "Continue with --resume" in output
-    best = train(folder, resume=True)
+    best = resume_here(monkeypatch, folder).best_evaluation()
     assert best["step"] in (96, 192)
 
 

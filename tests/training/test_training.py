@@ -54,6 +54,16 @@ def train(folder, config=SMOKE, *, resume=False):
     return Trainer(config, folder, resume=resume).run()
 
 
+def resume_here(monkeypatch, folder, config=SMOKE_ASYNC, **options):
+    """Resume a run of two processes in this one: the other takes ten seconds to start."""
+    monkeypatch.setattr(
+        "modpush.training.trainer.ProcessWorker", lambda make_worker, _: InlineWorker(make_worker)
+    )
+    trainer = Trainer(config, folder, resume=True, **options)
+    trainer.run()
+    return trainer
+
+
 def numbers(folder):
     """What must not depend on when a run was killed."""
     table = pd.read_csv(folder / "evaluations.csv").drop(columns="minutes")
@@ -137,7 +147,7 @@ def test_async_collection_learns_the_same_as_taking_turns(unbroken, tmp_path, mo
 
 
 def test_a_killed_run_takes_its_worker_along_and_resumed_reaches_the_same_numbers(
-    unbroken, tmp_path
+    unbroken, tmp_path, monkeypatch
 ):
     """On Linux the worker is a fork, shares the libraries, and hears of its caller's end all the same."""
     folder = tmp_path / "run"
@@ -155,7 +165,7 @@ def test_a_killed_run_takes_its_worker_along_and_resumed_reaches_the_same_number
     assert not alive
     for checkpoint in RunFolder(folder).checkpoints.paths()[1:]:
         checkpoint.unlink()  # it may have gone past the other run's end
-    train(folder, resume=True)
+    resume_here(monkeypatch, folder)
     assert_same(numbers(unbroken), numbers(folder))
 
 
@@ -410,7 +420,7 @@ def _distance(scenario):
     return ((x - a) ** 2 + (y - b) ** 2) ** 0.5
 
 
-def test_one_trains_resumes_and_evaluates_with_parts_of_your_own(tmp_path):
+def test_one_trains_resumes_and_evaluates_with_parts_of_your_own(tmp_path, monkeypatch):
     parts = {
         "encoder": MeanHeight(2.0),
         "scene": one_post,
@@ -427,9 +437,8 @@ def test_one_trains_resumes_and_evaluates_with_parts_of_your_own(tmp_path):
     )
     short = replace(config, total_steps=96)
     Trainer(short, tmp_path / "run", parts=parts).run()
-    longer = replace(config, total_steps=144, async_collection=False)
-    trainer = Trainer(longer, tmp_path / "run", parts=parts, resume=True)
-    trainer.run()
+    longer = replace(config, total_steps=144)
+    trainer = resume_here(monkeypatch, tmp_path / "run", longer, parts=parts)
     assert trainer.specs.observation["observation"].shape == (4 + 2 + 2 + 2,)
     table = pd.read_csv(tmp_path / "run" / "evaluations.csv")
     assert "success/tests.own_parts:one_post" in table
