@@ -16,7 +16,22 @@ def pytest_configure() -> None:
 
 
 def pytest_collection_finish() -> None:
+    compile_a_half(os.environ.get("PYTEST_XDIST_WORKER", ""))
     freeze()
+
+
+def compile_a_half(worker: str) -> None:
+    """Compile what most tests need, a half in each of two workers, which else compile all of it twice."""
+    if worker == "gw0":
+        from modpush.planners import warmup
+
+        warmup()
+    elif worker == "gw1":
+        from modpush.envs import PushEnv
+
+        env = PushEnv(1, scene="posts")
+        env.rollout(2)
+        env.close()
 
 
 @pytest.fixture(scope="module", autouse=True)
