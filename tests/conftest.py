@@ -27,9 +27,9 @@ def compile_a_half(worker: str) -> None:
 
         warmup()
     elif worker == "gw1":
-        from modpush.envs import PushEnv
+        from modpush import load_agent
 
-        env = PushEnv(1, scene="posts")
+        env = load_agent("pose").make_env(1)  # the simulator's first, then those of its planners
         env.rollout(2)
         env.close()
 
