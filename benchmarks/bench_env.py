@@ -24,7 +24,7 @@ from torchrl.envs import ExcludeTransform, ParallelEnv, TransformedEnv
 from modpush.envs import OBSTACLE_SCENES, PushEnv, find_render_device
 from modpush.envs.depth.analytic import AnalyticDepthCamera
 from modpush.envs.depth.raycast import blank_image
-from modpush.envs.engines.named import ENGINES
+from modpush.envs.engines.base import ENGINES
 from modpush.envs.engines.sapien.engine import SapienEngine
 from modpush.envs.engines.sapien.task import ClutterPushEnv
 

@@ -9,9 +9,14 @@ from numpy.typing import NDArray
 
 from modpush.deploy.controller import PushController
 from modpush.deploy.limits import Limits
-from modpush.deploy.robot_interface import Command, DepthImage, RobotInterface, RobotState
-from modpush.deploy.stopped import Stopped, StopReason
-from modpush.deploy.tip import tip_transform
+from modpush.deploy.robot_interface import (
+    Command,
+    DepthImage,
+    RobotInterface,
+    RobotState,
+    Stopped,
+    StopReason,
+)
 from modpush.envs.robot.control import MotionConfig
 from modpush.geometry.camera_model import CameraModel
 from modpush.geometry.workspace import Rectangle
@@ -114,7 +119,7 @@ class Guard:
             )
 
     def _check_start(self, state: RobotState) -> None:
-        transform = tip_transform(self._robot, self._tool, state.joints)
+        transform = self._robot.tip_transform(state.joints, self._tool)
         height, down = float(transform[2, 3]), float(-transform[2, 2])
         tilt = math.acos(min(max(down, -1.0), 1.0))
         if tilt > self.limits.tilt:
@@ -245,7 +250,7 @@ class Guard:
 
     def _check_speed(self, command: Command, state: RobotState) -> None:
         limits = self.limits
-        tip = tip_transform(self._robot, self._tool, state.joints)[:2, 3]
+        tip = self._robot.tip_transform(state.joints, self._tool)[:2, 3]
         ahead = math.dist(tip, command.start[:2])
         velocity = (command.target - command.start)[:2] / command.duration
         speed, turn = math.hypot(*velocity), abs(command.target[2] - command.start[2])

@@ -1,17 +1,17 @@
 """`Perception`: from a depth image and joint angles to what a policy reads."""
 
 from collections.abc import Sequence
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modpush._validation import checked_arguments
 from modpush.deploy.arm_mask import ArmMask
-from modpush.deploy.estimate import ObjectEstimate, Perceived
 from modpush.deploy.height_map import HeightMap
 from modpush.deploy.image_kernels import sort_pixels
 from modpush.deploy.push_motion import tool_outlines
-from modpush.deploy.tracker import ObjectTracker
+from modpush.deploy.tracker import ObjectEstimate, ObjectTracker
 from modpush.envs.depth.raycast import Solids, draw
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.robot.robot import Robot, Tool
@@ -24,6 +24,41 @@ _OBSTACLE = 0.010
 _AROUND, _AROUND_UNSURE = 0.015, 0.10
 """Distance from the object within which the map learns nothing, while its pose is confirmed and while it
 is not [m]."""
+
+
+class Perceived(NamedTuple):
+    """Input of a policy's stack, from one depth image."""
+
+    depth: NDArray[np.float32]
+    """Image of the policy's camera, straight down, without the arm, `[H, W]` [m]."""
+    segmentation: NDArray[np.uint8]
+    """`[H, W]`, values of `modpush.geometry.Label`: table, object and obstacle."""
+    object: ObjectEstimate
+    """The pushed object."""
+    tip_pose: tuple[float, float, float]
+    """x, y, yaw of the tool's tip by the joint angles [m, m, rad]."""
+    seen: NDArray[np.bool_]
+    """`[H, W]`, the pixels' places on the table that this image or an earlier one has shown."""
+
+
+class Sees(Protocol):
+    """What a controller needs of perception; `Perception` has it."""
+
+    item: PushedObject
+    robot: Robot
+    tool: Tool
+
+    def reset(self, guess: Sequence[float] | None = None) -> None:
+        """Forget the scene."""
+
+    def update(self, depth: NDArray[np.float32], joints: NDArray[np.float64]) -> Perceived | None:
+        """Take in an image; None if the object has not been found yet."""
+
+    def hidden_by_arm(self, object_pose: NDArray[np.float64], joints: NDArray[np.float64]) -> float:
+        """Share of the top of the object at a pose that the arm would hide."""
+
+    def obstacle_cells(self) -> NDArray[np.float64]:
+        """Places at which something stands, `[n, 2]` [m]."""
 
 
 class Perception:

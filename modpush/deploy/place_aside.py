@@ -1,14 +1,12 @@
 """`place_aside`: a place of the tool from which the arm does not hide the object."""
 
 import math
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush.deploy.estimate import Perceived
+from modpush.deploy.perception import Perceived, Sees
 from modpush.envs.robot.control import MotionConfig
-from modpush.envs.robot.robot import Robot, Tool
 
 _DISTANCES = 0.10, 0.18  # from the tip's present place [m]
 _DIRECTIONS = 12
@@ -22,23 +20,8 @@ _ENOUGH = 0.5
 Floats = NDArray[np.float64]
 
 
-class KnowsWhatIsHidden(Protocol):
-    """Interface of perception that `place_aside` needs; `Perception` has it."""
-
-    robot: Robot
-    """The arm."""
-    tool: Tool
-    """Its tool."""
-
-    def hidden_by_arm(self, object_pose: Floats, joints: Floats) -> float:
-        """Share of the top of the object at a pose that the arm would hide."""
-
-    def obstacle_cells(self) -> Floats:
-        """Places at which something stands, `[n, 2]` [m]."""
-
-
 def place_aside(
-    perception: KnowsWhatIsHidden,
+    perception: Sees,
     seen: Perceived,
     joints: Floats,
     tip_height: float,

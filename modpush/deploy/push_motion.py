@@ -23,7 +23,7 @@ from modpush.geometry.footprint import outline_of
 from modpush.geometry.shapes import Primitive
 
 _STEP = 0.001  # of the tool's corners between two corrections of the object's pose [m]
-_FRICTION = 0.25  # of tool and object, as `envs.robot.physics` has it
+_FRICTION = 0.25  # of tool and object, as `FRICTION` has it
 _CORRECTIONS = 4  # after each of its steps, since a side may touch at both ends in turn
 
 Floats = NDArray[np.float64]
@@ -81,6 +81,27 @@ def tool_outlines(tool: Tool, flange: Floats, height: float) -> list[NDArray[np.
             # Seen from above, a tool that points down is mirrored.
             found.append(np.ascontiguousarray(end[::-1] if flange[2, 2] < 0 else end))
     return found
+
+
+def touches(
+    tool: Tool, flange: Floats, item: PushedObject, object_pose: Sequence[float], tolerance: float
+) -> bool:
+    """True if the tool is so near to the object that it counts as touching.
+
+    Args:
+        tool: The tool.
+        flange: Pose of the flange in the base frame, `[4, 4]`.
+        item: The object, which stands on the table.
+        object_pose: x, y, yaw of the object [m, m, rad].
+        tolerance: Largest distance that counts [m]; the error of the object's pose.
+    """
+    solids = tool_outlines(tool, flange, item.height)
+    for outline in item.footprints():
+        placed = np.empty_like(outline)
+        place(outline, *object_pose, placed)
+        if any(overlap(solid, placed)[0] >= -tolerance for solid in solids):
+            return True
+    return False
 
 
 def _prism_around(part: Primitive) -> tuple[NDArray[np.float64], float, float]:

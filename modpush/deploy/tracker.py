@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush.deploy.estimate import ObjectEstimate
 from modpush.deploy.finding import ObjectFinder
 from modpush.deploy.height_map import HeightMap
 from modpush.deploy.image_kernels import ARM
@@ -43,6 +43,22 @@ _NEAR_GUESS = 0.06
 """Distance from a guess within which the object is looked for [m]."""
 
 Floats = NDArray[np.float64]
+
+
+class ObjectEstimate(NamedTuple):
+    """The pushed object's pose, as one depth image shows it."""
+
+    pose: tuple[float, float, float]
+    """x, y, yaw in the base frame [m, m, rad]. Yaw continues from image to image; at the first one it is
+    one of those at which the object looks the same."""
+    residual: float
+    """Share of the visible pixels on and beside the object that contradict its pose, in [0, 1]."""
+    hidden: float
+    """Share of the object's top that the image does not show, in [0, 1]."""
+    found: bool
+    """The image confirms the pose. If not, the pose is predicted from the tool's motion."""
+    unseen_for: int
+    """Number of images since the last one that confirmed a pose; 0 if this one does."""
 
 
 class ObjectTracker:

@@ -12,7 +12,6 @@ from modpush._extras import require_extra
 from modpush._types import Length, Positive
 from modpush._validation import checked_arguments
 from modpush.deploy.robot_interface import Command, RobotInterface, RobotState
-from modpush.deploy.tip import tip_transform
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.robot.robot import Robot, Tool
 
@@ -91,7 +90,7 @@ class URRobot(RobotInterface):
 
     def _check_tip(self) -> None:
         joints = self.observe().joints
-        ours = tip_transform(self.robot, self.tool, joints)[:3, 3]
+        ours = self.robot.tip_transform(joints, self.tool)[:3, 3]
         theirs = np.array(self._receive.getActualTCPPose()[:3]) + self.robot.base
         if (distance := math.dist(ours, theirs)) > self._tip_tolerance:
             raise ConnectionError(

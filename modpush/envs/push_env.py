@@ -24,8 +24,7 @@ from modpush.envs.arguments import (
     scenes_to_reset,
 )
 from modpush.envs.depth.analytic import find_depth_camera
-from modpush.envs.engines.base import SceneSpec
-from modpush.envs.engines.named import default_sim_freq, find_engine
+from modpush.envs.engines.base import SceneSpec, default_sim_freq, find_engine
 from modpush.envs.outcome import episode_status, is_at_goal, pose_errors
 from modpush.envs.push_state import (
     PushState,
@@ -186,17 +185,7 @@ class PushEnv(EnvBase):
         `simulation`, unless a curriculum sets another one."""
         self._check_tolerance(self._scenario)
         self._set_seed(seed)
-        images, movable = self._simulation.depth is not None, self._simulation.dynamic_obstacles
-        specs = make_specs(
-            num_envs,
-            self.device,
-            len(self._robot.joints),
-            images,
-            movable,
-            self._simulation.goal,
-            self._simulation.obstacle_motion,
-            self._simulation.object_dynamics,
-        )
+        specs = make_specs(num_envs, self.device, len(self._robot.joints), self._simulation)
         for name, spec in specs.items():
             setattr(self, name, spec)
 

@@ -7,10 +7,12 @@ from typing import Any, Literal
 
 from modpush._types import Count, Frequency, Length, YawTolerance
 from modpush._validation import checked
-from modpush.envs.engines.named import ENGINES, check_engine
+from modpush.envs.engines.base import ENGINES, check_engine
 from modpush.envs.outcome import GOAL_THRESHOLD, Goal
 from modpush.envs.robot.named import check_robot, check_tool
-from modpush.parts import part_module
+from modpush.parts import check_part
+
+_DEPTH_CAMERAS = ("analytic", "sapien")  # see `find_depth_camera`
 
 
 @checked
@@ -77,12 +79,9 @@ class SimulationConfig:
                 "SimulationConfig: sim_freq must be a multiple of control_freq, "
                 f"got {rate} and {self.control_freq}."
             )
-        named = self.depth in ("analytic", "sapien") or part_module(self.depth) is not None
-        if not (self.depth is None or callable(self.depth) or named):
-            raise ValueError(
-                "SimulationConfig: depth must be one of ['analytic', 'sapien'], 'module:name', a "
-                f"DepthCamera's class or function, or None, got {self.depth!r}."
-            )
+        if self.depth is not None:
+            cameras = "'module:name', a DepthCamera's class or function, or None"
+            check_part("SimulationConfig: depth", self.depth, _DEPTH_CAMERAS, other=cameras)
 
 
 def set_fields(

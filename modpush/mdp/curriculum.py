@@ -19,7 +19,7 @@ from modpush._validation import check_value, checked, checked_arguments
 from modpush.envs.outcome import GOAL_THRESHOLD
 from modpush.envs.scenes.layouts import ALL_SCENES
 from modpush.envs.scenes.scenario import GoalDistance, GoalDistances, ScenarioConfig
-from modpush.parts import check_part_name
+from modpush.parts import check_part
 
 _DISTANCES = (0.06, 0.08, 0.13, 0.18, 0.23, 0.28, 0.33, 0.38, 0.43, 0.48, 0.53, 0.60)
 _SCENE_WINDOW = 100
@@ -39,7 +39,7 @@ class Phase:
     def __post_init__(self) -> None:
         """Check the names, so that nothing fails when the phase begins; no module is imported."""
         for name in self.scenes:
-            check_part_name("Phase: scenes", name, ALL_SCENES)
+            check_part("Phase: scenes", name, ALL_SCENES)
 
 
 @checked

@@ -8,8 +8,8 @@ from tensordict import TensorDict
 from torchrl.envs.utils import check_env_specs
 
 from modpush.envs import OBJECTS, PushEnv, ScenarioConfig
+from modpush.envs.engines.base import CONTACT_GAP
 from modpush.envs.engines.sapien.task import ClutterPushEnv
-from modpush.envs.robot.physics import CONTACT_GAP
 from modpush.envs.scenes.drawing import draw_top_view
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES
 from modpush.envs.scenes.objects import PAPER_OBJECTS, get_object

@@ -10,10 +10,9 @@ from torchrl.envs.utils import check_env_specs
 
 from modpush import PushEnvConfig, load_agent, make_push_env
 from modpush.envs import PushEnv, PushState, sample_scenario, within_reach
-from modpush.envs.engines.named import ENGINES
-from modpush.envs.robot.named import ROBOTS
+from modpush.envs.engines.base import ENGINES
+from modpush.envs.robot.named import ROBOTS, TOOLS
 from modpush.envs.robot.robot import Joint, Link, Robot, Tool
-from modpush.envs.robot.tools import TOOLS
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.scenario import ScenarioConfig
 from modpush.envs.simulation_config import SimulationConfig

@@ -63,6 +63,8 @@ class PlannedMotion(NamedTuple):
     reachable: NDArray[np.bool_]
     """False where the commanded pose has no solution: the tip then moves without the turn, or it turns in
     one of both directions as far as a step allows, or else the target stays, `[B]`."""
+    start: NDArray[np.float64]
+    """Planar pose at which the step starts, near the measured one, `[B, 3]` [m, m, rad]."""
 
 
 class _Limits(NamedTuple):
@@ -148,20 +150,9 @@ class MotionPlanner:
         flange_height: NDArray[np.float64],
         joints: NDArray[np.float64],
     ) -> PlannedMotion:
-        """The motion of an action itself, or a halt; the arguments are those of `plan`."""
-        return self.ramp(*self.aim(action, target, tip_pose), flange_height, joints)
-
-    def aim(
-        self,
-        action: NDArray[np.float64],
-        target: NDArray[np.float64],
-        tip_pose: NDArray[np.float64],
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Planar poses of the tip at which a control step starts and ends, `[B, 3]` each [m, m, rad].
-
-        The arguments are those of `plan`.
-        """
-        return _aim(action, target, tip_pose, self._limits)
+        """The motion of an action itself, or a halt."""
+        start, goal = _aim(action, target, tip_pose, self._limits)
+        return self.ramp(start, goal, flange_height, joints)
 
     def ramp(
         self,
@@ -170,18 +161,15 @@ class MotionPlanner:
         flange_height: NDArray[np.float64],
         joints: NDArray[np.float64],
     ) -> PlannedMotion:
-        """Joint targets on the straight way of a control step.
+        """Joint targets on the straight way from start to goal, `[B, 3]` each; the rest is as in `plan`.
 
-        Args:
-            start: Where the tip starts, `[B, 3]` [m, m, rad].
-            goal: Where it ends, `[B, 3]` [m, m, rad]; overwritten by the start where it is out of reach.
-            flange_height: Height of the flange over the table, `[B]` [m].
-            joints: The measured angles of the joints, `[B, n]` [rad].
+        Where the way is out of reach, `goal` is overwritten by the start.
         """
         rows = self._num_knots + 1
         way = _way(start, goal, flange_height, self._limits, self._num_knots)
         knots, found = self._inverse(way, joints.repeat(rows, axis=0))
-        return PlannedMotion(*_ramp(start, goal, joints, knots, found, rows, *self._ramp))
+        moved = _ramp(start, goal, joints, knots, found, rows, *self._ramp)
+        return PlannedMotion(*moved, start)
 
 
 def start_joints(

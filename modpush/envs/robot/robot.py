@@ -22,7 +22,6 @@ from modpush._types import (
     Several,
 )
 from modpush._validation import checked
-from modpush.envs.robot.physics import DAMPING, STIFFNESS
 from modpush.geometry.shapes import Primitive, rpy_matrix
 
 InverseKinematics = Callable[
@@ -171,9 +170,9 @@ class Robot:
     """Place of the arm's base in the base frame [m], in which the workspace lies."""
     room: Room | None = None
     """Distance of obstacles from the base; None measures it from the links."""
-    stiffness: Positive = STIFFNESS
+    stiffness: Positive = 2e4
     """Stiffness of the joint drives [N m/rad]."""
-    damping: Positive = DAMPING
+    damping: Positive = 5e2
     """Damping of the joint drives [N m s/rad]. With velocity targets it causes no lag."""
     solve: Any = None
     """Inverse kinematics, an `InverseKinematics`; None takes `DampedLeastSquares`, for any arm."""
@@ -267,6 +266,12 @@ class Robot:
             link[..., :3, :3] = transform[..., :3, :3] @ of_z.T
             found.append(link)
         return np.stack([*found, transform @ self.chain.frames[-1]], -3)
+
+    def tip_transform(self, joints: NDArray[np.float64], tool: Tool) -> NDArray[np.float64]:
+        """Transform of a tool's tip, `[..., 4, 4]` in the base frame; z points out of the flange."""
+        transform: NDArray[np.float64] = self.link_transforms(joints)[..., -1, :, :]
+        transform[..., :3, 3] += tool.length * transform[..., :3, 2]
+        return transform
 
 
 def _turn_of_z(axis: tuple[float, float, float]) -> NDArray[np.float64]:

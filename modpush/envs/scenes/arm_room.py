@@ -1,15 +1,18 @@
-"""Obstacles in the arm: in the region in which its links turn, or in the tool at a start."""
+"""Starts that an arm can take: within its reach, with no obstacle in its links or its tool."""
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush.envs.robot.control import MotionConfig
+from modpush._checks import check_instance
+from modpush.envs.robot.control import MotionConfig, start_joints
+from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.robot.urdf import extent
+from modpush.envs.scenes.objects import get_object
 from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.rectangles import (
     nearest_rectangle,
@@ -175,3 +178,33 @@ def check_arm_is_free(
             f"{name}: expected a tool that stands free, got one in an obstacle, at ({x:.3f}, {y:.3f}), "
             f"turned by {math.degrees(yaw):.0f} degrees."
         )
+
+
+def within_reach(
+    scenarios: Iterable[Scenario], robot: str | Robot = "ur5", tool: str | Tool = "2f85"
+) -> list[Scenario]:
+    """The scenarios that an arm can begin, in their order.
+
+    The arm holds its tool at the start's pose there, and neither tool nor links stand in an obstacle. It
+    says nothing of the way to the goal.
+
+    Args:
+        scenarios: Starts of episodes, an `EvaluationSet` for instance.
+        robot: The arm: by name, as `"module:name"`, or as an object.
+        tool: Its tool, in the same three ways.
+
+    Raises:
+        TypeError: If something else is among the scenarios.
+        ValueError: If there is no such robot or tool.
+    """
+    robot, tool, kept = find_robot(robot), find_tool(tool), []
+    for scenario in scenarios:
+        check_instance("scenarios", scenario, Scenario)
+        height = get_object(scenario.pushed_object).tool_height
+        try:
+            start_joints(robot, tool, scenario.tool_pose, height)
+            check_arm_is_free("start", scenario, height, tool, robot)
+        except ValueError:
+            continue
+        kept.append(scenario)
+    return kept

@@ -19,7 +19,7 @@ from modpush._types import (
     YawTolerance,
 )
 from modpush._validation import checked, from_plain
-from modpush.envs.engines.named import check_engine
+from modpush.envs.engines.base import check_engine
 from modpush.envs.outcome import GOAL_THRESHOLD, Goal
 from modpush.envs.robot.named import check_robot, check_tool
 from modpush.envs.scenes.objects import Circle

@@ -8,10 +8,8 @@ import pytest
 import torch
 
 from modpush.envs import OBJECTS, Obstacle, Patrol
-from modpush.envs.engines.base import Engine, SceneSpec
-from modpush.envs.engines.named import ENGINES, find_engine
-from modpush.envs.robot.named import ROBOTS
-from modpush.envs.robot.tools import TOOLS
+from modpush.envs.engines.base import ENGINES, Engine, SceneSpec, find_engine
+from modpush.envs.robot.named import ROBOTS, TOOLS
 from modpush.envs.scene_batch import SceneBatch
 from modpush.envs.scenes.objects import PushedObject, random_object
 from modpush.envs.scenes.scenario import Dynamics

@@ -14,8 +14,8 @@ from torchrl.envs.utils import check_env_specs
 from modpush import PushEnvConfig, load_agent, make_push_env
 from modpush._extras import MissingExtraError
 from modpush.envs import PushEnv
+from modpush.envs.engines.base import ENGINES, find_engine
 from modpush.envs.engines.mujoco.engine import MujocoEngine
-from modpush.envs.engines.named import ENGINES, find_engine
 from modpush.envs.engines.sapien.engine import SapienEngine
 from modpush.envs.push_state import PushState
 from modpush.envs.scenes.conditions import EpisodeConditions

@@ -8,11 +8,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush.envs.engines.base import CONTACT_KEYS, Engine, SceneSpec
-from modpush.envs.engines.mujoco.model import build_model
-from modpush.envs.engines.mujoco.picture import draw_picture
-from modpush.envs.engines.mujoco.solids import OBJECT, OBSTACLE, ROBOT, TABLE
-from modpush.envs.engines.named import ENGINES
+from modpush.envs.engines.base import CONTACT_KEYS, ENGINES, Engine, SceneSpec
+from modpush.envs.engines.mujoco.model import OBJECT, OBSTACLE, ROBOT, TABLE, build_model
+from modpush.envs.engines.mujoco.rendering import draw_picture
 from modpush.envs.scenes.objects import get_object_of
 from modpush.envs.scenes.scenario import Scenario
 

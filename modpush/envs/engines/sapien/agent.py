@@ -21,9 +21,8 @@ from torch import Tensor
 
 from modpush.envs.engines.sapien import bodies
 from modpush.envs.robot.control import MotionConfig, MotionPlanner, start_joints
-from modpush.envs.robot.named import ROBOTS
+from modpush.envs.robot.named import ROBOTS, TOOLS
 from modpush.envs.robot.robot import Robot, Tool
-from modpush.envs.robot.tools import TOOLS
 from modpush.envs.robot.urdf import urdf_text
 
 
@@ -81,7 +80,7 @@ class PlanarController(BaseController):
         )
         planned = planner.plan(*(values.double().cpu().numpy() for values in given))
         target, position, velocity, reachable = (
-            torch.from_numpy(values).to(self.device) for values in planned
+            torch.from_numpy(values).to(self.device) for values in planned[:4]
         )
         self.target, self.reachable = target, reachable
         self._ramp = position.float(), velocity.float()

@@ -9,9 +9,10 @@ from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from sapien import physx
 from transforms3d.quaternions import mat2quat
 
-from modpush.envs.engines.sapien import bodies, feet
+from modpush.envs.engines.base import FRICTION
+from modpush.envs.engines.sapien import bodies
+from modpush.envs.engines.sapien.object_bodies import add_to_group
 from modpush.envs.engines.sapien.rendering import camera_pose
-from modpush.envs.robot.physics import FRICTION
 from modpush.geometry.camera import CAMERA
 from modpush.geometry.shapes import box
 
@@ -90,7 +91,7 @@ def build_table(scene: ManiSkillScene, robot_base: Link, material: physx.PhysxMa
             plane = physx.PhysxCollisionShapePlane(material)
             plane.local_pose = sapien.Pose(q=[np.sqrt(0.5), 0, -np.sqrt(0.5), 0])
             _never_touch_base(plane)
-            feet.add_to_group(plane)
+            add_to_group(plane)
             body.attach(plane)
             entity.add_component(body)
         if scene.can_render():

@@ -9,9 +9,8 @@ from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.utils.structs import Actor, Articulation
 from torch import Tensor
 
-from modpush.envs.engines.base import CONTACT_KEYS
+from modpush.envs.engines.base import CONTACT_GAP, CONTACT_KEYS
 from modpush.envs.engines.sapien.obstacle_bodies import ObstacleSwapper
-from modpush.envs.robot.physics import CONTACT_GAP
 
 _AT_END = 3  # index of the first that is about the step's end
 _ROBOT, _OBJECT, _OBSTACLE = 1, 2, 4

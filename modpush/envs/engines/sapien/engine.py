@@ -10,10 +10,9 @@ from mani_skill.utils.structs import Pose
 from numpy.typing import NDArray
 from sapien import physx
 
-from modpush.envs.engines.base import Engine, SceneSpec
-from modpush.envs.engines.named import ENGINES
+from modpush.envs.engines.base import ENGINES, Engine, SceneSpec
 from modpush.envs.engines.sapien import bodies
-from modpush.envs.engines.sapien.feet import attach_feet, stand_on_feet
+from modpush.envs.engines.sapien.object_bodies import attach_feet, stand_on_feet
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.scenario import Scenario
 

@@ -40,8 +40,7 @@ from modpush.envs.engines.sapien.rendering import choose_render_backend
 from modpush.envs.outcome import GOAL_THRESHOLD, is_at_goal, is_out_of_bounds
 from modpush.envs.push_state import make_generators
 from modpush.envs.robot.control import start_joints
-from modpush.envs.robot.named import ROBOTS
-from modpush.envs.robot.tools import TOOLS
+from modpush.envs.robot.named import ROBOTS, TOOLS
 from modpush.envs.scenes.arm_room import check_arm_is_free
 from modpush.envs.scenes.objects import get_object_of
 from modpush.envs.scenes.sampling import sample_scenario

@@ -5,8 +5,8 @@ import pytest
 
 from modpush.envs import PushEnv
 from modpush.envs.engines.mujoco import depth_renderer
-from modpush.envs.engines.mujoco.depth_renderer import DepthRenderer
 from modpush.envs.engines.mujoco.engine import MujocoEngine
+from modpush.envs.engines.mujoco.rendering import DepthRenderer
 from modpush.geometry import CAMERA, CameraModel
 
 TILTED = CameraModel.looking_at(

@@ -3,8 +3,7 @@ import torch
 from mani_skill.agents.registration import REGISTERED_AGENTS
 
 from modpush.envs.engines.sapien.task import ClutterPushEnv
-from modpush.envs.robot.named import ROBOTS
-from modpush.envs.robot.tools import TOOLS
+from modpush.envs.robot.named import ROBOTS, TOOLS
 from modpush.envs.robot.urdf import urdf_text
 from modpush.envs.scenes.scenario import Scenario
 

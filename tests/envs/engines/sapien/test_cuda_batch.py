@@ -7,8 +7,7 @@ from modpush._extras import warn_experimental
 from modpush.envs import OBJECTS
 from modpush.envs.engines.base import SceneSpec
 from modpush.envs.engines.sapien.cuda_batch import CudaBatch
-from modpush.envs.robot.named import ROBOTS
-from modpush.envs.robot.tools import TOOLS
+from modpush.envs.robot.named import ROBOTS, TOOLS
 
 SPEC = SceneSpec(
     robot=ROBOTS["ur5"],
