@@ -1,4 +1,4 @@
-"""`RobotInterface`: the methods by which an arm is driven, with its states, images, commands and stops."""
+"""`RobotInterface`: the methods by which an arm is driven, its states, images, commands and stops."""
 
 from abc import ABC, abstractmethod
 from typing import Literal, NamedTuple, get_args

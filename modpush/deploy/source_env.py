@@ -15,6 +15,7 @@ from modpush.deploy.perception import Perceived
 from modpush.envs.engines.base import CONTACT_KEYS
 from modpush.envs.outcome import episode_status, is_at_goal, pose_errors
 from modpush.envs.robot.robot import Robot
+from modpush.envs.scene_batch import object_entries
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.scenario import ScenarioConfig
 from modpush.envs.simulation_config import SimulationConfig
@@ -52,12 +53,8 @@ class SourceEnv(EnvBase):
         specs = make_specs(1, self.device, len(robot.joints), self._simulation)
         for name, spec in specs.items():
             setattr(self, name, spec)
-        self._constant = {
-            "object_radius": np.array([[item.radius]]),
-            "object_inscribed_radius": np.array([[item.inscribed_radius]]),
-            "object_symmetry": np.array([[1.0 if simulation.full_circle else item.symmetry]]),
-            "object_support": np.asarray(item.support)[None],
-        }
+        about = object_entries(item, simulation.full_circle)
+        self._constant = {key: value[None] for key, value in about.items()}
         self.entries: Mapping[str, Tensor] = {}
         """Next emitted entries, by the keys of `PushEnv`."""
 

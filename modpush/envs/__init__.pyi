@@ -4,7 +4,6 @@ from .depth.base import (
     SceneView as SceneView,
 )
 from .engines.sapien.rendering import find_render_device as find_render_device
-from .engines.sapien.task import ClutterPushEnv as ClutterPushEnv
 from .push_env import PushEnv as PushEnv
 from .push_state import PushState as PushState
 from .robot.named import ROBOTS as ROBOTS, TOOLS as TOOLS

@@ -10,17 +10,15 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import EnvBase
 
 from modpush._types import Scenes, Seed
-from modpush._validation import checked_arguments
+from modpush._validation import check_value, checked_arguments
 from modpush.envs.arguments import (
     check_action,
-    check_alone,
     check_device,
+    check_new_scenario,
     check_reach,
     check_scenarios,
-    check_scene,
+    check_tolerance,
     chosen_scenes,
-    parameter_names,
-    refuse_unknown,
     scenes_to_reset,
 )
 from modpush.envs.depth.analytic import find_depth_camera
@@ -31,7 +29,6 @@ from modpush.envs.push_state import (
     check_state,
     make_generators,
     object_digest,
-    restart_generators,
 )
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.robot.robot import Robot, Tool
@@ -158,14 +155,15 @@ class PushEnv(EnvBase):
         self._scenario, self._simulation = set_fields(
             "PushEnv", fields, scenario or ScenarioConfig(), simulation or SimulationConfig()
         )
-        self._bounds = self._scenario.bounds()
+        self.bounds: Rectangle = self._scenario.bounds()
+        """Lower and upper corner of where the object may be without being out of bounds [m]."""
         engine = self._simulation.engine
         self._make_engine = find_engine(engine)  # before any work
-        self._robot, self._tool = (
-            find_robot(self._simulation.robot),
-            find_tool(self._simulation.tool),
-        )
-        check_reach(self._robot, self._scenario)
+        self.robot: Robot = find_robot(self._simulation.robot)
+        """The arm."""
+        self.tool: Tool = find_tool(self._simulation.tool)
+        """Its tool."""
+        check_reach(self.robot, self._scenario)
         if self._simulation.sim_freq is None:
             rate = default_sim_freq(engine, self._make_engine)
             self._simulation = replace(self._simulation, sim_freq=rate)
@@ -183,9 +181,9 @@ class PushEnv(EnvBase):
         self.yaw_tolerance = self._simulation.yaw_tolerance
         """Largest difference of the object's yaw from a goal pose's at success [rad]: that of
         `simulation`, unless a curriculum sets another one."""
-        self._check_tolerance(self._scenario)
+        check_tolerance(self._scenario, self._simulation)
         self._set_seed(seed)
-        specs = make_specs(num_envs, self.device, len(self._robot.joints), self._simulation)
+        specs = make_specs(num_envs, self.device, len(self.robot.joints), self._simulation)
         for name, spec in specs.items():
             setattr(self, name, spec)
 
@@ -194,8 +192,8 @@ class PushEnv(EnvBase):
         assert config.sim_freq is not None
         camera = None if config.depth is None else find_depth_camera(config.depth)
         spec = SceneSpec(
-            robot=self._robot,
-            tool=self._tool,
+            robot=self.robot,
+            tool=self.tool,
             objects=tuple(self.pushed_objects.values()),
             sim_freq=config.sim_freq,
             control_freq=config.control_freq,
@@ -219,61 +217,38 @@ class PushEnv(EnvBase):
         if not isinstance(config, ScenarioConfig):
             raise TypeError(f"PushEnv: scenario must be a ScenarioConfig, got {config!r}.")
         if config is not self._scenario:
-            self._check_scenario(config)
-            check_reach(self._robot, config)
+            check_new_scenario(config, self._scenario, self._simulation, self._digests)
+            check_reach(self.robot, config)
         self._scenario = config
-
-    def _check_scenario(self, config: ScenarioConfig) -> None:
-        """Refuse episodes that this environment was not built for."""
-        if config.bounds() != self._scenario.bounds():
-            raise ValueError(
-                "PushEnv: scenario must keep low and high, the running episodes' workspace, "
-                f"{self._scenario.low} and {self._scenario.high}, got {config.low} and {config.high}."
-            )
-        self._check_tolerance(config)
-        if config.pushed_object == self._scenario.pushed_object:
-            return
-        digests = {item.name: object_digest(item) for item in config.objects}
-        if other := sorted(n for n, digest in digests.items() if self._digests.get(n) != digest):
-            raise ValueError(
-                f"PushEnv: scenario must have objects of {sorted(self._digests)}, as they were when "
-                f"the environment was made, got {other}."
-            )
-
-    def _check_tolerance(self, config: ScenarioConfig) -> None:
-        """Refuse distances at which an episode would have ended before its first step."""
-        if config.distance[0] < (tolerance := self._simulation.position_tolerance):
-            raise ValueError(
-                f"PushEnv: distance must be at least position_tolerance, {tolerance} m, at which an "
-                f"episode succeeds, got {config.distance}."
-            )
 
     def _set_seed(self, seed: int | None) -> None:
         self._rngs = make_generators(seed, self.batch_size[0])
 
-    def _reset(
+    def _reset(  # type: ignore[override]  # an unknown argument is Python's error
         self,
         tensordict: TensorDictBase | None = None,
         scenarios: Sequence[Scenario] | None = None,
         seed: int | None = None,
         state: PushState | None = None,
-        **unknown: Any,
     ) -> TensorDictBase:
         """Start new episodes; the arguments are explained in the docstring of `PushEnv`."""
-        refuse_unknown("PushEnv.reset", unknown, f"some of {parameter_names(self._reset)}")
         self._check_open("reset")
         indices = scenes_to_reset(tensordict, self.batch_size[0])
         if not self._started and len(indices) < self.batch_size[0]:
             raise RuntimeError("PushEnv.reset: the first reset must be of all scenes.")
         if state is not None:
-            check_alone(scenarios=scenarios, seed=seed)
+            if scenarios is not None or seed is not None:
+                raise ValueError("PushEnv.reset: with state, scenarios and seed must be None.")
             return self.set_state(state, indices)
         if scenarios is not None:
-            given = self._tool, self._robot, self._simulation, self.yaw_tolerance
+            given = self.tool, self.robot, self._simulation, self.yaw_tolerance
             check_scenarios(scenarios, len(indices), self.bounds, *given, self.pushed_objects)
-        restart_generators(self._rngs, indices, seed)
+        if seed is not None:
+            check_value("seed", seed, Seed)
+            for i in indices:
+                self._rngs[i] = np.random.default_rng(int(seed) + i)
         if scenarios is None:
-            parts: Any = {"tool": self._tool, "robot": self._robot, "goal": self._simulation.goal}
+            parts: Any = {"tool": self.tool, "robot": self.robot, "goal": self._simulation.goal}
             scenarios = [sample_scenario(self._rngs[i], self.scenario, **parts) for i in indices]
         self._batch.start(indices, scenarios)
         self._started = True
@@ -301,7 +276,7 @@ class PushEnv(EnvBase):
         position = measured.object_pose[:, :2]
         at_goal = is_at_goal(position, batch.goal_pose[:, :2], config.position_tolerance)
         if config.goal == "pose":
-            symmetry = batch.object_symmetry[:, 0]
+            symmetry = batch.about_object["object_symmetry"][:, 0]
             pose_error = pose_errors(measured.object_pose, batch.goal_pose, symmetry)
             at_goal &= np.abs(pose_error[:, 1]) <= self.yaw_tolerance
         steps_at_goal = np.maximum(self._steps_at_goal + after_step, 1)
@@ -316,8 +291,7 @@ class PushEnv(EnvBase):
         )
         entries = state_entries(batch, measured, status, pose_error)
         if config.dynamic_obstacles:
-            entries["obstacle_displacement"] = batch.obstacle_displacement()
-            entries["obstacle_pose"] = batch.obstacle_pose()
+            entries |= batch.obstacle_entries()
         if config.obstacle_motion:
             entries["obstacle_motion"] = batch.moving.nearest(position)
         if config.object_dynamics:
@@ -340,16 +314,6 @@ class PushEnv(EnvBase):
         return self._simulation
 
     @property
-    def robot(self) -> Robot:
-        """The arm."""
-        return self._robot
-
-    @property
-    def tool(self) -> Tool:
-        """The tool of the arm."""
-        return self._tool
-
-    @property
     def engine_name(self) -> str:
         """Name of the physics engine."""
         return self._batch.engines[0].name
@@ -361,25 +325,21 @@ class PushEnv(EnvBase):
     @property
     def _state_config(self) -> dict[str, Any]:
         """Settings that a state depends on, besides the objects."""
-        names = ("sim_freq", "control_freq", "dynamic_obstacles")
-        engine = self._batch.engines[0]
-        about = {
+        engine, config = self._batch.engines[0], self._simulation
+        return {
             "device": self.device.type,
             "engine": f"{engine.name} {engine.version}",
-            "robot": self._robot.name,
-            "tool": self._tool.name,
+            "robot": self.robot.name,
+            "tool": self.tool.name,
+            "sim_freq": config.sim_freq,
+            "control_freq": config.control_freq,
+            "dynamic_obstacles": config.dynamic_obstacles,
         }
-        return about | {n: getattr(self._simulation, n) for n in names}
-
-    @property
-    def bounds(self) -> Rectangle:
-        """Lower and upper corner of where the object may be without being out of bounds [m]."""
-        return self._bounds
 
     def render(self, index: int = 0) -> np.ndarray:
         """A picture of a scene, `[H, W, 3]` uint8: drawn from above, or rendered with `pictures`."""
         self._check_open("render", started=True)
-        check_scene(index, self.batch_size[0])
+        (index,) = chosen_scenes([index], self.batch_size[0])
         return self._batch.render(index, self._simulation.position_tolerance)
 
     def get_state(self, indices: Sequence[int] | None = None) -> PushState:
@@ -416,10 +376,8 @@ class PushEnv(EnvBase):
         for i, scene, rng in zip(chosen, state.scenes, state.rngs, strict=True):
             self._batch.set_state(i, scene)
             self._rngs[i].bit_generator.state = rng
-        self._step_count[chosen], self._steps_at_goal[chosen] = (
-            state.step_count,
-            state.steps_at_goal,
-        )
+        self._step_count[chosen] = state.step_count
+        self._steps_at_goal[chosen] = state.steps_at_goal
         return self._observe()
 
     def close(self, *, raise_if_closed: bool = True) -> None:

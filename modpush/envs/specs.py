@@ -100,10 +100,7 @@ def state_entries(
         "goal_position": batch.goal_pose[:, :2],
         "ee_pose": measured.ee_pose,
         "joint_position": measured.joint_position,
-        "object_radius": batch.object_radius,
-        "object_inscribed_radius": batch.object_inscribed_radius,
-        "object_symmetry": batch.object_symmetry,
-        "object_support": batch.object_support,
+        **batch.about_object,
     }
     if pose_error is not None:
         numbers |= {"goal_pose": batch.goal_pose, "pose_error": pose_error}

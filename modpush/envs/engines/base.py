@@ -65,8 +65,9 @@ class Engine(ABC):
     """One scene in a physics engine. Implement all methods to run the library on another engine.
 
     Frictions are those of `FRICTION`, links and drives those of the robot, which stands at `Robot.base`.
-    A transform is a position [m] and a quaternion (w, x, y, z) in the robot's base frame. Two scenes that were loaded with the same scenario
-    and get the same targets behave alike to the last bit, whatever happened in them before.
+    A transform is a position [m] and a quaternion (w, x, y, z) in the robot's base frame. Two scenes that
+    were loaded with the same scenario and get the same targets behave alike to the last bit, whatever
+    happened in them before.
     """
 
     name: ClassVar[str]
@@ -162,6 +163,20 @@ class Engine(ABC):
 
 EngineFactory = Callable[[SceneSpec], Engine]
 """Makes one scene; the class of an engine is one."""
+
+
+def check_vector(packed: Any, size: int) -> None:
+    """Refuse a packed state of another type or size."""
+    if not isinstance(packed, np.ndarray) or (packed.dtype, packed.shape) != (np.float32, (size,)):
+        got = f"{getattr(packed, 'dtype', type(packed).__name__)} of shape {np.shape(packed)}"
+        raise ValueError(f"SceneState: physics must be float32 of shape ({size},), got {got}.")
+
+
+def check_quaternions(quaternions: NDArray[Any]) -> None:
+    """Refuse quaternions in a packed state, `[n, 4]`, that are not of length 1."""
+    lengths = np.linalg.norm(quaternions, axis=1)
+    if (np.abs(lengths - 1) > 1e-3).any():
+        raise ValueError(f"SceneState: quaternions in physics must be of length 1, got {lengths}.")
 
 
 @dataclass(frozen=True, kw_only=True)

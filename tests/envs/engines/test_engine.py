@@ -251,7 +251,7 @@ def test_only_movable_obstacles_are_pushed_away(movable) -> None:
     assert still[:, 2] == pytest.approx(0.03, abs=1e-6)
     for _ in range(10):
         movable.step(AHEAD)
-    moved = movable.obstacle_displacement()[0]
+    moved = movable.obstacle_entries()["obstacle_displacement"][0]
     assert moved[0] > 0.02
     assert movable.measure().contacts[0, 1]
 

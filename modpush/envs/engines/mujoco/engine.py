@@ -8,7 +8,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush.envs.engines.base import CONTACT_KEYS, ENGINES, Engine, SceneSpec
+from modpush.envs.engines.base import (
+    CONTACT_KEYS,
+    ENGINES,
+    Engine,
+    SceneSpec,
+    check_quaternions,
+    check_vector,
+)
 from modpush.envs.engines.mujoco.model import OBJECT, OBSTACLE, ROBOT, TABLE, build_model
 from modpush.envs.engines.mujoco.rendering import draw_picture
 from modpush.envs.scenes.objects import get_object_of
@@ -175,12 +182,7 @@ class MujocoEngine(Engine):
             self._num_joints + 7 * free + self._num_joints + 6 * free
         )  # positions and velocities
         size = 4 * (moving + self._num_joints + 6 * free)
-        if not isinstance(packed, np.ndarray) or (packed.dtype, packed.shape) != (
-            np.float32,
-            (size,),
-        ):
-            got = f"{getattr(packed, 'dtype', type(packed).__name__)} of shape {np.shape(packed)}"
-            raise ValueError(f"SceneState: physics must be float32 of shape ({size},), got {got}.")
+        check_vector(packed, size)
         whole = (packed >= 0) & (packed < 1 << 16) & (packed == np.floor(packed))  # False for NaN
         if not whole.all():
             raise ValueError(
@@ -195,12 +197,8 @@ class MujocoEngine(Engine):
                 f"SceneState: physics must be finite, and positions and velocities at most {_LARGEST:g}, "
                 f"got {state[wrong][0]}."
             )
-        quaternions = state[self._num_joints : self._num_joints + 7 * free].reshape(free, 7)[:, 3:]
-        lengths = np.linalg.norm(quaternions, axis=1)
-        if (np.abs(lengths - 1) > 1e-3).any():
-            raise ValueError(
-                f"SceneState: quaternions in physics must be of length 1, got {lengths}."
-            )
+        first = self._num_joints
+        check_quaternions(state[first : first + 7 * free].reshape(free, 7)[:, 3:])
 
     def picture(self) -> NDArray[np.uint8] | None:
         """See `Engine`; drawn without a renderer, in two thirds of a second."""

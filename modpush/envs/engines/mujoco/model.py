@@ -6,7 +6,6 @@ from collections.abc import Iterable, Sequence
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from modpush.envs.engines.base import CONTACT_GAP, FRICTION, SceneSpec
 from modpush.envs.robot.robot import Robot, Tool
@@ -14,7 +13,7 @@ from modpush.envs.robot.urdf import mass_properties
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.obstacle import OBSTACLE_COLOR, OBSTACLE_MASS, Obstacle
 from modpush.envs.scenes.scenario import Scenario
-from modpush.geometry.shapes import Primitive, box, prism, rpy_matrix
+from modpush.geometry.shapes import Primitive, box, prism
 
 ROBOT, OBJECT, OBSTACLE, TABLE = 1, 2, 4, 8
 """Categories of bodies, by which contacts are told apart: the `contype` of their geoms."""
@@ -212,21 +211,28 @@ def _yaw(angle: float) -> tuple[float, float, float, float]:
     return math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)
 
 
-def _quaternion(rpy: tuple[float, float, float]) -> NDArray[np.float64]:
+def _quaternion(rpy: tuple[float, float, float]) -> tuple[float, float, float, float]:
     """Of fixed-axis roll, pitch and yaw [rad]."""
-    quaternion = np.empty(4)
-    mujoco.mju_mat2Quat(quaternion, rpy_matrix(rpy).ravel())
-    return quaternion
+    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a / 2), math.sin(a / 2)) for a in rpy)
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
 
 
 def _add_solids(
     spec: "mujoco.MjSpec", body: "mujoco.MjsBody", parts: Iterable[Primitive]
 ) -> "list[mujoco.MjsGeom]":
-    """Add the solids of a body as geoms that collide with nothing yet, a prism as a mesh of its corners."""
+    """Add the solids of a body as geoms that collide with nothing yet; prisms are meshes."""
     geoms = []
     for i, part in enumerate(parts):
-        place = {"pos": part.position, "quat": _quaternion(part.rpy)}
-        geom = body.add_geom(type=_KINDS[part.kind], size=part.size, **place)
+        quaternion = np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, part.rotation().ravel())
+        geom = body.add_geom(
+            type=_KINDS[part.kind], size=part.size, pos=part.position, quat=quaternion
+        )
         geom.contype = geom.conaffinity = 0
         geom.rgba = (*part.color, 1.0)
         if part.kind == "prism":

@@ -4,7 +4,7 @@ import atexit
 import functools
 import hashlib
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import mkdtemp
@@ -15,13 +15,10 @@ import torch
 from gymnasium import spaces
 from mani_skill.agents.base_agent import BaseAgent
 from mani_skill.agents.controllers.base_controller import BaseController, ControllerConfig
-from mani_skill.agents.controllers.pd_joint_pos import PDJointPosControllerConfig
-from mani_skill.agents.registration import register_agent
 from torch import Tensor
 
 from modpush.envs.engines.sapien import bodies
 from modpush.envs.robot.control import MotionConfig, MotionPlanner, start_joints
-from modpush.envs.robot.named import ROBOTS, TOOLS
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.robot.urdf import urdf_text
 
@@ -104,17 +101,6 @@ class PlanarController(BaseController):
             self.scene.px.gpu_apply_articulation_target_position()
             self.scene.px.gpu_apply_articulation_target_velocity()
 
-    def get_state(self) -> dict[str, Tensor]:
-        """The commanded pose and height."""
-        return {"target": self.target.clone(), "flange_height": self.flange_height[:, None].clone()}
-
-    def set_state(self, state: Mapping[str, Any]) -> None:
-        """Inverse of `get_state`; ManiSkill's replay gives arrays, without the dimension of scenes."""
-        target, height = (torch.as_tensor(state[key]) for key in ("target", "flange_height"))
-        self.target = target.reshape(-1, 3).to(self.target, copy=True)
-        self.flange_height = height.reshape(-1).to(self.flange_height, copy=True)
-        self._ramp = None
-
 
 def tip_yaw(quaternion: Tensor) -> Tensor:
     """Yaw [rad] of the x axis of a tool that points down; quaternions (w, x, y, z), `[..., 4]`."""
@@ -133,15 +119,11 @@ class PlanarControllerConfig(ControllerConfig):
 
 
 class PushArm(BaseAgent):
-    """An arm with a tool; `agent_class` makes one of `Robot` and `Tool`.
-
-    Control modes: `planar` (ours), and ManiSkill's `pd_joint_pos` and `pd_joint_delta_pos`.
-    """
+    """An arm with a tool; `agent_class` makes one of `Robot` and `Tool`."""
 
     arm: ClassVar[Robot]
     tool: ClassVar[Tool]
     disable_self_collisions = True
-    motion = MotionConfig()
 
     def place_tip(
         self, tip_pose: Sequence[tuple[float, float, float]], tip_height: Sequence[float]
@@ -151,9 +133,6 @@ class PushArm(BaseAgent):
         Args:
             tip_pose: x, y, yaw for each of the scenes [m, m, rad].
             tip_height: Height over the table for each of them [m].
-
-        Raises:
-            ValueError: If a pose is out of the arm's reach.
         """
         joints = [
             start_joints(self.arm, self.tool, pose, height)
@@ -163,21 +142,8 @@ class PushArm(BaseAgent):
 
     @property
     def _controller_configs(self) -> dict[str, Any]:
-        arm, names = self.arm, [joint.name for joint in self.arm.joints]
-        joint: dict[str, Any] = {
-            "stiffness": arm.stiffness,
-            "damping": arm.damping,
-            "force_limit": [joint.effort for joint in arm.joints],
-        }
-        return {
-            "planar": PlanarControllerConfig(names, arm, self.tool.length, self.motion),
-            "pd_joint_pos": PDJointPosControllerConfig(
-                names, None, None, normalize_action=False, **joint
-            ),
-            "pd_joint_delta_pos": PDJointPosControllerConfig(
-                names, -0.05, 0.05, use_delta=True, use_target=True, **joint
-            ),
-        }
+        names = [joint.name for joint in self.arm.joints]
+        return {"planar": PlanarControllerConfig(names, self.arm, self.tool.length)}
 
     def _after_loading_articulation(self) -> None:
         shapes = {link.name: link.shapes for link in self.arm.links} | {"tool": self.tool.shapes}
@@ -209,8 +175,3 @@ def _urdf_file(arm: Robot, tool: Tool) -> str:
     if not path.exists():
         path.write_text(text, encoding="utf-8")
     return str(path)
-
-
-for _arm in ROBOTS.values():
-    for _tool in TOOLS.values():
-        register_agent()(agent_class(_arm, _tool))

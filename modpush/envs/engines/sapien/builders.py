@@ -12,22 +12,7 @@ from transforms3d.quaternions import mat2quat
 from modpush.envs.engines.base import FRICTION
 from modpush.envs.engines.sapien import bodies
 from modpush.envs.engines.sapien.object_bodies import add_to_group
-from modpush.envs.engines.sapien.rendering import camera_pose
-from modpush.geometry.camera import CAMERA
 from modpush.geometry.shapes import box
-
-
-def camera_from_above() -> CameraConfig:
-    """The observing bird's-eye camera."""
-    return CameraConfig(
-        uid="bird_eye",
-        pose=camera_pose(CAMERA),
-        width=CAMERA.width,
-        height=CAMERA.height,
-        fov=CAMERA.field_of_view,
-        near=0.01,
-        far=10.0,
-    )
 
 
 def camera_from_the_side() -> CameraConfig:
@@ -46,12 +31,7 @@ def _look_along(forward: np.ndarray) -> np.ndarray:
 
 
 def simulation_config(sim_freq: int, control_freq: int) -> SimConfig:
-    """Settings of the simulation.
-
-    Args:
-        sim_freq: Physics steps per second.
-        control_freq: Actions per second.
-    """
+    """Settings of the simulation, for physics steps and actions per second."""
     return SimConfig(
         sim_freq=sim_freq,
         control_freq=control_freq,
