@@ -10,12 +10,11 @@ Source: Lynch, Maekawa and Tanie, Manipulation and active sensing by pushing usi
 import math
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from modpush._kernels import njit
-from modpush.deploy.outlines import overlap, place
+from modpush.deploy.outlines import overlap, padded, place, points_within
 from modpush.envs.robot.robot import Tool
 from modpush.envs.robot.urdf import extent
 from modpush.envs.scenes.objects import PushedObject
@@ -37,8 +36,9 @@ class PushMotion:
     """
 
     def __init__(self, item: PushedObject) -> None:
-        self.outlines, self.counts = _padded(item.footprints(num_arc=24))
-        self._lever = _moment_per_force(item)
+        self._outlines, self._counts = padded(item.footprints(num_arc=24))
+        # Largest moment per largest force of even friction under the object about its origin [m].
+        self._lever = float(np.linalg.norm(points_within(item, 64), axis=1).mean())
 
     def predict(
         self, pose: Floats, before: list[NDArray[np.float64]], after: list[NDArray[np.float64]]
@@ -57,7 +57,7 @@ class PushMotion:
         gap = np.inf
         for first, last in zip(before, after, strict=True):
             steps = max(1, math.ceil(float(np.linalg.norm(last - first, axis=1).max()) / _STEP))
-            rest = self.outlines, self.counts, self._lever, _CORRECTIONS
+            rest = self._outlines, self._counts, self._lever, _CORRECTIONS
             gap = min(gap, _push(pose, first, last, min(steps, 100), *rest))
         return pose, gap
 
@@ -115,28 +115,6 @@ def _prism_around(part: Primitive) -> tuple[NDArray[np.float64], float, float]:
             [[length, width], [-length, width], [-length, -width], [length, -width]]
         )
     return outline, z - height / 2, z + height / 2
-
-
-def _padded(outlines: Sequence[NDArray[np.float64]]) -> tuple[Floats, NDArray[np.int64]]:
-    """Outlines in one array `[parts, corners, 2]`, and the number of corners of each."""
-    counts = np.array([len(outline) for outline in outlines])
-    together = np.zeros((len(outlines), counts.max(), 2))
-    for row, outline in zip(together, outlines, strict=True):
-        row[: len(outline)] = outline
-    return together, counts
-
-
-def _moment_per_force(item: PushedObject) -> float:
-    """Largest moment per largest force of even friction under an object about its origin [m]."""
-    side = np.linspace(-item.radius, item.radius, 64)
-    points = np.stack(np.meshgrid(side, side), -1).reshape(-1, 2).astype(np.float32)
-    inside = np.zeros(len(points), dtype=bool)
-    for outline in item.footprints():
-        contour = outline.astype(np.float32)
-        inside |= [
-            cv2.pointPolygonTest(contour, (float(x), float(y)), False) >= 0 for x, y in points
-        ]
-    return float(np.linalg.norm(points[inside], axis=1).mean())
 
 
 @njit(error_model="numpy")

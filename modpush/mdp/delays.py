@@ -17,29 +17,15 @@ from modpush.mdp.noise import RandomStream
 
 
 def with_newest(value: Tensor, history: Tensor, lead: int) -> Tensor:
-    """A value before those of earlier steps.
+    """A value `[*B, *size]` before those of earlier steps, `[*B, n, *size]`, newest first.
 
-    Args:
-        value: `[*B, *size]`.
-        history: `[*B, n, *size]`, newest first.
-        lead: Number of dimensions of `B`.
-
-    Returns:
-        `[*B, n + 1, *size]`.
+    `lead` is the number of dimensions of `B`.
     """
     return torch.cat([value.unsqueeze(lead), history], lead)
 
 
 def of_age(values: Tensor, age: Tensor) -> Tensor:
-    """The value of a given age in each scene.
-
-    Args:
-        values: `[*B, n, *size]`, newest first.
-        age: `[*B, 1]` int64 in [0, n) [steps].
-
-    Returns:
-        `[*B, *size]`.
-    """
+    """The value of an age `[*B, 1]` [steps] in each scene, of values `[*B, n, *size]`, newest first."""
     lead = age.ndim - 1
     flat = values.flatten(0, lead - 1) if lead > 1 else values
     chosen = flat[torch.arange(len(flat), device=age.device), age.reshape(-1)]

@@ -1,8 +1,9 @@
 """`PushObservation`: chosen entries as one flat observation."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from typing import Any
 
 import torch
@@ -248,7 +249,17 @@ def _mirrored(entries: Mapping[str, Entry]) -> dict[str, Entry]:
         if entry.mirrored is None:
             raise ValueError(
                 f"MirroredObservation: entry {name!r} cannot be mirrored: leave it out, give an Entry "
-                "with a `mirrored` function, or train without mirror images (mirror=False)."
+                "with `mirrored`, or train without mirror images (mirror=False)."
             )
-        mirrored[name] = replace(entry, read=entry.mirrored)
+        read = entry.mirrored
+        if not callable(read):
+            read = partial(_with_signs, entry.read, read)
+        mirrored[name] = replace(entry, read=read)
     return mirrored
+
+
+def _with_signs(
+    read: Callable[[ObservationInputs], Tensor], signs: tuple[float, ...], inputs: ObservationInputs
+) -> Tensor:
+    value = read(inputs)
+    return value * value.new_tensor(signs)

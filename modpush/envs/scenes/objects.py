@@ -4,7 +4,7 @@ import functools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -119,31 +119,6 @@ class PushedObject:
         if self.tip_height is not None:
             return self.tip_height
         return max(0.012, min(0.02, self.height / 2))
-
-    def scaled(self, factor: float, name: str) -> "PushedObject":
-        """An object of the same mass, larger or smaller in all directions.
-
-        Args:
-            factor: Ratio of its lengths to this object's, positive.
-            name: Name of the new object.
-
-        Raises:
-            ValueError: If the factor is not positive, or an object of that size is refused.
-        """
-
-        def times(values: Sequence[float]) -> Any:
-            return tuple(factor * value for value in values)
-
-        parts = tuple(
-            replace(
-                part,
-                size=times(part.size),
-                position=times(part.position),
-                outline=tuple(times(point) for point in part.outline),
-            )
-            for part in self.parts
-        )
-        return replace(self, name=name, parts=parts)
 
     def footprints(self, num_arc: int = 32) -> list[np.ndarray]:
         """Outlines of the parts seen from above, object frame, a list of `[n, 2]` [m]."""

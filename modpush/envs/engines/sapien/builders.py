@@ -4,10 +4,10 @@ import numpy as np
 import sapien
 from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.sensors.camera import CameraConfig
+from mani_skill.utils.sapien_utils import look_at
 from mani_skill.utils.structs import Actor, Articulation, Link
 from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from sapien import physx
-from transforms3d.quaternions import mat2quat
 
 from modpush.envs.engines.base import FRICTION
 from modpush.envs.engines.sapien import bodies
@@ -17,17 +17,8 @@ from modpush.geometry.shapes import box
 
 def camera_from_the_side() -> CameraConfig:
     """The camera that `render` shows pictures from, 512 x 512."""
-    pose = sapien.Pose([1.35, 0.75, 0.85])
-    pose.q = _look_along(np.array([0.40, 0.0, 0.05]) - pose.p)
+    pose = look_at([1.35, 0.75, 0.85], [0.40, 0.0, 0.05]).sp
     return CameraConfig("render_camera", pose, 512, 512, 0.75, 0.01, 10.0, shader_pack="default")
-
-
-def _look_along(forward: np.ndarray) -> np.ndarray:
-    """Quaternion of a camera that looks along a direction, upright."""
-    x = forward / np.linalg.norm(forward)
-    y = np.cross([0.0, 0.0, 1.0], x)
-    y /= np.linalg.norm(y)
-    return mat2quat(np.stack([x, y, np.cross(x, y)], 1))
 
 
 def simulation_config(sim_freq: int, control_freq: int) -> SimConfig:
