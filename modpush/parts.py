@@ -82,8 +82,8 @@ def part_name(name: str, part: Any, known: Mapping[str, Any]) -> str:
     """The text by which `find_part` finds this part again, for configuration files.
 
     Raises:
-        ValueError: If the part cannot be found by any text: a lambda, or something that is defined
-            inside a function or in the script that is being run.
+        ValueError: If no text does: a lambda, or something that is defined inside a function or in the
+            script that is being run.
     """
     if isinstance(part, str):
         find_part(name, part, known)
@@ -107,11 +107,10 @@ def check_part(
     kind: type | None = None,
     other: str = "'module:name'",
 ) -> None:
-    """Refuse what stands for no part, without importing anything; `other` is for the error.
+    """Refuse what stands for no part, without importing anything.
 
-    Raises:
-        ValueError: If the part is none of the known names, no `"module:name"`, and no object of a class
-            (or function, without `kind`).
+    That is one of the known names, a `"module:name"`, or an object of a class (a function without
+    `kind`); `other` describes the latter two in the error.
     """
     if isinstance(part, str):
         good = part in known or part_module(part) is not None

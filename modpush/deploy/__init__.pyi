@@ -1,8 +1,7 @@
 from .arm_mask import ArmMask as ArmMask
 from .controller import PushController as PushController
-from .guard import Guard as Guard
+from .guard import Guard as Guard, Limits as Limits
 from .height_map import HeightMap as HeightMap
-from .limits import Limits as Limits
 from .perception import Perceived as Perceived, Perception as Perception
 from .policy_file import load_policy as load_policy
 from .pushing import Pushed as Pushed, push as push

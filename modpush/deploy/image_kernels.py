@@ -77,13 +77,11 @@ def collect_heights(
 
 @njit(error_model="numpy")
 def look_down(heights: Image, near: NDArray[np.uint8], view: Floats, depth: Image) -> None:
-    """Draw heights over the table as a camera that looks straight down sees them.
+    """Draw heights over the table as a camera that looks straight down sees them, into `depth` [m].
 
-    Args:
-        heights: `[H, W]` over the table's points that the camera's pixels show [m].
-        near: `[H, W]`, not 0 where something may be high enough to be seen before the table.
-        view: Height of the camera [m], and its principal point (u, v) [px].
-        depth: `[H, W]`, overwritten.
+    `heights` are those over the points that its pixels show, and `near` is not 0 where something may be
+    seen before the table, `[H, W]` each; `view` is the camera's height [m] and its principal point (u, v)
+    [px].
     """
     rows, columns = heights.shape
     top = np.float32(0.0)

@@ -49,15 +49,11 @@ def place(outline: Floats, x: float, y: float, yaw: float, out: Floats) -> None:
 
 @njit(error_model="numpy")
 def overlap(first: Floats, second: Floats) -> tuple[float, float, float, float, float]:
-    """Depth of the overlap of two outlines, and where they would touch.
-
-    Args:
-        first: Corners `[n, 2]` [m].
-        second: Corners `[m, 2]` [m].
+    """Depth of the overlap of two outlines, corners `[n, 2]` each, and where they would touch [m].
 
     Returns:
-        The least distance by which `second` must move to be free [m], negative where they are apart; the
-        direction (x, y) in which it must; and the middle (x, y) of their contact [m].
+        The least distance by which `second` must move to be free, negative where they are apart; the
+        direction (x, y) in which it must; and the middle (x, y) of their contact.
     """
     depth, nx, ny = _least_overlap(first, second, 1.0, np.inf, 0.0, 0.0)
     depth, nx, ny = _least_overlap(second, first, -1.0, depth, nx, ny)

@@ -29,14 +29,8 @@ def place_aside(
 ) -> Floats | None:
     """The nearest place (x, y) of the tip at which the camera sees enough of the object, or the most.
 
-    The straight way there leads away from the object and past the known obstacles.
-
-    Args:
-        perception: Arm, camera and map of the obstacles.
-        seen: Its last estimates.
-        joints: Angles of the joints, `[n]` [rad].
-        tip_height: Height of the tip over the table [m].
-        motion: The tool's workspace.
+    The straight way there leads away from the object and past the known obstacles. `joints` are the
+    present angles [rad]; the tip keeps its height [m] and the workspace of `motion`.
 
     Returns:
         `[2]` [m]; None if there is no such way.

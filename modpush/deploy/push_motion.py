@@ -43,12 +43,10 @@ class PushMotion:
     def predict(
         self, pose: Floats, before: list[NDArray[np.float64]], after: list[NDArray[np.float64]]
     ) -> tuple[Floats, float]:
-        """The object's pose after a motion of the tool.
+        """The object's pose (x, y, yaw) after a motion of the tool [m, m, rad].
 
-        Args:
-            pose: x, y, yaw of the object before it [m, m, rad].
-            before: Outlines of the tool's solids at the object's height before the motion.
-            after: The same after it.
+        `before` and `after` are the outlines of the tool's solids at the object's height, from
+        `tool_outlines`.
 
         Returns:
             The pose after it, and the least distance of tool and object [m], negative in contact.
@@ -63,12 +61,9 @@ class PushMotion:
 
 
 def tool_outlines(tool: Tool, flange: Floats, height: float) -> list[NDArray[np.float64]]:
-    """Outlines of a tool's solids that reach below a height, counter-clockwise, `[n, 2]` each [m].
+    """Outlines of a tool's solids that reach below a height [m], counter-clockwise, `[n, 2]` each [m].
 
-    Args:
-        tool: The tool.
-        flange: Pose of the flange in the base frame, `[4, 4]`.
-        height: Height over the table [m].
+    `flange` is its pose in the base frame, `[4, 4]`.
     """
     found = []
     for part in tool.shapes:
@@ -86,14 +81,10 @@ def tool_outlines(tool: Tool, flange: Floats, height: float) -> list[NDArray[np.
 def touches(
     tool: Tool, flange: Floats, item: PushedObject, object_pose: Sequence[float], tolerance: float
 ) -> bool:
-    """True if the tool is so near to the object that it counts as touching.
+    """True if the tool is so near to the object, on the table, that it counts as touching.
 
-    Args:
-        tool: The tool.
-        flange: Pose of the flange in the base frame, `[4, 4]`.
-        item: The object, which stands on the table.
-        object_pose: x, y, yaw of the object [m, m, rad].
-        tolerance: Largest distance that counts [m]; the error of the object's pose.
+    The flange's pose `[4, 4]` and the object's (x, y, yaw) are in the base frame; `tolerance` [m] is the
+    largest distance that counts, the error of the object's pose.
     """
     solids = tool_outlines(tool, flange, item.height)
     for outline in item.footprints():

@@ -73,12 +73,8 @@ class SourceEnv(EnvBase):
     ) -> bool:
         """Set the entries that are emitted next.
 
-        Args:
-            seen: Estimates and images.
-            joints: Angles of the arm's joints, `[n]` [rad].
-            goal: x, y of the goal [m], and its yaw [rad] for goal poses.
-            contact: The tool touches the object.
-            tolerances: Distance [m] and angle [rad] from the goal at which the object is there.
+        `joints` are the arm's angles [rad], `goal` is x, y and, for goal poses, yaw, and `tolerances` are
+        the distance [m] and angle [rad] from it at which the object is there.
 
         Returns:
             True if the object is at its goal, which counts as a success if the image confirms its pose.

@@ -196,15 +196,11 @@ class URRobot(RobotInterface):
 
 
 def tool_down_pose(position: NDArray[np.float64], yaw: float) -> list[float]:
-    """A pose as UR's controllers take it, of a tool that points straight down.
+    """A pose as UR's controllers take it, of a tool that points straight down, in the arm's base frame.
 
-    Args:
-        position: x, y, z of the tip in the arm's own base frame [m].
-        yaw: Angle of the tool's x axis from the base's, counter-clockwise seen from above [rad].
-
-    Returns:
-        x, y, z [m], and axis times angle of its turn [rad]: half a turn about the horizontal axis that
-        halves the angle between the two x axes.
+    `yaw` is the angle of the tool's x axis from the base's, counter-clockwise seen from above [rad]. It
+    returns x, y, z [m], and axis times angle of its turn [rad]: half a turn about the horizontal axis
+    that halves the angle between the two x axes.
     """
     axis = math.pi * math.cos(yaw / 2), math.pi * math.sin(yaw / 2), 0.0
     return [*np.asarray(position, dtype=float).tolist(), *axis]

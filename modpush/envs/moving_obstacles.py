@@ -12,13 +12,7 @@ from modpush.envs.scenes.rectangles import obstacle_distance
 
 
 class MovingObstacles:
-    """Places and velocities of the obstacles with a motion, from the time of each scene's episode.
-
-    Args:
-        num_envs: Number of scenes.
-        control_freq: Control steps per second [Hz].
-        substeps: Number of physics steps in a control step.
-    """
+    """Places and velocities of the obstacles with a motion, from the time of each scene's episode."""
 
     def __init__(self, num_envs: int, control_freq: int, substeps: int) -> None:
         self.steps: NDArray[np.int64] = np.zeros(num_envs, dtype=np.int64)

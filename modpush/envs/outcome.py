@@ -25,12 +25,9 @@ def is_at_goal(
 def pose_errors(
     pose: NDArray[np.float64], goal: NDArray[np.float64], symmetry: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Distances and angles of objects from their goal poses.
+    """Distances and angles of objects from their goal poses, (x, y, yaw) `[B, 3]` each [m, rad].
 
-    Args:
-        pose: Poses (x, y, yaw) of the objects, `[B, 3]` [m, rad].
-        goal: Their goals, `[B, 3]` [m, rad].
-        symmetry: Number of yaw angles at which each object looks the same, 0 for all angles, `[B]`.
+    `symmetry` is the number of yaw angles at which each object looks the same, 0 for all angles, `[B]`.
 
     Returns:
         `[B, 2]`: the distance [m], and the angle by which the object is to be turned, counter-clockwise,
@@ -72,17 +69,11 @@ def episode_status(
     max_episode_steps: int | None,
     oob: Literal["truncate", "terminate"],
 ) -> EpisodeStatus:
-    """Decide which episodes have ended, and how.
+    """Decide which episodes have ended, and how, from the object's centres `[B, 2]` [m].
 
-    In numpy, which on a few numbers is several times faster than torch.
-
-    Args:
-        success: True where a scene has succeeded, `[B]`.
-        position: The object's centre, `[B, 2]` [m].
-        bounds: Lower and upper corner, see `is_out_of_bounds` [m].
-        step_count: Number of steps since the reset, `[B]`.
-        max_episode_steps: Number of steps after which an episode is truncated; None for no limit.
-        oob: Kind of the end out of bounds, a truncation or a termination.
+    In numpy, which on a few numbers is several times faster than torch. `step_count` `[B]` is the number
+    of steps since the reset, `max_episode_steps` that after which an episode is truncated (None: no
+    limit), and `oob` the kind of the end out of bounds.
     """
     outside = is_out_of_bounds(position, bounds)
     terminated = success | outside if oob == "terminate" else success

@@ -47,15 +47,8 @@ class SceneBatch:
 
     What stays the same throughout an episode is kept in `goal_pose` `[B, 3]` [m, m, rad], whose yaw is 0
     where the goal is a position, and `about_object`, the entries of `object_entries` by key. `moving` has
-    the obstacles that move by themselves. A batch is the `SceneView` of its cameras.
-
-    Args:
-        num_envs: Number of scenes.
-        make_engine: Makes one of them.
-        spec: The properties of every scene.
-        depth: Factory of the depth camera, or None.
-        arm_in_depth: True if the depth camera sees the arm.
-        full_circle: Count yaw angles as different at which an object looks the same.
+    the obstacles that move by themselves. A batch is the `SceneView` of its cameras. With `full_circle`
+    yaw angles count as different at which an object looks the same.
     """
 
     def __init__(

@@ -67,7 +67,6 @@ class SimulationConfig:
     terminal penalty; with "truncate" the steps that would have followed count as well."""
 
     def __post_init__(self) -> None:
-        """Check what depends on several fields, and the parts' names; nothing is imported."""
         check_engine("SimulationConfig", self.engine)
         check_robot("SimulationConfig", self.robot)
         check_tool("SimulationConfig", self.tool)
@@ -92,17 +91,12 @@ def set_fields(
     By this `PushEnv`, `PushEnvConfig`, `make_push_env` and `gymnasium.make` understand `scene="slot"`.
     Another engine without a rate gets its own: `engine` sets `sim_freq` to None, too.
 
-    Args:
-        caller: Name of the called function, for the error.
-        given: New values by the names of fields.
-        *configs: Dataclass instances.
-        also: Further names that the error message lists.
-
     Returns:
         The configurations in their order; those of which nothing is replaced are the same objects.
 
     Raises:
-        TypeError: If none of them has a field of a given name; the message lists all.
+        TypeError: If none of them has a field of a given name; the message lists all, and those of
+        `also`.
     """
     names = [{field.name for field in fields(config)} for config in configs]
     known = set().union(*names)

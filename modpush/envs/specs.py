@@ -72,16 +72,9 @@ def state_entries(
     status: EpisodeStatus,
     pose_error: NDArray[np.float64] | None,
 ) -> dict[str, Tensor]:
-    """The entries that describe the state of the scenes, on the CPU.
+    """The entries that describe the state of the scenes, on the CPU, see the table of `PushEnv`.
 
-    Args:
-        batch: The scenes, for what stays the same throughout an episode.
-        measured: Their present state.
-        status: Status of their episodes.
-        pose_error: Their distances and turns from goal poses, `[B, 2]`; None for goal positions.
-
-    Returns:
-        Flags `[B, 1]` bool and numbers `[B, n]` float32, see the table of `PushEnv`.
+    Flags are `[B, 1]` bool and numbers `[B, n]` float32. `pose_error` is None for goal positions.
 
     Raises:
         RuntimeError: If the simulation has failed, so that a pose is not finite.

@@ -9,7 +9,7 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.data import TensorSpec, Unbounded
 
-from modpush._checks import check_span, check_spec_has, read_key
+from modpush._checks import check_spec_has, read_key
 from modpush._transforms import DescribedTransform
 from modpush._types import Seed, StepSpan
 from modpush._validation import checked_arguments
@@ -74,7 +74,6 @@ class ActionDelay(DescribedTransform):
         object_pose_key: NestedKey = "object_pose",
         goal_position_key: NestedKey = "goal_position",
     ) -> None:
-        check_span("ActionDelay: steps", steps)
         self.steps = steps
         self.action_key, self.history_key = action_key, history_key
         self._stream = RandomStream(stream_key, seed, object_pose_key, goal_position_key)
@@ -168,7 +167,6 @@ class ObservationDelay(DescribedTransform):
         object_pose_key: NestedKey = "object_pose",
         goal_position_key: NestedKey = "goal_position",
     ) -> None:
-        check_span("ObservationDelay: steps", steps)
         self.steps = steps
         if history_keys is None:
             history_keys = [("observation_history", str(i)) for i in range(len(in_keys))]

@@ -13,15 +13,10 @@ from modpush.mdp.observation_entries import Entry
 
 
 class Layout:
-    """Columns, shift and scale of each entry.
-
-    Args:
-        entries: The entries by name, in their order.
-        values: Value of each of them, in the same order, `[..., n]`.
-        batch_size: The leading dimensions that each of them must have.
+    """Columns, shift and scale of each entry, by values `[..., n]` in the order of the entries.
 
     Raises:
-        ValueError: If the leading dimensions of an entry are others, or its scale or shift has
+        ValueError: If the leading dimensions of an entry are not `batch_size`, or its scale or shift has
             another number of components.
     """
 

@@ -130,7 +130,7 @@ def _object_gap(scene: PushedScene, dx: float, dy: float, part: float) -> float:
 
 @njit()
 def violation(action: NDArray[np.float64], scene: PushedScene) -> float:
-    """By how much an action `[3]`, base frame, is predicted to come too near to obstacles and edge [m]."""
+    """By how much an action `[3]`, base frame, is predicted to come too near to something [m]."""
     total = 0.0
     for part in _PARTS:
         x = scene.tip_pose[0] + action[0] * scene.motion[0] * part

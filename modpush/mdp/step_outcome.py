@@ -184,8 +184,8 @@ class StepOutcome:
 def pose_length(path_length: Tensor, turn: Tensor, radius: Tensor) -> Tensor:
     """Way to a goal pose, `[..., 1]` [m].
 
-    Along the path [m] and, at a right angle to it, the way of the object's outermost point, at a radius [m],
-    by its turn [rad]: `hypot(path_length, 2 radius sin(turn / 2))`. All are `[..., 1]`.
+    Along the path [m] and, at a right angle to it, the way of the object's outermost point, at a radius
+    [m], by its turn [rad]: `hypot(path_length, 2 radius sin(turn / 2))`. All are `[..., 1]`.
     """
     return torch.hypot(path_length, 2 * radius * torch.sin(turn / 2))
 

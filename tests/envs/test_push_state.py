@@ -96,7 +96,7 @@ def damaged(data: dict, path: tuple, value: object) -> dict:
         (("scenes", 1, "scenario", "tool_pose"), [3.0, 0.0, 0.0], "out of the arm's reach"),
         (("scenes", 1), {}, r"scenes\[1\].scenario: Field required"),
         (("scenes",), lambda x: x[:1], "the state holds 1 scenes, expected 2"),
-        (("scenes",), 3, "scenes: Input should be a valid tuple, got 3"),
+        (("scenes",), 3, "scenes: Input should be a valid array, got 3"),
         (("step_count", 0), -1, r"step_count\[0\]: Input should be greater than or equal to 0"),
         (("rngs", 1), {"bit_generator": "PCG64"}, "random number generator is damaged"),
         (("rngs",), [], "holds 0 rngs, expected 2"),

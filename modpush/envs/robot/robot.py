@@ -58,7 +58,6 @@ class Link:
     """Solids that collide and are drawn: boxes, cylinders and capsules."""
 
     def __post_init__(self) -> None:
-        """Check the kinds of the solids."""
         _check_shapes(f"Link {self.name!r}", self.shapes)
 
 
@@ -79,7 +78,6 @@ class Joint:
     """Its axis in its frame, of length 1, as in URDF; by default the frame's z axis."""
 
     def __post_init__(self) -> None:
-        """Check the length of the axis, the order of the limits, and that they are no degrees."""
         if abs(math.hypot(*self.axis) - 1) > _ROUNDING:
             raise ValueError(f"Joint {self.name!r}: axis must be of length 1, got {self.axis}.")
         low, high = self.limits
@@ -103,7 +101,7 @@ class Tool:
     """Mass [kg]."""
     length: Length
     """Distance from the flange to the tip [m]."""
-    tip_half_extents: LengthSpan
+    tip_half_extents: Annotated[tuple[Length, Length], Strict(False)]
     """Half the footprint of the tip along the tool's x and y [m]."""
     shapes: AtLeastOne[Primitive]
     """Solids that collide and are drawn: boxes, cylinders and capsules."""
@@ -111,7 +109,6 @@ class Tool:
     """It looks the same after half a turn, so that an arm may hold it either way."""
 
     def __post_init__(self) -> None:
-        """Check the kinds of the solids."""
         _check_shapes(f"Tool {self.name!r}", self.shapes)
 
 
@@ -178,7 +175,6 @@ class Robot:
     """Inverse kinematics, an `InverseKinematics`; None takes `DampedLeastSquares`, for any arm."""
 
     def __post_init__(self) -> None:
-        """Check what depends on several fields."""
         n = len(self.joints)
         if (len(self.links), len(self.home)) != (n + 1, n):
             raise ValueError(
@@ -213,10 +209,6 @@ class Robot:
                 f"Robot {self.name!r}: solve must be a function (pose, last) -> (joints, found), or "
                 f"None, got {self.solve!r}."
             )
-
-    def __getstate__(self) -> dict[str, Any]:
-        """The fields alone, without what was computed of them."""
-        return {name: getattr(self, name) for name in type(self).__annotations__}
 
     @cached_property
     def inverse(self) -> InverseKinematics:

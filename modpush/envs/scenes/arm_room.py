@@ -31,13 +31,9 @@ _STEP = 0.005  # between the places at which a moving obstacle is looked at [m]
 
 
 def arm_reach(robot: Robot, height: float) -> float:
-    """Distance from the robot's axis up to which links come down to a height [m].
+    """Distance from the robot's axis up to which links come down to a height over the table [m].
 
     For some pose of the tool in its workspace (`MotionConfig`). An upper bound, up to `MAX_HEIGHT`.
-
-    Args:
-        robot: The arm.
-        height: Height over the table [m].
     """
     if robot.room is not None:
         return robot.room.distance(height)
@@ -129,14 +125,9 @@ def tool_touches(
     tool: Tool,
     gap: float = 0.0,
 ) -> bool:
-    """True if a part of the tool is in an obstacle, or nearer to one than a gap.
+    """True if a part of the tool is in an obstacle, or nearer to one than a gap [m].
 
-    Args:
-        pose: x, y, yaw of the tool's tip [m, m, rad].
-        tip_height: Height of the tip over the table [m].
-        obstacles: The obstacles.
-        tool: The tool.
-        gap: Least distance [m].
+    Its tip is at a pose (x, y, yaw) [m, m, rad] and a height over the table [m].
     """
     x, y, yaw = pose
     rows = rectangles(obstacles)
@@ -160,15 +151,7 @@ def check_arm_is_free(
 ) -> None:
     """Refuse a start at which the arm stands in an obstacle, or turns into one near its shoulder.
 
-    Args:
-        name: Begins the error.
-        scenario: The start.
-        tip_height: Height of the tip over the table, `PushedObject.tool_height` [m].
-        tool: The tool.
-        robot: The arm.
-
-    Raises:
-        ValueError: If it does.
+    `tip_height` is `PushedObject.tool_height` [m]; `name` begins the ValueError.
     """
     if (why := obstacle_in_arm(scenario.obstacles, robot)) is not None:
         raise ValueError(f"{name}: {why}.")

@@ -8,7 +8,6 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Le
 
-from modpush._checks import check_span
 from modpush._types import (
     Count,
     Length,
@@ -40,11 +39,6 @@ class SensingConfig:
     """Largest error of x and of y of the object [m], uniform and independent in every step."""
     yaw_noise: NonNegative = 0.0
     """Largest error of the object's yaw [rad], uniform and independent in every step."""
-
-    def __post_init__(self) -> None:
-        """Check the order of the ranges."""
-        for name in ("action_delay", "observation_delay"):
-            check_span(f"SensingConfig: {name}", getattr(self, name))
 
     @property
     def noisy(self) -> bool:
@@ -125,7 +119,6 @@ class EpisodeConditions:
     """Delays and noise between policy and world; only for agents."""
 
     def __post_init__(self) -> None:
-        """Check the parts' names; nothing is imported."""
         check_robot("EpisodeConditions", self.robot)
         check_tool("EpisodeConditions", self.tool)
         check_engine("EpisodeConditions", self.engine)

@@ -260,11 +260,10 @@ HARD_TUNING_SCENES = ("zigzag", "random_clutter", "diagonal_walls_turned", "maze
 
 
 def get_scene(scene: str | SceneFn) -> tuple[str, SceneFn]:
-    """Look a scene family up by name or by `"module:function"`, or pass a function through.
+    """Name and function of a scene family: by name, by `"module:function"`, or passed through.
 
-    Returns:
-        Its name and its function. The name of a function of your own is `"module:function"`, by
-        which it is found again; that of one which cannot be imported is the function's own.
+    The name of a function of your own is `"module:function"`, by which it is found again; that of one
+    which cannot be imported is the function's own.
 
     Raises:
         ValueError: If there is no such family (the known ones are listed), or if it is not a function.

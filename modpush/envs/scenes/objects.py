@@ -67,7 +67,6 @@ class PushedObject:
     """Radius of the largest circle about the object's origin that its footprint holds, computed [m]."""
 
     def __post_init__(self) -> None:
-        """Check the parts, and compute what follows from them."""
         for part in self.parts:
             if part.rpy[:2] != (0.0, 0.0):
                 raise ValueError(f"{self.name!r}: parts must stand upright, got rpy {part.rpy}.")
@@ -209,15 +208,9 @@ def get_object(
 ) -> PushedObject:
     """Look a pushed object up by name or by `"module:name"`, or pass one of your own through.
 
-    `"random_7"` is `random_object(7)`.
-
-    An object that is found by `"module:name"` is called so: that text is its `name`, by which
-    evaluation and drawing find it again.
-
-    Args:
-        name: Name of an object.
-        objects: Objects by name, as in `PushEnv.pushed_objects`, that are looked up before the
-            shipped ones.
+    `"random_7"` is `random_object(7)`. An object that is found by `"module:name"` is called so: that text
+    is its `name`, by which evaluation and drawing find it again. Those of `objects`, as in
+    `PushEnv.pushed_objects`, come before the shipped ones.
 
     Raises:
         ValueError: If there is no such object (the known ones are listed), or it is not a `PushedObject`.

@@ -13,14 +13,9 @@ GRID_LOW, GRID_SIDE = (0.145, -0.455), 0.91
 
 
 def obstacle_distance(points: np.ndarray, obstacles: Sequence[Obstacle]) -> np.ndarray:
-    """Distance from points to the nearest obstacle seen from above [m]; 0 inside one, inf for none.
+    """Distance `[...]` from points `[..., 2]` to the nearest obstacle seen from above [m].
 
-    Args:
-        points: `[..., 2]` [m].
-        obstacles: Any number.
-
-    Returns:
-        `[...]` [m].
+    It is 0 inside an obstacle, and infinite if there is none.
     """
     rows = rectangles(obstacles)
     flat = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 2)

@@ -208,21 +208,17 @@ def _draw_layout(
     """The first layout in which the arm has room."""
     why: str | None = ""
     for _ in range(_REDRAWS):
-        obstacles = scene(rng, difficulty)
-        _check_layout(name, obstacles)
+        obstacles: Any = scene(rng, difficulty)
+        good = isinstance(obstacles, Sequence) and all(isinstance(o, Obstacle) for o in obstacles)
+        if not good or len(obstacles) > MAX_OBSTACLES:
+            raise ValueError(
+                f"scene: {name!r} must return a list of at most {MAX_OBSTACLES} Obstacle, got "
+                f"{obstacles!r}."
+            )
         why = obstacle_in_arm(obstacles, robot)
         if why is None:
-            return obstacles
+            return list(obstacles)
     raise ValueError(f"scene: {name!r} leaves the arm no room in {_REDRAWS} layouts: {why}.")
-
-
-def _check_layout(name: str, obstacles: Any) -> None:
-    if not isinstance(obstacles, Sequence) or not all(isinstance(o, Obstacle) for o in obstacles):
-        raise ValueError(f"scene: {name!r} must return a list of Obstacle, got {obstacles!r}.")
-    if len(obstacles) > MAX_OBSTACLES:
-        raise ValueError(
-            f"scene: {name!r} placed {len(obstacles)} obstacles, at most {MAX_OBSTACLES} fit."
-        )
 
 
 def _limits(config: ScenarioConfig, item: PushedObject, tool: Tool, robot: Robot) -> _Limits:
@@ -340,17 +336,16 @@ def _first_good(
 @njit()
 def _joined(sx: float, sy: float, gx: float, gy: float, free: _FreeSpace) -> bool:
     """True if a path joins two points; no labels mean that nothing has to be asked for."""
-    if len(free.labels) == 0:
-        return True
-    first = _label(sx, sy, free)
-    return first > 0 and first == _label(gx, gy, free)
-
-
-@njit()
-def _label(x: float, y: float, free: _FreeSpace) -> int:
-    i, j = int((x - GRID_LOW[0]) / free.cell), int((y - GRID_LOW[1]) / free.cell)
-    last = len(free.labels) - 1
-    return free.labels[min(max(i, 0), last), min(max(j, 0), last)]
+    first, last = 0, len(free.labels) - 1
+    for x, y in ((sx, sy), (gx, gy)):
+        if last < 0:
+            return True
+        i, j = int((x - GRID_LOW[0]) / free.cell), int((y - GRID_LOW[1]) / free.cell)
+        label = free.labels[min(max(i, 0), last), min(max(j, 0), last)]
+        if label == 0 or (first != 0 and first != label):
+            return False
+        first = label
+    return True
 
 
 def _free_space(

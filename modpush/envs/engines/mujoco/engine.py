@@ -42,9 +42,6 @@ class MujocoEngine(Engine):
     Every episode has a model of its own, so that it depends on nothing that was before. A step is split
     such that positions and contacts are those after it: MuJoCo's own `mj_step` leaves those before it.
 
-    Args:
-        spec: The properties of the scene.
-
     Raises:
         ValueError: If the rate is too low for stable drives.
     """

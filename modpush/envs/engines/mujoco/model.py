@@ -46,15 +46,10 @@ so that contacts would not carry along what they touch."""
 
 
 def build_model(spec: SceneSpec, scenario: Scenario, item: PushedObject) -> "mujoco.MjModel":
-    """Compile the model of an episode, in about a millisecond.
+    """Compile the model of an episode in which `item` is pushed, in about a millisecond.
 
     The bodies are named as the links, `tool`, `tip`, `object` and `obstacle_<i>`; the arm's joints
     come first in `qpos`, then the object, then obstacles that can be moved.
-
-    Args:
-        spec: The properties of the scene.
-        scenario: The episode's start.
-        item: The pushed object.
     """
     model = mujoco.MjSpec()
     model.compiler.degree = False

@@ -59,7 +59,8 @@ class PlanarController(BaseController):
     def _measure(self) -> tuple[Tensor, Tensor]:
         """Planar pose of the tip `[B, 3]` and height of the flange `[B]`."""
         pose = self.articulation.links_map["tip"].pose
-        yaw = tip_yaw(pose.q.double())
+        w, x, y, z = pose.q.double().unbind(-1)
+        yaw = torch.atan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
         position = pose.p.double()
         height = position[:, 2] + self.config.tool_length
         return torch.cat([position[:, :2], yaw[:, None]], -1), height
@@ -102,12 +103,6 @@ class PlanarController(BaseController):
             self.scene.px.gpu_apply_articulation_target_velocity()
 
 
-def tip_yaw(quaternion: Tensor) -> Tensor:
-    """Yaw [rad] of the x axis of a tool that points down; quaternions (w, x, y, z), `[..., 4]`."""
-    w, x, y, z = quaternion.unbind(-1)
-    return torch.atan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
-
-
 @dataclass
 class PlanarControllerConfig(ControllerConfig):
     """Configuration of the controller for ManiSkill: arm, tool length [m], limits of the motion."""
@@ -128,12 +123,7 @@ class PushArm(BaseAgent):
     def place_tip(
         self, tip_pose: Sequence[tuple[float, float, float]], tip_height: Sequence[float]
     ) -> None:
-        """Put the arms of the scenes that are being reset to where their tips have these poses.
-
-        Args:
-            tip_pose: x, y, yaw for each of the scenes [m, m, rad].
-            tip_height: Height over the table for each of them [m].
-        """
+        """Put the tips of the scenes being reset to poses (x, y, yaw), at heights over the table."""
         joints = [
             start_joints(self.arm, self.tool, pose, height)
             for pose, height in zip(tip_pose, tip_height, strict=True)

@@ -48,13 +48,7 @@ def set_material(robot: Articulation, material: physx.PhysxMaterial) -> None:
 
 
 def build_table(scene: ManiSkillScene, robot_base: Link, material: physx.PhysxMaterial) -> None:
-    """Build an endless plane that bodies rest on, and a table top that is seen.
-
-    Args:
-        scene: The scenes that get a table.
-        robot_base: The robot's lowest link, which stands on the table without touching it.
-        material: The table's material.
-    """
+    """Build an endless plane that bodies rest on but the robot's base, and a table top that is seen."""
     for i, sub_scene in enumerate(scene.sub_scenes):
         entity = sapien.Entity()
         if i == 0 or not scene.gpu_sim_enabled:  # one plane serves all GPU scenes

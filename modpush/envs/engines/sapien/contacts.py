@@ -25,13 +25,8 @@ _SPECULATIVE_GAP = 0.005  # bodies that are farther apart than this do not touch
 class CpuContacts:
     """Collects the contacts of a CPU simulation, which has one scene, over the substeps of a step.
 
-    A pair touches if PhysX pushed it apart or if its gap is at most `CONTACT_GAP`.
-
-    Args:
-        scene: The scene.
-        robot: Its robot.
-        objects: The objects that may be pushed.
-        obstacles: The obstacles, looked up again at every `reset`.
+    A pair touches if PhysX pushed it apart or if its gap is at most `CONTACT_GAP`. The obstacles are
+    looked up again at every `reset`.
     """
 
     def __init__(

@@ -121,13 +121,7 @@ class CudaContacts:
     """Reads the contacts of a batched GPU simulation at the end of a control step.
 
     A GPU simulation gives impulses only, so that a pair touches if it was pushed apart in the last
-    substep.
-
-    Args:
-        scene: All scenes.
-        robot: Their robots.
-        objects: The objects that may be pushed.
-        obstacles: The obstacles, which stay the same bodies in all episodes.
+    substep. The obstacles stay the same bodies in all episodes.
     """
 
     def __init__(

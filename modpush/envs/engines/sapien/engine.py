@@ -32,13 +32,10 @@ _LARGEST = 1e4  # of a state that a simulation can have been in [m, m/s, rad/s]
 
 
 class SapienEngine(Engine):
-    """Places, steps and reads the bodies of one scene on a CPU.
+    """Places, steps and reads the bodies of one scene on a CPU, which a task has built.
 
-    The scene is built by a ManiSkill task, whose own functions work on torch tensors of one row, each of
-    which costs more than the numbers it carries. This class does the same to the same bodies.
-
-    Args:
-        task: The task that has built the scene.
+    ManiSkill's own functions work on torch tensors of one row, each of which costs more than the numbers
+    it carries. This class does the same to the same bodies.
     """
 
     name: ClassVar = "sapien"

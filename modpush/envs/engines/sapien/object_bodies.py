@@ -30,10 +30,7 @@ _ARC = 8  # feet around a cylinder
 class ObjectBodies:
     """Builds the objects with the mass and inertia of homogeneous solids, parked far away.
 
-    Args:
-        scene: The scenes that they are built in.
-        items: The objects, each with a name of its own.
-        material: Their common material; a CPU scene sets its friction at every reset.
+    Their material is common to all; a CPU scene sets its friction at every reset.
     """
 
     def __init__(
@@ -59,13 +56,10 @@ class ObjectBodies:
         return get_object_of(self.items, name)
 
     def place(self, scenarios: Sequence[Scenario]) -> None:
-        """Put the pushed objects at their starts, and all others to where they are parked.
+        """Put the pushed objects of the scenes being reset at their starts, and all others far away.
 
-        Mass, centre of mass and friction stay as they were built: a running GPU simulation does not
-        take others.
-
-        Args:
-            scenarios: One for each scene that is being reset.
+        Mass, centre of mass and friction stay as they were built: a running GPU simulation does not take
+        others.
         """
         for name, actor in self.actors.items():
             item = self.item(name)
@@ -79,11 +73,7 @@ class ObjectBodies:
             actor.set_pose(Pose.create(torch.from_numpy(rows).to(actor.device)))
 
     def transforms(self, names: Sequence[str]) -> Tensor:
-        """Position and quaternion (w, x, y, z) of one object in each scene, `[num_envs, 7]` [m].
-
-        Args:
-            names: The name of the pushed object of every scene.
-        """
+        """Position and quaternion (w, x, y, z) of the named object of every scene, `[B, 7]`."""
         poses = {name: actor.pose.raw_pose for name, actor in self.actors.items()}
         return torch.stack([poses[name][i] for i, name in enumerate(names)])
 

@@ -18,10 +18,6 @@ if TYPE_CHECKING:
 class RenderedDepthCamera(DepthCamera):
     """SAPIEN's own rendered camera: slow without a GPU; the analytic one is tested against it.
 
-    Args:
-        scenes: The scenes of a `PushEnv`, in SAPIEN on a CPU.
-        arm_in_depth: True if it sees the arm.
-
     Raises:
         ValueError: If the scenes are in another engine, or on CUDA.
         RuntimeError: If the scenes were built without a renderer.

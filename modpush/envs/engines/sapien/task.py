@@ -38,12 +38,7 @@ from modpush.envs.scenes.scenario import Scenario
 
 
 class PushTask(BaseEnv):
-    """Arm, table, objects and obstacles.
-
-    Args:
-        spec: The properties of every scene.
-        num_envs: Number of scenes; more than one needs CUDA.
-        sim_backend: ManiSkill's, `"physx_cuda"` for CUDA.
+    """Arm, table, objects and obstacles of `num_envs` scenes; more than one needs the CUDA backend.
 
     Raises:
         RuntimeError: If a renderer is needed and there is none.
