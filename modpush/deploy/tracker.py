@@ -265,16 +265,9 @@ def _checked_guess(guess: Sequence[float] | None) -> Floats | None:
 
 def _near(predicted: Floats, last: Floats) -> Floats:
     """Poses that are tried first."""
-    steps = [
-        (0, 0, 0),
-        (6e-3, 0, 0),
-        (-6e-3, 0, 0),
-        (0, 6e-3, 0),
-        (0, -6e-3, 0),
-        (0, 0, 0.15),
-        (0, 0, -0.15),
-    ]
-    return np.concatenate([predicted + np.array(steps), last[None]])
+    steps = np.diag([6e-3, 6e-3, 0.15])
+    moved = predicted + np.stack([steps, -steps], 1).reshape(-1, 3)
+    return np.concatenate([predicted[None], moved, last[None]])
 
 
 def _wide(middle: Floats, symmetry: int) -> Floats:

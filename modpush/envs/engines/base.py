@@ -18,6 +18,15 @@ from modpush.parts import check_part, find_part
 FRICTION: dict[str, float] = {"object": 0.5, "table": 0.5, "obstacle": 0.5, "tool": 0.0}
 """Friction coefficient of each material. A pair has the mean of two, so that it is 0.5 between object
 and table, 0.25 between tool and object, and 0.5 between object and obstacle."""
+ROBOT, OBJECT, OBSTACLE, TABLE = 1, 2, 4, 8
+"""Categories of bodies, by which contacts are told apart; a pair is the sum of two."""
+PAIRS = (ROBOT | OBJECT, OBJECT | OBSTACLE, ROBOT | OBSTACLE)
+"""The pairs that `CONTACT_KEYS` are about, in their order."""
+NAME_OF_PAIR = {
+    **dict(zip(PAIRS, ("robot_object", "object_obstacle", "robot_obstacle"), strict=True)),
+    OBJECT | TABLE: "object_table",
+}
+"""Keys of `Engine.gaps`."""
 CONTACT_GAP = 0.001
 """Bodies whose surfaces are nearer than this count as touching [m]."""
 

@@ -7,7 +7,8 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Strict
+from pydantic import AfterValidator, Strict
+from pydantic_core import PydanticCustomError
 
 from modpush._types import (
     Angle,
@@ -39,12 +40,15 @@ _OTHER_BODIES = ["tool", "tip", "object"]
 _MOST_TURNED = 4 * math.pi  # by a joint; a larger number is in degrees [rad]
 _POSE_JOINTS = 6  # that reach a position and an orientation
 _ROUNDING = 1e-6  # of an axis' length
-_SHAPES = ("box", "cylinder", "capsule")  # that a URDF knows
 
 
-def _check_shapes(name: str, shapes: tuple[Primitive, ...]) -> None:
-    if other := sorted({shape.kind for shape in shapes} - {*_SHAPES}):
-        raise ValueError(f"{name}: shapes must be of the kinds {_SHAPES}, got {other}.")
+def _urdf_kinds(shapes: tuple[Primitive, ...]) -> tuple[Primitive, ...]:
+    if any(shape.kind == "prism" for shape in shapes):  # which a URDF does not know
+        raise PydanticCustomError("kind", "Input should be boxes, cylinders and capsules")
+    return shapes
+
+
+_Shapes = Annotated[AtLeastOne[Primitive], AfterValidator(_urdf_kinds)]
 
 
 @checked
@@ -54,11 +58,8 @@ class Link:
     name: Name
     mass: Positive
     """Mass [kg]."""
-    shapes: AtLeastOne[Primitive]
+    shapes: _Shapes
     """Solids that collide and are drawn: boxes, cylinders and capsules."""
-
-    def __post_init__(self) -> None:
-        _check_shapes(f"Link {self.name!r}", self.shapes)
 
 
 @checked
@@ -103,13 +104,10 @@ class Tool:
     """Distance from the flange to the tip [m]."""
     tip_half_extents: Annotated[tuple[Length, Length], Strict(False)]
     """Half the footprint of the tip along the tool's x and y [m]."""
-    shapes: AtLeastOne[Primitive]
+    shapes: _Shapes
     """Solids that collide and are drawn: boxes, cylinders and capsules."""
     half_turn: bool = False
     """It looks the same after half a turn, so that an arm may hold it either way."""
-
-    def __post_init__(self) -> None:
-        _check_shapes(f"Tool {self.name!r}", self.shapes)
 
 
 @checked

@@ -11,24 +11,19 @@ from numpy.typing import NDArray
 from modpush.envs.engines.base import (
     CONTACT_KEYS,
     ENGINES,
+    NAME_OF_PAIR,
+    PAIRS,
     Engine,
     SceneSpec,
     check_quaternions,
     check_vector,
 )
-from modpush.envs.engines.mujoco.model import OBJECT, OBSTACLE, ROBOT, TABLE, build_model
+from modpush.envs.engines.mujoco.model import build_model
 from modpush.envs.engines.mujoco.rendering import draw_picture
 from modpush.envs.scenes.objects import get_object_of
 from modpush.envs.scenes.scenario import Scenario
 
 _AT_END = len(CONTACT_KEYS) // 2  # index of the first that is about the step's end
-_PAIRS = (ROBOT | OBJECT, OBJECT | OBSTACLE, ROBOT | OBSTACLE)  # in the order of `CONTACT_KEYS`
-_NAME_OF_PAIR = {
-    ROBOT | OBJECT: "robot_object",
-    OBJECT | OBSTACLE: "object_obstacle",
-    ROBOT | OBSTACLE: "robot_obstacle",
-    OBJECT | TABLE: "object_table",
-}
 _LEAST_FREQ = 240
 _LARGEST = 1e4  # of positions and velocities that a simulation can have had [m, m/s, rad/s]
 _STATE = (
@@ -121,7 +116,7 @@ class MujocoEngine(Engine):
 
     def _touching(self) -> list[bool]:
         found = set(self._pairs().tolist())
-        return [pair in found for pair in _PAIRS]
+        return [pair in found for pair in PAIRS]
 
     @property
     def simulation(self) -> "tuple[mujoco.MjModel, mujoco.MjData]":
@@ -151,9 +146,9 @@ class MujocoEngine(Engine):
 
     def gaps(self) -> dict[str, float]:
         """See `Engine`."""
-        found = dict.fromkeys(_NAME_OF_PAIR.values(), math.inf)
+        found = dict.fromkeys(NAME_OF_PAIR.values(), math.inf)
         for pair, distance in zip(self._pairs().tolist(), self._data.contact.dist, strict=True):
-            if name := _NAME_OF_PAIR.get(pair):
+            if name := NAME_OF_PAIR.get(pair):
                 found[name] = min(found[name], float(distance))
         return found
 

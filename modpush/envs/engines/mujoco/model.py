@@ -7,16 +7,21 @@ from collections.abc import Iterable, Sequence
 import mujoco
 import numpy as np
 
-from modpush.envs.engines.base import CONTACT_GAP, FRICTION, SceneSpec
+from modpush.envs.engines.base import (
+    CONTACT_GAP,
+    FRICTION,
+    OBJECT,
+    OBSTACLE,
+    ROBOT,
+    TABLE,
+    SceneSpec,
+)
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.robot.urdf import mass_properties
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.obstacle import OBSTACLE_COLOR, OBSTACLE_MASS, Obstacle
 from modpush.envs.scenes.scenario import Scenario
 from modpush.geometry.shapes import Primitive, box, prism
-
-ROBOT, OBJECT, OBSTACLE, TABLE = 1, 2, 4, 8
-"""Categories of bodies, by which contacts are told apart: the `contype` of their geoms."""
 
 _SOLREF = (0.005, 1.0)
 _SOLIMP = (0.95, 0.99, 0.001, 0.5, 2.0)

@@ -9,15 +9,10 @@ from sapien import physx
 
 from modpush.envs.engines.sapien import bodies
 from modpush.envs.scenes.obstacle import OBSTACLE_COLOR, OBSTACLE_MASS, Obstacle
-from modpush.geometry.shapes import Primitive, box
+from modpush.geometry.shapes import box
 
 if TYPE_CHECKING:
     from mani_skill.envs.scene import ManiSkillScene
-
-
-def obstacle_part(obstacle: Obstacle) -> Primitive:
-    """The solid of an obstacle, in its own frame."""
-    return box(*obstacle.size, color=OBSTACLE_COLOR)
 
 
 class ObstacleSwapper:
@@ -65,7 +60,7 @@ class ObstacleSwapper:
 
     def _build(self, obstacle: Obstacle, index: int) -> sapien.Entity:
         """An obstacle at its pose, not yet added to the scene."""
-        part = obstacle_part(obstacle)
+        part = box(*obstacle.size, color=OBSTACLE_COLOR)
         mass = None if self._is_fixed(obstacle) else OBSTACLE_MASS
         entity = bodies.rigid_body([part], self._material, mass=mass)
         if obstacle.motion is not None:
