@@ -13,7 +13,7 @@ from torch import Tensor
 from torchrl.envs import EnvBase, TransformedEnv, set_exploration_type
 from torchrl.envs.utils import ExplorationType, step_mdp
 
-from modpush._types import Length, NonNegative, NonNegativeLength, Positive
+from modpush._types import Length, Positive
 from modpush._validation import checked_arguments
 from modpush.deploy.perception import Perceived, Sees
 from modpush.deploy.place_aside import place_aside
@@ -27,7 +27,10 @@ from modpush.mdp.action_frame import ActionFrame
 from modpush.mdp.contact_filter import ContactFilter
 from modpush.recipes.agent_file import Agent
 
-_YAW_MARGIN = math.radians(2)
+_TOUCH = 0.004  # distance of tip and object that counts as contact [m]
+_MARGINS = 0.005, math.radians(2)
+"""Distance [m] and angle [rad] by which the object must be nearer to its goal than the agent's
+tolerances, so that it has arrived in truth as well."""
 _ARRIVED = 0.01  # distance from a place aside at which the tool is there [m]
 _SEEN = 0.5  # share of the object's top, for which the tool stays aside no longer
 
@@ -46,10 +49,6 @@ class PushController:
             same motions slower.
         tip_height: Height of the tool's tip over the table [m]; None for that of the object,
             `PushedObject.tool_height`.
-        touch_distance: Distance of tip and object that counts as contact [m].
-        arrival_margin: Distance by which the object must be nearer to its goal than the agent's
-            `position_tolerance`, so that it has arrived in truth as well [m].
-        yaw_arrival_margin: The same for the yaw of a goal pose [rad].
         motion: How far a control step goes, and the tool's workspace.
         joint_speed: Speed of a joint from which steps are made shorter [rad/s], near the arm's axis. It
             should be below `Limits.joint_speed`, at which the guard stops the arm.
@@ -69,9 +68,6 @@ class PushController:
         *,
         rate: Positive | None = None,
         tip_height: Length | None = None,
-        touch_distance: NonNegativeLength = 0.004,
-        arrival_margin: NonNegativeLength = 0.005,
-        yaw_arrival_margin: NonNegative = _YAW_MARGIN,
         motion: MotionConfig | None = None,
         joint_speed: Positive = 3.0,
         look_after: Positive = 0.5,
@@ -87,11 +83,11 @@ class PushController:
         self.rate = float(config.simulation.control_freq if rate is None else rate)
         item = perception.item
         self.tip_height = item.tool_height if tip_height is None else tip_height
-        self.motion, self._touch_distance = motion or MotionConfig(), touch_distance
+        self.motion = motion or MotionConfig()
         self._joint_speed, self._patience = joint_speed, look_after
         self._tolerances = (
-            max(0.0, config.simulation.position_tolerance - arrival_margin),
-            max(0.0, config.simulation.yaw_tolerance - yaw_arrival_margin),
+            max(0.0, config.simulation.position_tolerance - _MARGINS[0]),
+            max(0.0, config.simulation.yaw_tolerance - _MARGINS[1]),
         )
         self._source = SourceEnv(item, perception.robot, config.scenario, config.simulation)
         self._env = self.agent.make_env(1, base=self._source, sensing=SensingConfig())
@@ -204,8 +200,7 @@ class PushController:
         """Set the entries that the agent reads, contact and success."""
         sees, found = self.perception, seen.object.found
         flange = sees.robot.link_transforms(joints)[-1]
-        distance = self._touch_distance
-        self.contact = touches(sees.tool, flange, sees.item, seen.object.pose, distance)
+        self.contact = touches(sees.tool, flange, sees.item, seen.object.pose, _TOUCH)
         arrived = self._source.show(seen, joints, goal, self.contact, self._tolerances)
         self.success, self._arrived_unseen = arrived and found, arrived and not found
 

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from modpush._validation import checked_arguments
 from modpush.deploy.arm_mask import ArmMask
-from modpush.deploy.height_map import HeightMap
-from modpush.deploy.image_kernels import sort_pixels
+from modpush.deploy.height_map import HeightMap, sort_pixels
 from modpush.deploy.push_motion import tool_outlines
 from modpush.deploy.tracker import ObjectEstimate, ObjectTracker
 from modpush.envs.depth.raycast import Solids, draw

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modpush._kernels import njit
-from modpush.deploy.image_kernels import ARM, GOOD
+from modpush.deploy.height_map import ARM, GOOD
 from modpush.deploy.outlines import overlap, padded, place
 from modpush.envs.scenes.objects import PushedObject
 from modpush.geometry.footprint import outline_of, side_planes, vertical_range

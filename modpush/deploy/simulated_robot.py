@@ -92,7 +92,6 @@ class SimulatedRobot(RobotInterface):
         self._scene().load(self.scenario, self._start)
 
     def observe(self) -> RobotState:
-        """See `RobotInterface`."""
         return RobotState(self._scene().joint_position().astype(np.float64), self.time)
 
     def command(self, command: Command) -> None:
@@ -119,7 +118,6 @@ class SimulatedRobot(RobotInterface):
         self.time += substeps / self._freq
 
     def close(self) -> None:
-        """See `RobotInterface`."""
         if self.scene is not None:
             self.scene.close()
             self.scene = None

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modpush.deploy.finding import ObjectFinder
-from modpush.deploy.height_map import HeightMap
-from modpush.deploy.image_kernels import ARM
+from modpush.deploy.height_map import ARM, HeightMap
 from modpush.deploy.outlines import padded, place, points_within
 from modpush.deploy.push_motion import PushMotion
 from modpush.deploy.registration import (

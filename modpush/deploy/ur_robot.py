@@ -120,7 +120,6 @@ class URRobot(RobotInterface):
             raise ConnectionError("URRobot: the arm has made a protective stop.")
 
     def command(self, command: Command) -> None:
-        """See `RobotInterface`."""
         self._check_connected()
         now = time.monotonic()
         target = np.array([*command.target[:2], command.height, command.target[2]])
@@ -170,7 +169,6 @@ class URRobot(RobotInterface):
             raise RuntimeError("the controller refused a pose; it may have stopped the program.")
 
     def stop(self) -> None:
-        """See `RobotInterface`."""
         self._running.clear()
         if self._servo is not None and self._servo is not threading.current_thread():
             self._servo.join(timeout=1.0)
@@ -183,7 +181,6 @@ class URRobot(RobotInterface):
             raise ConnectionError(f"URRobot: servoStop failed: {error}") from error
 
     def close(self) -> None:
-        """See `RobotInterface`."""
         if self._control is None:
             return
         try:

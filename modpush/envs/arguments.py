@@ -13,6 +13,7 @@ from modpush._types import Several
 from modpush._validation import check_value
 from modpush.envs.outcome import is_out_of_bounds, pose_errors
 from modpush.envs.push_state import object_digest
+from modpush.envs.robot.control import checked_solution
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scenes.arm_room import check_arm_is_free
 from modpush.envs.scenes.objects import PushedObject
@@ -145,6 +146,9 @@ def check_tolerance(config: ScenarioConfig, simulation: SimulationConfig) -> Non
 def _check_home(robot: Robot) -> None:
     """Refuse an arm whose flange does not point down over the table at home, roughly."""
     flange = robot.link_transforms(np.array(robot.home))[-1]
+    checked_solution(
+        robot, np.array([[*(flange[:3, 3] - robot.base), 0.0]])
+    )  # is of the right form
     (x, y, z), down = flange[:3, 3].round(3).tolist(), -float(flange[2, 2])
     if down < _DOWN or z <= 0:
         raise ValueError(

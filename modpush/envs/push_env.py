@@ -51,64 +51,56 @@ class PushEnv(EnvBase):
     All lengths in metres, all angles in radians, all poses `[x, y, yaw]` in the robot's base frame:
     x forward, y left, z up, the table's top at z = 0.
 
-        ============================ ================== ===============================================
-        key                          shape, dtype       meaning
-        ============================ ================== ===============================================
-        action                       `[B, 3]` float32   (dx, dy, dyaw) of the tool in [-1, 1], times
-                                                        (0.02 m, 0.02 m, 0.05 rad)
-        depth                        `[B, 1, 256, 256]` bird's-eye depth along the optical axis [m];
-                                     float32            the table is at 1.1 (absent with `depth=None`)
-        segmentation                 `[B, 1, 256, 256]` what each pixel shows: 0 table, 1 pushed
-                                     uint8              object, 2 obstacle, 3 robot
-        object_pose                  `[B, 3]` float32   pose of the pushed object
-        goal_position                `[B, 2]` float32   goal of the object's centre
-        goal_pose                    `[B, 3]` float32   goal of the object (only with `goal="pose"`)
-        pose_error                   `[B, 2]` float32   distance of the object from that goal [m], and
-                                                        the angle by which it is to be turned, modulo
-                                                        its symmetry (only with `goal="pose"`)
-        ee_pose                      `[B, 3]` float32   pose of the tool's tip
-        joint_position               `[B, n]` float32   angles of the arm's joints
-        object_radius                `[B, 1]` float32   circumscribed radius of the object's footprint
-        object_inscribed_radius      `[B, 1]` float32   radius of the circle inside the object's
-                                                        footprint
-        object_symmetry              `[B, 1]` float32   number of yaw angles at which the object looks
-                                                        the same: 4 for a square footprint, 0 for a
-                                                        disc
-        object_support               `[B, 48]` float32  how far the footprint reaches from the object's
-                                                        centre in 48 directions, the first along its
-                                                        own x
-        object_contact               `[B, 1]` bool      tool or arm touched the object during the step
-        obstacle_contact             `[B, 1]` bool      the object touched an obstacle during the step
-        tool_obstacle_contact        `[B, 1]` bool      tool or arm touched an obstacle during the step
-        object_contact_at_end        `[B, 1]` bool      the same as `object_contact` at the step's end
-        obstacle_contact_at_end      `[B, 1]` bool      the same as `obstacle_contact` there
-        tool_obstacle_contact_at_end `[B, 1]` bool      the same as `tool_obstacle_contact` there
-        target_reachable             `[B, 1]` bool      False if the arm cannot reach the commanded
-                                                        pose
-        obstacle_displacement        `[B, 24]` float32  how far each obstacle has moved since reset
-                                                        (only with `dynamic_obstacles=True`)
-        obstacle_pose                `[B, 24, 4]`       x, y, yaw of each obstacle, and the tilt of its
-                                     float32            vertical axis; zeros where there are fewer (only
-                                                        with `dynamic_obstacles=True`)
-        obstacle_motion              `[B, 4]` float32   place of the centre (x, y) and velocity (x, y)
-                                                        [m/s] of the obstacle nearest to the object of
-                                                        those that move by themselves, zeros where none
-                                                        does (only with `obstacle_motion=True`)
-        object_dynamics              `[B, 4]` float32   mass [kg], friction and centre of mass (x, y) in
-                                                        the object's frame (only with
-                                                        `object_dynamics=True`)
-        success                      `[B, 1]` bool      the object's centre is within
-                                                        `position_tolerance` of the goal, 5 cm by
-                                                        default, and with `goal="pose"` its yaw within
-                                                        `yaw_tolerance`, for `hold_steps` steps
-        out_of_bounds                `[B, 1]` bool      that centre is more than 5 cm outside the
-                                                        workspace
-        reward                       `[B, 1]` float32   1 on success, else 0
-        terminated                   `[B, 1]` bool      success (and out of bounds with
-                                                        `oob="terminate"`)
-        truncated                    `[B, 1]` bool      step limit, or out of bounds
-        done                         `[B, 1]` bool      terminated or truncated
-        ============================ ================== ===============================================
+    ============================ ================== =====================================================
+    key                          shape, dtype       meaning
+    ============================ ================== =====================================================
+    action                       `[B, 3]` float32   (dx, dy, dyaw) of the tool in [-1, 1], times (0.02 m,
+                                                    0.02 m, 0.05 rad)
+    depth                        `[B, 1, 256, 256]` bird's-eye depth along the optical axis [m]; the
+                                 float32            table is at 1.1 (absent with `depth=None`)
+    segmentation                 `[B, 1, 256, 256]` what each pixel shows: 0 table, 1 pushed object, 2
+                                 uint8              obstacle, 3 robot
+    object_pose                  `[B, 3]` float32   pose of the pushed object
+    goal_position                `[B, 2]` float32   goal of the object's centre
+    goal_pose                    `[B, 3]` float32   goal of the object (only with `goal="pose"`)
+    pose_error                   `[B, 2]` float32   distance of the object from that goal [m], and the
+                                                    angle by which it is to be turned, modulo its
+                                                    symmetry (only with `goal="pose"`)
+    ee_pose                      `[B, 3]` float32   pose of the tool's tip
+    joint_position               `[B, n]` float32   angles of the arm's joints
+    object_radius                `[B, 1]` float32   circumscribed radius of the object's footprint
+    object_inscribed_radius      `[B, 1]` float32   radius of the circle inside the object's footprint
+    object_symmetry              `[B, 1]` float32   number of yaw angles at which the object looks the
+                                                    same: 4 for a square footprint, 0 for a disc
+    object_support               `[B, 48]` float32  how far the footprint reaches from the object's
+                                                    centre in 48 directions, the first along its own x
+    object_contact               `[B, 1]` bool      tool or arm touched the object during the step
+    obstacle_contact             `[B, 1]` bool      the object touched an obstacle during the step
+    tool_obstacle_contact        `[B, 1]` bool      tool or arm touched an obstacle during the step
+    object_contact_at_end        `[B, 1]` bool      the same as `object_contact` at the step's end
+    obstacle_contact_at_end      `[B, 1]` bool      the same as `obstacle_contact` there
+    tool_obstacle_contact_at_end `[B, 1]` bool      the same as `tool_obstacle_contact` there
+    target_reachable             `[B, 1]` bool      False if the arm cannot reach the commanded pose
+    obstacle_displacement        `[B, 24]` float32  how far each obstacle has moved since reset (only
+                                                    with `dynamic_obstacles=True`)
+    obstacle_pose                `[B, 24, 4]`       x, y, yaw of each obstacle, and the tilt of its
+                                 float32            vertical axis; zeros where there are fewer (only with
+                                                    `dynamic_obstacles=True`)
+    obstacle_motion              `[B, 4]` float32   place of the centre (x, y) and velocity (x, y) [m/s]
+                                                    of the obstacle nearest to the object of those that
+                                                    move by themselves, zeros where none does (only with
+                                                    `obstacle_motion=True`)
+    object_dynamics              `[B, 4]` float32   mass [kg], friction and centre of mass (x, y) in the
+                                                    object's frame (only with `object_dynamics=True`)
+    success                      `[B, 1]` bool      the object's centre is within `position_tolerance` of
+                                                    the goal, 5 cm by default, and with `goal="pose"` its
+                                                    yaw within `yaw_tolerance`, for `hold_steps` steps
+    out_of_bounds                `[B, 1]` bool      that centre is more than 5 cm outside the workspace
+    reward                       `[B, 1]` float32   1 on success, else 0
+    terminated                   `[B, 1]` bool      success (and out of bounds with `oob="terminate"`)
+    truncated                    `[B, 1]` bool      step limit, or out of bounds
+    done                         `[B, 1]` bool      terminated or truncated
+    ============================ ================== =====================================================
 
     `reset(tensordict, scenarios=None, seed=None, state=None)` starts new episodes in the scenes where
     the key `"_reset"` is True, or in all scenes without that key. With `scenarios` they start from

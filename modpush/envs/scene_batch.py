@@ -250,15 +250,12 @@ class SceneBatch:
         )
 
     def object_transform_of(self, index: int) -> NDArray[np.float64]:
-        """See `SceneView`."""
         return np.array(self.engines[index].object_transform())
 
     def obstacle_transforms_of(self, index: int) -> NDArray[np.float64]:
-        """See `SceneView`."""
         return self.engines[index].obstacle_transforms()
 
     def link_transforms_of(self, index: int, names: Sequence[str]) -> NDArray[np.float64]:
-        """See `SceneView`."""
         return np.array(self.engines[index].link_transforms(names))
 
     def close(self) -> None:

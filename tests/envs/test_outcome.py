@@ -23,7 +23,7 @@ def test_the_object_is_out_of_bounds_beyond_the_margin_on_each_side() -> None:
 @pytest.mark.parametrize("oob", ["truncate", "terminate"])
 def test_how_an_episode_ends(oob) -> None:
     # At the goal; out of bounds; at the step limit; going on; at the goal and at the limit.
-    position = np.np.array([[0.5, 0.0], [0.9, 0.0], [0.3, 0.0], [0.3, 0.0], [0.5, 0.0]])
+    position = np.array([[0.5, 0.0], [0.9, 0.0], [0.3, 0.0], [0.3, 0.0], [0.5, 0.0]])
     success = np.array([True, False, False, False, True])
     steps = np.array([1, 1, 7, 6, 7])
     status = episode_status(success, position, ScenarioConfig().bounds(), steps, 7, oob)

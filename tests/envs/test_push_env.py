@@ -53,7 +53,7 @@ def test_every_key_of_the_docstring_is_emitted_and_no_other() -> None:
     said = {
         line.split()[0]
         for line in PushEnv.__doc__.split("meaning")[1].splitlines()
-        if line.startswith(" " * 8) and not line.startswith(" " * 9) and "`[B" in line
+        if line.startswith(" " * 4) and not line.startswith(" " * 5) and "`[B" in line
     }
     state = env.rand_step(env.reset())
     emitted = set(state["next"].keys()) | {"action"}

@@ -192,7 +192,7 @@ def start_joints(
     if robot.solve is None:
         joints, found = _led_from_home(robot, place, yaw + turns)
     else:
-        joints, found = _solved(
+        joints, found = checked_solution(
             robot, np.column_stack([np.tile(place, (len(turns), 1)), yaw + turns])
         )
     if not found.any():
@@ -206,7 +206,7 @@ def start_joints(
     return joints[int(np.argmin(away))].astype(np.float32)
 
 
-def _solved(
+def checked_solution(
     robot: Robot, poses: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Joint angles by the robot's own `solve` from home, checked."""
@@ -242,7 +242,7 @@ def _led_from_home(
         left = np.flatnonzero(found)
         joints[left], found[left] = robot.inverse(poses[left], joints[left])
     if not found.any():  # a joint is at its limit on the way
-        return _solved(robot, np.column_stack([np.tile(place, (len(yaws), 1)), yaws]))
+        return checked_solution(robot, np.column_stack([np.tile(place, (len(yaws), 1)), yaws]))
     return joints, found
 
 

@@ -38,7 +38,6 @@ class DampedLeastSquares:
     def __call__(
         self, pose: NDArray[np.float64], last: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """See `InverseKinematics`."""
         return _solve(pose, last, *self.chain)
 
 

@@ -55,7 +55,6 @@ class MujocoEngine(Engine):
         self._lag = spec.robot.damping / spec.robot.stiffness
 
     def load(self, scenario: Scenario, joints: NDArray[np.float32]) -> None:
-        """See `Engine`."""
         item = get_object_of(self._spec.objects, scenario.pushed_object)
         self._goal = scenario.goal_position
         model = self._model = build_model(self._spec, scenario, item)
@@ -85,7 +84,6 @@ class MujocoEngine(Engine):
         looks: Collection[int],
         obstacles: NDArray[np.float64] | None = None,
     ) -> list[bool]:
-        """See `Engine`."""
         model, data, ctrl = self._model, self._data, self._ctrl
         targets = np.array(position) + np.array(velocity) * self._lag
         touched = [False] * _AT_END
@@ -124,11 +122,9 @@ class MujocoEngine(Engine):
         return self._model, self._data
 
     def joint_position(self) -> NDArray[np.float32]:
-        """See `Engine`."""
         return self._data.qpos[: self._num_joints].astype(np.float32)
 
     def object_transform(self) -> list[float]:
-        """See `Engine`."""
         return self._transform(self._bodies["object"])
 
     def _transform(self, body: int) -> list[float]:
@@ -136,16 +132,13 @@ class MujocoEngine(Engine):
         return [*data.xpos[body].tolist(), *data.xquat[body].tolist()]
 
     def obstacle_transforms(self) -> NDArray[np.float64]:
-        """See `Engine`."""
         data, rows = self._data, self._obstacles
         return np.concatenate([data.xpos[rows], data.xquat[rows]], axis=1)
 
     def link_transforms(self, names: Sequence[str]) -> list[list[float]]:
-        """See `Engine`."""
         return [self._transform(self._bodies[name]) for name in names]
 
     def gaps(self) -> dict[str, float]:
-        """See `Engine`."""
         found = dict.fromkeys(NAME_OF_PAIR.values(), math.inf)
         for pair, distance in zip(self._pairs().tolist(), self._data.contact.dist, strict=True):
             if name := NAME_OF_PAIR.get(pair):
@@ -162,12 +155,10 @@ class MujocoEngine(Engine):
         return state.astype("<f8").view("<u2").astype(np.float32)
 
     def unpack(self, packed: NDArray[np.float32]) -> None:
-        """See `Engine`."""
         mujoco.mj_setState(self._model, self._data, _unpacked(packed), _STATE)
         mujoco.mj_step1(self._model, self._data)
 
     def check_packed(self, packed: NDArray[np.float32], scenario: Scenario) -> None:
-        """See `Engine`."""
         movable = self._spec.dynamic_obstacles
         free = 1 + sum(movable or o.motion is not None for o in scenario.obstacles)
         moving = (

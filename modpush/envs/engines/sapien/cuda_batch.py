@@ -29,7 +29,6 @@ class CudaBatch(SceneBatch):
         super().__init__(num_envs, lambda _: next(scenes), spec, *seen)
 
     def start(self, indices: Sequence[int], scenarios: Sequence[Scenario]) -> None:
-        """See `SceneBatch`."""
         rows = torch.as_tensor(indices, device=self._task.device)
         self._task.reset(options={"env_idx": rows, "scenarios": list(scenarios)})
         for i in indices:
@@ -37,11 +36,9 @@ class CudaBatch(SceneBatch):
             self._begin_episode(i, placed, placed.tool_pose)
 
     def step(self, action: Tensor) -> None:
-        """See `SceneBatch`."""
         self._task.step(action.float())
 
     def measure(self) -> Measurement:
-        """See `SceneBatch`."""
         task = self._task
         names = [task.scenarios[i].pushed_object for i in range(self.num_envs)]
         return Measurement(
@@ -55,7 +52,6 @@ class CudaBatch(SceneBatch):
         )
 
     def get_state(self, index: int) -> SceneState:
-        """See `SceneBatch`."""
         task = self._task
         controller = task.agent.controller
         x, y, yaw = controller.target[index].tolist()
@@ -81,7 +77,6 @@ class CudaBatch(SceneBatch):
         controller.reachable[index] = state.target_reachable
 
     def close(self) -> None:
-        """See `SceneBatch`."""
         self._task.close()
         super().close()
 

@@ -166,25 +166,20 @@ class SapienEngine(Engine):
         return contacts.touched
 
     def joint_position(self) -> NDArray[np.float32]:
-        """See `Engine`."""
         return self._robot.qpos
 
     def object_transform(self) -> list[float]:
-        """See `Engine`."""
         pose = self._pushed_body.entity_pose
         return [*pose.p.tolist(), *pose.q.tolist()]
 
     def obstacle_transforms(self) -> NDArray[np.float64]:
-        """See `Engine`."""
         return self._obstacles.transforms()
 
     def link_transforms(self, names: Sequence[str]) -> list[list[float]]:
-        """See `Engine`."""
         poses = [self._links[name].entity_pose for name in names]
         return [[*pose.p.tolist(), *pose.q.tolist()] for pose in poses]
 
     def gaps(self) -> dict[str, float]:
-        """See `Engine`."""
         return self._contacts.gaps()
 
     def pack(self) -> NDArray[np.float32]:
@@ -200,7 +195,6 @@ class SapienEngine(Engine):
         return packed
 
     def unpack(self, packed: NDArray[np.float32]) -> None:
-        """See `Engine`."""
         self._scene.px.unpack(packed.tobytes())
 
     def check_packed(self, packed: NDArray[np.float32], scenario: Scenario) -> None:
@@ -218,7 +212,6 @@ class SapienEngine(Engine):
         check_quaternions(packed[: _BODY * num_bodies].reshape(-1, _BODY)[:, :4])
 
     def picture(self) -> NDArray[np.uint8] | None:
-        """See `Engine`."""
         if not self._scene.can_render():
             return None
         return self.task.render_rgb_array()[0].cpu().numpy()
