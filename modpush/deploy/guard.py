@@ -79,12 +79,6 @@ class Guard:
 
     Each check that fails stops the arm and raises `Stopped`. It does not replace the robot's own safety
     functions, an emergency stop, or a person who watches.
-
-    Args:
-        arm: The arm.
-        controller: What commands it.
-        camera: The camera of its images.
-        limits: Bounds of motion and perception.
     """
 
     def __init__(

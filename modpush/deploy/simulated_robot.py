@@ -28,8 +28,7 @@ class SimulatedRobot(RobotInterface):
 
     Args:
         scenario: Layout, object and goal.
-        robot: The arm, or its name.
-        tool: Its tool, or its name.
+        robot, tool: The arm and its tool, or their names.
         pushed_object: The object, if it is none of the library's.
         aside: Let the arm stand aside at first, where it hides nothing, until `approach`.
         engine: Physics engine.

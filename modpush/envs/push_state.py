@@ -92,22 +92,16 @@ class PushState:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "PushState":
-        """Inverse of `to_dict`, also after a round trip through JSON.
-
-        Raises:
-            ValueError: If a field is missing, unknown or malformed.
-        """
+        """Inverse of `to_dict`, also after JSON; a ValueError names a field that is wrong."""
         count = len(data["step_count"]) if isinstance(data.get("step_count"), list | tuple) else 0
         return from_plain(cls, {"steps_at_goal": [0] * count, **data})  # older ones have none
 
 
 def make_generators(seed: int | Sequence[int] | None, count: int) -> list[np.random.Generator]:
-    """A generator for each scene.
+    """A generator for each of `count` scenes.
 
-    Args:
-        seed: One for each scene; or that of the first, alone or in a list, from which scene `i` gets
-            `seed + i`; or None for unpredictable numbers.
-        count: Number of scenes.
+    `seed` is one for each scene; or that of the first, alone or in a list, from which scene `i` gets
+    `seed + i`; or None for unpredictable numbers.
 
     Raises:
         ValueError: If there is neither one seed nor one per scene, or one is not a whole number >= 0.
@@ -133,18 +127,10 @@ def object_digest(item: PushedObject) -> str:
 def check_state(
     state: PushState, count: int, config: Mapping[str, Any], objects: Mapping[str, str], goal: Goal
 ) -> None:
-    """Check that a state can be restored in an environment.
+    """Check that a state can be restored in `count` scenes of an environment, before anything changes.
 
-    Args:
-        state: The state.
-        count: Number of scenes that are to be put into it.
-        config: The environment's options that a state belongs to.
-        objects: Digests of the environment's objects, by name.
-        goal: Kind of the goals of the environment's episodes.
-
-    Raises:
-        TypeError: If it is not a `PushState`.
-        ValueError: If it is of another environment or number of scenes, or damaged.
+    `config` are the environment's options that a state belongs to, and `objects` digests of its objects
+    by name. A TypeError or a ValueError says what does not fit.
     """
     if not isinstance(state, PushState):
         raise TypeError(f"state must be a PushState, got {type(state).__name__}.")

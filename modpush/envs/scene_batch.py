@@ -91,12 +91,7 @@ class SceneBatch:
         return camera
 
     def start(self, indices: Sequence[int], scenarios: Sequence[Scenario]) -> None:
-        """Start episodes in the scenes of these indices.
-
-        Raises:
-            ValueError: If an object is none of the scenes', or the arm cannot reach a tool's pose;
-                nothing has changed then.
-        """
+        """Start episodes in scenes; a ValueError is raised before anything changes."""
         joints = []
         for number, scenario in enumerate(scenarios):
             try:

@@ -60,18 +60,9 @@ def frame_yaw(frame: Frame, object_pose: Tensor, subgoal: Tensor | None = None) 
         return torch.zeros_like(object_pose[..., :1])
     if frame == "object":
         return object_pose[..., 2:]
-    check_frame(frame)
+    if frame not in get_args(Frame):
+        raise ValueError(f"frame must be one of {get_args(Frame)}, got {frame!r}.")
     if subgoal is None:
         raise ValueError("frame_yaw: frame 'path' needs a sub-goal, got subgoal=None.")
     ahead = subgoal - object_pose[..., :2]
     return torch.atan2(ahead[..., 1:], ahead[..., :1])
-
-
-def check_frame(frame: str) -> None:
-    """Check the name of a frame.
-
-    Raises:
-        ValueError: If the frame is unknown; the message lists the known ones.
-    """
-    if frame not in get_args(Frame):
-        raise ValueError(f"frame must be one of {get_args(Frame)}, got {frame!r}.")

@@ -16,14 +16,6 @@ from modpush._validation import checked_arguments
 from modpush.mdp.noise import RandomStream
 
 
-def with_newest(value: Tensor, history: Tensor, lead: int) -> Tensor:
-    """A value `[*B, *size]` before those of earlier steps, `[*B, n, *size]`, newest first.
-
-    `lead` is the number of dimensions of `B`.
-    """
-    return torch.cat([value.unsqueeze(lead), history], lead)
-
-
 def of_age(values: Tensor, age: Tensor) -> Tensor:
     """The value of an age `[*B, 1]` [steps] in each scene, of values `[*B, n, *size]`, newest first."""
     lead = age.ndim - 1
@@ -100,7 +92,7 @@ class ActionDelay(DescribedTransform):
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = read_key(tensordict, self.action_key, _ACTION_DIM)
         history = read_key(tensordict, self.history_key, self.steps[1], _ACTION_DIM)
-        sent = with_newest(action, history, action.ndim - 1)
+        sent = torch.cat([action.unsqueeze(-2), history], -2)
         state = read_key(tensordict, self._stream.key, 1)
         tensordict.set(_SENT, sent)
         age = self._stream.integer(state, *self.steps)
@@ -216,7 +208,8 @@ class ObservationDelay(DescribedTransform):
         age: Tensor,
     ) -> None:
         lead = age.ndim - 1
-        values = with_newest(read_key(tensordict, source), history, lead)
+        newest = read_key(tensordict, source).unsqueeze(lead)
+        values = torch.cat([newest, history], lead)
         tensordict.set(target, of_age(values, age))
         tensordict.set(past, values.narrow(lead, 0, self.steps[1]))
 

@@ -91,11 +91,9 @@ def _assign(row: Tensor, columns: slice, value: Tensor, what: str) -> None:
 
 
 class ReadRecorder:
-    """Stands in for a tensordict while the keys that are read are noted.
+    """Stands in for a tensordict, or for a spec, of which zeros are given, and notes what is read.
 
-    Args:
-        source: A tensordict; or a spec, of which zeros are given, made only for what is read.
-        defaults: Values of keys that are not in `source`.
+    `defaults` are values of keys that are not in `source`.
     """
 
     def __init__(
@@ -119,13 +117,9 @@ class ReadRecorder:
 
 
 def fingerprint_differences(stored: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Differences between two `PushObservation.fingerprint`s in words; an empty list if they agree.
+    """Differences of a stored `PushObservation.fingerprint` and one of now in words; empty if they agree.
 
     Numbers agree within 0.1 % or 1e-4, so that rounding on another machine is no difference.
-
-    Args:
-        stored: The fingerprint that an agent was trained with.
-        now: That of the observation that it is to act on.
     """
     found = [
         f"{name}: {stored[name]!r} -> {now[name]!r}"

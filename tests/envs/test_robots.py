@@ -206,7 +206,7 @@ def test_a_part_that_is_no_robot_or_not_importable_is_told_in_a_few_words() -> N
         ValueError, match=r"folder of PYTHONPATH; for the current folder, PYTHONPATH=\."
     ):
         PushEnv(1, robot="no_such_module:ARM")
-    with pytest.raises(ValueError, match="or 'module:name' or a Robot, got './my_arm.py'"):
+    with pytest.raises(ValueError, match=r"or 'module:name' or a Robot, got './my_arm\.py'"):
         PushEnv(1, robot="./my_arm.py")
 
 

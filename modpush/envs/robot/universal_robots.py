@@ -96,15 +96,12 @@ _TABLE = {
 class ThreeParallelAxes:
     """Joint angles that hold the tool straight down at a pose, in the working branch.
 
-    With the tool down the wrist's bend is a right angle and the last joint follows yaw linearly,
-    so the solution is continuous over the whole workspace and in an unwrapped yaw: no branch is
-    searched and none can be jumped. Of the arm's eight branches two keep the elbow over the table (25 cm
-    and more on a UR5) and reach the whole workspace; this is the one whose shoulder angle does not wrap
-    there. It is an `InverseKinematics`; poses out of reach get the angles of the nearest reach.
-
-    Args:
-        d: Denavit-Hartenberg offsets of the six joints [m].
-        a: Denavit-Hartenberg lengths of the six joints [m].
+    With the tool down the wrist's bend is a right angle and the last joint follows yaw linearly, so the
+    solution is continuous over the whole workspace and in an unwrapped yaw: no branch is searched and
+    none can be jumped. Of the arm's eight branches two keep the elbow over the table (25 cm and more on a
+    UR5) and reach the whole workspace; this is the one whose shoulder angle does not wrap there. It is an
+    `InverseKinematics`; poses out of reach get the angles of the nearest reach. `d` and `a` are the
+    Denavit-Hartenberg offsets and lengths of the six joints [m].
     """
 
     d: tuple[float, ...]

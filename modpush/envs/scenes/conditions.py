@@ -149,9 +149,5 @@ class EpisodeConditions:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "EpisodeConditions":
-        """Inverse of `to_dict`.
-
-        Raises:
-            ValueError: If a field is missing, unknown or wrong; the message names it.
-        """
+        """Inverse of `to_dict`, also after JSON; a ValueError names a field that is wrong."""
         return from_plain(cls, data)

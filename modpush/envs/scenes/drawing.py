@@ -68,10 +68,9 @@ def draw_top_view(
 
     Args:
         scenario: What the episode started from.
-        object_pose: x, y, yaw now [m, m, rad].
-        ee_pose: x, y, yaw of the tool's tip now.
-        object_path: Positions of the object until now, `[n, 2]` [m]; `ee_path` are those of the tool, and
-            `planned_path` is a planned way, magenta.
+        object_pose, ee_pose: x, y, yaw of the object and of the tool's tip now [m, m, rad].
+        object_path, ee_path: Their positions until now, `[n, 2]` [m].
+        planned_path: A planned way, `[n, 2]` [m], magenta.
         subgoal: x, y of the present sub-goal [m], a magenta disc.
         inflation: Obstacles get a light rim of this width, where the object's centre cannot be [m].
         obstacle_poses: Present poses of the obstacles, `[n, 3]`; by default those at the start.

@@ -100,11 +100,7 @@ class Scenario:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "Scenario":
-        """Inverse of `to_dict`, also after a round trip through JSON.
-
-        Raises:
-            ValueError: If a field is missing, unknown or wrong; the message names it.
-        """
+        """Inverse of `to_dict`, also after JSON; a ValueError names a field that is wrong."""
         return from_plain(cls, data)
 
 

@@ -33,14 +33,11 @@ _IN_SHADOW = 1e-3  # least distance from what is in the light's way [m]
 
 
 class DepthRenderer:
-    """Renders the depth image that a calibrated camera has of a scene, arm included.
+    """Renders the depth image that a calibrated camera has of a scene, arm and distortion included.
 
     MuJoCo's own renderer draws it where OpenGL can be had without a display (EGL or OSMesa; Debian's
-    `libegl1` with Mesa draws on the CPU). Everywhere else, rays are cast, in four times the time.
-
-    Args:
-        camera: The camera. Where it has distortion, the image has it, too.
-        method: `"opengl"`, `"rays"`, or `"auto"` for the first one if it can be had.
+    `libegl1` with Mesa draws on the CPU). Everywhere else, rays are cast, in four times the time. The
+    method is `"opengl"`, `"rays"`, or `"auto"` for the first one if it can be had.
 
     Raises:
         RuntimeError: If `"opengl"` is asked for and cannot be had.
