@@ -34,10 +34,9 @@ class MovingObstacles:
         return (np.stack([obstacle.at(time) for obstacle in obstacles], axis=1),)
 
     def nearest(self, object_position: NDArray[np.float64]) -> Tensor:
-        """Place [m] and velocity [m/s] of the nearest moving obstacle, `[B, 4]` float32; zeros for none.
+        """Place [m] and velocity [m/s] of the moving obstacle that is nearest to places `[B, 2]` [m].
 
-        Args:
-            object_position: Places to which it is nearest, `[B, 2]` [m].
+        `[B, 4]` float32; zeros where there is none.
         """
         found = np.zeros((len(self._obstacles), 4))
         for i, obstacles in enumerate(self._obstacles):

@@ -1,9 +1,9 @@
 """Columns of an observation by entry, with their shifts and scales."""
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
@@ -135,12 +135,6 @@ def fingerprint_differences(stored: Mapping[str, Any], now: Mapping[str, Any]) -
         if widths[0] != widths[1]:
             return [*found, f"values of {one['name']!r}: {widths[0]} -> {widths[1]}"]
         for field in ("shift", "scale"):
-            if not _close(one[field], other[field]):
+            if not np.allclose(one[field], other[field], rtol=1e-3, atol=1e-4):
                 found.append(f"{field} of {one['name']!r}: {one[field]} -> {other[field]}")
     return found
-
-
-def _close(one: Sequence[float], other: Sequence[float]) -> bool:
-    return len(one) == len(other) and all(
-        math.isclose(a, b, rel_tol=1e-3, abs_tol=1e-4) for a, b in zip(one, other, strict=True)
-    )

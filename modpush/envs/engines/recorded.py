@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush.envs.engines.base import CONTACT_KEYS, Engine, SceneSpec
+from modpush.envs.engines.base import CONTACT_KEYS, NAME_OF_PAIR, Engine, SceneSpec
 from modpush.envs.scenes.objects import get_object_of
 from modpush.envs.scenes.scenario import Scenario
 
@@ -92,8 +92,7 @@ class RecordedEngine(Engine):
 
     def gaps(self) -> dict[str, float]:
         """No distance is recorded: all are infinite."""
-        pairs = ("robot_object", "object_obstacle", "robot_obstacle", "object_table")
-        return dict.fromkeys(pairs, math.inf)
+        return dict.fromkeys(NAME_OF_PAIR.values(), math.inf)
 
     def pack(self) -> NDArray[np.float32]:
         """The place in the recording."""
