@@ -216,7 +216,7 @@ class PushEnv(EnvBase):
     def _set_seed(self, seed: int | None) -> None:
         self._rngs = make_generators(seed, self.batch_size[0])
 
-    def _reset(  # type: ignore[override]  # an unknown argument is Python's error
+    def _reset(
         self,
         tensordict: TensorDictBase | None = None,
         scenarios: Sequence[Scenario] | None = None,
@@ -342,7 +342,7 @@ class PushEnv(EnvBase):
             scenes=tuple(self._batch.get_state(i) for i in chosen),
             step_count=tuple(self._step_count[chosen].tolist()),
             steps_at_goal=tuple(self._steps_at_goal[chosen].tolist()),
-            rngs=tuple(self._rngs[i].bit_generator.state for i in chosen),
+            rngs=tuple(dict(self._rngs[i].bit_generator.state) for i in chosen),
             config=self._state_config,
             objects=self._digests,
         )

@@ -163,10 +163,11 @@ class MotionPlanner:
         way[..., [0, 1, 3]] = start[:, None] + moved
         way[..., 2] = flange_height[:, None]
         way[..., :3] -= self._base
-        way = way.reshape(-1, 4)
-        knots, found = self._inverse(way, joints.repeat(rows, axis=0))
-        ramps = _ramp(start, goal, joints, knots, found, rows, *self._ramp)
-        return PlannedMotion(*ramps, start)
+        knots, found = self._inverse(way.reshape(-1, 4), joints.repeat(rows, axis=0))
+        target, position, velocity, reachable = _ramp(
+            start, goal, joints, knots, found, rows, *self._ramp
+        )
+        return PlannedMotion(target, position, velocity, reachable, start)
 
 
 def start_joints(

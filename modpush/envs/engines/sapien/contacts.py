@@ -40,8 +40,7 @@ class CpuContacts:
     ) -> None:
         self.touched = [False] * len(CONTACT_KEYS)
         """Contacts since `clear`, in the order of `CONTACT_KEYS`."""
-        self._scene, self._device = scene, scene.device
-        self._obstacles = obstacles
+        self._scene, self._obstacles = scene, obstacles
         self._permanent: dict[Any, int] = {
             **{link._objs[0]: ROBOT for link in robot.links},
             **{actor._bodies[0]: OBJECT for actor in objects},
