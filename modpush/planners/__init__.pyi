@@ -23,3 +23,4 @@ from .pose_subgoals import PoseSubgoals as PoseSubgoals
 from .straight_line import StraightLine as StraightLine
 from .subgoals import PlannerSubgoals as PlannerSubgoals
 from .swept_obstacles import SweptObstacles as SweptObstacles
+from .through_obstacles import ThroughObstacles as ThroughObstacles

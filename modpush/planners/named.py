@@ -17,6 +17,7 @@ from modpush.planners.lazy_theta_star import LazyThetaStar
 from modpush.planners.occupancy_map import OccupancyMap, inflate
 from modpush.planners.pose_field import PoseField
 from modpush.planners.straight_line import StraightLine
+from modpush.planners.through_obstacles import ThroughObstacles
 
 PLANNERS: dict[str, Callable[[], Planner]] = {
     "distance_field": DistanceField,
@@ -24,6 +25,7 @@ PLANNERS: dict[str, Callable[[], Planner]] = {
     "lazy_theta_star_grid": partial(LazyThetaStar, nodes="grid"),
     "a_star": AStar,
     "straight_line": StraightLine,
+    "through_obstacles": ThroughObstacles,
 }
 """Factory of each planner, by name."""
 

@@ -61,6 +61,21 @@ def _any_object() -> TrainConfig:
     )
 
 
+def _movable() -> TrainConfig:
+    """The small cube among boxes that can be pushed away. docs/results/tracks.md has its figures."""
+    cpu = _cpu()
+    return replace(
+        cpu,
+        env=cpu.env.with_fields(
+            scene=("free", "movable_4", "movable_8", "movable_12"),
+            dynamic_obstacles=True,
+            path_required=False,
+            planner="through_obstacles",
+        ),
+        total_steps=150_000,
+    )
+
+
 def _refine(first: TrainConfig, run: str, learning_starts: int) -> TrainConfig:
     """Further training of a run with a reward that asks for more contact, less collision and detour.
 
@@ -250,6 +265,10 @@ TRAIN_PRESETS: dict[str, tuple[str, TrainConfig]] = {
     "any_object": (
         "The same with twelve objects, eight of them of random shape, and random mass and friction.",
         _any_object(),
+    ),
+    "movable": (
+        "The same among boxes that can be pushed away, past which there may be no path.",
+        _movable(),
     ),
     "refine": (
         "Further training of a run of `cpu`, with higher weights for contact, collisions and detours.",
