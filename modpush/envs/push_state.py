@@ -46,6 +46,11 @@ class SceneState:
         scenario, physics = self.scenario.to_dict(), _to_plain(self.physics)
         return {**plain, "scenario": scenario, "physics": physics}
 
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "SceneState":
+        """Inverse of `to_dict`, also after JSON; a ValueError names a field that is wrong."""
+        return from_plain(cls, data)
+
 
 def _to_plain(value: Any) -> Any:
     if isinstance(value, dict):

@@ -145,7 +145,7 @@ def test_a_workspace_beyond_reach_is_refused_later_too() -> None:
         ({"home": UR10.home[:5]}, "6 joints need 7 links and 6 home angles, got 7 and 5"),
         ({"home": (9.0, *UR10.home[1:])}, "home of 'shoulder_pan' must be within its limits"),
         ({"links": (*UR10.links[:6], replace(UR10.links[6], name="tool"))}, "different names"),
-        ({"reach": (0.5, 0.4)}, "reach must be"),
+        ({"reach": (0.5, 0.4)}, "reach: Input should be a range"),
         ({"solve": 3}, "solve must be a function"),
         ({"joints": ()}, "joints"),
         (
@@ -234,7 +234,7 @@ def test_solids_that_a_urdf_does_not_know_are_refused() -> None:
         ValueError, match="Link: shapes: Input should be boxes, cylinders and capsules"
     ):
         Link(name="a", mass=1.0, shapes=(wedge,))
-    with pytest.raises(ValueError, match="Tool 'a': shapes"):
+    with pytest.raises(ValueError, match="Tool: shapes"):
         replace(SPOON, name="a", shapes=(wedge,))
 
 
