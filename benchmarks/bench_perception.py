@@ -14,7 +14,7 @@ import numpy as np
 
 from modpush.deploy import Perception
 from modpush.envs.depth.stereo_noise import stereo_noise
-from modpush.envs.engines.mujoco.depth_renderer import DepthRenderer
+from modpush.envs.engines.mujoco.rendering import DepthRenderer
 from modpush.envs.push_env import PushEnv
 from modpush.envs.scenes.objects import PAPER_OBJECTS
 from modpush.geometry import CameraModel

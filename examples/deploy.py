@@ -39,7 +39,7 @@ from modpush.deploy import (
 )
 from modpush.envs import Scenario
 from modpush.envs.depth.stereo_noise import stereo_noise
-from modpush.envs.engines.mujoco.depth_renderer import DepthRenderer
+from modpush.envs.engines.mujoco.rendering import DepthRenderer
 from modpush.envs.outcome import pose_errors
 from modpush.envs.scenes.drawing import draw_top_view
 from modpush.evaluation import load_set

@@ -10,21 +10,14 @@ from filelock import FileLock, Timeout
 
 @contextmanager
 def replacing(path: Path | str) -> Iterator[Path]:
-    """Write to a temporary file that takes the place of `path` when the block ends without an error.
+    """Write to a temporary file beside `path`, which replaces it when the block ends without an error.
 
     Until then, and after an error or a kill, `path` is as it was before. The new content is on disk
     before the name is. A temporary file that a killed process left is written over by the next attempt.
 
-    Args:
-        path: The file to replace; its folder is made.
-
-    Yields:
-        The temporary file's path, in the same folder.
-
     Raises:
-        IsADirectoryError: If the path is a folder.
-        NotADirectoryError: If its folder is or lies in a file.
-        OSError: If it cannot be written; the message names it.
+        OSError: If it cannot be written, or the path or its folder is of the other kind; the message
+        names it.
     """
     path = Path(path)
     if path.is_dir():
@@ -44,12 +37,7 @@ def replacing(path: Path | str) -> Iterator[Path]:
 
 
 def make_folder(path: Path | str) -> Path:
-    """Make a folder unless it is there.
-
-    Raises:
-        NotADirectoryError: If it, or a folder that it lies in, is a file.
-        OSError: If it cannot be made, for instance on a disk that is only read.
-    """
+    """Make a folder unless it is there; an OSError names what is in the way."""
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -66,13 +54,10 @@ class FolderLockedError(OSError):
 
 
 class FolderLock:
-    """A folder that no other process may write to. The lock ends with the process, however that ends.
-
-    The folder is made if it is not there.
+    """A folder, made if it is not there, that no other process may write to until this one ends.
 
     Raises:
         FolderLockedError: If another process, or another lock of this one, holds it.
-        NotADirectoryError: If it, or a folder that it lies in, is a file.
         OSError: If the folder cannot be written to.
     """
 

@@ -32,12 +32,6 @@ def check_shape(name: str, value: Tensor, letters: str, expected: Sequence[int])
         raise ValueError(f"{name} must be [{letters}] = {list(expected)}, got {list(value.shape)}.")
 
 
-def check_span(name: str, span: tuple[float, float]) -> None:
-    """Raise a ValueError unless the lower end of a range comes first."""
-    if span[0] > span[1]:
-        raise ValueError(f"{name} must be (lowest, highest), got {span}.")
-
-
 def check_instance(name: str, value: Any, kind: type) -> None:
     """Raise a TypeError unless a value is of a class."""
     if not isinstance(value, kind):
@@ -45,12 +39,7 @@ def check_instance(name: str, value: Any, kind: type) -> None:
 
 
 def check_real(name: str, value: Any, *last: int) -> None:
-    """Check that a value is a tensor of real numbers `[..., *last]`, in less than a microsecond.
-
-    Raises:
-        TypeError: If it is something else.
-        ValueError: If its last dimensions are others.
-    """
+    """Check that a value is a tensor of real numbers `[..., *last]`, in less than a microsecond."""
     if not isinstance(value, Tensor):
         raise TypeError(f"{name} must be a tensor, got {type(value).__name__}.")
     if value.dtype in _NO_NUMBERS:
@@ -83,9 +72,6 @@ def check_depth_unit(depth: Tensor, camera_z: float) -> None:
     Args:
         depth: `[B, H, W]` [m]; 0 where nothing was seen.
         camera_z: Height of the camera over the table [m].
-
-    Raises:
-        ValueError: If in one scene all pixels lie well beyond the table, or are not finite.
     """
     limit = _TOLERANCE * camera_z
     # NaN and infinity count as beyond. Few images get past the first, cheap look.
@@ -105,12 +91,7 @@ def check_depth_unit(depth: Tensor, camera_z: float) -> None:
 
 
 def read_key(tensordict: TensorDictBase, key: NestedKey, *last: int) -> Tensor:
-    """The entry under a key.
-
-    Raises:
-        KeyError: If there is none; the message lists the keys.
-        ValueError: If its last dimensions are not `last`, where they are given.
-    """
+    """The entry under a key; the error for a missing one lists the keys that there are."""
     value = tensordict.get(key, None)
     if value is None:
         raise KeyError(
@@ -124,11 +105,7 @@ def read_key(tensordict: TensorDictBase, key: NestedKey, *last: int) -> Tensor:
 
 
 def check_spec_has(spec: "TensorDictBase", keys: Iterable[NestedKey]) -> None:
-    """Check that an environment emits what a transform reads.
-
-    Raises:
-        KeyError: If a key is not in the observation spec; the message lists the keys.
-    """
+    """Raise a KeyError unless an environment emits what a transform reads."""
     missing = [key for key in keys if spec.get(key, None) is None]
     if missing:
         raise KeyError(

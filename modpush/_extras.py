@@ -26,11 +26,7 @@ class MissingExtraError(ImportError):
 
 
 def require_extra(caller: str, *packages: str) -> None:
-    """Check that packages of `EXTRAS` are installed, without importing them.
-
-    Raises:
-        MissingExtraError: If one is not there; the message says what to install.
-    """
+    """Check that packages of `EXTRAS` are installed, or say what to install; nothing is imported."""
     missing = [name for name in packages if importlib.util.find_spec(name) is None]
     if missing:
         extras = ",".join(sorted({EXTRAS[name] for name in missing}))

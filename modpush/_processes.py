@@ -108,11 +108,7 @@ def ray_session(caller: str, least: int) -> Iterator[ModuleType]:
     """The package `ray`, connected to a cluster of at least `least` CPUs within a block.
 
     Ray looks for a cluster in `RAY_ADDRESS` and on this machine, and else starts one here. A connection
-    that exists already is used and kept.
-
-    Raises:
-        MissingExtraError: If Ray is not installed.
-        RuntimeError: If there is no connection, or the cluster has fewer CPUs.
+    that exists already is used and kept. Without one, or with fewer CPUs, a RuntimeError is raised.
     """
     require_extra(caller, "ray")
     import ray

@@ -18,11 +18,7 @@ def write_state(path: Path | str, state: Any, kind: str, version: int) -> None:
     """Write a nested state as one safetensors file, atomically.
 
     The state consists of dictionaries, lists, tuples, tensordicts, tensors, arrays, devices, sizes and
-    what JSON can hold.
-
-    Raises:
-        TypeError: If it holds something else; the message says where.
-        OSError: If it cannot be written.
+    what JSON can hold; a TypeError says where it holds something else.
     """
     tensors: dict[str, Tensor] = {}
     outline = _outline(state, tensors, "state")
@@ -30,13 +26,9 @@ def write_state(path: Path | str, state: Any, kind: str, version: int) -> None:
 
 
 def read_state(path: Path | str, kind: str, version: int) -> Any:
-    """Read what `write_state` wrote.
+    """Read what `write_state` wrote; errors as `modpush.files.read_json`.
 
     Tensors are mapped from the file: copy what is to be kept.
-
-    Raises:
-        FileNotFoundError: If there is no such file.
-        ValueError: If it is damaged, of another kind or of another version.
     """
     with reading(path, kind):
         tensors, outline = read_tensors(path, kind, version)

@@ -65,14 +65,10 @@ def add_unbounded(spec: TensorSpec, key: NestedKey, *size: int) -> None:
 
 
 def scenes_reset(tensordict: TensorDictBase, batch_size: torch.Size) -> Tensor | None:
-    """Mask of the scenes of a batch `[B]` that are being reset.
+    """Mask of the scenes of a batch that are being reset, `[B]` bool.
 
-    Args:
-        tensordict: First argument of `Transform._reset`, with TorchRL's `"_reset"` where there is one.
-        batch_size: Batch size of the environment.
-
-    Returns:
-        `[B]` bool; None where all are, or where scenes are not in one row.
+    None where all are, or where scenes are not in one row. `tensordict` is the first argument of
+    `Transform._reset`, with TorchRL's `"_reset"` where there is one.
     """
     mask = tensordict.get("_reset", None)
     if mask is None or len(batch_size) != 1:
@@ -96,10 +92,8 @@ def write_scenes_reset(
 
     Args:
         write: Reads `in_keys` and writes `out_keys`, scene by scene.
-        tensordict: First argument of `Transform._reset`.
-        tensordict_reset: Its second one, which is written and returned.
-        in_keys: Keys that `write` reads.
-        out_keys: Keys that it writes.
+        tensordict, tensordict_reset: Arguments of `Transform._reset`; the second one is written.
+        in_keys, out_keys: Keys that `write` reads and writes.
         at_least: Number of scenes in a call of `write`, if there are as many; some are written twice.
     """
     mask = scenes_reset(tensordict, tensordict_reset.batch_size)

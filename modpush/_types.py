@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, TypeVar
 
 import numpy as np
-from pydantic import BeforeValidator, Field, Strict, StringConstraints
+from pydantic import AfterValidator, BeforeValidator, Field, Strict, StringConstraints
+from pydantic_core import PydanticCustomError
 
 T = TypeVar("T")
 
@@ -21,6 +22,16 @@ def _one_number(value: Any) -> Any:
 
 ONE_NUMBER = BeforeValidator(_one_number)
 """For ranges: a single number may be given, too."""
+
+
+def _ascending(span: tuple[T, T]) -> tuple[T, T]:
+    if span[0] > span[1]:  # type: ignore[operator]  # of numbers
+        raise PydanticCustomError("span", "Input should be a range (lowest, highest)")
+    return span
+
+
+SPAN = AfterValidator(_ascending)
+"""For ranges: the lower end comes first."""
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 """A finite number."""
 Positive = Annotated[float, Field(allow_inf_nan=False, gt=0)]
@@ -83,15 +94,15 @@ Angles = Annotated[tuple[Angle, Angle, Angle], Strict(False)]
 """Roll, pitch and yaw [rad]."""
 Color = Annotated[tuple[Fraction, Fraction, Fraction], Strict(False)]
 """Red, green and blue in [0, 1]."""
-LengthSpan = Annotated[tuple[Length, Length], Strict(False)]
+LengthSpan = Annotated[tuple[Length, Length], Strict(False), SPAN]
 """Lower and upper end of a range of lengths [m]."""
-FractionSpan = Annotated[tuple[Fraction, Fraction], Strict(False)]
+FractionSpan = Annotated[tuple[Fraction, Fraction], Strict(False), SPAN]
 """Lower and upper end of a range within [0, 1]."""
 _Steps = Annotated[int, Field(ge=0, le=1000)]
 if TYPE_CHECKING:  # type checkers know of no conversion
     StepSpan: TypeAlias = Any
 else:
-    StepSpan = Annotated[tuple[_Steps, _Steps], Strict(False), ONE_NUMBER]
+    StepSpan = Annotated[tuple[_Steps, _Steps], Strict(False), SPAN, ONE_NUMBER]
 """Lowest and highest of a number of steps, both included; or one number."""
 Several = Annotated[tuple[T, ...], Strict(False)]
 """Any number of something."""

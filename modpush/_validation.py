@@ -52,7 +52,13 @@ def checked(cls: type[T] | None = None, *, kw_only: bool = True) -> Any:
     made: Any = pydantic_dataclass(cls, frozen=True, kw_only=kw_only, config=CONFIG)
     made.__init__ = checking(made.__init__, inspect.signature(made), made.__name__, bound=True)
     made.__signature__ = plain_signature(made)
+    made.__getstate__ = _fields_of
     return made
+
+
+def _fields_of(instance: Any) -> dict[str, Any]:
+    """The fields alone, without what was computed of them: another process looks parts up again."""
+    return {field.name: getattr(instance, field.name) for field in dataclasses.fields(instance)}
 
 
 def checking(
@@ -60,15 +66,9 @@ def checking(
 ) -> Callable[..., T]:
     """A function of pydantic's, with errors of one line that begin with a name.
 
-    Args:
-        validated: Checks its arguments, and raises a ValidationError.
-        signature: Signature of the arguments.
-        name: Name of the function or class.
-        bound: The first argument is an instance, which the signature does not list.
-
-    Returns:
-        The function. It takes NumPy's numbers for Python's. It raises a TypeError for missing and unknown
-        arguments and a ValueError for wrong ones.
+    It takes NumPy's numbers for Python's, and raises a TypeError for missing and unknown arguments and a
+    ValueError for wrong ones. `signature` is that of the arguments; `bound` says that the first one is an
+    instance, which it does not list.
     """
 
     @functools.wraps(validated)
@@ -119,9 +119,7 @@ def _plain_type(kind: Any) -> Any:
 def from_plain(kind: type[T], data: Any) -> T:
     """An object of a class of `checked` from the result of `asdict`, also after JSON or YAML.
 
-    Raises:
-        ValueError: If a field is missing, unknown, of another type or out of its range; the message
-            names it.
+    A ValueError names the field that is missing, unknown, of another type or out of its range.
     """
     try:
         text = json.dumps(data)
@@ -136,13 +134,9 @@ def from_plain(kind: type[T], data: Any) -> T:
 
 
 def check_value(name: str, value: Any, kind: Any) -> Any:
-    """A single value, checked against a type such as `modpush._types.Count`.
+    """A single value, checked against a type such as `modpush._types.Count`, or a ValueError.
 
-    Returns:
-        The value; NumPy's numbers as Python's and lists as tuples, where the type says so.
-
-    Raises:
-        ValueError: If the value is of another type or out of its range.
+    NumPy's numbers come back as Python's and lists as tuples, where the type says so.
     """
     adapter = _adapter(kind)
     try:
@@ -216,14 +210,8 @@ def checked_arguments(function: F) -> F:
     Ranges are checked where the annotation has one, such as `modpush._types.Positive`. Classes are
     checked by `isinstance`, except for abstract ones and protocols, for which anything with the same
     methods may be given. It takes some microseconds per argument, so it is for functions that are called
-    once, not at every step.
-
-    Args:
-        function: The function. A constructor's errors name its class.
-
-    Returns:
-        The same function. It raises a ValueError that names function and argument, or a TypeError for
-        arguments that are missing or unknown.
+    once, not at every step. The errors name class or function and argument: a ValueError, or a TypeError
+    for arguments that are missing or unknown.
     """
     signature = inspect.signature(function)
     name = function.__qualname__.removesuffix(".__init__")

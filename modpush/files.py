@@ -64,11 +64,7 @@ class _Dumper(yaml.SafeDumper):
 
 
 def load_yaml(text: str | bytes) -> Any:
-    """Plain data from YAML.
-
-    Raises:
-        yaml.YAMLError: If it is no YAML.
-    """
+    """Plain data from YAML, or a `yaml.YAMLError`."""
     return yaml.load(text, _Loader)
 
 
@@ -138,12 +134,7 @@ def read_yaml(path: Path | str, kind: str) -> dict[str, Any]:
 
 
 def parse_yaml(content: bytes | str) -> Any:
-    """Plain data in YAML of moderate size; a few lines of references to references can be of any.
-
-    Raises:
-        ValueError: If it is too large, or refers to itself.
-        yaml.YAMLError: If it is not YAML.
-    """
+    """Plain data in YAML of moderate size; a few lines of references to references can be of any."""
     if len(content) > _MOST_YAML:
         raise ValueError(f"{len(content)} bytes of YAML, expected at most {_MOST_YAML}")
     data = load_yaml(content)

@@ -29,7 +29,7 @@ class ModulesRefusedError(ValueError):
     """A file names parts in modules that its reader has not agreed to import."""
 
 
-def find_part(name: str, part: Any, known: Mapping[str, Any]) -> Any:
+def find_part(name: str, part: Any, known: Mapping[str, Any], kind: type | None = None) -> Any:
     """The part that a name, a `"module:name"` or an object stands for.
 
     Args:
@@ -37,21 +37,25 @@ def find_part(name: str, part: Any, known: Mapping[str, Any]) -> Any:
         part: A name in `known`; `"module:name"`, which is imported (`name` may have dots); or
             anything that is not text, which is returned as it is.
         known: The parts that the library brings, by name.
+        kind: Class that the part must be of.
 
     Raises:
         ValueError: If there is no part of that name (the known ones are listed), if the module cannot be
-            imported, or has no such attribute.
+            imported, has no such attribute, or if the part is of another class.
     """
-    if not isinstance(part, str):
-        return part
-    if part in known:
-        return known[part]
-    if part_module(part) is None:
-        raise ValueError(
-            f"{name}: there is no {part!r}, expected one of {sorted(known)}, or 'module:name' for "
-            "a part of your own."
-        )
-    *_, found = _walk(name, part)
+    found = part
+    if isinstance(part, str) and part in known:
+        found = known[part]
+    elif isinstance(part, str):
+        if part_module(part) is None:
+            raise ValueError(
+                f"{name}: there is no {part!r}, expected one of {sorted(known)}, or 'module:name' for "
+                "a part of your own."
+            )
+        *_, found = _walk(name, part)
+    if kind is not None and not isinstance(found, kind):
+        source = f" from {part!r}" if isinstance(part, str) else ""
+        raise ValueError(f"{name} must be a {kind.__name__}, got a {type(found).__name__}{source}.")
     return found
 
 
@@ -78,8 +82,8 @@ def part_name(name: str, part: Any, known: Mapping[str, Any]) -> str:
     """The text by which `find_part` finds this part again, for configuration files.
 
     Raises:
-        ValueError: If the part cannot be found by any text: a lambda, or something that is defined
-            inside a function or in the script that is being run.
+        ValueError: If no text does: a lambda, or something that is defined inside a function or in the
+            script that is being run.
     """
     if isinstance(part, str):
         find_part(name, part, known)
@@ -96,16 +100,25 @@ def part_name(name: str, part: Any, known: Mapping[str, Any]) -> str:
     )
 
 
-def check_part_name(
-    name: str, part: str, known: Collection[str], other: str = "'module:name'"
+def check_part(
+    name: str,
+    part: Any,
+    known: Collection[str],
+    kind: type | None = None,
+    other: str = "'module:name'",
 ) -> None:
-    """Refuse text that stands for no part, without importing anything; `other` is for the error.
+    """Refuse what stands for no part, without importing anything.
 
-    Raises:
-        ValueError: If the part is neither one of the known names nor a `"module:name"`.
+    That is one of the known names, a `"module:name"`, or an object of a class (a function without
+    `kind`); `other` describes the latter two in the error.
     """
-    if part not in known and part_module(part) is None:
-        raise ValueError(f"{name} must be one of {sorted(known)} or {other}, got {part!r}.")
+    if isinstance(part, str):
+        good = part in known or part_module(part) is not None
+    else:
+        good = callable(part) if kind is None else isinstance(part, kind)
+    if not good:
+        own = "" if kind is None else f" or a {kind.__name__}"
+        raise ValueError(f"{name} must be one of {sorted(known)} or {other}{own}, got {part!r}.")
 
 
 def part_module(part: Any) -> str | None:

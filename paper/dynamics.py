@@ -97,7 +97,10 @@ class Change:
         """The pushed object."""
         item = OBJECTS[_OBJECT]
         if self.quantity == "size" and not self.nominal:
-            return item.scaled(self.value, f"{_OBJECT}_times_{self.value:g}")
+            (cube,) = item.parts
+            x, y, z = (self.value * side for side in cube.size)
+            parts = (replace(cube, size=(x, y, z)),)
+            return replace(item, name=f"{_OBJECT}_times_{self.value:g}", parts=parts)
         if self.quantity == "tip_height" and not self.nominal:
             return replace(item, name=f"{_OBJECT}_tip_{self.value:g}", tip_height=self.value)
         return item

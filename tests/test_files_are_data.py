@@ -232,6 +232,7 @@ NO_PARTS = {
     "envs/scenes/conditions.py": "has no parts",
     "envs/scenes/scenario.py": "takes plain data; its names are looked up by those who use it",
     "envs/push_state.py": "names are compared with those of the environment",
+    "mdp/curriculum.py": "reads numbers and names of scenes, which are counted alone",
     "recipes/gym_env.py": "takes arguments",
     "training/run_folder.py": "compares the config with another, and makes no parts",
 }

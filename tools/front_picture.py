@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from torchrl.envs import step_mdp
 
 from modpush.envs import OBJECTS, PushEnv, Scenario
-from modpush.envs.robot.named import ROBOTS
-from modpush.envs.robot.tools import TOOLS
+from modpush.envs.robot.named import ROBOTS, TOOLS
 from modpush.geometry.shapes import Primitive, box
 from modpush.recipes import get_method
 from modpush.viewer.overlays import primitive_mesh

@@ -62,7 +62,7 @@ from modpush.envs import (
     find_render_device,
     sample_scenario,
 )
-from modpush.envs.engines.named import find_engine
+from modpush.envs.engines.base import find_engine
 from modpush.envs.outcome import Goal
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.scenes.conditions import EpisodeConditions

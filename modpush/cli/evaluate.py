@@ -58,7 +58,7 @@ import tyro
 from modpush import evaluation, recipes  # these import their parts, and torch, on first use
 from modpush._types import AtLeastOne, Count, FilePath, Name, NonNegativeInteger, Scenes, Several
 from modpush._validation import checked
-from modpush.envs.engines.named import find_engine
+from modpush.envs.engines.base import find_engine
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.scenes.conditions import SensingName
 

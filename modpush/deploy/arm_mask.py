@@ -25,11 +25,8 @@ Floats = NDArray[np.float64]
 class ArmMask:
     """Finds the pixels that show the arm or its tool, or would if nothing were before them.
 
-    Args:
-        camera: The camera.
-        robot: The arm; its solids must enclose what the real one carries, cables too.
-        tool: Its tool.
-        margin: Distance by which the solids are enlarged [m].
+    The solids of `robot` must enclose what the real one carries, cables too; they are enlarged by
+    `margin` [m].
     """
 
     @checked_arguments
@@ -46,11 +43,7 @@ class ArmMask:
         self._origin = np.array(camera.position)
 
     def __call__(self, joints: NDArray[np.floating]) -> NDArray[np.bool_]:
-        """The mask, `[H, W]`.
-
-        Args:
-            joints: Angles of the arm's joints when the image was taken, `[n]` [rad].
-        """
+        """The mask `[H, W]` for the joints' angles `[n]` [rad] when the image was taken."""
         transforms = self.robot.link_transforms(np.asarray(joints, dtype=np.float64))[self._link]
         turns = transforms[:, :3, :3] @ self._solids.rotation
         centers = transforms[:, :3, 3] + np.einsum(

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
@@ -13,40 +13,26 @@ from torch import Tensor
 from torchrl.envs import EnvBase, TransformedEnv, set_exploration_type
 from torchrl.envs.utils import ExplorationType, step_mdp
 
-from modpush._types import Length, NonNegative, NonNegativeLength, Positive
+from modpush._types import Length, Positive
 from modpush._validation import checked_arguments
-from modpush.deploy.estimate import Perceived
-from modpush.deploy.place_aside import KnowsWhatIsHidden, place_aside
+from modpush.deploy.perception import Perceived, Sees
+from modpush.deploy.place_aside import place_aside
 from modpush.deploy.policy_file import load_policy
-from modpush.deploy.robot_interface import Command
+from modpush.deploy.push_motion import touches
+from modpush.deploy.robot_interface import Command, Stopped
 from modpush.deploy.source_env import SourceEnv
-from modpush.deploy.stopped import Stopped
-from modpush.deploy.tip import tip_transform, touches
-from modpush.envs.engines.base import CONTACT_KEYS
-from modpush.envs.outcome import episode_status, is_at_goal, pose_errors
 from modpush.envs.robot.control import MotionConfig, MotionPlanner, PlannedMotion
 from modpush.envs.scenes.conditions import SensingConfig
-from modpush.envs.scenes.objects import PushedObject
 from modpush.mdp.action_frame import ActionFrame
 from modpush.mdp.contact_filter import ContactFilter
 from modpush.recipes.agent_file import Agent
 
-_YAW_MARGIN = math.radians(2)
+_TOUCH = 0.004  # distance of tip and object that counts as contact [m]
+_MARGINS = 0.005, math.radians(2)
+"""Distance [m] and angle [rad] by which the object must be nearer to its goal than the agent's
+tolerances, so that it has arrived in truth as well."""
 _ARRIVED = 0.01  # distance from a place aside at which the tool is there [m]
 _SEEN = 0.5  # share of the object's top, for which the tool stays aside no longer
-
-
-class Sees(KnowsWhatIsHidden, Protocol):
-    """Interface of perception that a controller needs; `Perception` has it."""
-
-    item: PushedObject
-    """The pushed object."""
-
-    def reset(self, guess: Sequence[float] | None = None) -> None:
-        """Forget the scene."""
-
-    def update(self, depth: NDArray[np.float32], joints: NDArray[np.float64]) -> Perceived | None:
-        """Take in an image; None if the object has not been found yet."""
 
 
 class PushController:
@@ -63,10 +49,6 @@ class PushController:
             same motions slower.
         tip_height: Height of the tool's tip over the table [m]; None for that of the object,
             `PushedObject.tool_height`.
-        touch_distance: Distance of tip and object that counts as contact [m].
-        arrival_margin: Distance by which the object must be nearer to its goal than the agent's
-            `position_tolerance`, so that it has arrived in truth as well [m].
-        yaw_arrival_margin: The same for the yaw of a goal pose [rad].
         motion: How far a control step goes, and the tool's workspace.
         joint_speed: Speed of a joint from which steps are made shorter [rad/s], near the arm's axis. It
             should be below `Limits.joint_speed`, at which the guard stops the arm.
@@ -86,9 +68,6 @@ class PushController:
         *,
         rate: Positive | None = None,
         tip_height: Length | None = None,
-        touch_distance: NonNegativeLength = 0.004,
-        arrival_margin: NonNegativeLength = 0.005,
-        yaw_arrival_margin: NonNegative = _YAW_MARGIN,
         motion: MotionConfig | None = None,
         joint_speed: Positive = 3.0,
         look_after: Positive = 0.5,
@@ -104,21 +83,16 @@ class PushController:
         self.rate = float(config.simulation.control_freq if rate is None else rate)
         item = perception.item
         self.tip_height = item.tool_height if tip_height is None else tip_height
-        self.motion, self._touch_distance = motion or MotionConfig(), touch_distance
+        self.motion = motion or MotionConfig()
         self._joint_speed, self._patience = joint_speed, look_after
-        self._tolerance = max(0.0, config.simulation.position_tolerance - arrival_margin)
-        self._yaw_tolerance = max(0.0, config.simulation.yaw_tolerance - yaw_arrival_margin)
-        self._goal_kind = config.simulation.goal
-        self._source = SourceEnv(
-            perception.robot,
-            config.scenario,
-            self._goal_kind,
-            obstacle_motion=config.simulation.obstacle_motion,
+        self._tolerances = (
+            max(0.0, config.simulation.position_tolerance - _MARGINS[0]),
+            max(0.0, config.simulation.yaw_tolerance - _MARGINS[1]),
         )
+        self._source = SourceEnv(item, perception.robot, config.scenario, config.simulation)
         self._env = self.agent.make_env(1, base=self._source, sensing=SensingConfig())
         self._policy = self.agent.policy
         self._planner = MotionPlanner(perception.robot, self.motion, 1, self.rate)
-        self._constant = _constant_entries(item, config.simulation.full_circle)
         self.goal: tuple[float, ...] | None = None
         """Goal of the object: x, y, and yaw for a goal pose [m, m, rad]."""
         self.perceived: Perceived | None = None
@@ -156,23 +130,14 @@ class PushController:
         self._pushed_unseen, self._arrived_unseen = 0, False
 
     def _checked_goal(self, goal: Sequence[float]) -> tuple[float, ...]:
-        size = 3 if self._goal_kind == "pose" else 2
+        size = 3 if self.agent.config.simulation.goal == "pose" else 2
         values = tuple(float(v) for v in goal)
         if len(values) != size or not all(map(math.isfinite, values)):
             raise ValueError(f"PushController: goal must be {size} finite numbers, got {goal!r}.")
         return values
 
     def look(self, depth: NDArray[np.float32], joints: NDArray[np.float64]) -> None:
-        """Take in an image before the first command, while the arm stands aside and hides nothing.
-
-        Args:
-            depth: See `act`.
-            joints: See `act`.
-
-        Raises:
-            Stopped: If it does not show the object.
-            ValueError: If image or joints have another shape.
-        """
+        """Take in an image before the first command, while the arm stands aside; otherwise as `act`."""
         self._see(depth, joints)
 
     def _see(self, depth: NDArray[np.float32], joints: NDArray[np.float64]) -> Perceived:
@@ -211,7 +176,7 @@ class PushController:
         if goal is not None:
             self.goal = self._checked_goal(goal)
         first, seen = self._state is None, self._see(depth, joints)
-        self._source.entries = self._entries(seen, joints)
+        self._show(seen, joints, self.goal)
         state = self._decide()
         tip = np.array([seen.tip_pose])
         if first:
@@ -220,16 +185,24 @@ class PushController:
         if self._steps_aside(seen, joints):
             action[0] = *(self._aside - tip[0, :2]) / self.motion.max_step, 0.0
             action /= max(1.0, np.abs(action).max())
-        start, planned = self._plan(action, tip, joints)
+        planned = self._plan(action, tip, joints)
         self._target = planned.target
         return Command(
-            start=start[0],
+            start=planned.start[0],
             target=planned.target[0].copy(),
             height=self.tip_height,
             joints=planned.position[0, -1],
             duration=1 / self.rate,
             reachable=bool(planned.reachable[0]),
         )
+
+    def _show(self, seen: Perceived, joints: NDArray[np.float64], goal: tuple[float, ...]) -> None:
+        """Set the entries that the agent reads, contact and success."""
+        sees, found = self.perception, seen.object.found
+        flange = sees.robot.link_transforms(joints)[-1]
+        self.contact = touches(sees.tool, flange, sees.item, seen.object.pose, _TOUCH)
+        arrived = self._source.show(seen, joints, goal, self.contact, self._tolerances)
+        self.success, self._arrived_unseen = arrived and found, arrived and not found
 
     def _steps_aside(self, seen: Perceived, joints: NDArray[np.float64]) -> bool:
         """True while the tool makes way for the camera, to the place `_aside`."""
@@ -247,17 +220,16 @@ class PushController:
 
     def _plan(
         self, action: NDArray[np.float64], tip: NDArray[np.float64], joints: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], PlannedMotion]:
-        """Start and motion of a control step, shortened where a joint would be too fast."""
+    ) -> PlannedMotion:
+        """The motion of a control step, shortened where a joint would be too fast."""
         height = np.array([self.tip_height + self.perception.tool.length])
-        start, _ = self._planner.aim(action, self._target, tip)
         for _ in range(3):
             planned = self._planner.plan(action, self._target, tip, height, joints[None])
             speed = float(np.abs(planned.position[0, -1] - joints).max()) * self.rate
             if speed <= self._joint_speed:
                 break
             action = action * (0.9 * self._joint_speed / speed)
-        return start, planned
+        return planned
 
     def _decide(self) -> TensorDictBase:
         """Run transforms and policy on the present entries."""
@@ -278,55 +250,6 @@ class PushController:
             elif isinstance(transform, ContactFilter):
                 action = transform.filter(state, action)
         return action
-
-    def _entries(self, seen: Perceived, joints: NDArray[np.float64]) -> dict[str, Tensor]:
-        """The entries that `PushEnv` would emit."""
-        assert self.goal is not None
-        config = self.agent.config.simulation
-        pose, goal = np.array([seen.object.pose]), np.array([self.goal])
-        sees = self.perception
-        tip = tip_transform(sees.robot, sees.tool, joints)
-        self.contact = touches(sees.tool, tip, sees.item, seen.object.pose, self._touch_distance)
-        at_goal = is_at_goal(pose[:, :2], goal[:, :2], self._tolerance)
-        numbers = {
-            **self._constant,
-            "object_pose": pose,
-            "goal_position": goal[:, :2],
-            "ee_pose": np.array([seen.tip_pose]),
-            "joint_position": np.asarray(joints)[None],
-        }
-        if self._goal_kind == "pose":
-            symmetry = self._constant["object_symmetry"][:, 0]
-            error = pose_errors(pose, goal, symmetry)
-            at_goal = at_goal & (np.abs(error[:, 1]) <= self._yaw_tolerance)
-            numbers |= {"goal_pose": goal, "pose_error": error}
-        if config.obstacle_motion:
-            numbers["obstacle_motion"] = np.zeros((1, 4))  # as `PushEnv` has it where nothing moves
-        self._arrived_unseen = bool(at_goal[0]) and not seen.object.found
-        at_goal = at_goal & seen.object.found
-        self.success = bool(at_goal[0])
-        flags = dict.fromkeys(CONTACT_KEYS, False)
-        flags |= {"object_contact": self.contact, "object_contact_at_end": self.contact}
-        status = episode_status(
-            at_goal, pose[:, :2], self._source.bounds, np.zeros(1, dtype=np.int64), None, config.oob
-        )
-        flags |= {"target_reachable": True} | {k: bool(v[0]) for k, v in status._asdict().items()}
-        images: dict[str, NDArray[Any]] = {"depth": seen.depth, "segmentation": seen.segmentation}
-        return {
-            **{key: torch.tensor([[value]]) for key, value in flags.items()},
-            **{key: torch.from_numpy(v.astype(np.float32)) for key, v in numbers.items()},
-            **{key: torch.from_numpy(image.copy())[None, None] for key, image in images.items()},
-        }
-
-
-def _constant_entries(item: PushedObject, full_circle: bool) -> dict[str, NDArray[np.float64]]:
-    """The entries that describe the object, `[1, n]`."""
-    return {
-        "object_radius": np.array([[item.radius]]),
-        "object_inscribed_radius": np.array([[item.inscribed_radius]]),
-        "object_symmetry": np.array([[1.0 if full_circle else float(item.symmetry)]]),
-        "object_support": np.asarray(item.support)[None],
-    }
 
 
 def _transforms(env: EnvBase) -> list[Any]:

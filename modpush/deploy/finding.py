@@ -21,12 +21,7 @@ _RING = 2  # width of the border around the outline, which the top must not reac
 
 
 class ObjectFinder:
-    """Compares the object's top, at all yaw angles, with all places of a height map.
-
-    Args:
-        item: The object.
-        cell: Side of the map's cells [m].
-    """
+    """Compares the object's top, at all yaw angles, with all places of a height map of `cell` [m]."""
 
     def __init__(self, item: PushedObject, cell: float) -> None:
         self._height = item.height

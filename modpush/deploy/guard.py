@@ -1,4 +1,4 @@
-"""`Guard`: stops an arm when something is not as it should be, and says what."""
+"""`Guard`: stops an arm when something is not within `Limits`, and says what."""
 
 import math
 from collections.abc import Callable
@@ -7,17 +7,71 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from modpush._types import Fraction, Length, NonNegative, Point, Positive
+from modpush._validation import checked
 from modpush.deploy.controller import PushController
-from modpush.deploy.limits import Limits
-from modpush.deploy.robot_interface import Command, DepthImage, RobotInterface, RobotState
-from modpush.deploy.stopped import Stopped, StopReason
-from modpush.deploy.tip import tip_transform
+from modpush.deploy.robot_interface import (
+    Command,
+    DepthImage,
+    RobotInterface,
+    RobotState,
+    Stopped,
+    StopReason,
+)
 from modpush.envs.robot.control import MotionConfig
 from modpush.geometry.camera_model import CameraModel
-from modpush.geometry.workspace import Rectangle
 
 _GRID = 21  # points along each side of the workspace whose place in the image is checked
 _ANCHOR = MotionConfig.anchor_distance + 0.003  # of a step's start from the measured tip [m]
+
+
+_RATE = 15.0  # of the shipped agents [Hz]
+_STEP = MotionConfig.max_step * math.sqrt(2)  # of a control step, in x and y together [m]
+
+
+@checked
+class Limits:
+    """Bounds of motion and perception.
+
+    The defaults are just above what the shipped agents do at 15 Hz.
+    """
+
+    low: Point = MotionConfig.low
+    """Lower corner (x, y) of the tip's workspace [m]."""
+    high: Point = MotionConfig.high
+    """Upper corner (x, y) of the tip's workspace [m]."""
+    height_tolerance: Length = 0.005
+    """Largest difference of the tip's height from the commanded one [m]."""
+    tilt: Positive = math.radians(2)
+    """Largest angle between tool and vertical [rad]."""
+    speed: Positive = 1.05 * _STEP * _RATE
+    """Largest speed of the tip [m/s]."""
+    turn_speed: Positive = 1.05 * MotionConfig.max_turn * _RATE
+    """Largest angular speed of the tool [rad/s]."""
+    joint_speed: Positive = math.pi
+    """Largest speed of a joint that a command may ask for [rad/s]."""
+    acceleration: Positive = 1.05 * 2 * _STEP * _RATE**2
+    """Largest change of the commanded velocity in a control step, over its length [m/s^2]. A policy may
+    turn back from one step to the next."""
+    joint_margin: NonNegative = 0.02
+    """Distance that joints keep from their limits [rad]."""
+    image_age: Positive = 0.2
+    """Largest age of a depth image [s]."""
+    pose_jump: Length = 0.06
+    """Largest distance of the object's poses in consecutive images, more than a tool pushes it [m]."""
+    yaw_jump: Positive = math.radians(60)
+    """Largest difference of their yaw angles, modulo the object's symmetry [rad]."""
+    lost_for: Positive = 2.0
+    """Time for which images may fail to confirm the object's pose, which is predicted meanwhile [s]. The
+    arm may hide the object for a second and more."""
+    in_view: Fraction = 0.99
+    """Share of the workspace that must lie within the camera's image."""
+    readings: Fraction = 0.3
+    """Share of an image's pixels that must have a depth."""
+
+    def __post_init__(self) -> None:
+        if not (self.low[0] < self.high[0] and self.low[1] < self.high[1]):
+            raise ValueError(f"Limits: low must be < high, got {self.low} and {self.high}.")
 
 
 class Guard:
@@ -25,12 +79,6 @@ class Guard:
 
     Each check that fails stops the arm and raises `Stopped`. It does not replace the robot's own safety
     functions, an emergency stop, or a person who watches.
-
-    Args:
-        arm: The arm.
-        controller: What commands it.
-        camera: The camera of its images.
-        limits: Bounds of motion and perception.
     """
 
     def __init__(
@@ -43,6 +91,8 @@ class Guard:
         self.arm, self.controller, self.camera = arm, controller, camera
         self.limits = limits or Limits()
         self._robot, self._tool = controller.perception.robot, controller.perception.tool
+        scenario = controller.agent.config.scenario
+        self._workspace = scenario.low, scenario.high
         self._state: RobotState | None = None
         self._velocity = np.zeros(2)
         self._last_found: NDArray[np.float64] | None = None
@@ -57,12 +107,7 @@ class Guard:
         raise Stopped(reason, message)
 
     def begin(self) -> None:
-        """Check camera, goal and arm before the first command; call it after the controller's `reset`.
-
-        Raises:
-            Stopped: If the camera does not see the workspace, the goal is out of reach, or the tool is
-                not where an episode begins.
-        """
+        """Check camera, goal and arm before the first command; call it after the controller's `reset`."""
         self._velocity, self._last_found, self._since_found = np.zeros(2), None, 0
         self._check_camera()
         self._check_goal()
@@ -82,14 +127,9 @@ class Guard:
             )
             self.stop(
                 "camera",
-                f"only {inside.mean():.0%} of the workspace {tuple(self._workspace)} lies in the "
+                f"only {inside.mean():.0%} of the workspace {self._workspace} lies in the "
                 f"camera's image; corners outside: {missing or 'none'}. Check camera_in_base and mount.",
             )
-
-    @property
-    def _workspace(self) -> Rectangle:
-        scenario = self.controller.agent.config.scenario
-        return Rectangle(scenario.low, scenario.high)
 
     def _check_goal(self) -> None:
         goal = self.controller.goal
@@ -99,7 +139,7 @@ class Guard:
         if not (low_x <= x <= high_x and low_y <= y <= high_y):
             self.stop(
                 "goal",
-                f"({x:.3f}, {y:.3f}) lies outside the workspace {tuple(self._workspace)} [m].",
+                f"({x:.3f}, {y:.3f}) lies outside the workspace {self._workspace} [m].",
             )
         bx, by, bz = self._robot.base
         height = self.controller.tip_height + self._tool.length
@@ -114,7 +154,7 @@ class Guard:
             )
 
     def _check_start(self, state: RobotState) -> None:
-        transform = tip_transform(self._robot, self._tool, state.joints)
+        transform = self._robot.tip_transform(state.joints, self._tool)
         height, down = float(transform[2, 3]), float(-transform[2, 2])
         tilt = math.acos(min(max(down, -1.0), 1.0))
         if tilt > self.limits.tilt:
@@ -127,11 +167,7 @@ class Guard:
             )
 
     def observe(self) -> RobotState:
-        """The arm's state, checked.
-
-        Raises:
-            Stopped: If the connection is lost, or a joint is at its limit.
-        """
+        """The arm's state, checked."""
         try:
             state = self._state = self.arm.observe()
         except ConnectionError as error:
@@ -155,9 +191,6 @@ class Guard:
 
         Args:
             read_depth: Reads it. A camera that is gone raises a `ConnectionError`.
-
-        Raises:
-            Stopped: If the image is too old or nearly empty, or the camera is gone.
         """
         assert self._state is not None
         try:
@@ -180,12 +213,7 @@ class Guard:
         return image
 
     def check_view(self) -> None:
-        """Check what the controller has seen in the image of its last `act`.
-
-        Raises:
-            Stopped: If the object is lost, or its pose has jumped; at the start, if no way leads to the
-                goal.
-        """
+        """Check what the controller has seen in the image of its last `act`."""
         seen = self.controller.perceived
         assert seen is not None
         first = self._last_found is None
@@ -220,12 +248,7 @@ class Guard:
             )
 
     def command(self, command: Command) -> None:
-        """Check a command and hand it to the arm.
-
-        Raises:
-            Stopped: If it leaves the workspace, is too fast, asks for a joint at its limit, or the
-                connection is lost.
-        """
+        """Check a command and hand it to the arm."""
         limits, state = self.limits, self._state
         assert state is not None
         x, y = command.target[:2].tolist()
@@ -245,7 +268,7 @@ class Guard:
 
     def _check_speed(self, command: Command, state: RobotState) -> None:
         limits = self.limits
-        tip = tip_transform(self._robot, self._tool, state.joints)[:2, 3]
+        tip = self._robot.tip_transform(state.joints, self._tool)[:2, 3]
         ahead = math.dist(tip, command.start[:2])
         velocity = (command.target - command.start)[:2] / command.duration
         speed, turn = math.hypot(*velocity), abs(command.target[2] - command.start[2])

@@ -1,16 +1,41 @@
-"""Compiled distances of convex outlines in the plane, as polygons with counter-clockwise corners."""
+"""Convex outlines in the plane, polygons with counter-clockwise corners: their distances, compiled."""
 
 import math
+from collections.abc import Sequence
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from modpush._kernels import njit
+from modpush.envs.scenes.objects import PushedObject
 
 _LEVEL = 2e-4
 """Corners within this distance of the foremost one are in contact with it [m]."""
 
 Floats = NDArray[np.float64]
+
+
+def padded(rows: Sequence[Floats]) -> tuple[Floats, NDArray[np.int64]]:
+    """Arrays `[n, k]` in one array `[len(rows), n, k]`, and the length of each."""
+    counts = np.array([len(row) for row in rows], dtype=np.int64)
+    width = rows[0].shape[1] if rows else 2
+    together = np.zeros((len(rows), counts.max(initial=1), width))
+    for place_of, row in zip(together, rows, strict=True):
+        place_of[: len(row)] = row
+    return together, counts
+
+
+def points_within(item: PushedObject, count: int) -> Floats:
+    """Points of a grid of `count` by `count` that lie in an object's footprint, `[n, 2]` [m]."""
+    side = np.linspace(-item.radius, item.radius, count)
+    points = np.stack(np.meshgrid(side, side), -1).reshape(-1, 2)
+    contours = [outline.astype(np.float32) for outline in item.footprints()]
+    inside = [
+        any(cv2.pointPolygonTest(contour, (float(x), float(y)), False) >= 0 for contour in contours)
+        for x, y in points
+    ]
+    return points[inside]
 
 
 @njit(error_model="numpy")
@@ -24,15 +49,11 @@ def place(outline: Floats, x: float, y: float, yaw: float, out: Floats) -> None:
 
 @njit(error_model="numpy")
 def overlap(first: Floats, second: Floats) -> tuple[float, float, float, float, float]:
-    """Depth of the overlap of two outlines, and where they would touch.
-
-    Args:
-        first: Corners `[n, 2]` [m].
-        second: Corners `[m, 2]` [m].
+    """Depth of the overlap of two outlines, corners `[n, 2]` each, and where they would touch [m].
 
     Returns:
-        The least distance by which `second` must move to be free [m], negative where they are apart; the
-        direction (x, y) in which it must; and the middle (x, y) of their contact [m].
+        The least distance by which `second` must move to be free, negative where they are apart; the
+        direction (x, y) in which it must; and the middle (x, y) of their contact.
     """
     depth, nx, ny = _least_overlap(first, second, 1.0, np.inf, 0.0, 0.0)
     depth, nx, ny = _least_overlap(second, first, -1.0, depth, nx, ny)

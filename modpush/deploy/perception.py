@@ -1,17 +1,16 @@
 """`Perception`: from a depth image and joint angles to what a policy reads."""
 
 from collections.abc import Sequence
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modpush._validation import checked_arguments
 from modpush.deploy.arm_mask import ArmMask
-from modpush.deploy.estimate import ObjectEstimate, Perceived
-from modpush.deploy.height_map import HeightMap
-from modpush.deploy.image_kernels import sort_pixels
+from modpush.deploy.height_map import HeightMap, sort_pixels
 from modpush.deploy.push_motion import tool_outlines
-from modpush.deploy.tracker import ObjectTracker
+from modpush.deploy.tracker import ObjectEstimate, ObjectTracker
 from modpush.envs.depth.raycast import Solids, draw
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.robot.robot import Robot, Tool
@@ -26,15 +25,45 @@ _AROUND, _AROUND_UNSURE = 0.015, 0.10
 is not [m]."""
 
 
+class Perceived(NamedTuple):
+    """Input of a policy's stack, from one depth image."""
+
+    depth: NDArray[np.float32]
+    """Image of the policy's camera, straight down, without the arm, `[H, W]` [m]."""
+    segmentation: NDArray[np.uint8]
+    """`[H, W]`, values of `modpush.geometry.Label`: table, object and obstacle."""
+    object: ObjectEstimate
+    """The pushed object."""
+    tip_pose: tuple[float, float, float]
+    """x, y, yaw of the tool's tip by the joint angles [m, m, rad]."""
+    seen: NDArray[np.bool_]
+    """`[H, W]`, the pixels' places on the table that this image or an earlier one has shown."""
+
+
+class Sees(Protocol):
+    """What a controller needs of perception; `Perception` has it."""
+
+    item: PushedObject
+    robot: Robot
+    tool: Tool
+
+    def reset(self, guess: Sequence[float] | None = None) -> None:
+        """Forget the scene."""
+
+    def update(self, depth: NDArray[np.float32], joints: NDArray[np.float64]) -> Perceived | None:
+        """Take in an image; None if the object has not been found yet."""
+
+    def hidden_by_arm(self, object_pose: NDArray[np.float64], joints: NDArray[np.float64]) -> float:
+        """Share of the top of the object at a pose that the arm would hide."""
+
+    def obstacle_cells(self) -> NDArray[np.float64]:
+        """Places at which something stands, `[n, 2]` [m]."""
+
+
 class Perception:
     """Sees the table, the obstacles and the pushed object through a fixed depth camera.
 
-    Args:
-        camera: The depth camera.
-        pushed_object: The object, or its name.
-        robot: The arm, or its name.
-        tool: Its tool, or its name.
-        view: The policy's camera, whose image is computed.
+    `view` is the policy's camera, whose image is computed; the other parts may be given by their names.
     """
 
     @checked_arguments
@@ -99,12 +128,7 @@ class Perception:
         return self._perceived(estimate, flange)
 
     def hidden_by_arm(self, object_pose: NDArray[np.float64], joints: NDArray[np.float64]) -> float:
-        """Share of the object's top that the arm would hide.
-
-        Args:
-            object_pose: x, y, yaw of the object [m, m, rad].
-            joints: Angles of the arm's joints, `[n]` [rad].
-        """
+        """Share of the top of the object at a pose that the arm would hide, with these joint angles."""
         column, row, _ = self.tracker.pixels_on_top(object_pose)
         return float(self._arm(joints)[row, column].mean()) if len(row) else 1.0
 

@@ -1,14 +1,12 @@
 """`place_aside`: a place of the tool from which the arm does not hide the object."""
 
 import math
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush.deploy.estimate import Perceived
+from modpush.deploy.perception import Perceived, Sees
 from modpush.envs.robot.control import MotionConfig
-from modpush.envs.robot.robot import Robot, Tool
 
 _DISTANCES = 0.10, 0.18  # from the tip's present place [m]
 _DIRECTIONS = 12
@@ -22,23 +20,8 @@ _ENOUGH = 0.5
 Floats = NDArray[np.float64]
 
 
-class KnowsWhatIsHidden(Protocol):
-    """Interface of perception that `place_aside` needs; `Perception` has it."""
-
-    robot: Robot
-    """The arm."""
-    tool: Tool
-    """Its tool."""
-
-    def hidden_by_arm(self, object_pose: Floats, joints: Floats) -> float:
-        """Share of the top of the object at a pose that the arm would hide."""
-
-    def obstacle_cells(self) -> Floats:
-        """Places at which something stands, `[n, 2]` [m]."""
-
-
 def place_aside(
-    perception: KnowsWhatIsHidden,
+    perception: Sees,
     seen: Perceived,
     joints: Floats,
     tip_height: float,
@@ -46,14 +29,8 @@ def place_aside(
 ) -> Floats | None:
     """The nearest place (x, y) of the tip at which the camera sees enough of the object, or the most.
 
-    The straight way there leads away from the object and past the known obstacles.
-
-    Args:
-        perception: Arm, camera and map of the obstacles.
-        seen: Its last estimates.
-        joints: Angles of the joints, `[n]` [rad].
-        tip_height: Height of the tip over the table [m].
-        motion: The tool's workspace.
+    The straight way there leads away from the object and past the known obstacles. `joints` are the
+    present angles [rad]; the tip keeps its height [m] and the workspace of `motion`.
 
     Returns:
         `[2]` [m]; None if there is no such way.

@@ -10,12 +10,11 @@ Source: Lynch, Maekawa and Tanie, Manipulation and active sensing by pushing usi
 import math
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from modpush._kernels import njit
-from modpush.deploy.outlines import overlap, place
+from modpush.deploy.outlines import overlap, padded, place, points_within
 from modpush.envs.robot.robot import Tool
 from modpush.envs.robot.urdf import extent
 from modpush.envs.scenes.objects import PushedObject
@@ -23,7 +22,7 @@ from modpush.geometry.footprint import outline_of
 from modpush.geometry.shapes import Primitive
 
 _STEP = 0.001  # of the tool's corners between two corrections of the object's pose [m]
-_FRICTION = 0.25  # of tool and object, as `envs.robot.physics` has it
+_FRICTION = 0.25  # of tool and object, as `FRICTION` has it
 _CORRECTIONS = 4  # after each of its steps, since a side may touch at both ends in turn
 
 Floats = NDArray[np.float64]
@@ -37,18 +36,17 @@ class PushMotion:
     """
 
     def __init__(self, item: PushedObject) -> None:
-        self.outlines, self.counts = _padded(item.footprints(num_arc=24))
-        self._lever = _moment_per_force(item)
+        self._outlines, self._counts = padded(item.footprints(num_arc=24))
+        # Largest moment per largest force of even friction under the object about its origin [m].
+        self._lever = float(np.linalg.norm(points_within(item, 64), axis=1).mean())
 
     def predict(
         self, pose: Floats, before: list[NDArray[np.float64]], after: list[NDArray[np.float64]]
     ) -> tuple[Floats, float]:
-        """The object's pose after a motion of the tool.
+        """The object's pose (x, y, yaw) after a motion of the tool [m, m, rad].
 
-        Args:
-            pose: x, y, yaw of the object before it [m, m, rad].
-            before: Outlines of the tool's solids at the object's height before the motion.
-            after: The same after it.
+        `before` and `after` are the outlines of the tool's solids at the object's height, from
+        `tool_outlines`.
 
         Returns:
             The pose after it, and the least distance of tool and object [m], negative in contact.
@@ -57,18 +55,15 @@ class PushMotion:
         gap = np.inf
         for first, last in zip(before, after, strict=True):
             steps = max(1, math.ceil(float(np.linalg.norm(last - first, axis=1).max()) / _STEP))
-            rest = self.outlines, self.counts, self._lever, _CORRECTIONS
+            rest = self._outlines, self._counts, self._lever, _CORRECTIONS
             gap = min(gap, _push(pose, first, last, min(steps, 100), *rest))
         return pose, gap
 
 
 def tool_outlines(tool: Tool, flange: Floats, height: float) -> list[NDArray[np.float64]]:
-    """Outlines of a tool's solids that reach below a height, counter-clockwise, `[n, 2]` each [m].
+    """Outlines of a tool's solids that reach below a height [m], counter-clockwise, `[n, 2]` each [m].
 
-    Args:
-        tool: The tool.
-        flange: Pose of the flange in the base frame, `[4, 4]`.
-        height: Height over the table [m].
+    `flange` is its pose in the base frame, `[4, 4]`.
     """
     found = []
     for part in tool.shapes:
@@ -83,6 +78,23 @@ def tool_outlines(tool: Tool, flange: Floats, height: float) -> list[NDArray[np.
     return found
 
 
+def touches(
+    tool: Tool, flange: Floats, item: PushedObject, object_pose: Sequence[float], tolerance: float
+) -> bool:
+    """True if the tool is so near to the object, on the table, that it counts as touching.
+
+    The flange's pose `[4, 4]` and the object's (x, y, yaw) are in the base frame; `tolerance` [m] is the
+    largest distance that counts, the error of the object's pose.
+    """
+    solids = tool_outlines(tool, flange, item.height)
+    for outline in item.footprints():
+        placed = np.empty_like(outline)
+        place(outline, *object_pose, placed)
+        if any(overlap(solid, placed)[0] >= -tolerance for solid in solids):
+            return True
+    return False
+
+
 def _prism_around(part: Primitive) -> tuple[NDArray[np.float64], float, float]:
     """Outline of a solid, or of a box around a tilted one, seen along z, and its lower and upper end."""
     length, width, height = extent(part)
@@ -94,28 +106,6 @@ def _prism_around(part: Primitive) -> tuple[NDArray[np.float64], float, float]:
             [[length, width], [-length, width], [-length, -width], [length, -width]]
         )
     return outline, z - height / 2, z + height / 2
-
-
-def _padded(outlines: Sequence[NDArray[np.float64]]) -> tuple[Floats, NDArray[np.int64]]:
-    """Outlines in one array `[parts, corners, 2]`, and the number of corners of each."""
-    counts = np.array([len(outline) for outline in outlines])
-    together = np.zeros((len(outlines), counts.max(), 2))
-    for row, outline in zip(together, outlines, strict=True):
-        row[: len(outline)] = outline
-    return together, counts
-
-
-def _moment_per_force(item: PushedObject) -> float:
-    """Largest moment per largest force of even friction under an object about its origin [m]."""
-    side = np.linspace(-item.radius, item.radius, 64)
-    points = np.stack(np.meshgrid(side, side), -1).reshape(-1, 2).astype(np.float32)
-    inside = np.zeros(len(points), dtype=bool)
-    for outline in item.footprints():
-        contour = outline.astype(np.float32)
-        inside |= [
-            cv2.pointPolygonTest(contour, (float(x), float(y)), False) >= 0 for x, y in points
-        ]
-    return float(np.linalg.norm(points[inside], axis=1).mean())
 
 
 @njit(error_model="numpy")

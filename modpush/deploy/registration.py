@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modpush._kernels import njit
-from modpush.deploy.image_kernels import ARM, GOOD
-from modpush.deploy.outlines import overlap, place
+from modpush.deploy.height_map import ARM, GOOD
+from modpush.deploy.outlines import overlap, padded, place
 from modpush.envs.scenes.objects import PushedObject
 from modpush.geometry.footprint import outline_of, side_planes, vertical_range
 
@@ -23,13 +23,15 @@ _OVER_TABLE = 0.009
 """Height over what is known below which a pixel is explained by it [m]."""
 _OVERLAP = 0.0015
 """Overlap of tool and object that costs as much as a tenth of the object's pixels [m]."""
+_STEP = 0.004
+"""First step of the search for a pose, which is halved down to a sixteenth [m]."""
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 
 class ObjectShape(NamedTuple):
-    """The upright parts of an object as arrays that the kernels read; a capsule counts as a cylinder."""
+    """The upright parts of an object as the compiled functions read them; a capsule is a cylinder."""
 
     sides: Floats
     """Outward normal (x, y) and distance from the origin of each part's sides, `[n, m, 3]` [m]."""
@@ -39,6 +41,12 @@ class ObjectShape(NamedTuple):
     """Axis (x, y) and radius of each cylinder, `[n, 3]` [m]; radius 0 for other parts."""
     levels: Floats
     """Lower and upper end of each part over the table, `[n, 2]` [m]."""
+    outlines: Floats
+    """Outline of each part, `[n, k, 2]` [m]."""
+    corners: NDArray[np.int64]
+    """Number of corners of each outline, `[n]`."""
+    radius: float
+    """Radius of the circle around the object's footprint [m]."""
 
     @classmethod
     def of(cls, item: PushedObject) -> "ObjectShape":
@@ -50,12 +58,24 @@ class ObjectShape(NamedTuple):
                 planes[i] = np.column_stack(side_planes(outline_of(part)))
             else:
                 circles[i] = (*part.position[:2], part.size[0])
-        counts = np.array([len(of_part) for of_part in planes], dtype=np.int64)
-        sides = np.zeros((n, max(1, counts.max()), 3))
-        for row, of_part in zip(sides, planes, strict=True):
-            row[: len(of_part)] = of_part
         levels = np.array([vertical_range(part) for part in item.parts]) + item.height / 2
-        return cls(sides, counts, circles, levels)
+        outlines = padded(item.footprints(num_arc=24))
+        return cls(*padded(planes), circles, levels, *outlines, item.radius)
+
+
+class Expectation(NamedTuple):
+    """Knowledge of an object's pose beside the image."""
+
+    prior: Floats
+    """Pose that is expected, `[3]` [m, m, rad]."""
+    spread: Floats
+    """Standard deviation of it, `[3]` [m, m, rad]."""
+    weight: float
+    """Number of pixels that the object covers, which sets the weight of all that is no pixel."""
+    tool: Floats
+    """Outlines of the tool, `[k, n, 2]` [m], which do not overlap with the object."""
+    tool_corners: NDArray[np.int64]
+    """Number of corners of each."""
 
 
 @njit(error_model="numpy")
@@ -71,22 +91,10 @@ def gather(
     cell: float,
     out: Floats,
 ) -> int:
-    """Collect the pixels in a rectangle (u0, v0, u1, v1) of an image.
+    """Collect every `stride`-th pixel in a rectangle (u0, v0, u1, v1) of an image; returns their number.
 
-    Args:
-        depth: `[H, W]` [m].
-        kind: `[H, W]`, what each pixel is, from `sort_pixels`.
-        rays: `[H, W, 3]`.
-        origin: The pinhole [m].
-        box: The rectangle [px].
-        stride: Distance of the pixels that are read [px].
-        known: Heights up to which the table and known obstacles reach around each cell [m].
-        corner: Centre of the first cell.
-        cell: Side of a cell [m].
-        out: Overwritten with ray (x, y, z), depth, and what the pixel shows, `[n, 5]`.
-
-    Returns:
-        The number of pixels.
+    `known` are the heights up to which table and known obstacles reach around each cell of a grid [m].
+    Ray (x, y, z), depth, and what the pixel shows are written to `out` `[n, 5]`.
     """
     n = 0
     u0, v0, u1, v1 = box
@@ -114,14 +122,10 @@ def gather(
 
 @njit(error_model="numpy")
 def _first_hit(
-    origin: tuple[float, float, float],
-    ray: tuple[float, float, float],
-    sides: Floats,
-    counts: NDArray[np.int64],
-    circles: Floats,
-    levels: Floats,
+    origin: tuple[float, float, float], ray: tuple[float, float, float], shape: ObjectShape
 ) -> float:
     """Depth at which a ray in the object's frame meets it first, inf if it does not [m]."""
+    sides, counts, circles, levels = shape.sides, shape.counts, shape.circles, shape.levels
     (ox, oy, oz), (rx, ry, z) = origin, ray
     first = np.inf
     for k in range(len(counts)):
@@ -154,52 +158,40 @@ def _first_hit(
 
 @njit(error_model="numpy")
 def compare(
-    pose: Floats,
-    pixels: Floats,
-    origin: Floats,
-    radius: float,
-    sides: Floats,
-    counts: NDArray[np.int64],
-    circles: Floats,
-    levels: Floats,
-) -> tuple[float, float, int, int]:
+    pose: Floats, pixels: Floats, origin: Floats, shape: ObjectShape
+) -> tuple[float, float, int]:
     """Compare a pose of an object with pixels.
 
     Args:
         pose: x, y, yaw [m, m, rad].
         pixels: `[n, 5]` from `gather`.
         origin: The pinhole [m].
-        radius: Of the circle around the object's footprint [m].
-        sides: See `ObjectShape`.
-        counts: See `ObjectShape`.
-        circles: See `ObjectShape`.
-        levels: See `ObjectShape`.
+        shape: The object.
 
     Returns:
-        What contradicts the pose, all pixels together; that on the object alone; the number of pixels on
-        the object that show something; and the number of all pixels on the object.
+        What contradicts the pose, all pixels together; that on the object alone; and the number of pixels
+        on the object that show something.
     """
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     dx, dy, oz = origin[0] - pose[0], origin[1] - pose[1], origin[2]
     ox, oy = cos * dx + sin * dy, -sin * dx + cos * dy
     # The ball around the object, by which most rays are told to miss it.
-    top = levels[:, 1].max()
+    top, radius = shape.levels[:, 1].max(), shape.radius
     ball_z = oz - 0.5 * top
     outside = ox * ox + oy * oy + ball_z * ball_z - radius * radius - 0.25 * top * top
-    total, own, shown, covered = 0.0, 0.0, 0, 0
+    total, own, shown = 0.0, 0.0, 0
     for i in range(len(pixels)):
         x, y, z = pixels[i, 0], pixels[i, 1], pixels[i, 2]
         rx, ry = cos * x + sin * y, -sin * x + cos * y
         along = ox * rx + oy * ry + ball_z * z
         first = np.inf
         if along * along > (rx * rx + ry * ry + z * z) * outside:
-            first = _first_hit((ox, oy, oz), (rx, ry, z), sides, counts, circles, levels)
+            first = _first_hit((ox, oy, oz), (rx, ry, z), shape)
         what = int(pixels[i, 4])
         if first == np.inf:
             if what == UNEXPLAINED:
                 total += 1.0
             continue
-        covered += 1
         if what == HIDDEN:
             continue
         behind = (pixels[i, 3] - first) / BEHIND
@@ -209,34 +201,24 @@ def compare(
         cost = min(1.0, behind * behind)
         total += cost
         own += cost
-    return total, own, shown, covered
+    return total, own, shown
 
 
 @njit(error_model="numpy")
 def _cost(
-    pose: Floats,
-    prior: Floats,
-    spread: Floats,
-    weight: float,
-    tool: Floats,
-    tool_corners: NDArray[np.int64],
-    outlines: Floats,
-    corners: NDArray[np.int64],
-    pixels: Floats,
-    origin: Floats,
-    radius: float,
-    shape: tuple,
+    pose: Floats, expected: Expectation, pixels: Floats, origin: Floats, shape: ObjectShape
 ) -> float:
-    """Cost of a pose [px]: contradicting pixels, distance from a prior, and overlap with the tool."""
-    total = compare(pose, pixels, origin, radius, *shape)[0]
+    """Cost of a pose [px]: contradicting pixels, distance from the prior, and overlap with the tool."""
+    total, weight = compare(pose, pixels, origin, shape)[0], expected.weight
     for axis in range(3):
-        total += 0.03 * weight * ((pose[axis] - prior[axis]) / spread[axis]) ** 2
-    body = np.empty_like(outlines[0])
-    for part in range(len(outlines)):
-        n = corners[part]
-        place(outlines[part, :n], pose[0], pose[1], pose[2], body[:n])
-        for k in range(len(tool)):
-            depth = overlap(tool[k, : tool_corners[k]], body[:n])[0]
+        away = (pose[axis] - expected.prior[axis]) / expected.spread[axis]
+        total += 0.03 * weight * away**2
+    body = np.empty_like(shape.outlines[0])
+    for part in range(len(shape.outlines)):
+        n = shape.corners[part]
+        place(shape.outlines[part, :n], pose[0], pose[1], pose[2], body[:n])
+        for k in range(len(expected.tool)):
+            depth = overlap(expected.tool[k, : expected.tool_corners[k]], body[:n])[0]
             if depth > 0.0:
                 total += 0.1 * weight * (depth / _OVERLAP) ** 2
     return total
@@ -245,62 +227,40 @@ def _cost(
 @njit(error_model="numpy")
 def best_pose(
     starts: Floats,
-    step: float,
-    arm: float,
-    prior: Floats,
-    spread: Floats,
-    weight: float,
-    tool: Floats,
-    tool_corners: NDArray[np.int64],
-    outlines: Floats,
-    corners: NDArray[np.int64],
+    expected: Expectation,
     pixels: Floats,
     origin: Floats,
-    radius: float,
-    shape: tuple,
+    shape: ObjectShape,
     keep: int,
-) -> tuple[Floats, float]:
-    """The pose that explains pixels best, by a pattern search from the best of some poses.
+) -> Floats:
+    """The pose that explains pixels best, `[3]`, by a pattern search from the `keep` best of some poses.
 
     Args:
-        starts: Poses to begin with, `[n, 3]` [m, m, rad].
-        step: First step of the search [m]; it is halved down to a sixteenth.
-        arm: Length by which a step is divided for yaw [m].
-        prior: Pose that is expected.
-        spread: Standard deviation of it, `[3]` [m, m, rad].
-        weight: Number of pixels that the object covers, which sets the weight of all that is no pixel.
-        tool: Outlines of the tool, `[k, n, 2]` [m].
-        tool_corners: Number of corners of each.
-        outlines: Outlines of the object's parts, `[k, n, 2]` [m].
-        corners: Number of corners of each.
+        starts: The poses to begin with, `[n, 3]` [m, m, rad].
+        expected: Knowledge of the pose beside the pixels.
         pixels: `[n, 5]` from `gather`.
         origin: The pinhole [m].
-        radius: Of the circle around the object's footprint [m].
-        shape: The arrays of its `ObjectShape`.
+        shape: The object.
         keep: Number of poses from which is searched.
-
-    Returns:
-        The pose, and its cost [px].
     """
-    rest = (prior, spread, weight, tool, tool_corners, outlines, corners, pixels, origin, radius)
     first = np.empty(len(starts))
     for i in range(len(starts)):
-        first[i] = _cost(starts[i], *rest, shape)
+        first[i] = _cost(starts[i], expected, pixels, origin, shape)
     best, least = starts[0].copy(), np.inf
     trial = np.empty(3)
     for i in np.argsort(first)[:keep]:
-        pose, cost, size = starts[i].copy(), first[i], step
-        while size > step / 17:
+        pose, cost, size = starts[i].copy(), first[i], _STEP
+        while size > _STEP / 17:
             moved = False
             for axis in range(3):
                 for sign in (-1.0, 1.0):
                     trial[:] = pose
-                    trial[axis] += sign * (size if axis < 2 else size / arm)
-                    found = _cost(trial, *rest, shape)
+                    trial[axis] += sign * (size if axis < 2 else size / shape.radius)
+                    found = _cost(trial, expected, pixels, origin, shape)
                     if found < cost - 1e-9:
                         pose[:], cost, moved = trial, found, True
             if not moved:
                 size *= 0.5
         if cost < least:
             best[:], least = pose, cost
-    return best, least
+    return best

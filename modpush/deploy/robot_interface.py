@@ -1,7 +1,7 @@
-"""`RobotInterface`: the methods by which an arm is driven, with its states, images and commands."""
+"""`RobotInterface`: the methods by which an arm is driven, its states, images, commands and stops."""
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,3 +72,36 @@ class RobotInterface(ABC):
     @abstractmethod
     def close(self) -> None:
         """Stop and disconnect; closing twice does nothing."""
+
+
+StopReason = Literal[
+    "camera",
+    "stale_image",
+    "object_not_found",
+    "object_lost",
+    "pose_jump",
+    "goal",
+    "start",
+    "workspace",
+    "speed",
+    "acceleration",
+    "joint_limit",
+    "connection",
+]
+"""Reason for a stop; the message says it with its numbers."""
+STOP_REASONS: tuple[str, ...] = get_args(StopReason)
+
+
+class Stopped(RuntimeError):
+    """The arm was stopped, or did not start.
+
+    Args:
+        reason: One of `STOP_REASONS`.
+        message: The same in words and numbers, and what to do about it.
+    """
+
+    reason: StopReason
+
+    def __init__(self, reason: StopReason, message: str) -> None:
+        super().__init__(f"{reason}: {message}")
+        self.reason: StopReason = reason

@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 from modpush._types import Frequency
 from modpush._validation import checked_arguments
 from modpush.deploy.robot_interface import Command, RobotInterface, RobotState
-from modpush.deploy.tip import tip_transform
-from modpush.envs.engines.base import SceneSpec, contact_looks
-from modpush.envs.engines.named import default_sim_freq, find_engine
+from modpush.envs.engines.base import SceneSpec, contact_looks, default_sim_freq, find_engine
 from modpush.envs.robot.control import MotionConfig, MotionPlanner, start_joints
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.robot.robot import Robot, Tool
+from modpush.envs.scene_batch import planar_poses
 from modpush.envs.scenes.objects import PushedObject, get_object
 from modpush.envs.scenes.scenario import Scenario
 
@@ -29,8 +28,7 @@ class SimulatedRobot(RobotInterface):
 
     Args:
         scenario: Layout, object and goal.
-        robot: The arm, or its name.
-        tool: Its tool, or its name.
+        robot, tool: The arm and its tool, or their names.
         pushed_object: The object, if it is none of the library's.
         aside: Let the arm stand aside at first, where it hides nothing, until `approach`.
         engine: Physics engine.
@@ -68,7 +66,7 @@ class SimulatedRobot(RobotInterface):
 
     def _aside(self) -> NDArray[np.float32]:
         """Angles of the joints with the tool high up behind the arm, or as far round as it turns."""
-        home = tip_transform(self.robot, self.tool, np.array(self.robot.home))
+        home = self.robot.tip_transform(np.array(self.robot.home), self.tool)
         x, y = home[:2, 3].tolist()
         joints = start_joints(self.robot, self.tool, (x, y, 0.0), _HIGH)
         low, high = self.robot.joints[0].limits
@@ -93,7 +91,6 @@ class SimulatedRobot(RobotInterface):
         self._scene().load(self.scenario, self._start)
 
     def observe(self) -> RobotState:
-        """See `RobotInterface`."""
         return RobotState(self._scene().joint_position().astype(np.float64), self.time)
 
     def command(self, command: Command) -> None:
@@ -120,7 +117,6 @@ class SimulatedRobot(RobotInterface):
         self.time += substeps / self._freq
 
     def close(self) -> None:
-        """See `RobotInterface`."""
         if self.scene is not None:
             self.scene.close()
             self.scene = None
@@ -133,6 +129,4 @@ class SimulatedRobot(RobotInterface):
     @property
     def object_pose(self) -> NDArray[np.float64]:
         """True x, y, yaw of the object, `[3]` [m, m, rad]."""
-        x, y, _, qw, qx, qy, qz = self._scene().object_transform()
-        yaw = math.atan2(2 * (qx * qy + qw * qz), 1 - 2 * (qy * qy + qz * qz))
-        return np.array([x, y, yaw])
+        return planar_poses([self._scene().object_transform()])[0]

@@ -2,17 +2,23 @@
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush.deploy.estimate import ObjectEstimate
 from modpush.deploy.finding import ObjectFinder
-from modpush.deploy.height_map import HeightMap
-from modpush.deploy.image_kernels import ARM
-from modpush.deploy.outlines import place
+from modpush.deploy.height_map import ARM, HeightMap
+from modpush.deploy.outlines import padded, place, points_within
 from modpush.deploy.push_motion import PushMotion
-from modpush.deploy.registration import BEHIND, ObjectShape, best_pose, compare, gather
+from modpush.deploy.registration import (
+    BEHIND,
+    Expectation,
+    ObjectShape,
+    best_pose,
+    compare,
+    gather,
+)
 from modpush.envs.scenes.objects import PushedObject
 from modpush.geometry.camera_model import CameraModel
 
@@ -45,35 +51,43 @@ _NEAR_GUESS = 0.06
 Floats = NDArray[np.float64]
 
 
+class ObjectEstimate(NamedTuple):
+    """The pushed object's pose, as one depth image shows it."""
+
+    pose: tuple[float, float, float]
+    """x, y, yaw in the base frame [m, m, rad]. Yaw continues from image to image; at the first one it is
+    one of those at which the object looks the same."""
+    residual: float
+    """Share of the visible pixels on and beside the object that contradict its pose, in [0, 1]."""
+    hidden: float
+    """Share of the object's top that the image does not show, in [0, 1]."""
+    found: bool
+    """The image confirms the pose. If not, the pose is predicted from the tool's motion."""
+    unseen_for: int
+    """Number of images since the last one that confirmed a pose; 0 if this one does."""
+
+
 class ObjectTracker:
     """Registers the known shape of an object in depth images.
 
     Each image is compared with what it would show of the object: pixels on it that show something behind
     it contradict a pose, and so do pixels beside it that show something that is neither table nor a known
-    obstacle. What the arm hides says nothing; there, the pose is predicted from the tool's motion.
-
-    Args:
-        item: The object.
-        camera: The camera.
-        heights: The map of the table, in which the object is looked for.
+    obstacle. What the arm hides says nothing; there, the pose is predicted from the tool's motion. The
+    object is looked for in the map `heights` of the table.
     """
 
     def __init__(self, item: PushedObject, camera: CameraModel, heights: HeightMap) -> None:
         self.item, self.camera, self.heights = item, camera, heights
         self._motion = PushMotion(item)
         self._finder = ObjectFinder(item, heights.view.cell_size)
-        self._shape = tuple(ObjectShape.of(item))
+        self._shape = ObjectShape.of(item)
         self._origin = np.array(camera.position)
-        self._top = _points_on_top(item)
+        self._top = points_within(item, 21)
         self._pixels = np.empty((_MOST_PIXELS, 5))
         self.reset()
 
     def reset(self, guess: Sequence[float] | None = None) -> None:
-        """Forget the object; the next image begins an episode.
-
-        Args:
-            guess: Place (x, y) or pose (x, y, yaw) near which the object is [m, m, rad]; None looks
-                everywhere.
+        """Forget the object; the next image begins an episode. `guess` is as of `Perception.reset`.
 
         Raises:
             ValueError: If the guess has another length, or is not finite.
@@ -89,34 +103,31 @@ class ObjectTracker:
         before: list[Floats],
         after: list[Floats],
     ) -> ObjectEstimate | None:
-        """Take in an image.
+        """Take in an image `[H, W]` [m], with its kinds of pixels; `heights.look` has read both.
 
-        Args:
-            depth: `[H, W]` [m].
-            kind: `[H, W]`, what each pixel is, from `sort_pixels`; `heights.look` has read both.
-            before: Outlines of the tool when the image before was taken, from `tool_outlines`.
-            after: The same for this image.
+        `before` and `after` are the outlines of the tool, from `tool_outlines`, when the image before and
+        this one were taken.
 
         Returns:
             The estimate; None if the object has not been found since the last reset.
         """
         self._depth, self._kind = depth, kind
         self._known = self.heights.around()
-        self._tool, self._tool_corners = _padded(after)
+        self._tool = padded(after)
         if self._pose is None:
             found = self._find(self._guess)
             if found is None:
                 return None
             self._pose = found
-            return self._estimate(found)
+            return self._judge(found)[0]
         predicted, gap = self._motion.predict(self._pose, before, after)
         spread = _PUSHED if gap < _TOUCH else _RESTING
-        estimate = self._estimate(self._refine(predicted, spread, _near(predicted, self._pose)))
+        near = _near(predicted, self._pose)
+        estimate, score = self._judge(self._refine(predicted, spread, near))
         if self._unseen or estimate.residual > _DOUBT:
-            again = self._estimate(
-                self._refine(predicted, _UNSURE, _wide(predicted, self.item.symmetry), _SEARCHES)
-            )
-            if again.found and self._score(again) < self._score(estimate) - _BETTER:
+            wide = _wide(predicted, self.item.symmetry)
+            again, other = self._judge(self._refine(predicted, _UNSURE, wide, _SEARCHES))
+            if again.found and other < score - _BETTER:
                 estimate = again
         self._contradicted = 0 if estimate.residual <= _CONFIRMED else self._contradicted + 1
         if self._contradicted >= _PATIENCE:
@@ -124,7 +135,7 @@ class ObjectTracker:
             if found is None:
                 found = self._find(None)
             if found is not None:
-                estimate, self._contradicted = self._estimate(found), 0
+                (estimate, _), self._contradicted = self._judge(found), 0
         self._unseen = 0 if estimate.found else self._unseen + 1
         yaw = _nearest_yaw(estimate.pose[2], self._pose[2], self.item.symmetry)
         self._pose = np.array([*estimate.pose[:2], yaw])
@@ -137,8 +148,8 @@ class ObjectTracker:
             if guess is not None and not np.linalg.norm((candidate - guess)[:2]) < _NEAR_GUESS:
                 continue
             found = self._refine(candidate, _ANYWHERE, _near(candidate, candidate))
-            estimate = self._estimate(found)
-            score = self._score(estimate) + 0.02 * number
+            estimate, score = self._judge(found)
+            score += 0.02 * number
             if estimate.found and score < least:
                 best, least = found, score
         if best is not None and guess is not None:
@@ -152,24 +163,8 @@ class ObjectTracker:
         pixels, weight = self._gather(prior)
         place_spread, yaw_spread = spread
         spreads = np.array([place_spread, place_spread, yaw_spread])
-        motion = self._motion
-        found, _ = best_pose(
-            starts,
-            0.004,
-            self.item.radius,
-            prior,
-            spreads,
-            weight,
-            self._tool,
-            self._tool_corners,
-            motion.outlines,
-            motion.counts,
-            pixels,
-            self._origin,
-            self.item.radius,
-            self._shape,
-            keep,
-        )
+        expected = Expectation(prior, spreads, weight, *self._tool)
+        found: Floats = best_pose(starts, expected, pixels, self._origin, self._shape, keep)
         return found
 
     def _gather(self, pose: Floats) -> tuple[Floats, float]:
@@ -207,28 +202,22 @@ class ObjectTracker:
         )
         return self._pixels[:count], max(1.0, (side / stride) ** 2)
 
-    def _estimate(self, pose: Floats) -> ObjectEstimate:
+    def _judge(self, pose: Floats) -> tuple[ObjectEstimate, float]:
+        """The estimate of a pose, and its contradiction by pixels on the object and beside it."""
         pixels, weight = self._gather(pose)
-        found = compare(pose, pixels, self._origin, self.item.radius, *self._shape)
-        _, own, shown, _ = found
+        total, own, shown = compare(pose, pixels, self._origin, self._shape)
         residual = own / shown if shown else 0.0
         seen = shown >= _LEAST_SHOWN * weight
         x, y, yaw = pose.tolist()
-        return ObjectEstimate(
+        estimate = ObjectEstimate(
             pose=(x, y, yaw),
             residual=float(residual),
             hidden=self._hidden(pose),
             found=bool(seen and residual <= _CONFIRMED),
             unseen_for=0,
         )
-
-    def _score(self, estimate: ObjectEstimate) -> float:
-        """Contradiction of a pose by the pixels on the object and beside it, 0 for none."""
-        pose = np.array(estimate.pose)
-        pixels, weight = self._gather(pose)
-        total, own, _, _ = compare(pose, pixels, self._origin, self.item.radius, *self._shape)
         # A place of the object's size on a long obstacle fits as well, but the rest is beside it.
-        return estimate.residual + 0.2 * (total - own) / weight
+        return estimate, residual + 0.2 * (total - own) / weight
 
     def pixels_on_top(self, pose: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
         """Columns, rows and depths [m] at which the camera sees points on the object's top, `[n]` each.
@@ -264,16 +253,9 @@ def _checked_guess(guess: Sequence[float] | None) -> Floats | None:
 
 def _near(predicted: Floats, last: Floats) -> Floats:
     """Poses that are tried first."""
-    steps = [
-        (0, 0, 0),
-        (6e-3, 0, 0),
-        (-6e-3, 0, 0),
-        (0, 6e-3, 0),
-        (0, -6e-3, 0),
-        (0, 0, 0.15),
-        (0, 0, -0.15),
-    ]
-    return np.concatenate([predicted + np.array(steps), last[None]])
+    steps = np.diag([6e-3, 6e-3, 0.15])
+    moved = predicted + np.stack([steps, -steps], 1).reshape(-1, 3)
+    return np.concatenate([predicted[None], moved, last[None]])
 
 
 def _wide(middle: Floats, symmetry: int) -> Floats:
@@ -291,26 +273,3 @@ def _nearest_yaw(yaw: float, last: float, symmetry: int) -> float:
         return last
     turn = 2 * math.pi / symmetry
     return last + (yaw - last + turn / 2) % turn - turn / 2
-
-
-def _padded(outlines: list[Floats]) -> tuple[Floats, NDArray[np.int64]]:
-    """Outlines in one array `[k, n, 2]`, and the number of corners of each."""
-    counts = np.array([len(outline) for outline in outlines], dtype=np.int64)
-    together = np.zeros((len(outlines), max([*counts.tolist(), 1]), 2))
-    for row, outline in zip(together, outlines, strict=True):
-        row[: len(outline)] = outline
-    return together, counts
-
-
-def _points_on_top(item: PushedObject) -> Floats:
-    """Points of a grid on an object's top, in its frame, `[n, 2]` [m]."""
-    import cv2
-
-    side = np.linspace(-item.radius, item.radius, 21)
-    points = np.stack(np.meshgrid(side, side), -1).reshape(-1, 2)
-    contours = [outline.astype(np.float32) for outline in item.footprints()]
-    inside = [
-        any(cv2.pointPolygonTest(contour, (float(x), float(y)), False) >= 0 for contour in contours)
-        for x, y in points
-    ]
-    return points[inside]

@@ -12,7 +12,6 @@ from modpush._extras import require_extra
 from modpush._types import Length, Positive
 from modpush._validation import checked_arguments
 from modpush.deploy.robot_interface import Command, RobotInterface, RobotState
-from modpush.deploy.tip import tip_transform
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.robot.robot import Robot, Tool
 
@@ -91,7 +90,7 @@ class URRobot(RobotInterface):
 
     def _check_tip(self) -> None:
         joints = self.observe().joints
-        ours = tip_transform(self.robot, self.tool, joints)[:3, 3]
+        ours = self.robot.tip_transform(joints, self.tool)[:3, 3]
         theirs = np.array(self._receive.getActualTCPPose()[:3]) + self.robot.base
         if (distance := math.dist(ours, theirs)) > self._tip_tolerance:
             raise ConnectionError(
@@ -121,7 +120,6 @@ class URRobot(RobotInterface):
             raise ConnectionError("URRobot: the arm has made a protective stop.")
 
     def command(self, command: Command) -> None:
-        """See `RobotInterface`."""
         self._check_connected()
         now = time.monotonic()
         target = np.array([*command.target[:2], command.height, command.target[2]])
@@ -171,7 +169,6 @@ class URRobot(RobotInterface):
             raise RuntimeError("the controller refused a pose; it may have stopped the program.")
 
     def stop(self) -> None:
-        """See `RobotInterface`."""
         self._running.clear()
         if self._servo is not None and self._servo is not threading.current_thread():
             self._servo.join(timeout=1.0)
@@ -184,7 +181,6 @@ class URRobot(RobotInterface):
             raise ConnectionError(f"URRobot: servoStop failed: {error}") from error
 
     def close(self) -> None:
-        """See `RobotInterface`."""
         if self._control is None:
             return
         try:
@@ -197,15 +193,11 @@ class URRobot(RobotInterface):
 
 
 def tool_down_pose(position: NDArray[np.float64], yaw: float) -> list[float]:
-    """A pose as UR's controllers take it, of a tool that points straight down.
+    """A pose as UR's controllers take it, of a tool that points straight down, in the arm's base frame.
 
-    Args:
-        position: x, y, z of the tip in the arm's own base frame [m].
-        yaw: Angle of the tool's x axis from the base's, counter-clockwise seen from above [rad].
-
-    Returns:
-        x, y, z [m], and axis times angle of its turn [rad]: half a turn about the horizontal axis that
-        halves the angle between the two x axes.
+    `yaw` is the angle of the tool's x axis from the base's, counter-clockwise seen from above [rad]. It
+    returns x, y, z [m], and axis times angle of its turn [rad]: half a turn about the horizontal axis
+    that halves the angle between the two x axes.
     """
     axis = math.pi * math.cos(yaw / 2), math.pi * math.sin(yaw / 2), 0.0
     return [*np.asarray(position, dtype=float).tolist(), *axis]

@@ -4,17 +4,16 @@ from .depth.base import (
     SceneView as SceneView,
 )
 from .engines.sapien.rendering import find_render_device as find_render_device
-from .engines.sapien.task import ClutterPushEnv as ClutterPushEnv
 from .push_env import PushEnv as PushEnv
 from .push_state import PushState as PushState
-from .robot.named import ROBOTS as ROBOTS
+from .robot.named import ROBOTS as ROBOTS, TOOLS as TOOLS
 from .robot.robot import (
     Joint as Joint,
     Link as Link,
     Robot as Robot,
     Tool as Tool,
 )
-from .robot.tools import TOOLS as TOOLS
+from .scenes.arm_room import within_reach as within_reach
 from .scenes.conditions import (
     SENSING as SENSING,
     EpisodeConditions as EpisodeConditions,
@@ -33,7 +32,6 @@ from .scenes.obstacle import (
     Obstacle as Obstacle,
     Patrol as Patrol,
 )
-from .scenes.reach import within_reach as within_reach
 from .scenes.sampling import sample_scenario as sample_scenario
 from .scenes.scenario import (
     Dynamics as Dynamics,

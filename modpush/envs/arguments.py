@@ -1,9 +1,7 @@
 """Checks of the arguments that users give to the environments."""
 
-import inspect
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
@@ -11,7 +9,11 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from modpush._checks import check_dtype
+from modpush._types import Several
+from modpush._validation import check_value
 from modpush.envs.outcome import is_out_of_bounds, pose_errors
+from modpush.envs.push_state import object_digest
+from modpush.envs.robot.control import checked_solution
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scenes.arm_room import check_arm_is_free
 from modpush.envs.scenes.objects import PushedObject
@@ -25,41 +27,8 @@ _REACH_ROUNDING = 1e-6  # [m]
 _ROUNDING = 1e-4  # an action may exceed its bounds by this much
 
 
-def parameter_names(function: Callable[..., Any]) -> list[str]:
-    """Names of the parameters that a method declares, sorted, without `self`, `*args`, `**kwargs`."""
-    return sorted(
-        name
-        for name, parameter in inspect.signature(function).parameters.items()
-        if name != "self"
-        and parameter.kind not in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL)
-    )
-
-
-def refuse_unknown(caller: str, unknown: Iterable[str], expected: str) -> None:
-    """Refuse unknown keyword arguments.
-
-    Args:
-        caller: Name of the called function.
-        unknown: Names of the arguments.
-        expected: Description of the known arguments, for the error.
-
-    Raises:
-        TypeError: If there are any.
-    """
-    # TorchRL's GymEnv looks for Python's own words to find out what an environment does not take.
-    if names := ", ".join(repr(name) for name in sorted(unknown)):
-        raise TypeError(
-            f"{caller}: got an unexpected keyword argument {names}; expected {expected}."
-        )
-
-
 def check_device(device: torch.device) -> None:
-    """Check the device of `PushEnv`.
-
-    Raises:
-        ValueError: If it is neither a CPU nor a CUDA device.
-        RuntimeError: If it is not there.
-    """
+    """Refuse a device that `PushEnv` cannot have: neither a CPU nor CUDA, or not there."""
     if device.type not in ("cpu", "cuda"):
         raise ValueError(f"PushEnv: device must be 'cpu' or a CUDA device, got {str(device)!r}.")
     if device.type == "cuda" and not torch.cuda.is_available():
@@ -68,32 +37,8 @@ def check_device(device: torch.device) -> None:
         )
 
 
-def check_simulation(num_envs: int, sim_backend: str, sim_freq: int, control_freq: int) -> None:
-    """Check the options of `ClutterPushEnv` that ManiSkill does not check, or not in plain words.
-
-    Raises:
-        ValueError: If CUDA is needed and there is none, or the frequencies do not fit.
-    """
-    on_cpu = not torch.cuda.is_available() or "cpu" in sim_backend
-    if on_cpu and (num_envs > 1 or "cuda" in sim_backend):
-        raise ValueError(
-            f"ClutterPushEnv: num_envs={num_envs} in one task needs CUDA, since on a CPU a task "
-            f"holds one scene. Use modpush.envs.PushEnv({num_envs}), or "
-            f"gymnasium.make_vec('modpush/Push-v0', num_envs={num_envs})."
-        )
-    if sim_freq % control_freq:
-        raise ValueError(
-            "ClutterPushEnv: sim_freq must be a multiple of control_freq, "
-            f"got {sim_freq} and {control_freq}."
-        )
-
-
 def scenes_to_reset(tensordict: TensorDictBase | None, num_envs: int) -> list[int]:
-    """Indices of the scenes where the key `"_reset"` is True, or of all without that key.
-
-    Raises:
-        TypeError: If it is not bool.
-    """
+    """Indices of the scenes where the key `"_reset"` is True, or of all without that key."""
     if tensordict is None or "_reset" not in tensordict.keys():
         return list(range(num_envs))
     check_dtype("_reset", tensordict["_reset"], torch.bool)
@@ -111,22 +56,11 @@ def check_scenarios(
     yaw_tolerance: float,
     objects: Mapping[str, PushedObject],
 ) -> None:
-    """Check the episodes' starts that a reset is given.
+    """Check the episodes' starts that a reset is given, one for each of `count` scenes.
 
-    Args:
-        scenarios: Must hold a `Scenario` for each scene being reset, which is not solved already.
-        count: Number of scenes being reset.
-        bounds: Lower and upper corner of where the object may be [m].
-        tool: The tool.
-        robot: The arm.
-        simulation: Goal of the episodes.
-        yaw_tolerance: Present yaw tolerance of goal poses [rad].
-        objects: The objects by name; a scenario with another one is refused elsewhere.
-
-    Raises:
-        ValueError: If there are more or fewer, or an object starts at its goal or out of bounds: TorchRL
-            refuses an episode that has ended before its first step. Also if the arm is in an obstacle.
-        TypeError: If something else is among them.
+    TorchRL refuses an episode that has ended before its first step, so that an object must start within
+    `bounds` [m] and not at its goal; `yaw_tolerance` [rad] is the present one. Nothing may stand in the
+    arm. A scenario with another object than `objects` is refused elsewhere.
     """
     if not isinstance(scenarios, Sequence) or len(scenarios) != count:
         got = len(scenarios) if isinstance(scenarios, Sequence) else type(scenarios).__name__
@@ -149,12 +83,7 @@ def check_scenarios(
 
 
 def check_reach(robot: Robot, config: ScenarioConfig) -> None:
-    """Refuse a workspace in which the arm could not follow the object to every start.
-
-    Raises:
-        ValueError: If a place where episodes start is beyond the arm's reach or too near to it, or the
-            arm does not point down over the table at home.
-    """
+    """Refuse a workspace whose starts are not all within the arm's reach."""
     _check_home(robot)
     (x0, y0), (x1, y1) = config.low, config.high
     grid = np.stack(np.meshgrid(np.linspace(x0, x1, 23), np.linspace(y0, y1, 29)), -1)
@@ -170,24 +99,56 @@ def check_reach(robot: Robot, config: ScenarioConfig) -> None:
         )
     if distance.max(initial=0.0) > most:
         radius = np.linalg.norm(places[distance > most], axis=-1).min() - 0.01
-        if radius < np.linalg.norm(places, axis=-1).min():
-            raise ValueError(
-                f"PushEnv: robot {robot.name!r}, whose base is at {base}, reaches to {most} m; the "
-                f"workspace from {config.low} to {config.high} is up to {distance.max():.2f} m away. "
-                "Expected a Robot.base nearer to the workspace, or a robot with more reach."
+        advice = "a Robot.base nearer to the workspace, a smaller workspace (low and high)"
+        if radius >= np.linalg.norm(places, axis=-1).min():
+            advice = (
+                "max_start_radius (and max_goal_radius) of at most "
+                f"{math.floor(100 * radius) / 100:.2f}, a smaller workspace (low and high)"
             )
         raise ValueError(
             f"PushEnv: robot {robot.name!r}, whose base is at {base}, reaches from {least} to {most} m; "
             f"this does not hold the workspace from {config.low} to {config.high}, with starts up to "
-            f"{distance.max():.2f} m from the base. Expected max_start_radius (and max_goal_radius) of "
-            f"at most {math.floor(100 * radius) / 100:.2f}, a smaller workspace (low and high), or a "
-            "robot with more reach."
+            f"{distance.max():.2f} m from the base. Expected {advice}, or a robot with more reach."
+        )
+
+
+def check_new_scenario(
+    config: ScenarioConfig,
+    present: ScenarioConfig,
+    simulation: SimulationConfig,
+    digests: Mapping[str, str],
+) -> None:
+    """Refuse episodes that an environment was not built for; `digests` are those of its objects."""
+    if config.bounds() != present.bounds():
+        raise ValueError(
+            "PushEnv: scenario must keep low and high, the running episodes' workspace, "
+            f"{present.low} and {present.high}, got {config.low} and {config.high}."
+        )
+    check_tolerance(config, simulation)
+    if config.pushed_object != present.pushed_object:
+        found = {item.name: object_digest(item) for item in config.objects}
+        if other := sorted(n for n, digest in found.items() if digests.get(n) != digest):
+            raise ValueError(
+                f"PushEnv: scenario must have objects of {sorted(digests)}, as they were when "
+                f"the environment was made, got {other}."
+            )
+
+
+def check_tolerance(config: ScenarioConfig, simulation: SimulationConfig) -> None:
+    """Refuse distances at which an episode would have ended before its first step."""
+    if config.distance[0] < (tolerance := simulation.position_tolerance):
+        raise ValueError(
+            f"PushEnv: distance must be at least position_tolerance, {tolerance} m, at which an "
+            f"episode succeeds, got {config.distance}."
         )
 
 
 def _check_home(robot: Robot) -> None:
     """Refuse an arm whose flange does not point down over the table at home, roughly."""
     flange = robot.link_transforms(np.array(robot.home))[-1]
+    checked_solution(
+        robot, np.array([[*(flange[:3, 3] - robot.base), 0.0]])
+    )  # is of the right form
     (x, y, z), down = flange[:3, 3].round(3).tolist(), -float(flange[2, 2])
     if down < _DOWN or z <= 0:
         raise ValueError(
@@ -225,59 +186,18 @@ def _check_goal(
     )
 
 
-def check_alone(**others: Any) -> None:
-    """Refuse arguments of `PushEnv.reset` that cannot be given with `state`.
-
-    Raises:
-        ValueError: If one of them is not None.
-    """
-    if given := sorted(name for name, value in others.items() if value is not None):
-        raise ValueError(f"PushEnv.reset: with state, {' and '.join(given)} must be None.")
-
-
 def chosen_scenes(indices: Sequence[int] | None, num_envs: int) -> list[int]:
-    """Indices of scenes that a user names, or of all if they are None.
-
-    Raises:
-        ValueError: If one is out of range or given twice.
-    """
-    chosen = list(range(num_envs)) if indices is None else [*_whole(indices)]
+    """Indices of scenes that a user names, or of all if they are None."""
+    if indices is None:
+        return list(range(num_envs))
+    chosen: list[int] = list(check_value("indices", indices, Several[int]))
     if len(set(chosen)) < len(chosen) or not all(0 <= i < num_envs for i in chosen):
         raise ValueError(f"indices must be different and in [0, {num_envs - 1}], got {chosen}.")
     return chosen
 
 
-def _whole(indices: Sequence[int], name: str = "indices") -> Sequence[int]:
-    whole = isinstance(indices, Sequence | np.ndarray) and all(
-        isinstance(i, int | np.integer) and not isinstance(i, bool) for i in indices
-    )
-    if not whole:
-        raise TypeError(f"{name} must be whole numbers, got {indices!r}.")
-    return [int(i) for i in indices]
-
-
-def check_scene(index: int, num_envs: int) -> None:
-    """Check the index of one scene.
-
-    Raises:
-        TypeError: If it is not a whole number.
-        ValueError: If there is no such scene.
-    """
-    _whole([index], "index")
-    if not 0 <= index < num_envs:
-        raise ValueError(f"index must be in [0, {num_envs - 1}], got {index}.")
-
-
 def check_action(action: Tensor, num_envs: int) -> None:
-    """Check an action before it reaches compiled code, which checks nothing.
-
-    Args:
-        action: Must be `[num_envs, 3]`, float32 or float64, finite and in [-1, 1].
-        num_envs: Number of scenes.
-
-    Raises:
-        ValueError: If it is not; the message names the scene.
-    """
+    """Check an action before it reaches compiled code: `[num_envs, 3]`, finite and in [-1, 1]."""
     if action.shape != (num_envs, ACTION_SIZE) or action.dtype not in (
         torch.float32,
         torch.float64,

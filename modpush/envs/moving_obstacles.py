@@ -12,13 +12,7 @@ from modpush.envs.scenes.rectangles import obstacle_distance
 
 
 class MovingObstacles:
-    """Places and velocities of the obstacles with a motion, from the time of each scene's episode.
-
-    Args:
-        num_envs: Number of scenes.
-        control_freq: Control steps per second [Hz].
-        substeps: Number of physics steps in a control step.
-    """
+    """Places and velocities of the obstacles with a motion, from the time of each scene's episode."""
 
     def __init__(self, num_envs: int, control_freq: int, substeps: int) -> None:
         self.steps: NDArray[np.int64] = np.zeros(num_envs, dtype=np.int64)
@@ -40,10 +34,9 @@ class MovingObstacles:
         return (np.stack([obstacle.at(time) for obstacle in obstacles], axis=1),)
 
     def nearest(self, object_position: NDArray[np.float64]) -> Tensor:
-        """Place [m] and velocity [m/s] of the nearest moving obstacle, `[B, 4]` float32; zeros for none.
+        """Place [m] and velocity [m/s] of the moving obstacle that is nearest to places `[B, 2]` [m].
 
-        Args:
-            object_position: Places to which it is nearest, `[B, 2]` [m].
+        `[B, 4]` float32; zeros where there is none.
         """
         found = np.zeros((len(self._obstacles), 4))
         for i, obstacles in enumerate(self._obstacles):

@@ -1,11 +1,9 @@
 """Conditions of success, of leaving the workspace, and of an episode's end."""
 
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import Literal, NamedTuple
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from modpush.geometry.workspace import Rectangle
 
@@ -15,34 +13,21 @@ Goal = Literal["position", "pose"]
 GOAL_THRESHOLD = 0.05
 """By default an episode succeeds when the object's centre is this near to the goal [m]."""
 
-Array = TypeVar("Array", NDArray[Any], Tensor)
 
-
-def is_at_goal(position: Array, goal: Array, threshold: float = GOAL_THRESHOLD) -> Array:
-    """True where the object has reached its goal.
-
-    Args:
-        position: The object's centre, a numpy array or a tensor, `[B, 2]` [m].
-        goal: The goal, of the same type, `[B, 2]` [m].
-        threshold: Largest distance that counts as reached [m].
-
-    Returns:
-        `[B]` bool, of the same type.
-    """
+def is_at_goal(
+    position: NDArray[np.float64], goal: NDArray[np.float64], threshold: float = GOAL_THRESHOLD
+) -> NDArray[np.bool_]:
+    """True where the object's centre `[B, 2]` is within a distance of its goal `[B, 2]` [m], `[B]`."""
     x, y = (position - goal).T
-    hypot = torch.hypot if isinstance(position, Tensor) else np.hypot
-    return hypot(x, y) <= threshold
+    return np.hypot(x, y) <= threshold
 
 
 def pose_errors(
     pose: NDArray[np.float64], goal: NDArray[np.float64], symmetry: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Distances and angles of objects from their goal poses.
+    """Distances and angles of objects from their goal poses, (x, y, yaw) `[B, 3]` each [m, rad].
 
-    Args:
-        pose: Poses (x, y, yaw) of the objects, `[B, 3]` [m, rad].
-        goal: Their goals, `[B, 3]` [m, rad].
-        symmetry: Number of yaw angles at which each object looks the same, 0 for all angles, `[B]`.
+    `symmetry` is the number of yaw angles at which each object looks the same, 0 for all angles, `[B]`.
 
     Returns:
         `[B, 2]`: the distance [m], and the angle by which the object is to be turned, counter-clockwise,
@@ -54,16 +39,8 @@ def pose_errors(
     return np.stack([np.hypot(x, y), np.where(symmetry > 0, turn, 0.0)], -1)
 
 
-def is_out_of_bounds(position: Array, bounds: Rectangle) -> Array:
-    """True where the object has left the workspace by more than the margin of `bounds`.
-
-    Args:
-        position: The object's centre, a numpy array or a tensor, `[B, 2]` [m].
-        bounds: Lower and upper corner, see `ScenarioConfig.bounds` [m].
-
-    Returns:
-        `[B]` bool, of the same type.
-    """
+def is_out_of_bounds(position: NDArray[np.float64], bounds: Rectangle) -> NDArray[np.bool_]:
+    """True where the object's centre `[B, 2]` is outside of `ScenarioConfig.bounds` [m], `[B]`."""
     (low_x, low_y), (high_x, high_y) = bounds
     x, y = position.T
     return (x < low_x) | (x > high_x) | (y < low_y) | (y > high_y)
@@ -92,17 +69,11 @@ def episode_status(
     max_episode_steps: int | None,
     oob: Literal["truncate", "terminate"],
 ) -> EpisodeStatus:
-    """Decide which episodes have ended, and how.
+    """Decide which episodes have ended, and how, from the object's centres `[B, 2]` [m].
 
-    In numpy, which on a few numbers is several times faster than torch.
-
-    Args:
-        success: True where a scene has succeeded, `[B]`.
-        position: The object's centre, `[B, 2]` [m].
-        bounds: Lower and upper corner, see `is_out_of_bounds` [m].
-        step_count: Number of steps since the reset, `[B]`.
-        max_episode_steps: Number of steps after which an episode is truncated; None for no limit.
-        oob: Kind of the end out of bounds, a truncation or a termination.
+    In numpy, which on a few numbers is several times faster than torch. `step_count` `[B]` is the number
+    of steps since the reset, `max_episode_steps` that after which an episode is truncated (None: no
+    limit), and `oob` the kind of the end out of bounds.
     """
     outside = is_out_of_bounds(position, bounds)
     terminated = success | outside if oob == "terminate" else success

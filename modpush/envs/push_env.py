@@ -10,29 +10,25 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.envs import EnvBase
 
 from modpush._types import Scenes, Seed
-from modpush._validation import checked_arguments
+from modpush._validation import check_value, checked_arguments
 from modpush.envs.arguments import (
     check_action,
-    check_alone,
     check_device,
+    check_new_scenario,
     check_reach,
     check_scenarios,
-    check_scene,
+    check_tolerance,
     chosen_scenes,
-    parameter_names,
-    refuse_unknown,
     scenes_to_reset,
 )
 from modpush.envs.depth.analytic import find_depth_camera
-from modpush.envs.engines.base import SceneSpec
-from modpush.envs.engines.named import default_sim_freq, find_engine
+from modpush.envs.engines.base import SceneSpec, default_sim_freq, find_engine
 from modpush.envs.outcome import episode_status, is_at_goal, pose_errors
 from modpush.envs.push_state import (
     PushState,
     check_state,
     make_generators,
     object_digest,
-    restart_generators,
 )
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.robot.robot import Robot, Tool
@@ -55,64 +51,56 @@ class PushEnv(EnvBase):
     All lengths in metres, all angles in radians, all poses `[x, y, yaw]` in the robot's base frame:
     x forward, y left, z up, the table's top at z = 0.
 
-        ============================ ================== ===============================================
-        key                          shape, dtype       meaning
-        ============================ ================== ===============================================
-        action                       `[B, 3]` float32   (dx, dy, dyaw) of the tool in [-1, 1], times
-                                                        (0.02 m, 0.02 m, 0.05 rad)
-        depth                        `[B, 1, 256, 256]` bird's-eye depth along the optical axis [m];
-                                     float32            the table is at 1.1 (absent with `depth=None`)
-        segmentation                 `[B, 1, 256, 256]` what each pixel shows: 0 table, 1 pushed
-                                     uint8              object, 2 obstacle, 3 robot
-        object_pose                  `[B, 3]` float32   pose of the pushed object
-        goal_position                `[B, 2]` float32   goal of the object's centre
-        goal_pose                    `[B, 3]` float32   goal of the object (only with `goal="pose"`)
-        pose_error                   `[B, 2]` float32   distance of the object from that goal [m], and
-                                                        the angle by which it is to be turned, modulo
-                                                        its symmetry (only with `goal="pose"`)
-        ee_pose                      `[B, 3]` float32   pose of the tool's tip
-        joint_position               `[B, n]` float32   angles of the arm's joints
-        object_radius                `[B, 1]` float32   circumscribed radius of the object's footprint
-        object_inscribed_radius      `[B, 1]` float32   radius of the circle inside the object's
-                                                        footprint
-        object_symmetry              `[B, 1]` float32   number of yaw angles at which the object looks
-                                                        the same: 4 for a square footprint, 0 for a
-                                                        disc
-        object_support               `[B, 48]` float32  how far the footprint reaches from the object's
-                                                        centre in 48 directions, the first along its
-                                                        own x
-        object_contact               `[B, 1]` bool      tool or arm touched the object during the step
-        obstacle_contact             `[B, 1]` bool      the object touched an obstacle during the step
-        tool_obstacle_contact        `[B, 1]` bool      tool or arm touched an obstacle during the step
-        object_contact_at_end        `[B, 1]` bool      the same as `object_contact` at the step's end
-        obstacle_contact_at_end      `[B, 1]` bool      the same as `obstacle_contact` there
-        tool_obstacle_contact_at_end `[B, 1]` bool      the same as `tool_obstacle_contact` there
-        target_reachable             `[B, 1]` bool      False if the arm cannot reach the commanded
-                                                        pose
-        obstacle_displacement        `[B, 24]` float32  how far each obstacle has moved since reset
-                                                        (only with `dynamic_obstacles=True`)
-        obstacle_pose                `[B, 24, 4]`       x, y, yaw of each obstacle, and the tilt of its
-                                     float32            vertical axis; zeros where there are fewer (only
-                                                        with `dynamic_obstacles=True`)
-        obstacle_motion              `[B, 4]` float32   place of the centre (x, y) and velocity (x, y)
-                                                        [m/s] of the obstacle nearest to the object of
-                                                        those that move by themselves, zeros where none
-                                                        does (only with `obstacle_motion=True`)
-        object_dynamics              `[B, 4]` float32   mass [kg], friction and centre of mass (x, y) in
-                                                        the object's frame (only with
-                                                        `object_dynamics=True`)
-        success                      `[B, 1]` bool      the object's centre is within
-                                                        `position_tolerance` of the goal, 5 cm by
-                                                        default, and with `goal="pose"` its yaw within
-                                                        `yaw_tolerance`, for `hold_steps` steps
-        out_of_bounds                `[B, 1]` bool      that centre is more than 5 cm outside the
-                                                        workspace
-        reward                       `[B, 1]` float32   1 on success, else 0
-        terminated                   `[B, 1]` bool      success (and out of bounds with
-                                                        `oob="terminate"`)
-        truncated                    `[B, 1]` bool      step limit, or out of bounds
-        done                         `[B, 1]` bool      terminated or truncated
-        ============================ ================== ===============================================
+    ============================ ================== =====================================================
+    key                          shape, dtype       meaning
+    ============================ ================== =====================================================
+    action                       `[B, 3]` float32   (dx, dy, dyaw) of the tool in [-1, 1], times (0.02 m,
+                                                    0.02 m, 0.05 rad)
+    depth                        `[B, 1, 256, 256]` bird's-eye depth along the optical axis [m]; the
+                                 float32            table is at 1.1 (absent with `depth=None`)
+    segmentation                 `[B, 1, 256, 256]` what each pixel shows: 0 table, 1 pushed object, 2
+                                 uint8              obstacle, 3 robot
+    object_pose                  `[B, 3]` float32   pose of the pushed object
+    goal_position                `[B, 2]` float32   goal of the object's centre
+    goal_pose                    `[B, 3]` float32   goal of the object (only with `goal="pose"`)
+    pose_error                   `[B, 2]` float32   distance of the object from that goal [m], and the
+                                                    angle by which it is to be turned, modulo its
+                                                    symmetry (only with `goal="pose"`)
+    ee_pose                      `[B, 3]` float32   pose of the tool's tip
+    joint_position               `[B, n]` float32   angles of the arm's joints
+    object_radius                `[B, 1]` float32   circumscribed radius of the object's footprint
+    object_inscribed_radius      `[B, 1]` float32   radius of the circle inside the object's footprint
+    object_symmetry              `[B, 1]` float32   number of yaw angles at which the object looks the
+                                                    same: 4 for a square footprint, 0 for a disc
+    object_support               `[B, 48]` float32  how far the footprint reaches from the object's
+                                                    centre in 48 directions, the first along its own x
+    object_contact               `[B, 1]` bool      tool or arm touched the object during the step
+    obstacle_contact             `[B, 1]` bool      the object touched an obstacle during the step
+    tool_obstacle_contact        `[B, 1]` bool      tool or arm touched an obstacle during the step
+    object_contact_at_end        `[B, 1]` bool      the same as `object_contact` at the step's end
+    obstacle_contact_at_end      `[B, 1]` bool      the same as `obstacle_contact` there
+    tool_obstacle_contact_at_end `[B, 1]` bool      the same as `tool_obstacle_contact` there
+    target_reachable             `[B, 1]` bool      False if the arm cannot reach the commanded pose
+    obstacle_displacement        `[B, 24]` float32  how far each obstacle has moved since reset (only
+                                                    with `dynamic_obstacles=True`)
+    obstacle_pose                `[B, 24, 4]`       x, y, yaw of each obstacle, and the tilt of its
+                                 float32            vertical axis; zeros where there are fewer (only with
+                                                    `dynamic_obstacles=True`)
+    obstacle_motion              `[B, 4]` float32   place of the centre (x, y) and velocity (x, y) [m/s]
+                                                    of the obstacle nearest to the object of those that
+                                                    move by themselves, zeros where none does (only with
+                                                    `obstacle_motion=True`)
+    object_dynamics              `[B, 4]` float32   mass [kg], friction and centre of mass (x, y) in the
+                                                    object's frame (only with `object_dynamics=True`)
+    success                      `[B, 1]` bool      the object's centre is within `position_tolerance` of
+                                                    the goal, 5 cm by default, and with `goal="pose"` its
+                                                    yaw within `yaw_tolerance`, for `hold_steps` steps
+    out_of_bounds                `[B, 1]` bool      that centre is more than 5 cm outside the workspace
+    reward                       `[B, 1]` float32   1 on success, else 0
+    terminated                   `[B, 1]` bool      success (and out of bounds with `oob="terminate"`)
+    truncated                    `[B, 1]` bool      step limit, or out of bounds
+    done                         `[B, 1]` bool      terminated or truncated
+    ============================ ================== =====================================================
 
     `reset(tensordict, scenarios=None, seed=None, state=None)` starts new episodes in the scenes where
     the key `"_reset"` is True, or in all scenes without that key. With `scenarios` they start from
@@ -159,14 +147,15 @@ class PushEnv(EnvBase):
         self._scenario, self._simulation = set_fields(
             "PushEnv", fields, scenario or ScenarioConfig(), simulation or SimulationConfig()
         )
-        self._bounds = self._scenario.bounds()
+        self.bounds: Rectangle = self._scenario.bounds()
+        """Lower and upper corner of where the object may be without being out of bounds [m]."""
         engine = self._simulation.engine
         self._make_engine = find_engine(engine)  # before any work
-        self._robot, self._tool = (
-            find_robot(self._simulation.robot),
-            find_tool(self._simulation.tool),
-        )
-        check_reach(self._robot, self._scenario)
+        self.robot: Robot = find_robot(self._simulation.robot)
+        """The arm."""
+        self.tool: Tool = find_tool(self._simulation.tool)
+        """Its tool."""
+        check_reach(self.robot, self._scenario)
         if self._simulation.sim_freq is None:
             rate = default_sim_freq(engine, self._make_engine)
             self._simulation = replace(self._simulation, sim_freq=rate)
@@ -184,19 +173,9 @@ class PushEnv(EnvBase):
         self.yaw_tolerance = self._simulation.yaw_tolerance
         """Largest difference of the object's yaw from a goal pose's at success [rad]: that of
         `simulation`, unless a curriculum sets another one."""
-        self._check_tolerance(self._scenario)
+        check_tolerance(self._scenario, self._simulation)
         self._set_seed(seed)
-        images, movable = self._simulation.depth is not None, self._simulation.dynamic_obstacles
-        specs = make_specs(
-            num_envs,
-            self.device,
-            len(self._robot.joints),
-            images,
-            movable,
-            self._simulation.goal,
-            self._simulation.obstacle_motion,
-            self._simulation.object_dynamics,
-        )
+        specs = make_specs(num_envs, self.device, len(self.robot.joints), self._simulation)
         for name, spec in specs.items():
             setattr(self, name, spec)
 
@@ -205,8 +184,8 @@ class PushEnv(EnvBase):
         assert config.sim_freq is not None
         camera = None if config.depth is None else find_depth_camera(config.depth)
         spec = SceneSpec(
-            robot=self._robot,
-            tool=self._tool,
+            robot=self.robot,
+            tool=self.tool,
             objects=tuple(self.pushed_objects.values()),
             sim_freq=config.sim_freq,
             control_freq=config.control_freq,
@@ -230,34 +209,9 @@ class PushEnv(EnvBase):
         if not isinstance(config, ScenarioConfig):
             raise TypeError(f"PushEnv: scenario must be a ScenarioConfig, got {config!r}.")
         if config is not self._scenario:
-            self._check_scenario(config)
-            check_reach(self._robot, config)
+            check_new_scenario(config, self._scenario, self._simulation, self._digests)
+            check_reach(self.robot, config)
         self._scenario = config
-
-    def _check_scenario(self, config: ScenarioConfig) -> None:
-        """Refuse episodes that this environment was not built for."""
-        if config.bounds() != self._scenario.bounds():
-            raise ValueError(
-                "PushEnv: scenario must keep low and high, the running episodes' workspace, "
-                f"{self._scenario.low} and {self._scenario.high}, got {config.low} and {config.high}."
-            )
-        self._check_tolerance(config)
-        if config.pushed_object == self._scenario.pushed_object:
-            return
-        digests = {item.name: object_digest(item) for item in config.objects}
-        if other := sorted(n for n, digest in digests.items() if self._digests.get(n) != digest):
-            raise ValueError(
-                f"PushEnv: scenario must have objects of {sorted(self._digests)}, as they were when "
-                f"the environment was made, got {other}."
-            )
-
-    def _check_tolerance(self, config: ScenarioConfig) -> None:
-        """Refuse distances at which an episode would have ended before its first step."""
-        if config.distance[0] < (tolerance := self._simulation.position_tolerance):
-            raise ValueError(
-                f"PushEnv: distance must be at least position_tolerance, {tolerance} m, at which an "
-                f"episode succeeds, got {config.distance}."
-            )
 
     def _set_seed(self, seed: int | None) -> None:
         self._rngs = make_generators(seed, self.batch_size[0])
@@ -268,23 +222,25 @@ class PushEnv(EnvBase):
         scenarios: Sequence[Scenario] | None = None,
         seed: int | None = None,
         state: PushState | None = None,
-        **unknown: Any,
     ) -> TensorDictBase:
         """Start new episodes; the arguments are explained in the docstring of `PushEnv`."""
-        refuse_unknown("PushEnv.reset", unknown, f"some of {parameter_names(self._reset)}")
         self._check_open("reset")
         indices = scenes_to_reset(tensordict, self.batch_size[0])
         if not self._started and len(indices) < self.batch_size[0]:
             raise RuntimeError("PushEnv.reset: the first reset must be of all scenes.")
         if state is not None:
-            check_alone(scenarios=scenarios, seed=seed)
+            if scenarios is not None or seed is not None:
+                raise ValueError("PushEnv.reset: with state, scenarios and seed must be None.")
             return self.set_state(state, indices)
         if scenarios is not None:
-            given = self._tool, self._robot, self._simulation, self.yaw_tolerance
+            given = self.tool, self.robot, self._simulation, self.yaw_tolerance
             check_scenarios(scenarios, len(indices), self.bounds, *given, self.pushed_objects)
-        restart_generators(self._rngs, indices, seed)
+        if seed is not None:
+            check_value("seed", seed, Seed)
+            for i in indices:
+                self._rngs[i] = np.random.default_rng(int(seed) + i)
         if scenarios is None:
-            parts: Any = {"tool": self._tool, "robot": self._robot, "goal": self._simulation.goal}
+            parts: Any = {"tool": self.tool, "robot": self.robot, "goal": self._simulation.goal}
             scenarios = [sample_scenario(self._rngs[i], self.scenario, **parts) for i in indices]
         self._batch.start(indices, scenarios)
         self._started = True
@@ -312,7 +268,7 @@ class PushEnv(EnvBase):
         position = measured.object_pose[:, :2]
         at_goal = is_at_goal(position, batch.goal_pose[:, :2], config.position_tolerance)
         if config.goal == "pose":
-            symmetry = batch.object_symmetry[:, 0]
+            symmetry = batch.about_object["object_symmetry"][:, 0]
             pose_error = pose_errors(measured.object_pose, batch.goal_pose, symmetry)
             at_goal &= np.abs(pose_error[:, 1]) <= self.yaw_tolerance
         steps_at_goal = np.maximum(self._steps_at_goal + after_step, 1)
@@ -327,8 +283,7 @@ class PushEnv(EnvBase):
         )
         entries = state_entries(batch, measured, status, pose_error)
         if config.dynamic_obstacles:
-            entries["obstacle_displacement"] = batch.obstacle_displacement()
-            entries["obstacle_pose"] = batch.obstacle_pose()
+            entries |= batch.obstacle_entries()
         if config.obstacle_motion:
             entries["obstacle_motion"] = batch.moving.nearest(position)
         if config.object_dynamics:
@@ -351,16 +306,6 @@ class PushEnv(EnvBase):
         return self._simulation
 
     @property
-    def robot(self) -> Robot:
-        """The arm."""
-        return self._robot
-
-    @property
-    def tool(self) -> Tool:
-        """The tool of the arm."""
-        return self._tool
-
-    @property
     def engine_name(self) -> str:
         """Name of the physics engine."""
         return self._batch.engines[0].name
@@ -372,25 +317,21 @@ class PushEnv(EnvBase):
     @property
     def _state_config(self) -> dict[str, Any]:
         """Settings that a state depends on, besides the objects."""
-        names = ("sim_freq", "control_freq", "dynamic_obstacles")
-        engine = self._batch.engines[0]
-        about = {
+        engine, config = self._batch.engines[0], self._simulation
+        return {
             "device": self.device.type,
             "engine": f"{engine.name} {engine.version}",
-            "robot": self._robot.name,
-            "tool": self._tool.name,
+            "robot": self.robot.name,
+            "tool": self.tool.name,
+            "sim_freq": config.sim_freq,
+            "control_freq": config.control_freq,
+            "dynamic_obstacles": config.dynamic_obstacles,
         }
-        return about | {n: getattr(self._simulation, n) for n in names}
-
-    @property
-    def bounds(self) -> Rectangle:
-        """Lower and upper corner of where the object may be without being out of bounds [m]."""
-        return self._bounds
 
     def render(self, index: int = 0) -> np.ndarray:
         """A picture of a scene, `[H, W, 3]` uint8: drawn from above, or rendered with `pictures`."""
         self._check_open("render", started=True)
-        check_scene(index, self.batch_size[0])
+        (index,) = chosen_scenes([index], self.batch_size[0])
         return self._batch.render(index, self._simulation.position_tolerance)
 
     def get_state(self, indices: Sequence[int] | None = None) -> PushState:
@@ -401,7 +342,7 @@ class PushEnv(EnvBase):
             scenes=tuple(self._batch.get_state(i) for i in chosen),
             step_count=tuple(self._step_count[chosen].tolist()),
             steps_at_goal=tuple(self._steps_at_goal[chosen].tolist()),
-            rngs=tuple(self._rngs[i].bit_generator.state for i in chosen),
+            rngs=tuple(dict(self._rngs[i].bit_generator.state) for i in chosen),
             config=self._state_config,
             objects=self._digests,
         )
@@ -427,10 +368,8 @@ class PushEnv(EnvBase):
         for i, scene, rng in zip(chosen, state.scenes, state.rngs, strict=True):
             self._batch.set_state(i, scene)
             self._rngs[i].bit_generator.state = rng
-        self._step_count[chosen], self._steps_at_goal[chosen] = (
-            state.step_count,
-            state.steps_at_goal,
-        )
+        self._step_count[chosen] = state.step_count
+        self._steps_at_goal[chosen] = state.steps_at_goal
         return self._observe()
 
     def close(self, *, raise_if_closed: bool = True) -> None:

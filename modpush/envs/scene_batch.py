@@ -15,16 +15,10 @@ from modpush.envs.depth.base import DepthCamera, DepthCameraFactory
 from modpush.envs.engines.base import CONTACT_KEYS, Engine, EngineFactory, SceneSpec, contact_looks
 from modpush.envs.moving_obstacles import MovingObstacles
 from modpush.envs.push_state import SceneState
-from modpush.envs.robot.control import (
-    MotionConfig,
-    MotionPlanner,
-    PlannedMotion,
-    start_joints,
-)
-from modpush.envs.robot.robot import Robot, Tool
+from modpush.envs.robot.control import MotionConfig, MotionPlanner, PlannedMotion, start_joints
 from modpush.envs.scenes.arm_room import check_arm_is_free
 from modpush.envs.scenes.drawing import draw_top_view
-from modpush.envs.scenes.objects import SUPPORT_DIRECTIONS, PushedObject, get_object_of
+from modpush.envs.scenes.objects import PushedObject, get_object_of
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES
 from modpush.envs.scenes.scenario import Scenario
 
@@ -52,18 +46,9 @@ class SceneBatch:
     (`MultiSyncCollector`).
 
     What stays the same throughout an episode is kept in `goal_pose` `[B, 3]` [m, m, rad], whose yaw is 0
-    where the goal is a position,
-    `object_radius` and `object_inscribed_radius` `[B, 1]` [m], `object_symmetry` `[B, 1]`, and
-    `object_support` `[B, SUPPORT_DIRECTIONS]` [m]. `moving` has the obstacles that move by
-    themselves. A batch is the `SceneView` of its cameras.
-
-    Args:
-        num_envs: Number of scenes.
-        make_engine: Makes one of them.
-        spec: The properties of every scene.
-        depth: Factory of the depth camera, or None.
-        arm_in_depth: True if the depth camera sees the arm.
-        full_circle: Count yaw angles as different at which an object looks the same.
+    where the goal is a position, and `about_object`, the entries of `object_entries` by key. `moving` has
+    the obstacles that move by themselves. A batch is the `SceneView` of its cameras. With `full_circle`
+    yaw angles count as different at which an object looks the same.
     """
 
     def __init__(
@@ -80,10 +65,10 @@ class SceneBatch:
         self.num_envs, self._spec = num_envs, spec
         self.scenarios: list[Scenario] = []
         self.goal_pose = np.zeros((num_envs, 3))
-        self.object_radius = np.zeros((num_envs, 1))
-        self.object_inscribed_radius = np.zeros((num_envs, 1))
-        self.object_symmetry = np.zeros((num_envs, 1))
-        self.object_support = np.zeros((num_envs, SUPPORT_DIRECTIONS))
+        self.robot, self.tool, self.pushed_objects = spec.robot, spec.tool, spec.objects
+        self.dynamic_obstacles = spec.dynamic_obstacles
+        usual = object_entries(spec.objects[0], full_circle)
+        self.about_object = {k: np.tile(v, (num_envs, 1)) for k, v in usual.items()}
         self._images = ImageMemory(num_envs)
         self._camera = None if depth is None else self._make_camera(depth, arm_in_depth)
         substeps = spec.sim_freq // spec.control_freq
@@ -106,12 +91,7 @@ class SceneBatch:
         return camera
 
     def start(self, indices: Sequence[int], scenarios: Sequence[Scenario]) -> None:
-        """Start episodes in the scenes of these indices.
-
-        Raises:
-            ValueError: If an object is none of the scenes', or the arm cannot reach a tool's pose;
-                nothing has changed then.
-        """
+        """Start episodes in scenes; a ValueError is raised before anything changes."""
         joints = []
         for number, scenario in enumerate(scenarios):
             try:
@@ -139,10 +119,8 @@ class SceneBatch:
         self.moving.begin(i, scenario.obstacles)
         item = get_object_of(self._spec.objects, scenario.pushed_object)
         self.goal_pose[i] = (*scenario.goal_position, scenario.goal_yaw or 0.0)
-        self.object_radius[i] = item.radius
-        self.object_inscribed_radius[i] = item.inscribed_radius
-        self.object_symmetry[i] = 1 if self._full_circle else item.symmetry
-        self.object_support[i] = item.support
+        for key, value in object_entries(item, self._full_circle).items():
+            self.about_object[key][i] = value
         self._target[i] = target
         self._flange_height[i] = item.tool_height + self._spec.tool.length
         self._ee_pose[i] = planar_poses(self.engines[i].link_transforms(("tip",)))[0]
@@ -205,10 +183,8 @@ class SceneBatch:
         engine.load(scenario, self._start_joints(scenario))
         engine.unpack(state.physics)
         self._contacts[index] = list(state.contacts)
-        self._target_reachable[index], self.moving.steps[index] = (
-            state.target_reachable,
-            state.steps,
-        )
+        self._target_reachable[index] = state.target_reachable
+        self.moving.steps[index] = state.steps
         self._begin_episode(index, scenario, state.target)
 
     def capture(self) -> tuple[Tensor, Tensor]:
@@ -225,38 +201,33 @@ class SceneBatch:
                 )
         return torch.from_numpy(depth), torch.from_numpy(segmentation)
 
-    def obstacle_displacement(self) -> Tensor:
-        """Distance by which each obstacle has moved in its episode, `[B, MAX_OBSTACLES]` float32 [m]."""
-        moved = np.zeros((self.num_envs, MAX_OBSTACLES))
-        for i, scenario in enumerate(self.scenarios):
-            start = np.array([o.pose[:2] for o in scenario.obstacles])
-            if len(start):
-                now = self.obstacle_transforms_of(i)[:, :2]
-                moved[i, : len(start)] = np.linalg.norm(now - start, axis=-1)
-        return torch.from_numpy(moved.astype(np.float32))
+    def obstacle_entries(self) -> dict[str, Tensor]:
+        """Present poses of the obstacles, and how far each has moved in its episode [m], float32.
 
-    def object_dynamics(self) -> Tensor:
-        """Mass [kg], friction and centre of mass [m] of each object, `[B, 4]` float32."""
-        dynamics = [scenario.dynamics for scenario in self.scenarios]
-        return torch.tensor([(d.mass, d.friction, *d.center_of_mass) for d in dynamics])
-
-    def obstacle_pose(self) -> Tensor:
-        """x, y, yaw and tilt of each obstacle, `[B, MAX_OBSTACLES, 4]` float32 [m, m, rad, rad]."""
+        `obstacle_pose` `[B, MAX_OBSTACLES, 4]` is x, y, yaw and tilt [m, m, rad, rad].
+        """
         poses = np.zeros((self.num_envs, MAX_OBSTACLES, 4))
+        moved = np.zeros((self.num_envs, MAX_OBSTACLES))
         for i, scenario in enumerate(self.scenarios):
             if count := len(scenario.obstacles):
                 now = self.obstacle_transforms_of(i)
                 poses[i, :count, :3] = planar_poses(now)
                 upright = 1.0 - 2.0 * np.square(now[:, 4:6]).sum(-1)  # cosine of the tilt
                 poses[i, :count, 3] = np.arccos(np.clip(upright, -1.0, 1.0))
-        return torch.from_numpy(poses.astype(np.float32))
+                start = np.array([o.pose[:2] for o in scenario.obstacles])
+                moved[i, :count] = np.linalg.norm(now[:, :2] - start, axis=-1)
+        entries = {"obstacle_displacement": moved, "obstacle_pose": poses}
+        return {key: torch.from_numpy(v.astype(np.float32)) for key, v in entries.items()}
+
+    def object_dynamics(self) -> Tensor:
+        """Mass [kg], friction and centre of mass [m] of each object, `[B, 4]` float32."""
+        dynamics = [scenario.dynamics for scenario in self.scenarios]
+        return torch.tensor([(d.mass, d.friction, *d.center_of_mass) for d in dynamics])
 
     def render(self, index: int, position_tolerance: float) -> np.ndarray:
         """A picture of one scene, `[H, W, 3]` uint8: rendered from the side, or the drawn top view.
 
-        Args:
-            index: Number of the scene.
-            position_tolerance: Radius of the disc that is drawn around the goal [m].
+        There the disc around the goal has the radius `position_tolerance` [m].
         """
         picture = self.engines[index].picture()
         if picture is not None:
@@ -273,36 +244,13 @@ class SceneBatch:
             position_tolerance=position_tolerance,
         )
 
-    @property
-    def dynamic_obstacles(self) -> bool:
-        """See `SceneView`."""
-        return self._spec.dynamic_obstacles
-
-    @property
-    def pushed_objects(self) -> Sequence[PushedObject]:
-        """See `SceneView`."""
-        return self._spec.objects
-
-    @property
-    def robot(self) -> Robot:
-        """See `SceneView`."""
-        return self._spec.robot
-
-    @property
-    def tool(self) -> Tool:
-        """See `SceneView`."""
-        return self._spec.tool
-
     def object_transform_of(self, index: int) -> NDArray[np.float64]:
-        """See `SceneView`."""
         return np.array(self.engines[index].object_transform())
 
     def obstacle_transforms_of(self, index: int) -> NDArray[np.float64]:
-        """See `SceneView`."""
         return self.engines[index].obstacle_transforms()
 
     def link_transforms_of(self, index: int, names: Sequence[str]) -> NDArray[np.float64]:
-        """See `SceneView`."""
         return np.array(self.engines[index].link_transforms(names))
 
     def close(self) -> None:
@@ -313,6 +261,19 @@ class SceneBatch:
         del self._camera
         self.engines = []
         gc.collect()
+
+
+def object_entries(item: PushedObject, full_circle: bool) -> dict[str, NDArray[np.float64]]:
+    """The entries of `PushEnv` that describe an object, by key, `[n]` each.
+
+    With `full_circle` yaw angles count as different at which it looks the same.
+    """
+    return {
+        "object_radius": np.array([item.radius]),
+        "object_inscribed_radius": np.array([item.inscribed_radius]),
+        "object_symmetry": np.array([1.0 if full_circle else float(item.symmetry)]),
+        "object_support": np.asarray(item.support),
+    }
 
 
 def planar_poses(transforms: Sequence[Sequence[float]] | np.ndarray) -> np.ndarray:

@@ -7,10 +7,12 @@ from typing import Any, Literal
 
 from modpush._types import Count, Frequency, Length, YawTolerance
 from modpush._validation import checked
-from modpush.envs.engines.named import ENGINES, check_engine
+from modpush.envs.engines.base import ENGINES, check_engine
 from modpush.envs.outcome import GOAL_THRESHOLD, Goal
 from modpush.envs.robot.named import check_robot, check_tool
-from modpush.parts import part_module
+from modpush.parts import check_part
+
+_DEPTH_CAMERAS = ("analytic", "sapien")  # see `find_depth_camera`
 
 
 @checked
@@ -65,7 +67,6 @@ class SimulationConfig:
     terminal penalty; with "truncate" the steps that would have followed count as well."""
 
     def __post_init__(self) -> None:
-        """Check what depends on several fields, and the parts' names; nothing is imported."""
         check_engine("SimulationConfig", self.engine)
         check_robot("SimulationConfig", self.robot)
         check_tool("SimulationConfig", self.tool)
@@ -77,12 +78,9 @@ class SimulationConfig:
                 "SimulationConfig: sim_freq must be a multiple of control_freq, "
                 f"got {rate} and {self.control_freq}."
             )
-        named = self.depth in ("analytic", "sapien") or part_module(self.depth) is not None
-        if not (self.depth is None or callable(self.depth) or named):
-            raise ValueError(
-                "SimulationConfig: depth must be one of ['analytic', 'sapien'], 'module:name', a "
-                f"DepthCamera's class or function, or None, got {self.depth!r}."
-            )
+        if self.depth is not None:
+            cameras = "'module:name', a DepthCamera's class or function, or None"
+            check_part("SimulationConfig: depth", self.depth, _DEPTH_CAMERAS, other=cameras)
 
 
 def set_fields(
@@ -93,17 +91,12 @@ def set_fields(
     By this `PushEnv`, `PushEnvConfig`, `make_push_env` and `gymnasium.make` understand `scene="slot"`.
     Another engine without a rate gets its own: `engine` sets `sim_freq` to None, too.
 
-    Args:
-        caller: Name of the called function, for the error.
-        given: New values by the names of fields.
-        *configs: Dataclass instances.
-        also: Further names that the error message lists.
-
     Returns:
         The configurations in their order; those of which nothing is replaced are the same objects.
 
     Raises:
-        TypeError: If none of them has a field of a given name; the message lists all.
+        TypeError: If none of them has a field of a given name; the message lists all, and those of
+        `also`.
     """
     names = [{field.name for field in fields(config)} for config in configs]
     known = set().union(*names)

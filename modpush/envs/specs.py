@@ -9,10 +9,11 @@ from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded, UnboundedDiscrete
 
 from modpush.envs.engines.base import CONTACT_KEYS
-from modpush.envs.outcome import EpisodeStatus, Goal
+from modpush.envs.outcome import EpisodeStatus
 from modpush.envs.scene_batch import Measurement, SceneBatch
 from modpush.envs.scenes.objects import SUPPORT_DIRECTIONS
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES
+from modpush.envs.simulation_config import SimulationConfig
 from modpush.geometry.camera import CAMERA
 
 ACTION_SIZE = 3
@@ -20,26 +21,11 @@ ACTION_SIZE = 3
 
 
 def make_specs(
-    num_envs: int,
-    device: torch.device,
-    num_joints: int,
-    images: bool,
-    dynamic_obstacles: bool,
-    goal: Goal = "position",
-    obstacle_motion: bool = False,
-    object_dynamics: bool = False,
+    num_envs: int, device: torch.device, num_joints: int, simulation: SimulationConfig
 ) -> dict[str, Bounded | Composite]:
     """Specs of a batch of scenes, by the name of `EnvBase`'s attribute.
 
-    Args:
-        num_envs: Number of scenes, `B`.
-        device: Device of the environment.
-        num_joints: Number of joints of the arm.
-        images: Add `depth` and `segmentation`.
-        dynamic_obstacles: Add `obstacle_displacement` and `obstacle_pose`.
-        goal: Kind of the goals; with poses there are `goal_pose` and `pose_error`.
-        obstacle_motion: Add `obstacle_motion`.
-        object_dynamics: Add `object_dynamics`.
+    `num_joints` is that of the arm; `simulation` says which of the optional entries there are.
     """
     shape: dict[str, Any] = {"shape": (num_envs,), "device": device}
     single: Any = {"device": device, "dtype": torch.float32}
@@ -53,19 +39,19 @@ def make_specs(
         "object_inscribed_radius": 1,
         "object_symmetry": 1,
         "object_support": SUPPORT_DIRECTIONS,
-        **({"goal_pose": 3, "pose_error": 2} if goal == "pose" else {}),
-        **({"obstacle_displacement": MAX_OBSTACLES} if dynamic_obstacles else {}),
-        **({"obstacle_motion": 4} if obstacle_motion else {}),
-        **({"object_dynamics": 4} if object_dynamics else {}),
+        **({"goal_pose": 3, "pose_error": 2} if simulation.goal == "pose" else {}),
+        **({"obstacle_displacement": MAX_OBSTACLES} if simulation.dynamic_obstacles else {}),
+        **({"obstacle_motion": 4} if simulation.obstacle_motion else {}),
+        **({"object_dynamics": 4} if simulation.object_dynamics else {}),
     }
     flags = (*CONTACT_KEYS, "target_reachable", "success", "out_of_bounds")
     observation: dict[str, Any] = {
         **{key: Unbounded((num_envs, size), **single) for key, size in numbers.items()},
         **{key: flag.clone() for key in flags},
     }
-    if dynamic_obstacles:
+    if simulation.dynamic_obstacles:
         observation["obstacle_pose"] = Unbounded((num_envs, MAX_OBSTACLES, 4), **single)
-    if images:
+    if simulation.depth is not None:
         size = (1, CAMERA.height, CAMERA.width)
         observation["depth"] = Bounded(0.0, CAMERA.z, (num_envs, *size), **single)
         observation["segmentation"] = UnboundedDiscrete(
@@ -86,16 +72,9 @@ def state_entries(
     status: EpisodeStatus,
     pose_error: NDArray[np.float64] | None,
 ) -> dict[str, Tensor]:
-    """The entries that describe the state of the scenes, on the CPU.
+    """The entries that describe the state of the scenes, on the CPU, see the table of `PushEnv`.
 
-    Args:
-        batch: The scenes, for what stays the same throughout an episode.
-        measured: Their present state.
-        status: Status of their episodes.
-        pose_error: Their distances and turns from goal poses, `[B, 2]`; None for goal positions.
-
-    Returns:
-        Flags `[B, 1]` bool and numbers `[B, n]` float32, see the table of `PushEnv`.
+    Flags are `[B, 1]` bool and numbers `[B, n]` float32. `pose_error` is None for goal positions.
 
     Raises:
         RuntimeError: If the simulation has failed, so that a pose is not finite.
@@ -114,10 +93,7 @@ def state_entries(
         "goal_position": batch.goal_pose[:, :2],
         "ee_pose": measured.ee_pose,
         "joint_position": measured.joint_position,
-        "object_radius": batch.object_radius,
-        "object_inscribed_radius": batch.object_inscribed_radius,
-        "object_symmetry": batch.object_symmetry,
-        "object_support": batch.object_support,
+        **batch.about_object,
     }
     if pose_error is not None:
         numbers |= {"goal_pose": batch.goal_pose, "pose_error": pose_error}

@@ -19,8 +19,8 @@ import numpy as np
 from modpush._state import data_hash
 from modpush._types import Count, Name, NonNegativeInteger, Several
 from modpush._validation import checked, checked_arguments
+from modpush.envs.scenes.arm_room import within_reach
 from modpush.envs.scenes.conditions import SENSING, EpisodeConditions, SensingName
-from modpush.envs.scenes.reach import within_reach
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Dynamics, Scenario, ScenarioConfig
 from modpush.evaluation.set_recipes import RECIPES, SetRecipe, hidden_cell

@@ -3,7 +3,6 @@ from .camera_model import CameraModel as CameraModel
 from .footprint import centered as centered
 from .frames import (
     Frame as Frame,
-    check_frame as check_frame,
     frame_yaw as frame_yaw,
     rotate as rotate,
     wrap_angle as wrap_angle,

@@ -49,7 +49,6 @@ class CameraModel:
     distortion, such as the rectified depth image of a stereo camera."""
 
     def __post_init__(self) -> None:
-        """Check the forms of the matrices."""
         (fx, skew, _), (zero, fy, _), last = self.intrinsics
         if (skew, zero, *last) != (0, 0, 0, 0, 1) or not (fx > 0 and fy > 0):
             raise ValueError(
@@ -70,10 +69,6 @@ class CameraModel:
                 "CameraModel: camera_in_base must be a rotation matrix and a position, with the last row "
                 f"(0, 0, 0, 1), got {self.camera_in_base}."
             )
-
-    def __getstate__(self) -> dict[str, Any]:
-        """The fields alone, without what was computed of them."""
-        return {name: getattr(self, name) for name in type(self).__annotations__}
 
     @classmethod
     def looking_at(

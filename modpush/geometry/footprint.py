@@ -15,14 +15,9 @@ _TOLERANCE = 1e-6  # largest distance of equal outlines [m]
 
 
 def outline_of(part: Primitive, num_arc: int = 32) -> NDArray[np.float64]:
-    """Outline of an upright primitive seen from above, counter-clockwise.
+    """Outline of an upright primitive seen from above, counter-clockwise, `[n, 2]` [m].
 
-    Args:
-        part: A primitive that is rotated about z only.
-        num_arc: Number of corners for a circle.
-
-    Returns:
-        `[n, 2]` in the body's frame [m].
+    It is in the body's frame; a circle gets `num_arc` corners.
     """
     if part.kind == "prism":
         corners = np.array(part.outline)
@@ -38,16 +33,10 @@ def outline_of(part: Primitive, num_arc: int = 32) -> NDArray[np.float64]:
 
 
 def support(parts: Sequence[Primitive], count: int) -> NDArray[np.float64]:
-    """Support function of upright parts, seen from above.
+    """Support function of upright parts seen from above: their extent in each direction, `[count]` [m].
 
-    Args:
-        parts: The parts of a body.
-        count: Number of directions, the first along the body's x, the others counter-clockwise at equal
-            angles.
-
-    Returns:
-        Largest component of the footprint's points in each direction, from the body's origin, `[count]`
-        [m].
+    It is measured from the body's origin; the first direction is along its x, the others follow
+    counter-clockwise at equal angles.
     """
     angle = np.linspace(0.0, 2 * np.pi, count, endpoint=False)
     directions = np.stack([np.cos(angle), np.sin(angle)], -1)

@@ -12,18 +12,7 @@ def wrap_angle(angle: Tensor) -> Tensor:
 
 
 def rotate(vectors: Tensor, angle: Tensor) -> Tensor:
-    """Rotate vectors counter-clockwise.
-
-    Args:
-        vectors: `[..., 2]`.
-        angle: `[..., 1]` [rad].
-
-    Returns:
-        `[..., 2]`.
-
-    Raises:
-        ValueError: If a last dimension differs from the expected one.
-    """
+    """Rotate vectors `[..., 2]` counter-clockwise by angles `[..., 1]` [rad]."""
     if vectors.shape[-1:] != (2,) or angle.shape[-1:] != (1,):
         raise ValueError(
             f"rotate: expected vectors [..., 2] and angle [..., 1], got {list(vectors.shape)} and "
@@ -40,19 +29,14 @@ Frame = Literal["base", "object", "path"]
 
 
 def frame_yaw(frame: Frame, object_pose: Tensor, subgoal: Tensor | None = None) -> Tensor:
-    """Angle of a frame's x axis in the robot's base frame.
+    """Angle of a frame's x axis in the robot's base frame, `[..., 1]` [rad].
 
     Args:
-        frame: Name of the frame.
-        object_pose: `[..., 3]` (x, y, yaw) [m, rad].
-        subgoal: `[..., 2]` [m], base frame; needed for `"path"`.
-
-    Returns:
-        `[..., 1]` [rad]; 0 for `"path"` with a sub-goal at the object itself.
+        frame: Name of the frame. object_pose: `[..., 3]` (x, y, yaw) [m, rad]. subgoal: `[..., 2]` [m],
+        base frame; needed for `"path"`, and 0 is returned where the object is there.
 
     Raises:
-        ValueError: If the frame is unknown or `"path"` without a sub-goal, or the last dimension of the
-            pose is another one.
+        ValueError: If the frame is unknown or `"path"` without a sub-goal, or the pose has another shape.
     """
     if object_pose.shape[-1:] != (3,):
         raise ValueError(f"frame_yaw: object_pose must be [..., 3], got {list(object_pose.shape)}.")
@@ -60,18 +44,9 @@ def frame_yaw(frame: Frame, object_pose: Tensor, subgoal: Tensor | None = None) 
         return torch.zeros_like(object_pose[..., :1])
     if frame == "object":
         return object_pose[..., 2:]
-    check_frame(frame)
+    if frame not in get_args(Frame):
+        raise ValueError(f"frame must be one of {get_args(Frame)}, got {frame!r}.")
     if subgoal is None:
         raise ValueError("frame_yaw: frame 'path' needs a sub-goal, got subgoal=None.")
     ahead = subgoal - object_pose[..., :2]
     return torch.atan2(ahead[..., 1:], ahead[..., :1])
-
-
-def check_frame(frame: str) -> None:
-    """Check the name of a frame.
-
-    Raises:
-        ValueError: If the frame is unknown; the message lists the known ones.
-    """
-    if frame not in get_args(Frame):
-        raise ValueError(f"frame must be one of {get_args(Frame)}, got {frame!r}.")

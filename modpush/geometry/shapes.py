@@ -40,7 +40,6 @@ class Primitive:
     """Red, green and blue in [0, 1], used in rendered images only."""
 
     def __post_init__(self) -> None:
-        """Check the sizes and outline of the kind."""
         sizes = self.size if self.kind in ("box", "prism") else self.size[:2]
         if not min(sizes) > 0:
             raise ValueError(f"Primitive: the sizes of a {self.kind} must be > 0, got {sizes}.")

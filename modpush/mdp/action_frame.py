@@ -112,14 +112,9 @@ class ActionFrame(DescribedTransform):
 
 
 def turn_action(action: Tensor, yaw: Tensor) -> Tensor:
-    """Turn (dx, dy) of an action, and shorten both alike where one would leave the box [-1, 1].
+    """Turn (dx, dy) of an action `[..., 3]` by an angle `[..., 1]` [rad].
 
-    Args:
-        action: (dx, dy, dyaw), `[..., 3]`.
-        yaw: Angle by which it is turned, `[..., 1]` [rad].
-
-    Returns:
-        `[..., 3]`.
+    Both are shortened alike where one would leave the box [-1, 1].
     """
     planar = rotate(action[..., :2], yaw)
     planar = planar / planar.abs().amax(-1, keepdim=True).clamp_min(1.0)

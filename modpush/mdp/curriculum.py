@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
-from modpush._checks import check_instance, check_keys
+from modpush._checks import check_instance
 from modpush._types import (
     AtLeastOne,
     Count,
@@ -15,11 +15,11 @@ from modpush._types import (
     Several,
     YawTolerance,
 )
-from modpush._validation import check_value, checked, checked_arguments
+from modpush._validation import check_value, checked, checked_arguments, from_plain
 from modpush.envs.outcome import GOAL_THRESHOLD
 from modpush.envs.scenes.layouts import ALL_SCENES
 from modpush.envs.scenes.scenario import GoalDistance, GoalDistances, ScenarioConfig
-from modpush.parts import check_part_name
+from modpush.parts import check_part
 
 _DISTANCES = (0.06, 0.08, 0.13, 0.18, 0.23, 0.28, 0.33, 0.38, 0.43, 0.48, 0.53, 0.60)
 _SCENE_WINDOW = 100
@@ -37,9 +37,8 @@ class Phase:
     """Stage that the phase begins with, counted from 0."""
 
     def __post_init__(self) -> None:
-        """Check the names, so that nothing fails when the phase begins; no module is imported."""
         for name in self.scenes:
-            check_part_name("Phase: scenes", name, ALL_SCENES)
+            check_part("Phase: scenes", name, ALL_SCENES)
 
 
 @checked
@@ -73,7 +72,6 @@ class CurriculumConfig:
     """Number of episodes of a stage over which its success rate is taken."""
 
     def __post_init__(self) -> None:
-        """Check what depends on several fields."""
         ascending = all(a < b for a, b in zip(self.distances, self.distances[1:], strict=False))
         if not ascending:
             raise ValueError(
@@ -89,17 +87,24 @@ class CurriculumConfig:
             raise ValueError(
                 f"CurriculumConfig: yaw_tolerances must be descending, got {self.yaw_tolerances}."
             )
-        if not self.final_distance[0] <= self.final_distance[1]:
-            raise ValueError(
-                "CurriculumConfig: final_distance must be a range (low, high), got "
-                f"{self.final_distance}."
-            )
         for phase in self.phases:
             if phase.first_stage >= len(self.distances):
                 raise ValueError(
                     "CurriculumConfig: first_stage must be in "
                     f"[0, {len(self.distances) - 1}], got {phase.first_stage}."
                 )
+
+
+@checked
+class _State:
+    """State of a `Curriculum`."""
+
+    phase: NonNegativeInteger
+    stage: NonNegativeInteger
+    narrowings: NonNegativeInteger
+    steps: NonNegativeInteger
+    successes: Several[bool]
+    scene_successes: dict[str, list[bool]]
 
 
 class Curriculum:
@@ -182,12 +187,9 @@ class Curriculum:
 
     @checked_arguments
     def record(self, success: bool, scene: str, *, evaluated: bool = True) -> None:
-        """Take note of an episode of the present stage; begins the next stage if that was enough.
+        """Take note of an episode of the present stage, in a scene of that name; the next may begin.
 
-        Args:
-            success: True if the object reached the goal.
-            scene: Name of the episode's scene.
-            evaluated: True if the episode counts towards the next stage.
+        It counts towards that only if it was `evaluated`.
         """
         self._scene_successes.setdefault(scene, deque(maxlen=_SCENE_WINDOW)).append(success)
         if not evaluated:
@@ -246,32 +248,22 @@ class Curriculum:
             ValueError: If a field is missing or malformed, or the state is of a curriculum with other
                 phases or stages.
         """
-        state = {"narrowings": 0, **state}  # older states have none
-        check_keys(state, self.state_dict())
-        for name in ("phase", "stage", "narrowings", "steps"):
-            check_value(name, state.get(name), NonNegativeInteger)
-        check_value("successes", state.get("successes"), list[bool])
-        check_value("scene_successes", state.get("scene_successes"), dict[str, list[bool]])
-        phases, stages = len(self.config.phases), len(self.config.distances)
-        if state["phase"] >= phases or state["stage"] >= stages:
+        found = from_plain(_State, {"narrowings": 0, **state})  # older states have none
+        phases, stages = self.config.phases, len(self.config.distances)
+        first = phases[min(found.phase, len(phases) - 1)].first_stage
+        last = max(0, len(self.config.yaw_tolerances) - 1)
+        if (
+            found.phase >= len(phases)
+            or not first <= found.stage < stages
+            or found.narrowings > last
+        ):
             raise ValueError(
-                f"phase and stage must be below the {phases} phases and {stages} stages of "
-                f"this curriculum, got {state['phase']} and {state['stage']}."
+                f"Curriculum: expected a state in one of {len(phases)} phases, here of stages {first} to "
+                f"{stages - 1}, and with at most {last} narrowings, got {dict(state)}."
             )
-        if state["stage"] < (first := self.config.phases[state["phase"]].first_stage):
-            raise ValueError(
-                f"stage must be at least {first}, the first one of phase {state['phase']}, got "
-                f"{state['stage']}."
-            )
-        if state["narrowings"] > (last := max(0, len(self.config.yaw_tolerances) - 1)):
-            raise ValueError(
-                f"narrowings must be at most {last}, the last of this curriculum's yaw tolerances, got "
-                f"{state['narrowings']}."
-            )
-        self.phase, self.stage, self.steps = state["phase"], state["stage"], state["steps"]
-        self.narrowings = state["narrowings"]
-        self._successes = deque(state["successes"], maxlen=self.config.window)
+        self.phase, self.stage, self.narrowings = found.phase, found.stage, found.narrowings
+        self.steps = found.steps
+        self._successes = deque(found.successes, maxlen=self.config.window)
         self._scene_successes = {
-            name: deque(last, maxlen=_SCENE_WINDOW)
-            for name, last in state["scene_successes"].items()
+            name: deque(last, maxlen=_SCENE_WINDOW) for name, last in found.scene_successes.items()
         }

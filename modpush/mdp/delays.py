@@ -9,37 +9,15 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.data import TensorSpec, Unbounded
 
-from modpush._checks import check_span, check_spec_has, read_key
+from modpush._checks import check_spec_has, read_key
 from modpush._transforms import DescribedTransform
 from modpush._types import Seed, StepSpan
 from modpush._validation import checked_arguments
 from modpush.mdp.noise import RandomStream
 
 
-def with_newest(value: Tensor, history: Tensor, lead: int) -> Tensor:
-    """A value before those of earlier steps.
-
-    Args:
-        value: `[*B, *size]`.
-        history: `[*B, n, *size]`, newest first.
-        lead: Number of dimensions of `B`.
-
-    Returns:
-        `[*B, n + 1, *size]`.
-    """
-    return torch.cat([value.unsqueeze(lead), history], lead)
-
-
 def of_age(values: Tensor, age: Tensor) -> Tensor:
-    """The value of a given age in each scene.
-
-    Args:
-        values: `[*B, n, *size]`, newest first.
-        age: `[*B, 1]` int64 in [0, n) [steps].
-
-    Returns:
-        `[*B, *size]`.
-    """
+    """The value of an age `[*B, 1]` [steps] in each scene, of values `[*B, n, *size]`, newest first."""
     lead = age.ndim - 1
     flat = values.flatten(0, lead - 1) if lead > 1 else values
     chosen = flat[torch.arange(len(flat), device=age.device), age.reshape(-1)]
@@ -88,7 +66,6 @@ class ActionDelay(DescribedTransform):
         object_pose_key: NestedKey = "object_pose",
         goal_position_key: NestedKey = "goal_position",
     ) -> None:
-        check_span("ActionDelay: steps", steps)
         self.steps = steps
         self.action_key, self.history_key = action_key, history_key
         self._stream = RandomStream(stream_key, seed, object_pose_key, goal_position_key)
@@ -115,7 +92,7 @@ class ActionDelay(DescribedTransform):
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = read_key(tensordict, self.action_key, _ACTION_DIM)
         history = read_key(tensordict, self.history_key, self.steps[1], _ACTION_DIM)
-        sent = with_newest(action, history, action.ndim - 1)
+        sent = torch.cat([action.unsqueeze(-2), history], -2)
         state = read_key(tensordict, self._stream.key, 1)
         tensordict.set(_SENT, sent)
         age = self._stream.integer(state, *self.steps)
@@ -182,7 +159,6 @@ class ObservationDelay(DescribedTransform):
         object_pose_key: NestedKey = "object_pose",
         goal_position_key: NestedKey = "goal_position",
     ) -> None:
-        check_span("ObservationDelay: steps", steps)
         self.steps = steps
         if history_keys is None:
             history_keys = [("observation_history", str(i)) for i in range(len(in_keys))]
@@ -232,7 +208,8 @@ class ObservationDelay(DescribedTransform):
         age: Tensor,
     ) -> None:
         lead = age.ndim - 1
-        values = with_newest(read_key(tensordict, source), history, lead)
+        newest = read_key(tensordict, source).unsqueeze(lead)
+        values = torch.cat([newest, history], lead)
         tensordict.set(target, of_age(values, age))
         tensordict.set(past, values.narrow(lead, 0, self.steps[1]))
 

@@ -94,22 +94,18 @@ def _find_entry(item: EntryLike | tuple[str, EntryLike]) -> tuple[str, Entry]:
 def latent_entry(encoder: nn.Module) -> Entry:
     """The latent minus the encoder's latent of an empty window, so that free space gives zeros.
 
-    Args:
-        encoder: Module `[B, 1, S, S] -> [B, d]`; its `window_size` S is 64 unless it defines another.
+    The module maps `[B, 1, S, S]` to `[B, d]`; its `window_size` S is 64 unless it defines another.
     """
     latent = ENTRIES["latent"]
     return replace(latent, shift=BlankLatent(encoder))
 
 
 class BlankLatent:
-    """The encoder's latent of an empty window, `[d]`.
+    """The latent of an empty window, `[d]`, by an encoder that is shared, not copied.
 
     It is computed at the first call, on the encoder's device and in evaluation mode, and again once
     the weights have been changed in place, trained or moved; not after `load_state_dict(assign=True)`,
     which puts others in their place. The encoder's training flags stay as they are.
-
-    Args:
-        encoder: Module `[B, 1, S, S] -> [B, d]`; it is shared, not copied.
     """
 
     def __init__(self, encoder: nn.Module) -> None:

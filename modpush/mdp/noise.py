@@ -22,16 +22,10 @@ _BITS = 24  # of a float32 in [0, 1)
 class RandomStream:
     """Random numbers of each scene's episode, drawn from a state `[..., 1]` int64 in the tensordict.
 
-    The first state of an episode is a hash of the object's pose and goal, so that an episode has the
-    same numbers in a batch of any size, after any other episode and in every worker; environments that
-    draw other episodes have other numbers. Nothing is drawn from torch's generator.
-
-    Args:
-        key: Key of the state, written at a reset and at every step. It is hashed, too, so that streams
-            under different keys are independent.
-        seed: Another seed gives the same episodes other numbers.
-        object_pose_key: Read at a reset, `[..., 3]` (x, y, yaw) [m, rad].
-        goal_position_key: Read at a reset, `[..., 2]` [m].
+    The first state of an episode is a hash of the object's pose and goal, so that an episode has the same
+    numbers in a batch of any size, after any other episode and in every worker; environments that draw
+    other episodes have other numbers. Another seed gives the same episodes other numbers, and streams
+    under different keys are independent. Nothing is drawn from torch's generator.
 
     Source: Steele, Lea and Flood, "Fast Splittable Pseudorandom Number Generators" (2014), SplitMix64.
     """

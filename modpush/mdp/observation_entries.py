@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from operator import attrgetter
 
 import torch
@@ -29,16 +28,17 @@ class Entry:
     shift: float | tuple[float, ...] | Callable[[], Tensor] = 0.0
     """Value that is subtracted, one number or one for each component; or a function that returns it,
     which is called for every observation and returns the same tensor as long as nothing changes."""
-    mirrored: Callable[[ObservationInputs], Tensor] | None = None
+    mirrored: Callable[[ObservationInputs], Tensor] | tuple[float, ...] | None = None
     """`ObservationInputs -> [..., n]`: what `read` would give in the scene mirrored at the x axis of the
-    agent's frame, in SI units; None if that is not known, as for the arm's joints. The latent that it
-    reads is that of the mirrored window."""
+    agent's frame, in SI units; or the sign that each component has there, one for all or one for each;
+    None if that is not known, as for the arm's joints. The latent that it reads is that of the mirrored
+    window."""
 
     def __post_init__(self) -> None:
         if not callable(self.read):
             raise TypeError(f"Entry: read must be a function, got {self.read!r}.")
-        if self.mirrored is not None and not callable(self.mirrored):
-            raise TypeError(f"Entry: mirrored must be a function or None, got {self.mirrored!r}.")
+        if not (self.mirrored is None or callable(self.mirrored)):
+            check_value("mirrored", self.mirrored, Several[Finite])
         check_value("scale", self.scale, _Components)
         if not callable(self.shift):
             check_value("shift", self.shift, _Components)
@@ -46,24 +46,6 @@ class Entry:
 
 EntryLike = str | Entry | Callable[[ObservationInputs], Tensor]
 """An entry: a name in `ENTRIES`, `"module:name"`, an `Entry`, or a plain function with scale 1."""
-
-
-# Read as they are.
-_latent = attrgetter("latent")
-_ee_position = attrgetter("ee_position")
-_joint_position = attrgetter("joint_position")
-_contact = attrgetter("contact")
-_goal = attrgetter("goal")
-_subgoal = attrgetter("subgoal")
-_path_length = attrgetter("path_length")
-_subgoal_pose = attrgetter("subgoal_pose")
-_turns_ahead = attrgetter("turns_ahead")
-_pose_path_length = attrgetter("pose_path_length")
-_object_radius = attrgetter("object_radius")
-_object_symmetry = attrgetter("object_symmetry")
-_last_action = attrgetter("last_action")
-_obstacle_motion = attrgetter("obstacle_motion")
-_object_dynamics = attrgetter("object_dynamics")
 
 
 def _ee_pose(inputs: ObservationInputs) -> Tensor:
@@ -126,20 +108,6 @@ def _history(inputs: ObservationInputs) -> Tensor:
     return inputs.history.flatten(-2)
 
 
-def _times(
-    signs: tuple[float, ...], read: Callable[[ObservationInputs], Tensor], inputs: ObservationInputs
-) -> Tensor:
-    value = read(inputs)
-    return value * value.new_tensor(signs)
-
-
-def _with_signs(
-    read: Callable[[ObservationInputs], Tensor], *signs: float
-) -> Callable[[ObservationInputs], Tensor]:
-    """Mirroring of an entry whose components change their signs, or do not; it can be pickled."""
-    return partial(_times, signs, read)
-
-
 def _mirrored_points(points: Tensor) -> Tensor:
     return (points * points.new_tensor([1.0, -1.0])).flatten(-2)
 
@@ -150,10 +118,6 @@ def _mirrored_subgoal_past(inputs: ObservationInputs) -> Tensor:
 
 def _mirrored_path_ahead(inputs: ObservationInputs) -> Tensor:
     return _mirrored_points(inputs.path_ahead)
-
-
-def _mirrored_turns_ahead(inputs: ObservationInputs) -> Tensor:
-    return -inputs.turns_ahead
 
 
 def _mirrored_edges(inputs: ObservationInputs) -> Tensor:
@@ -179,62 +143,54 @@ _HISTORY_SIGNS = (1, -1, 1, -1, 1, -1, 1, -1, -1, 1)
 # Distance at which the edge of the workspace begins to show [m].
 _EDGE_RANGE = 0.15
 
+_SAME = (1.0,)  # signs of what is the same in the mirrored scene
+
 ENTRIES: dict[str, Entry] = {
-    "latent": Entry(_latent, mirrored=_latent),
-    "ee_pose": Entry(
-        _ee_pose,
-        (10.0, 10.0, 1.0 / math.pi, 1.0, 1.0),
-        mirrored=_with_signs(_ee_pose, 1, -1, -1, 1, 1),
-    ),
-    "ee_position": Entry(_ee_position, 10.0, mirrored=_with_signs(_ee_position, 1, -1)),
-    "ee_axis": Entry(_ee_axis, mirrored=_with_signs(_ee_axis, 1, -1)),
-    "joint_position": Entry(_joint_position, _JOINT_SCALE, _HOME),
+    "latent": Entry(attrgetter("latent"), mirrored=_SAME),
+    "ee_pose": Entry(_ee_pose, (10.0, 10.0, 1.0 / math.pi, 1.0, 1.0), mirrored=(1, -1, -1, 1, 1)),
+    "ee_position": Entry(attrgetter("ee_position"), 10.0, mirrored=(1, -1)),
+    "ee_axis": Entry(_ee_axis, mirrored=(1, -1)),
+    "joint_position": Entry(attrgetter("joint_position"), _JOINT_SCALE, _HOME),
     "subgoal_past": Entry(_subgoal_past, 5.0, mirrored=_mirrored_subgoal_past),
     "path_ahead": Entry(_path_ahead, 5.0, mirrored=_mirrored_path_ahead),
-    "contact": Entry(_contact, mirrored=_contact),
-    "goal_distance": Entry(_goal_distance, 3.0, mirrored=_goal_distance),
-    "goal_distance_fine": Entry(_goal_distance_fine, mirrored=_goal_distance_fine),
-    "goal_axis": Entry(_goal_axis, mirrored=_with_signs(_goal_axis, 1, -1)),
-    "yaw_error": Entry(_yaw_error, mirrored=_with_signs(_yaw_error, 1, -1)),
-    "object_axis": Entry(_object_axis, mirrored=_with_signs(_object_axis, 1, -1)),
-    "goal": Entry(_goal, 3.0, mirrored=_with_signs(_goal, 1, -1)),
-    "subgoal": Entry(_subgoal, 5.0, mirrored=_with_signs(_subgoal, 1, -1)),
-    "path_length": Entry(_path_length, 3.0, mirrored=_path_length),
-    "subgoal_pose": Entry(
-        _subgoal_pose, (5.0, 5.0, 1.0), mirrored=_with_signs(_subgoal_pose, 1, -1, -1)
-    ),
-    "turns_ahead": Entry(_turns_ahead, mirrored=_mirrored_turns_ahead),
-    "pose_path_length": Entry(_pose_path_length, 3.0, mirrored=_pose_path_length),
+    "contact": Entry(attrgetter("contact"), mirrored=_SAME),
+    "goal_distance": Entry(_goal_distance, 3.0, mirrored=_SAME),
+    "goal_distance_fine": Entry(_goal_distance_fine, mirrored=_SAME),
+    "goal_axis": Entry(_goal_axis, mirrored=(1, -1)),
+    "yaw_error": Entry(_yaw_error, mirrored=(1, -1)),
+    "object_axis": Entry(_object_axis, mirrored=(1, -1)),
+    "goal": Entry(attrgetter("goal"), 3.0, mirrored=(1, -1)),
+    "subgoal": Entry(attrgetter("subgoal"), 5.0, mirrored=(1, -1)),
+    "path_length": Entry(attrgetter("path_length"), 3.0, mirrored=_SAME),
+    "subgoal_pose": Entry(attrgetter("subgoal_pose"), (5.0, 5.0, 1.0), mirrored=(1, -1, -1)),
+    "turns_ahead": Entry(attrgetter("turns_ahead"), mirrored=(-1,)),
+    "pose_path_length": Entry(attrgetter("pose_path_length"), 3.0, mirrored=_SAME),
     "edges": Entry(_edges, 1.0 / _EDGE_RANGE, mirrored=_mirrored_edges),
-    "object_radius": Entry(_object_radius, 100.0, 0.04, mirrored=_object_radius),
-    "object_symmetry": Entry(_object_symmetry, 0.5, 2.0, mirrored=_object_symmetry),
+    "object_radius": Entry(attrgetter("object_radius"), 100.0, 0.04, mirrored=_SAME),
+    "object_symmetry": Entry(attrgetter("object_symmetry"), 0.5, 2.0, mirrored=_SAME),
     "object_support": Entry(_object_support, 50.0, 0.035, mirrored=_mirrored_object_support),
-    "last_action": Entry(_last_action, mirrored=_with_signs(_last_action, 1, -1, -1)),
+    "last_action": Entry(attrgetter("last_action"), mirrored=(1, -1, -1)),
     "obstacle_motion": Entry(
-        _obstacle_motion,
-        (5.0, 5.0, 10.0, 10.0),
-        mirrored=_with_signs(_obstacle_motion, 1, -1, 1, -1),
+        attrgetter("obstacle_motion"), (5.0, 5.0, 10.0, 10.0), mirrored=(1, -1, 1, -1)
     ),
     "object_dynamics": Entry(
-        _object_dynamics,
+        attrgetter("object_dynamics"),
         (0.5, 2.0, 50.0, 50.0),
         (0.0, 0.5, 0.0, 0.0),
-        mirrored=_with_signs(_object_dynamics, 1, 1, 1, -1),
+        mirrored=(1, 1, 1, -1),
     ),
     "history": Entry(
-        _history,
-        _HISTORY_SCALE * HISTORY_STEPS,
-        mirrored=_with_signs(_history, *_HISTORY_SIGNS * HISTORY_STEPS),
+        _history, _HISTORY_SCALE * HISTORY_STEPS, mirrored=_HISTORY_SIGNS * HISTORY_STEPS
     ),
 }
 """The entries that the library brings, by name. `ee_pose` is (x, y, yaw, pitch, roll). `ee_axis` and
 `object_axis` are the cosine and sine of the yaw times the symmetry of gripper and object. `goal_axis`
 and `yaw_error` are the same of a goal pose's yaw and of the angle by which the object is to be turned,
 for environments with `goal="pose"`. `goal_distance_fine` is the hyperbolic tangent of the distance in
-units of 4 cm. `edges`
-says by how much the edge of the workspace, past which an episode ends, is nearer than 15 cm, straight
-ahead, left, behind and right of the object: 0 to 0.15 m. `object_support` is how far the object reaches
-in eight directions, the first along the frame's x: its shape, size and yaw, whatever its symmetry.
+units of 4 cm. `edges` says by how much the edge of the workspace, past which an episode ends, is nearer
+than 15 cm, straight ahead, left, behind and right of the object: 0 to 0.15 m. `object_support` is how far
+the object reaches in eight directions, the first along the frame's x: its shape, size and yaw, whatever
+its symmetry.
 `path_ahead` needs `PlannerSubgoals(ahead=...)`, and `obstacle_motion`, place and velocity of the nearest
 obstacle that moves by itself, `PushEnv(obstacle_motion=True)`. `object_dynamics` tells mass, friction and
 centre of mass, and needs `PushEnv(object_dynamics=True)`. `history` is what the object did when it was

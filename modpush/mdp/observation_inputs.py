@@ -91,15 +91,27 @@ class ObservationInputs:
     `inputs["my_key"]`, `inputs["group", "my_key"]`. Nothing is read or computed before an entry
     uses it.
 
-    Args:
-        tensordict: The tensordict to observe.
-        frame: The agent's axes.
-        keys: Key of each quantity, by its default name.
-        bounds: Lower and upper corner of the area in which the object may be, base frame, `[2]`
-            each [m].
-        symmetry: Number of yaw angles at which every object is taken to look the same, instead of
-            each object's own number.
+    `keys` has the key of each quantity by its default name, and `bounds` the corners of the area in which
+    the object may be, base frame, `[2]` each [m]. `symmetry` is the number of yaw angles at which every
+    object is taken to look the same, instead of each object's own.
     """
+
+    object_pose: Tensor
+    """The object's pose (x, y, yaw) in the base frame, `[..., 3]` [m, rad]."""
+    ee_pose: Tensor
+    """The tool tip's pose (x, y, yaw) in the base frame, `[..., 3]` [m, rad]."""
+    joint_position: Tensor
+    """Angles of the arm's joints, `[..., n]` [rad]."""
+    path_length: Tensor
+    """Length of the planned path from the object to the goal, `[..., 1]` [m]."""
+    pose_path_length: Tensor
+    """Cost of the planned path of poses to the goal pose, `[..., 1]` [m]."""
+    object_radius: Tensor
+    """Radius of the circle around the object's footprint, `[..., 1]` [m]."""
+    latent: Tensor
+    """The encoder's latent of the local window, `[..., d]`."""
+    last_action: Tensor
+    """The agent's last action, zeros after a reset, `[..., 3]`."""
 
     def __init__(
         self,
@@ -123,10 +135,12 @@ class ObservationInputs:
     def _read(self, name: str) -> Tensor:
         return read_key(self._tensordict, self._keys[name], *_LAST.get(name, ()))
 
-    @cached_property
-    def object_pose(self) -> Tensor:
-        """The object's pose (x, y, yaw) in the base frame, `[..., 3]` [m, rad]."""
-        return self._read("object_pose")
+    def __getattr__(self, name: str) -> Tensor:
+        """The quantities above, which are read as they are, once each."""
+        if name not in ObservationInputs.__annotations__:
+            raise AttributeError(f"ObservationInputs has no {name!r}.")
+        value = self.__dict__[name] = self._read(name)
+        return value
 
     @cached_property
     def object_position(self) -> Tensor:
@@ -142,11 +156,6 @@ class ObservationInputs:
     def to_frame(self, points: Tensor) -> Tensor:
         """Points of the base frame, `[..., 2]` [m], in the agent's frame."""
         return rotate(points - self.object_position, -self.frame_yaw)
-
-    @cached_property
-    def ee_pose(self) -> Tensor:
-        """The tool tip's pose (x, y, yaw) in the base frame, `[..., 3]` [m, rad]."""
-        return self._read("ee_pose")
 
     @property
     def ee_position(self) -> Tensor:
@@ -209,29 +218,9 @@ class ObservationInputs:
         return self._read("pose_path_ahead")[..., 2] - self.object_pose[..., 2:]
 
     @property
-    def pose_path_length(self) -> Tensor:
-        """Cost of the planned path of poses to the goal pose, `[..., 1]` [m]."""
-        return self._read("pose_path_length")
-
-    @property
-    def joint_position(self) -> Tensor:
-        """Angles of the arm's joints, `[..., n]` [rad]."""
-        return self._read("joint_position")
-
-    @property
-    def path_length(self) -> Tensor:
-        """Length of the planned path from the object to the goal, `[..., 1]` [m]."""
-        return self._read("path_length")
-
-    @property
     def contact(self) -> Tensor:
         """1 where the tool touches the object, else 0, `[..., 1]`."""
         return self._read("object_contact").float()
-
-    @property
-    def object_radius(self) -> Tensor:
-        """Radius of the circle around the object's footprint, `[..., 1]` [m]."""
-        return self._read("object_radius")
 
     @property
     def object_symmetry(self) -> Tensor:
@@ -275,16 +264,6 @@ class ObservationInputs:
         vectors, others = self._read("history").split((8, 2), -1)
         turned = rotate(vectors.unflatten(-1, (4, 2)), self.object_yaw[..., None, None])
         return torch.cat([turned.flatten(-2), others], -1)
-
-    @property
-    def latent(self) -> Tensor:
-        """The encoder's latent of the local window, `[..., d]`."""
-        return self._read("latent")
-
-    @property
-    def last_action(self) -> Tensor:
-        """The agent's last action, zeros after a reset, `[..., 3]`."""
-        return self._read("last_action")
 
     @property
     def bounds(self) -> tuple[Tensor, Tensor]:

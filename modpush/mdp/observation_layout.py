@@ -1,9 +1,9 @@
 """Columns of an observation by entry, with their shifts and scales."""
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import torch
 from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
@@ -13,15 +13,10 @@ from modpush.mdp.observation_entries import Entry
 
 
 class Layout:
-    """Columns, shift and scale of each entry.
-
-    Args:
-        entries: The entries by name, in their order.
-        values: Value of each of them, in the same order, `[..., n]`.
-        batch_size: The leading dimensions that each of them must have.
+    """Columns, shift and scale of each entry, by values `[..., n]` in the order of the entries.
 
     Raises:
-        ValueError: If the leading dimensions of an entry are others, or its scale or shift has
+        ValueError: If the leading dimensions of an entry are not `batch_size`, or its scale or shift has
             another number of components.
     """
 
@@ -96,11 +91,9 @@ def _assign(row: Tensor, columns: slice, value: Tensor, what: str) -> None:
 
 
 class ReadRecorder:
-    """Stands in for a tensordict while the keys that are read are noted.
+    """Stands in for a tensordict, or for a spec, of which zeros are given, and notes what is read.
 
-    Args:
-        source: A tensordict; or a spec, of which zeros are given, made only for what is read.
-        defaults: Values of keys that are not in `source`.
+    `defaults` are values of keys that are not in `source`.
     """
 
     def __init__(
@@ -124,13 +117,9 @@ class ReadRecorder:
 
 
 def fingerprint_differences(stored: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Differences between two `PushObservation.fingerprint`s in words; an empty list if they agree.
+    """Differences of a stored `PushObservation.fingerprint` and one of now in words; empty if they agree.
 
     Numbers agree within 0.1 % or 1e-4, so that rounding on another machine is no difference.
-
-    Args:
-        stored: The fingerprint that an agent was trained with.
-        now: That of the observation that it is to act on.
     """
     found = [
         f"{name}: {stored[name]!r} -> {now[name]!r}"
@@ -146,12 +135,6 @@ def fingerprint_differences(stored: Mapping[str, Any], now: Mapping[str, Any]) -
         if widths[0] != widths[1]:
             return [*found, f"values of {one['name']!r}: {widths[0]} -> {widths[1]}"]
         for field in ("shift", "scale"):
-            if not _close(one[field], other[field]):
+            if not np.allclose(one[field], other[field], rtol=1e-3, atol=1e-4):
                 found.append(f"{field} of {one['name']!r}: {one[field]} -> {other[field]}")
     return found
-
-
-def _close(one: Sequence[float], other: Sequence[float]) -> bool:
-    return len(one) == len(other) and all(
-        math.isclose(a, b, rel_tol=1e-3, abs_tol=1e-4) for a, b in zip(one, other, strict=True)
-    )

@@ -43,13 +43,9 @@ class PushedScene(NamedTuple):
 
 
 def outline(support: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distance of a convex outline from the origin in the n directions in which its reach is known.
+    """Distance of a convex outline from the origin in n directions, `[..., n]` [m].
 
-    Args:
-        support: How far it reaches in n directions around a circle, `[..., n]` [m].
-
-    Returns:
-        `[..., n]` [m].
+    `support` says how far it reaches in these directions, around a circle, `[..., n]` [m].
     """
     n = support.shape[-1]
     k = np.arange(n)
@@ -134,12 +130,7 @@ def _object_gap(scene: PushedScene, dx: float, dy: float, part: float) -> float:
 
 @njit()
 def violation(action: NDArray[np.float64], scene: PushedScene) -> float:
-    """By how much an action is predicted to come too near to obstacles and edge, in sum [m].
-
-    Args:
-        action: `[3]` in [-1, 1], base frame.
-        scene: The scene before the action.
-    """
+    """By how much an action `[3]`, base frame, is predicted to come too near to something [m]."""
     total = 0.0
     for part in _PARTS:
         x = scene.tip_pose[0] + action[0] * scene.motion[0] * part
@@ -162,14 +153,8 @@ def nearest_action(action: NDArray[np.float64], scene: PushedScene) -> NDArray[n
 
     They move in 17 directions around the action's, at its speed but at least half of the largest, and at
     half of that, or not at all, and turn as the action does, not, the other way, or as fast as possible
-    either way. The best has the smallest difference from the action and violation, weighted.
-
-    Args:
-        action: `[3]` in [-1, 1], base frame.
-        scene: The scene before the action.
-
-    Returns:
-        `[3]` in [-1, 1].
+    either way. The best has the smallest difference from the action and violation, weighted. Actions are
+    `[3]` in [-1, 1], base frame.
     """
     wrong = violation(action, scene)
     if wrong <= 0.0:

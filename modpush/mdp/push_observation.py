@@ -1,8 +1,9 @@
 """`PushObservation`: chosen entries as one flat observation."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from typing import Any
 
 import torch
@@ -199,21 +200,12 @@ def _no_action(source: TensorDictBase | TensorSpec) -> Tensor:
 class MirroredObservation(PushObservation):
     """Writes the observation of the scene mirrored at the x axis of the agent's frame.
 
-    Put it beside a `PushObservation` with the same frame, entries and settings, for
-    `modpush.replay.MirrorTransitions`. In the path's frame the axis is the line from the object to the
-    sub-goal. The latent is that of the mirrored window, see `mirrored_key` of
-    `modpush.encoders.Encode`.
-
-    Args:
-        frame: The agent's axes, as of `PushObservation`.
-        entries: Entries as of `PushObservation`; each needs a `mirrored` function.
-        keys: Keys that the entries read; by default the latent is read from `mirrored_latent`.
-        observation_key: Written, `[..., n]` float32.
-        **kwargs: Further arguments of `PushObservation`.
+    Put it beside a `PushObservation` with the same arguments, for `modpush.replay.MirrorTransitions`. In
+    the path's frame the axis is the line from the object to the sub-goal. The latent is that of the
+    mirrored window, by default from `mirrored_latent`, see `mirrored_key` of `modpush.encoders.Encode`.
 
     Raises:
-        ValueError: If an entry cannot be mirrored, as `joint_position`, and else as
-            `PushObservation`.
+        ValueError: If an entry cannot be mirrored, as `joint_position`, and else as `PushObservation`.
     """
 
     @checked_arguments
@@ -248,7 +240,17 @@ def _mirrored(entries: Mapping[str, Entry]) -> dict[str, Entry]:
         if entry.mirrored is None:
             raise ValueError(
                 f"MirroredObservation: entry {name!r} cannot be mirrored: leave it out, give an Entry "
-                "with a `mirrored` function, or train without mirror images (mirror=False)."
+                "with `mirrored`, or train without mirror images (mirror=False)."
             )
-        mirrored[name] = replace(entry, read=entry.mirrored)
+        read = entry.mirrored
+        if not callable(read):
+            read = partial(_with_signs, entry.read, read)
+        mirrored[name] = replace(entry, read=read)
     return mirrored
+
+
+def _with_signs(
+    read: Callable[[ObservationInputs], Tensor], signs: tuple[float, ...], inputs: ObservationInputs
+) -> Tensor:
+    value = read(inputs)
+    return value * value.new_tensor(signs)

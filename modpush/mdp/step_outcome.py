@@ -43,21 +43,12 @@ class RewardKeys:
 
 
 class StateBefore:
-    """The state before a step, read by the tensordict's keys.
-
-    Args:
-        tensordict: The root of the transition.
-    """
+    """The state before a step, read by the tensordict's keys."""
 
     def __init__(self, tensordict: TensorDictBase) -> None:
         self._tensordict = tensordict
 
     def __getitem__(self, key: NestedKey) -> Tensor:
-        """The value under any key.
-
-        Raises:
-            KeyError: If there is none; the message lists the keys.
-        """
         return read_key(self._tensordict, key)
 
 
@@ -68,15 +59,25 @@ class StepOutcome:
     indexing: `outcome["my_key"]` after the step, `outcome.before["my_key"]` before it, and
     `outcome["action"]` is the agent's action. Nothing is read or computed before a term asks for it.
 
-    Args:
-        before: The tensordict before the step, with the action.
-        after: The tensordict after the step.
-        keys: Key of each quantity, by its default name.
-        unit: Path length, and distance from the tool's tip to the object's centre, that count as 1,
-            `[..., 2]` [m].
-        window_radius: Distance of tip and object beyond which the tip is outside the window [m].
-        clip: Clip `fractions` at 1.
+    `keys` has the key of each quantity by its default name. `unit` are the path length and the distance
+    from the tool's tip to the object's centre that count as 1, `[..., 2]` [m]; `clip` clips `fractions`
+    there. A tip farther than `window_radius` [m] from the object is outside the window.
     """
+
+    object_pose: Tensor
+    """The object's pose (x, y, yaw) after the step, base frame, `[..., 3]` [m, rad]."""
+    path_length: Tensor
+    """Length of the planned path to the goal after the step, `[..., 1]` [m]."""
+    success: Tensor
+    """True where the object is at the goal, `[..., 1]` bool."""
+    object_contact: Tensor
+    """True where the tool touches the object, `[..., 1]` bool."""
+    obstacle_contact: Tensor
+    """True where the object touches an obstacle, `[..., 1]` bool."""
+    tool_obstacle_contact: Tensor
+    """True where the tool or the arm touches an obstacle, `[..., 1]` bool."""
+    out_of_bounds: Tensor
+    """True where the object left the workspace, `[..., 1]` bool."""
 
     def __init__(
         self,
@@ -102,28 +103,22 @@ class StepOutcome:
             return self.before[key]
         return read_key(self._after, key)
 
-    def _read(self, name: str) -> Tensor:
-        return read_key(self._after, self._keys[name])
+    def __getattr__(self, name: str) -> Tensor:
+        """The quantities above, which are read as they are, once each."""
+        if name not in StepOutcome.__annotations__:
+            raise AttributeError(f"StepOutcome has no {name!r}.")
+        value = self.__dict__[name] = read_key(self._after, self._keys[name])
+        return value
 
     @property
     def action(self) -> Tensor:
         """The agent's action, `[..., 3]` in [-1, 1]."""
         return self.before[self._keys["action"]]
 
-    @cached_property
-    def object_pose(self) -> Tensor:
-        """The object's pose (x, y, yaw) after the step, base frame, `[..., 3]` [m, rad]."""
-        return self._read("object_pose")
-
     @property
     def object_pose_before(self) -> Tensor:
         """The object's pose before the step, `[..., 3]` [m, rad]."""
         return self.before[self._keys["object_pose"]]
-
-    @cached_property
-    def path_length(self) -> Tensor:
-        """Length of the planned path to the goal after the step, `[..., 1]` [m]."""
-        return self._read("path_length")
 
     @property
     def path_length_before(self) -> Tensor:
@@ -175,31 +170,6 @@ class StepOutcome:
         """
         return self.fractions[..., 1:]
 
-    @cached_property
-    def success(self) -> Tensor:
-        """True where the object is at the goal, `[..., 1]` bool."""
-        return self._read("success")
-
-    @cached_property
-    def object_contact(self) -> Tensor:
-        """True where the tool touches the object, `[..., 1]` bool."""
-        return self._read("object_contact")
-
-    @property
-    def obstacle_contact(self) -> Tensor:
-        """True where the object touches an obstacle, `[..., 1]` bool."""
-        return self._read("obstacle_contact")
-
-    @property
-    def tool_obstacle_contact(self) -> Tensor:
-        """True where the tool or the arm touches an obstacle, `[..., 1]` bool."""
-        return self._read("tool_obstacle_contact")
-
-    @property
-    def out_of_bounds(self) -> Tensor:
-        """True where the object left the workspace, `[..., 1]` bool."""
-        return self._read("out_of_bounds")
-
     @property
     def outside_window(self) -> Tensor:
         """True where the tip is farther from the object than the window's edge, `[..., 1]` bool."""
@@ -207,15 +177,10 @@ class StepOutcome:
 
 
 def pose_length(path_length: Tensor, turn: Tensor, radius: Tensor) -> Tensor:
-    """Way to a goal pose: along the path and, at a right angle to it, of the object's outermost point.
+    """Way to a goal pose, `[..., 1]` [m].
 
-    Args:
-        path_length: Length of the path to the goal's position, `[..., 1]` [m].
-        turn: Angle by which the object is to be turned, `[..., 1]` [rad].
-        radius: Radius of the circle around the object's footprint, `[..., 1]` [m].
-
-    Returns:
-        `hypot(path_length, 2 radius sin(turn / 2))`, `[..., 1]` [m].
+    Along the path [m] and, at a right angle to it, the way of the object's outermost point, at a radius
+    [m], by its turn [rad]: `hypot(path_length, 2 radius sin(turn / 2))`. All are `[..., 1]`.
     """
     return torch.hypot(path_length, 2 * radius * torch.sin(turn / 2))
 
@@ -223,12 +188,7 @@ def pose_length(path_length: Tensor, turn: Tensor, radius: Tensor) -> Tensor:
 def measure_lengths(tensordict: TensorDictBase, keys: Mapping[str, NestedKey]) -> Tensor:
     """Path length, and distance from the tool's tip to the object's centre, `[..., 2]` [m].
 
-    Args:
-        tensordict: The state.
-        keys: Key of `ee_pose`, `object_pose` and `path_length`.
-
-    Raises:
-        KeyError: If one of them is missing.
+    `keys` has those of `ee_pose`, `object_pose` and `path_length`.
     """
     tip = read_key(tensordict, keys["ee_pose"], 3)
     centre = read_key(tensordict, keys["object_pose"], 3)

@@ -29,7 +29,7 @@ from modpush.envs.simulation_config import SimulationConfig, set_fields
 from modpush.geometry.frames import Frame
 from modpush.mdp.observation_entries import PATH_AHEAD_ENTRIES
 from modpush.mdp.push_reward import RewardConfig
-from modpush.parts import check_part_name
+from modpush.parts import check_part
 from modpush.planners import PLANNERS
 from modpush.planners.subgoals import SubgoalMode
 
@@ -168,13 +168,13 @@ class PushEnvConfig:
         Numbers are checked by the parts that take them, and `"module:name"` is imported when the
         environment is made: a config that comes from a file runs no code.
         """
-        check_part_name("PushEnvConfig: planner", self.planner, PLANNERS)
+        check_part("PushEnvConfig: planner", self.planner, PLANNERS)
         # A file is read when the environment is made. An encoder that only a critic can train would
         # stay as it is, random.
         names = {*ENCODERS, END_TO_END} - {"conv"}
         if self.encoder == "conv" or not names_a_file(self.encoder):
             other = "'module:name' or a file"
-            check_part_name("PushEnvConfig: encoder", self.encoder, names, other)
+            check_part("PushEnvConfig: encoder", self.encoder, names, other=other)
         if self.plan_poses and self.simulation.goal != "pose":
             raise ValueError(
                 f"PushEnvConfig: plan_poses needs goal='pose', got {self.simulation.goal!r}."

@@ -14,7 +14,7 @@ from modpush._types import (
     NonNegativeInteger,
 )
 from modpush._validation import checked
-from modpush.parts import check_part_name
+from modpush.parts import check_part
 from modpush.replay.similarity import SIMILARITIES
 
 SAMPLER_NAMES = ("attentive", "uniform", "prioritized")
@@ -63,8 +63,8 @@ class ReplayConfig:
 
     def __post_init__(self) -> None:
         """Check names, and what depends on several fields."""
-        check_part_name("ReplayConfig: sampler", self.sampler, SAMPLER_NAMES)
-        check_part_name("ReplayConfig: similarity", self.similarity, SIMILARITIES)
+        check_part("ReplayConfig: sampler", self.sampler, SAMPLER_NAMES)
+        check_part("ReplayConfig: similarity", self.similarity, SIMILARITIES)
         drawn = self.batch_size * (self.k if self.sampler == "attentive" else 1)
         if drawn > self.capacity:
             raise ValueError(

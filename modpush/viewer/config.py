@@ -6,7 +6,7 @@ from pydantic import Field, Strict
 
 from modpush._types import Fraction, Name, NonNegativeInteger, Several
 from modpush._validation import checked
-from modpush.envs.engines.named import check_engine
+from modpush.envs.engines.base import check_engine
 from modpush.envs.outcome import Goal
 from modpush.envs.robot.named import check_robot, check_tool
 from modpush.envs.scenes.layouts import ALL_SCENES

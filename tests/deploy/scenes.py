@@ -8,11 +8,10 @@ from numpy.typing import NDArray
 
 from modpush.envs.depth.stereo_noise import stereo_noise
 from modpush.envs.engines.base import SceneSpec
-from modpush.envs.engines.mujoco.depth_renderer import DepthRenderer
 from modpush.envs.engines.mujoco.engine import MujocoEngine
+from modpush.envs.engines.mujoco.rendering import DepthRenderer
 from modpush.envs.robot.control import start_joints
-from modpush.envs.robot.named import ROBOTS
-from modpush.envs.robot.tools import TOOLS
+from modpush.envs.robot.named import ROBOTS, TOOLS
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.scenario import Scenario

@@ -216,7 +216,7 @@ def test_steps_are_shortened_where_a_joint_would_be_too_fast(agent) -> None:
 def test_the_source_has_the_keys_of_the_environment(agent, rig) -> None:
     rig.controller.reset((0.6, 0.05))
     step(rig)
-    source = SourceEnv(rig.arm.robot, agent.config.scenario)
+    source = SourceEnv(rig.arm.item, rig.arm.robot, agent.config.scenario, agent.config.simulation)
     source.entries = rig.controller._source.entries
     env = agent.make_env(1, engine="mujoco", scene="free", keep_images=True)
     theirs = env.base_env.reset()

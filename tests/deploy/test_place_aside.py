@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from modpush.deploy.estimate import ObjectEstimate, Perceived
+from modpush.deploy.perception import Perceived
 from modpush.deploy.place_aside import place_aside
+from modpush.deploy.tracker import ObjectEstimate
 from modpush.envs.robot.control import MotionConfig
-from modpush.envs.robot.named import ROBOTS
+from modpush.envs.robot.named import ROBOTS, TOOLS
 from modpush.envs.robot.robot import Robot
-from modpush.envs.robot.tools import TOOLS
 
 HEIGHT, NOTHING = 0.02, np.zeros((0, 2))
 TIP, OBJECT = (0.50, 0.0, 0.0), (0.45, 0.0, 0.0)

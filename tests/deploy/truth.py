@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from modpush.deploy.estimate import ObjectEstimate, Perceived
+from modpush.deploy.perception import Perceived
 from modpush.deploy.simulated_robot import SimulatedRobot
-from modpush.deploy.tip import tip_transform
+from modpush.deploy.tracker import ObjectEstimate
 from modpush.envs.depth.analytic import AnalyticDepthCamera
 from modpush.geometry.camera import Label
 from modpush.geometry.camera_model import CameraModel
@@ -48,7 +48,7 @@ class TruePerception:
         view = np.empty((256, 256), np.float32)
         labels = np.empty((256, 256), np.uint8)
         self._images.capture(0, view, labels)
-        tip = tip_transform(self.robot, self.tool, joints)
+        tip = self.robot.tip_transform(joints, self.tool)
         tip_pose = (*tip[:2, 3].tolist(), float(np.arctan2(tip[1, 0], tip[0, 0])))
         pose = tuple(self.arm.object_pose.tolist())
         estimate = ObjectEstimate(pose, residual=0.0, hidden=0.0, found=True, unseen_for=0)

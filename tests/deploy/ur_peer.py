@@ -10,7 +10,6 @@ from types import ModuleType
 
 import numpy as np
 
-from modpush.deploy.tip import tip_transform
 from modpush.envs.robot.named import find_robot, find_tool
 
 
@@ -20,7 +19,7 @@ class Peer:
     def __init__(self, joints, robot="ur5", tool="2f85") -> None:
         self.robot, self.tool = find_robot(robot), find_tool(tool)
         self.joints = np.array(joints, dtype=float)
-        tip = tip_transform(self.robot, self.tool, self.joints)
+        tip = self.robot.tip_transform(self.joints, self.tool)
         self.pose = [*(tip[:3, 3] - self.robot.base), 0.0, 0.0, 0.0]
         self.sent: list[tuple[float, list[float]]] = []
         self.log: list[str] = []

@@ -116,12 +116,8 @@ def test_state_survives_json_and_continues_alike():
 
 def test_a_state_of_a_longer_curriculum_is_refused():
     state = {**Curriculum().state_dict(), "stage": 9}
-    with pytest.raises(
-        ValueError, match="below the 2 phases and 3 stages of this curriculum, got 0 and 9"
-    ):
+    with pytest.raises(ValueError, match="in one of 2 phases, here of stages 0 to 2"):
         Curriculum(SHORT).load_state_dict(state)
     later = Curriculum(replace(SHORT, phases=(Phase(first_stage=1),)))
-    with pytest.raises(
-        ValueError, match="stage must be at least 1, the first one of phase 0, got 0"
-    ):
+    with pytest.raises(ValueError, match="here of stages 1 to 2"):
         later.load_state_dict({**later.state_dict(), "stage": 0})

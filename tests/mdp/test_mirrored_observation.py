@@ -72,7 +72,7 @@ def test_each_entry_is_what_is_read_in_the_mirrored_state(frame, raw):
 def test_an_entry_that_cannot_be_mirrored_is_named():
     with pytest.raises(ValueError, match="'joint_position' cannot be mirrored"):
         MirroredObservation("path")
-    with pytest.raises(TypeError, match="mirrored must be a function"):
+    with pytest.raises(ValueError, match="mirrored: Input should be a valid tuple"):
         type(ENTRIES["goal"])(ENTRIES["goal"].read, mirrored=3)
 
 

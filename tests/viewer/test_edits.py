@@ -5,8 +5,7 @@ import math
 import pytest
 
 from modpush.envs import Obstacle, Scenario
-from modpush.envs.robot.named import ROBOTS
-from modpush.envs.robot.tools import TOOLS
+from modpush.envs.robot.named import ROBOTS, TOOLS
 from modpush.viewer import edits
 
 UR5 = ROBOTS["ur5"]

@@ -6,8 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from modpush.envs import OBJECTS, Obstacle
 from modpush.envs.engines.sapien.obstacle_bodies import obstacle_part
-from modpush.envs.robot.named import ROBOTS
-from modpush.envs.robot.tools import TOOLS
+from modpush.envs.robot.named import ROBOTS, TOOLS
 from modpush.geometry import box, capsule, cylinder, prism
 from modpush.viewer.overlays import primitive_mesh
 

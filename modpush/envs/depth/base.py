@@ -22,25 +22,15 @@ class SceneView(Protocol):
     """Number of scenes."""
     scenarios: list[Scenario]
     """Start of the present episode of each scene."""
-
-    @property
-    def dynamic_obstacles(self) -> bool:
-        """True if obstacles can be moved; if not, they stay where an episode's layout has them.
-
-        Those with an `Obstacle.motion` move in any case.
-        """
-
-    @property
-    def pushed_objects(self) -> Sequence[PushedObject]:
-        """The objects that may be pushed in these scenes."""
-
-    @property
-    def robot(self) -> Robot:
-        """The arm."""
-
-    @property
-    def tool(self) -> Tool:
-        """Tool of the arm."""
+    dynamic_obstacles: bool
+    """True if obstacles can be moved; if not, they stay where an episode's layout has them. Those with an
+    `Obstacle.motion` move in any case."""
+    pushed_objects: Sequence[PushedObject]
+    """The objects that may be pushed in these scenes."""
+    robot: Robot
+    """The arm."""
+    tool: Tool
+    """Tool of the arm."""
 
     def object_transform_of(self, index: int) -> NDArray[np.float64]:
         """Transform of the pushed object of one scene, `[7]`."""

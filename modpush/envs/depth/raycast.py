@@ -6,8 +6,7 @@ what stands still is drawn once.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +19,7 @@ from modpush.geometry.shapes import KINDS, Primitive
 _MAX_SIDES = 16  # of a prism
 
 
-@dataclass(frozen=True)
-class Solids:
+class Solids(NamedTuple):
     """Primitives of one body, or of many that stand still, as arrays that the kernels read."""
 
     kind: NDArray[np.int64]
@@ -46,10 +44,13 @@ class Solids:
         planes = np.zeros((len(parts), _MAX_SIDES, 3))
         planes[..., 2] = 1.0
         for i, part in enumerate(parts):
-            sides = _side_planes(part)
-            if len(sides) > _MAX_SIDES:
-                raise ValueError(f"Solids: a prism may have {_MAX_SIDES} sides, got {len(sides)}.")
-            planes[i, : len(sides)] = sides
+            if part.kind == "prism":
+                sides = np.column_stack(side_planes(np.array(part.outline)))
+                if len(sides) > _MAX_SIDES:
+                    raise ValueError(
+                        f"Solids: a prism may have {_MAX_SIDES} sides, got {len(sides)}."
+                    )
+                planes[i, : len(sides)] = sides
         return cls(
             np.array([KINDS.index(part.kind) for part in parts], dtype=np.int64),
             np.array([part.size for part in parts], dtype=np.float64).reshape(-1, 3),
@@ -57,16 +58,6 @@ class Solids:
             np.array([part.rotation() for part in parts]).reshape(-1, 3, 3),
             np.array([part.position for part in parts], dtype=np.float64).reshape(-1, 3),
         )
-
-    def __len__(self) -> int:
-        return len(self.kind)
-
-
-def _side_planes(part: Primitive) -> NDArray[np.float64]:
-    """Outward normals and distances of a prism's sides, `[m, 3]`."""
-    if part.kind != "prism":
-        return np.zeros((0, 3))
-    return np.column_stack(side_planes(np.array(part.outline)))
 
 
 def _pinhole(camera: Camera) -> NDArray[np.float64]:
@@ -91,23 +82,14 @@ def draw(
     label: int,
     camera: Camera | None = None,
 ) -> None:
-    """Draw solids into an image, in place.
+    """Draw solids into an image, in place: depth `[H, W]` float32 [m] and labels `[H, W]` uint8.
 
-    Args:
-        depth: `[H, W]` float32 [m].
-        segmentation: `[H, W]` uint8.
-        solids: `n` primitives.
-        poses: Of the body they all belong to, `[1, 7]`, or of each one's own, `[n, 7]`, float64:
-            position [m] and quaternion (w, x, y, z) in the base frame.
-        label: Written where the solids are in front, see `Label`.
-        camera: The camera, by default that of `PushEnv`.
+    `poses` are those of the body that all solids belong to, `[1, 7]`, or of each one's own, `[n, 7]`
+    float64: position [m] and quaternion (w, x, y, z) in the base frame. The camera is by default that of
+    `PushEnv`.
     """
     pinhole = _PINHOLE if camera is None else _pinhole(camera)
-    draw_solids(depth, segmentation, *_arrays(solids), poses, int(label), pinhole)
-
-
-def _arrays(solids: Solids) -> tuple[NDArray[Any], ...]:
-    return solids.kind, solids.size, solids.planes, solids.rotation, solids.position
+    draw_solids(depth, segmentation, *solids, poses, int(label), pinhole)
 
 
 def warmup() -> None:

@@ -39,10 +39,8 @@ def stereo_noise(
         axial: Standard deviation at 1 m [m].
         jitter: Standard deviation of the place that a pixel reads [px].
         baseline: Distance of the two imagers [m]; 0 makes no shadows.
-        edge_holes: Share of the pixels at edges without a reading.
-        flying: Share of the pixels at edges that fly.
-        grazing_holes: Share of the pixels without a reading where a surface is inclined by more than
-            80 degrees to the ray.
+        edge_holes, flying: Shares of the pixels at edges without a reading, and that fly.
+        grazing_holes: Share of those without one where a surface is inclined by more than 80 degrees.
         speckle: Share of all other pixels without a reading.
 
     Returns:

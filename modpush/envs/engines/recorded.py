@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush.envs.engines.base import CONTACT_KEYS, Engine, SceneSpec
+from modpush.envs.engines.base import CONTACT_KEYS, NAME_OF_PAIR, Engine, SceneSpec
 from modpush.envs.scenes.objects import get_object_of
 from modpush.envs.scenes.scenario import Scenario
 
@@ -46,7 +46,6 @@ class RecordedEngine(Engine):
         """The episode that is played from the next reset on."""
 
     def load(self, scenario: Scenario, joints: NDArray[np.float32]) -> None:
-        """See `Engine`."""
         if self.recording is None:
             raise ValueError("RecordedEngine: assign a recording before the reset, got None.")
         self._scenario, self._step = scenario, 0
@@ -60,22 +59,18 @@ class RecordedEngine(Engine):
         looks: Collection[int],
         obstacles: NDArray[np.float64] | None = None,
     ) -> list[bool]:
-        """See `Engine`."""
         if self._step == len(self._played):
             return [False] * len(CONTACT_KEYS)
         self._step += 1
         return self._played.contacts[self._step - 1].tolist()
 
     def joint_position(self) -> NDArray[np.float32]:
-        """See `Engine`."""
         return self._played.joint_position[self._step]
 
     def object_transform(self) -> Sequence[float]:
-        """See `Engine`."""
         return _upright(self._played.object_pose[self._step].tolist(), self._height / 2)
 
     def obstacle_transforms(self) -> NDArray[np.float64]:
-        """See `Engine`."""
         time = self._step / self._control_freq
         rows = [
             _upright((*o.at(time)[:2].tolist(), o.pose[2]), o.size[2] / 2)
@@ -97,19 +92,16 @@ class RecordedEngine(Engine):
 
     def gaps(self) -> dict[str, float]:
         """No distance is recorded: all are infinite."""
-        pairs = ("robot_object", "object_obstacle", "robot_obstacle", "object_table")
-        return dict.fromkeys(pairs, math.inf)
+        return dict.fromkeys(NAME_OF_PAIR.values(), math.inf)
 
     def pack(self) -> NDArray[np.float32]:
         """The place in the recording."""
         return np.array([self._step], dtype=np.float32)
 
     def unpack(self, packed: NDArray[np.float32]) -> None:
-        """See `Engine`."""
         self._step = int(packed[0])
 
     def check_packed(self, packed: NDArray[np.float32], scenario: Scenario) -> None:
-        """See `Engine`."""
         last = 0 if self.recording is None else len(self.recording)
         if packed.shape != (1,) or not 0 <= packed[0] <= last:
             raise ValueError(f"RecordedEngine: expected a step in [0, {last}], got {packed}.")

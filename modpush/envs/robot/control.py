@@ -45,7 +45,6 @@ class MotionConfig:
     them. With one jump per step the tip would knock the object ahead instead of pushing it."""
 
     def __post_init__(self) -> None:
-        """Check what depends on several fields."""
         if not (self.low[0] < self.high[0] and self.low[1] < self.high[1]):
             raise ValueError(f"MotionConfig: low must be < high, got {self.low} and {self.high}.")
 
@@ -63,6 +62,8 @@ class PlannedMotion(NamedTuple):
     reachable: NDArray[np.bool_]
     """False where the commanded pose has no solution: the tip then moves without the turn, or it turns in
     one of both directions as far as a step allows, or else the target stays, `[B]`."""
+    start: NDArray[np.float64]
+    """Planar pose at which the step starts, near the measured one, `[B, 3]` [m, m, rad]."""
 
 
 class _Limits(NamedTuple):
@@ -80,18 +81,10 @@ class _Limits(NamedTuple):
     max_radius: float
     base_x: float
     base_y: float
-    base_z: float
 
 
 class MotionPlanner:
-    """Turns actions into ramps of joint targets.
-
-    Args:
-        robot: The arm.
-        config: Step sizes, anchor and workspace.
-        num_substeps: Number of physics steps per control step, `S`.
-        control_freq: Control steps per second [Hz].
-    """
+    """Turns actions into ramps of joint targets, for `num_substeps` physics steps per control step."""
 
     def __init__(
         self, robot: Robot, config: MotionConfig, num_substeps: int, control_freq: float
@@ -104,8 +97,9 @@ class MotionPlanner:
             *config.low,
             *config.high,
             *robot.reach,
-            *robot.base,
+            *robot.base[:2],
         )
+        self._base = np.array(robot.base)
         self._inverse, self._num_knots = robot.inverse, config.num_knots
         self._ramp = num_substeps, control_freq
 
@@ -148,20 +142,9 @@ class MotionPlanner:
         flange_height: NDArray[np.float64],
         joints: NDArray[np.float64],
     ) -> PlannedMotion:
-        """The motion of an action itself, or a halt; the arguments are those of `plan`."""
-        return self.ramp(*self.aim(action, target, tip_pose), flange_height, joints)
-
-    def aim(
-        self,
-        action: NDArray[np.float64],
-        target: NDArray[np.float64],
-        tip_pose: NDArray[np.float64],
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Planar poses of the tip at which a control step starts and ends, `[B, 3]` each [m, m, rad].
-
-        The arguments are those of `plan`.
-        """
-        return _aim(action, target, tip_pose, self._limits)
+        """The motion of an action itself, or a halt."""
+        start, goal = _aim(action, target, tip_pose, self._limits)
+        return self.ramp(start, goal, flange_height, joints)
 
     def ramp(
         self,
@@ -170,33 +153,31 @@ class MotionPlanner:
         flange_height: NDArray[np.float64],
         joints: NDArray[np.float64],
     ) -> PlannedMotion:
-        """Joint targets on the straight way of a control step.
+        """Joint targets on the straight way from start to goal, `[B, 3]` each; the rest is as in `plan`.
 
-        Args:
-            start: Where the tip starts, `[B, 3]` [m, m, rad].
-            goal: Where it ends, `[B, 3]` [m, m, rad]; overwritten by the start where it is out of reach.
-            flange_height: Height of the flange over the table, `[B]` [m].
-            joints: The measured angles of the joints, `[B, n]` [rad].
+        Where the way is out of reach, `goal` is overwritten by the start.
         """
         rows = self._num_knots + 1
-        way = _way(start, goal, flange_height, self._limits, self._num_knots)
-        knots, found = self._inverse(way, joints.repeat(rows, axis=0))
-        return PlannedMotion(*_ramp(start, goal, joints, knots, found, rows, *self._ramp))
+        moved = (goal - start)[:, None] * np.arange(rows)[:, None] / self._num_knots
+        way = np.empty((len(start), rows, 4))
+        way[..., [0, 1, 3]] = start[:, None] + moved
+        way[..., 2] = flange_height[:, None]
+        way[..., :3] -= self._base
+        knots, found = self._inverse(way.reshape(-1, 4), joints.repeat(rows, axis=0))
+        target, position, velocity, reachable = _ramp(
+            start, goal, joints, knots, found, rows, *self._ramp
+        )
+        return PlannedMotion(target, position, velocity, reachable, start)
 
 
 def start_joints(
     robot: Robot, tool: Tool, tool_pose: Sequence[float], tip_height: float
 ) -> NDArray[np.float32]:
-    """Angles of the joints that hold the tool's tip at a pose, `[n]` [rad].
+    """Angles of the joints that hold the tool's tip at a pose (x, y, yaw) [m, m, rad], `[n]` [rad].
 
     Of several solutions it is that nearest to home. An arm whose last joint cannot turn all around may
-    hold a tool turned by half a turn, if that makes no difference (`Tool.half_turn`).
-
-    Args:
-        robot: The arm.
-        tool: Its tool.
-        tool_pose: x, y, yaw of the tip [m, m, rad].
-        tip_height: Height of the tip over the table [m].
+    hold a tool turned by half a turn, if that makes no difference (`Tool.half_turn`). The tip's height is
+    over the table [m].
 
     Raises:
         ValueError: If the arm cannot reach the pose, or its inverse kinematics returns something else
@@ -212,7 +193,7 @@ def start_joints(
     if robot.solve is None:
         joints, found = _led_from_home(robot, place, yaw + turns)
     else:
-        joints, found = _solved(
+        joints, found = checked_solution(
             robot, np.column_stack([np.tile(place, (len(turns), 1)), yaw + turns])
         )
     if not found.any():
@@ -226,7 +207,7 @@ def start_joints(
     return joints[int(np.argmin(away))].astype(np.float32)
 
 
-def _solved(
+def checked_solution(
     robot: Robot, poses: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Joint angles by the robot's own `solve` from home, checked."""
@@ -262,7 +243,7 @@ def _led_from_home(
         left = np.flatnonzero(found)
         joints[left], found[left] = robot.inverse(poses[left], joints[left])
     if not found.any():  # a joint is at its limit on the way
-        return _solved(robot, np.column_stack([np.tile(place, (len(yaws), 1)), yaws]))
+        return checked_solution(robot, np.column_stack([np.tile(place, (len(yaws), 1)), yaws]))
     return joints, found
 
 
@@ -273,60 +254,27 @@ def _aim(
     tip_pose: NDArray[np.float64],
     limits: _Limits,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Start and end of a step, `[B, 3]`."""
-    B = len(action)
-    starts, goals = np.empty((B, 3)), np.empty((B, 3))
-    for b in range(B):
-        _start_and_goal(action[b], target[b], tip_pose[b], limits, starts[b], goals[b])
+    """Start of a step, near the tip, and its end, in the workspace: its box, then the ring, `[B, 3]`."""
+    starts, goals = np.empty((len(action), 3)), np.empty((len(action), 3))
+    for b in range(len(action)):
+        start, goal, tip = starts[b], goals[b], tip_pose[b]
+        dx, dy = target[b, 0] - tip[0], target[b, 1] - tip[1]
+        pull = min(limits.anchor_distance / max(math.hypot(dx, dy), 1e-12), 1.0)
+        turn = (target[b, 2] - tip[2] + math.pi) % (2 * math.pi) - math.pi
+        start[0], start[1] = tip[0] + dx * pull, tip[1] + dy * pull
+        kept = min(max(turn, -limits.anchor_angle), limits.anchor_angle)
+        start[2] = target[b, 2] - (turn - kept)
+        for i in range(2):
+            goal[i] = start[i] + min(max(action[b, i], -1.0), 1.0) * limits.max_step
+        goal[0] = min(max(goal[0], limits.low_x), limits.high_x)
+        goal[1] = min(max(goal[1], limits.low_y), limits.high_y)
+        goal[2] = start[2] + min(max(action[b, 2], -1.0), 1.0) * limits.max_turn
+        dx, dy = goal[0] - limits.base_x, goal[1] - limits.base_y
+        radius = max(math.hypot(dx, dy), 1e-12)
+        scale = min(max(radius, limits.min_radius), limits.max_radius) / radius
+        goal[0] = limits.base_x + dx * scale
+        goal[1] = limits.base_y + dy * scale
     return starts, goals
-
-
-@njit()
-def _way(
-    starts: NDArray[np.float64],
-    goals: NDArray[np.float64],
-    flange_height: NDArray[np.float64],
-    limits: _Limits,
-    num_knots: int,
-) -> NDArray[np.float64]:
-    """The flange's way as `InverseKinematics` takes it, `[B * (num_knots + 1), 4]`."""
-    way = np.empty((len(starts) * (num_knots + 1), 4))
-    for b in range(len(starts)):
-        start, goal = starts[b], goals[b]
-        for k in range(num_knots + 1):
-            pose = way[b * (num_knots + 1) + k]
-            pose[0] = start[0] + (goal[0] - start[0]) * k / num_knots - limits.base_x
-            pose[1] = start[1] + (goal[1] - start[1]) * k / num_knots - limits.base_y
-            pose[2] = flange_height[b] - limits.base_z
-            pose[3] = start[2] + (goal[2] - start[2]) * k / num_knots
-    return way
-
-
-@njit()
-def _start_and_goal(
-    action: NDArray[np.float64],
-    target: NDArray[np.float64],
-    tip_pose: NDArray[np.float64],
-    limits: _Limits,
-    start: NDArray[np.float64],
-    goal: NDArray[np.float64],
-) -> None:
-    """Write where one step starts, near the tip, and ends, in the workspace: its box, then the ring."""
-    dx, dy = target[0] - tip_pose[0], target[1] - tip_pose[1]
-    pull = min(limits.anchor_distance / max(math.hypot(dx, dy), 1e-12), 1.0)
-    turn = (target[2] - tip_pose[2] + math.pi) % (2 * math.pi) - math.pi
-    start[0], start[1] = tip_pose[0] + dx * pull, tip_pose[1] + dy * pull
-    start[2] = target[2] - (turn - min(max(turn, -limits.anchor_angle), limits.anchor_angle))
-    for i in range(2):
-        goal[i] = start[i] + min(max(action[i], -1.0), 1.0) * limits.max_step
-    goal[0] = min(max(goal[0], limits.low_x), limits.high_x)
-    goal[1] = min(max(goal[1], limits.low_y), limits.high_y)
-    goal[2] = start[2] + min(max(action[2], -1.0), 1.0) * limits.max_turn
-    dx, dy = goal[0] - limits.base_x, goal[1] - limits.base_y
-    radius = max(math.hypot(dx, dy), 1e-12)
-    scale = min(max(radius, limits.min_radius), limits.max_radius) / radius
-    goal[0] = limits.base_x + dx * scale
-    goal[1] = limits.base_y + dy * scale
 
 
 @njit()

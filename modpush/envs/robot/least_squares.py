@@ -27,9 +27,6 @@ class DampedLeastSquares:
     first and last joint are not, since they follow the place and the yaw of the pose.
     It is an `InverseKinematics`; a pose without a solution gets the angles of `last`. A pose takes some 5
     iterations of 5 microseconds, and one that has no solution 100.
-
-    Args:
-        chain: The arm's joints.
     """
 
     def __init__(self, chain: Chain) -> None:
@@ -38,7 +35,6 @@ class DampedLeastSquares:
     def __call__(
         self, pose: NDArray[np.float64], last: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """See `InverseKinematics`."""
         return _solve(pose, last, *self.chain)
 
 

@@ -7,7 +7,8 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Strict
+from pydantic import AfterValidator, Strict
+from pydantic_core import PydanticCustomError
 
 from modpush._types import (
     Angle,
@@ -22,7 +23,6 @@ from modpush._types import (
     Several,
 )
 from modpush._validation import checked
-from modpush.envs.robot.physics import DAMPING, STIFFNESS
 from modpush.geometry.shapes import Primitive, rpy_matrix
 
 InverseKinematics = Callable[
@@ -40,12 +40,15 @@ _OTHER_BODIES = ["tool", "tip", "object"]
 _MOST_TURNED = 4 * math.pi  # by a joint; a larger number is in degrees [rad]
 _POSE_JOINTS = 6  # that reach a position and an orientation
 _ROUNDING = 1e-6  # of an axis' length
-_SHAPES = ("box", "cylinder", "capsule")  # that a URDF knows
 
 
-def _check_shapes(name: str, shapes: tuple[Primitive, ...]) -> None:
-    if other := sorted({shape.kind for shape in shapes} - {*_SHAPES}):
-        raise ValueError(f"{name}: shapes must be of the kinds {_SHAPES}, got {other}.")
+def _urdf_kinds(shapes: tuple[Primitive, ...]) -> tuple[Primitive, ...]:
+    if any(shape.kind == "prism" for shape in shapes):  # which a URDF does not know
+        raise PydanticCustomError("kind", "Input should be boxes, cylinders and capsules")
+    return shapes
+
+
+_Shapes = Annotated[AtLeastOne[Primitive], AfterValidator(_urdf_kinds)]
 
 
 @checked
@@ -55,12 +58,8 @@ class Link:
     name: Name
     mass: Positive
     """Mass [kg]."""
-    shapes: AtLeastOne[Primitive]
+    shapes: _Shapes
     """Solids that collide and are drawn: boxes, cylinders and capsules."""
-
-    def __post_init__(self) -> None:
-        """Check the kinds of the solids."""
-        _check_shapes(f"Link {self.name!r}", self.shapes)
 
 
 @checked
@@ -80,7 +79,6 @@ class Joint:
     """Its axis in its frame, of length 1, as in URDF; by default the frame's z axis."""
 
     def __post_init__(self) -> None:
-        """Check the length of the axis, the order of the limits, and that they are no degrees."""
         if abs(math.hypot(*self.axis) - 1) > _ROUNDING:
             raise ValueError(f"Joint {self.name!r}: axis must be of length 1, got {self.axis}.")
         low, high = self.limits
@@ -104,16 +102,12 @@ class Tool:
     """Mass [kg]."""
     length: Length
     """Distance from the flange to the tip [m]."""
-    tip_half_extents: LengthSpan
+    tip_half_extents: Annotated[tuple[Length, Length], Strict(False)]
     """Half the footprint of the tip along the tool's x and y [m]."""
-    shapes: AtLeastOne[Primitive]
+    shapes: _Shapes
     """Solids that collide and are drawn: boxes, cylinders and capsules."""
     half_turn: bool = False
     """It looks the same after half a turn, so that an arm may hold it either way."""
-
-    def __post_init__(self) -> None:
-        """Check the kinds of the solids."""
-        _check_shapes(f"Tool {self.name!r}", self.shapes)
 
 
 @checked
@@ -171,15 +165,14 @@ class Robot:
     """Place of the arm's base in the base frame [m], in which the workspace lies."""
     room: Room | None = None
     """Distance of obstacles from the base; None measures it from the links."""
-    stiffness: Positive = STIFFNESS
+    stiffness: Positive = 2e4
     """Stiffness of the joint drives [N m/rad]."""
-    damping: Positive = DAMPING
+    damping: Positive = 5e2
     """Damping of the joint drives [N m s/rad]. With velocity targets it causes no lag."""
     solve: Any = None
     """Inverse kinematics, an `InverseKinematics`; None takes `DampedLeastSquares`, for any arm."""
 
     def __post_init__(self) -> None:
-        """Check what depends on several fields."""
         n = len(self.joints)
         if (len(self.links), len(self.home)) != (n + 1, n):
             raise ValueError(
@@ -214,10 +207,6 @@ class Robot:
                 f"Robot {self.name!r}: solve must be a function (pose, last) -> (joints, found), or "
                 f"None, got {self.solve!r}."
             )
-
-    def __getstate__(self) -> dict[str, Any]:
-        """The fields alone, without what was computed of them."""
-        return {name: getattr(self, name) for name in type(self).__annotations__}
 
     @cached_property
     def inverse(self) -> InverseKinematics:
@@ -267,6 +256,12 @@ class Robot:
             link[..., :3, :3] = transform[..., :3, :3] @ of_z.T
             found.append(link)
         return np.stack([*found, transform @ self.chain.frames[-1]], -3)
+
+    def tip_transform(self, joints: NDArray[np.float64], tool: Tool) -> NDArray[np.float64]:
+        """Transform of a tool's tip, `[..., 4, 4]` in the base frame; z points out of the flange."""
+        transform: NDArray[np.float64] = self.link_transforms(joints)[..., -1, :, :]
+        transform[..., :3, 3] += tool.length * transform[..., :3, 2]
+        return transform
 
 
 def _turn_of_z(axis: tuple[float, float, float]) -> NDArray[np.float64]:

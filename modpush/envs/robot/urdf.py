@@ -5,7 +5,6 @@ renderer, and primitives step 2.4-2.8 times faster than the published meshes. Th
 drawn from the same shapes, so that both cameras and the physics see one and the same arm.
 """
 
-import math
 from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
@@ -50,23 +49,13 @@ def mass_properties(
     too large; the arm is position controlled with strong drives, so that an estimate of the right
     size is all that is needed.
     """
-    extents = [extent(shape) for shape in shapes]
-    volumes = [math.prod(extent) for extent in extents]
-    boxes = list(zip(shapes, extents, strict=True))
-    center_x, center_y, center_z = (
-        sum(v * shape.position[axis] for v, shape in zip(volumes, shapes, strict=True))
-        / sum(volumes)
-        for axis in range(3)
-    )
-    low = [min(s.position[axis] - e[axis] / 2 for s, e in boxes) for axis in range(3)]
-    high = [max(s.position[axis] + e[axis] / 2 for s, e in boxes) for axis in range(3)]
-    x, y, z = (h - lo for h, lo in zip(high, low, strict=True))
-    inertia = (
-        mass * (y * y + z * z) / 12,
-        mass * (x * x + z * z) / 12,
-        mass * (x * x + y * y) / 12,
-    )
-    return (center_x, center_y, center_z), inertia
+    extents = np.array([extent(shape) for shape in shapes])
+    positions, volumes = np.array([shape.position for shape in shapes]), extents.prod(1)
+    center = (volumes[:, None] * positions).sum(0) / volumes.sum()
+    size = (positions + extents / 2).max(0) - (positions - extents / 2).min(0)
+    x, y, z = np.square(size)
+    inertia = mass * np.array([y + z, x + z, x + y]) / 12
+    return tuple(center.tolist()), tuple(inertia.tolist())
 
 
 def extent(shape: Primitive) -> tuple[float, float, float]:

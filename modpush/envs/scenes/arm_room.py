@@ -1,15 +1,18 @@
-"""Obstacles in the arm: in the region in which its links turn, or in the tool at a start."""
+"""Starts that an arm can take: within its reach, with no obstacle in its links or its tool."""
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush.envs.robot.control import MotionConfig
+from modpush._checks import check_instance
+from modpush.envs.robot.control import MotionConfig, start_joints
+from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.robot.urdf import extent
+from modpush.envs.scenes.objects import get_object
 from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.rectangles import (
     nearest_rectangle,
@@ -28,13 +31,9 @@ _STEP = 0.005  # between the places at which a moving obstacle is looked at [m]
 
 
 def arm_reach(robot: Robot, height: float) -> float:
-    """Distance from the robot's axis up to which links come down to a height [m].
+    """Distance from the robot's axis up to which links come down to a height over the table [m].
 
     For some pose of the tool in its workspace (`MotionConfig`). An upper bound, up to `MAX_HEIGHT`.
-
-    Args:
-        robot: The arm.
-        height: Height over the table [m].
     """
     if robot.room is not None:
         return robot.room.distance(height)
@@ -126,14 +125,9 @@ def tool_touches(
     tool: Tool,
     gap: float = 0.0,
 ) -> bool:
-    """True if a part of the tool is in an obstacle, or nearer to one than a gap.
+    """True if a part of the tool is in an obstacle, or nearer to one than a gap [m].
 
-    Args:
-        pose: x, y, yaw of the tool's tip [m, m, rad].
-        tip_height: Height of the tip over the table [m].
-        obstacles: The obstacles.
-        tool: The tool.
-        gap: Least distance [m].
+    Its tip is at a pose (x, y, yaw) [m, m, rad] and a height over the table [m].
     """
     x, y, yaw = pose
     rows = rectangles(obstacles)
@@ -157,15 +151,7 @@ def check_arm_is_free(
 ) -> None:
     """Refuse a start at which the arm stands in an obstacle, or turns into one near its shoulder.
 
-    Args:
-        name: Begins the error.
-        scenario: The start.
-        tip_height: Height of the tip over the table, `PushedObject.tool_height` [m].
-        tool: The tool.
-        robot: The arm.
-
-    Raises:
-        ValueError: If it does.
+    `tip_height` is `PushedObject.tool_height` [m]; `name` begins the ValueError.
     """
     if (why := obstacle_in_arm(scenario.obstacles, robot)) is not None:
         raise ValueError(f"{name}: {why}.")
@@ -175,3 +161,29 @@ def check_arm_is_free(
             f"{name}: expected a tool that stands free, got one in an obstacle, at ({x:.3f}, {y:.3f}), "
             f"turned by {math.degrees(yaw):.0f} degrees."
         )
+
+
+def within_reach(
+    scenarios: Iterable[Scenario], robot: str | Robot = "ur5", tool: str | Tool = "2f85"
+) -> list[Scenario]:
+    """The scenarios that an arm can begin, in their order.
+
+    The arm holds its tool at the start's pose there, and neither tool nor links stand in an obstacle. It
+    says nothing of the way to the goal. Arm and tool are given by name, as `"module:name"`, or as
+    objects.
+
+    Raises:
+        TypeError: If something else is among the scenarios.
+        ValueError: If there is no such robot or tool.
+    """
+    robot, tool, kept = find_robot(robot), find_tool(tool), []
+    for scenario in scenarios:
+        check_instance("scenarios", scenario, Scenario)
+        height = get_object(scenario.pushed_object).tool_height
+        try:
+            start_joints(robot, tool, scenario.tool_pose, height)
+            check_arm_is_free("start", scenario, height, tool, robot)
+        except ValueError:
+            continue
+        kept.append(scenario)
+    return kept

@@ -4,13 +4,11 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, field
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from annotated_types import Le
-
-from modpush._checks import check_span
 from modpush._types import (
     Count,
+    Frequency,
     Length,
     Name,
     NonNegative,
@@ -19,7 +17,7 @@ from modpush._types import (
     YawTolerance,
 )
 from modpush._validation import checked, from_plain
-from modpush.envs.engines.named import check_engine
+from modpush.envs.engines.base import check_engine
 from modpush.envs.outcome import GOAL_THRESHOLD, Goal
 from modpush.envs.robot.named import check_robot, check_tool
 from modpush.envs.scenes.objects import Circle
@@ -40,11 +38,6 @@ class SensingConfig:
     """Largest error of x and of y of the object [m], uniform and independent in every step."""
     yaw_noise: NonNegative = 0.0
     """Largest error of the object's yaw [rad], uniform and independent in every step."""
-
-    def __post_init__(self) -> None:
-        """Check the order of the ranges."""
-        for name in ("action_delay", "observation_delay"):
-            check_span(f"SensingConfig: {name}", getattr(self, name))
 
     @property
     def noisy(self) -> bool:
@@ -89,32 +82,22 @@ _LATER = (
 
 @checked
 class EpisodeConditions:
-    """Time limit, goal, robot, tool, physics and map of a set, whatever a method was made with."""
+    """Time limit, goal, robot, tool, physics and map of a set, whatever a method was made with.
+
+    The fields up to `dynamic_obstacles` are those of `SimulationConfig`, with parts by their names.
+    """
 
     engine: Name = "sapien"
-    """Physics engine: `sapien`, `mujoco`, or your own as `module:name`."""
-
     max_episode_steps: Count = 200
-    """Control steps after which an episode is truncated."""
     robot: Name = "ur5"
-    """Arm: its name, or your own as `module:name`."""
     tool: Name = "2f85"
-    """Tool of the arm: the closed gripper `2f85`, the `rod` of the authors' code, or your own as
-    `module:name`."""
-    sim_freq: Annotated[Count, Le(100_000)] | None = 120
-    """Physics steps per second [Hz]; None for the engine's own."""
+    sim_freq: Frequency | None = 120
     goal: Goal = "position"
-    """Kind of the goals: a position of the object's centre, or a pose of the object."""
     position_tolerance: Length = GOAL_THRESHOLD
-    """Distance of the object's centre from the goal at which an episode succeeds [m]."""
     yaw_tolerance: YawTolerance = math.radians(10)
-    """Largest difference of the object's yaw from that of a goal pose at success [rad]."""
     hold_steps: Count = 1
-    """Number of control steps in a row at whose end the object must be at its goal."""
     full_circle: bool = False
-    """Count yaw angles as different at which the object looks the same."""
     dynamic_obstacles: bool = False
-    """The obstacles can be pushed away."""
     inflation: Circle = "circumscribed"
     """The object's circle whose radius is that by which obstacles were inflated where it was
     decided that an episode can be solved, and are for its shortest path. With `inscribed` a method plans
@@ -125,7 +108,6 @@ class EpisodeConditions:
     """Delays and noise between policy and world; only for agents."""
 
     def __post_init__(self) -> None:
-        """Check the parts' names; nothing is imported."""
         check_robot("EpisodeConditions", self.robot)
         check_tool("EpisodeConditions", self.tool)
         check_engine("EpisodeConditions", self.engine)
@@ -167,9 +149,5 @@ class EpisodeConditions:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "EpisodeConditions":
-        """Inverse of `to_dict`.
-
-        Raises:
-            ValueError: If a field is missing, unknown or wrong; the message names it.
-        """
+        """Inverse of `to_dict`, also after JSON; a ValueError names a field that is wrong."""
         return from_plain(cls, data)

@@ -68,10 +68,8 @@ def draw_top_view(
 
     Args:
         scenario: What the episode started from.
-        object_pose: x, y, yaw now [m, m, rad].
-        ee_pose: x, y, yaw of the tool's tip now.
-        object_path: Positions of the object until now, `[n, 2]` [m].
-        ee_path: Positions of the tool until now, `[n, 2]` [m].
+        object_pose, ee_pose: x, y, yaw of the object and of the tool's tip now [m, m, rad].
+        object_path, ee_path: Their positions until now, `[n, 2]` [m].
         planned_path: A planned way, `[n, 2]` [m], magenta.
         subgoal: x, y of the present sub-goal [m], a magenta disc.
         inflation: Obstacles get a light rim of this width, where the object's centre cannot be [m].
@@ -92,18 +90,7 @@ def draw_top_view(
         _placed(_rectangle(obstacle.size[0] / 2, obstacle.size[1] / 2), pose)
         for obstacle, pose in zip(scenario.obstacles, poses, strict=True)
     ]
-    if inflation > 0:
-        # A thick line has round joints, so that this is the exact sum of rectangle and disc.
-        thickness = round(2 * inflation * _PIXELS_PER_METRE)
-        for outline in outlines:
-            _outline(image, outline, "inflated", thickness)
-    for obstacle in scenario.obstacles:
-        if obstacle.motion is not None:
-            _outline(image, obstacle.ends(), "obstacle", 2)  # the line of its patrol
-            for end in obstacle.ends():
-                _disc(image, end.tolist(), 0.008, "obstacle")
-    for outline in outlines:
-        _fill(image, outline, "obstacle")
+    _draw_obstacles(image, scenario, outlines, inflation)
     _disc(image, scenario.goal_position, position_tolerance, "goal", thickness=2)
     _disc(image, scenario.goal_position, 0.006, "goal")
     footprints = get_object(scenario.pushed_object, objects).footprints()
@@ -128,6 +115,25 @@ def draw_top_view(
             cv2.circle(image, (x, y - 5), 6, COLORS[name], -1, cv2.LINE_AA)
             _write(image, "path" if name == "planned" else name, (x + 12, y))
     return image
+
+
+def _draw_obstacles(
+    image: NDArray[np.uint8],
+    scenario: Scenario,
+    outlines: Sequence[NDArray[np.float64]],
+    inflation: float,
+) -> None:
+    if inflation > 0:
+        # A thick line has round joints, so that this is the exact sum of rectangle and disc.
+        for outline in outlines:
+            _outline(image, outline, "inflated", round(2 * inflation * _PIXELS_PER_METRE))
+    for obstacle in scenario.obstacles:
+        if obstacle.motion is not None:
+            _outline(image, obstacle.ends(), "obstacle", 2)  # the line of its patrol
+            for end in obstacle.ends():
+                _disc(image, end.tolist(), 0.008, "obstacle")
+    for outline in outlines:
+        _fill(image, outline, "obstacle")
 
 
 def _write(image: NDArray[np.uint8], text: str, place: tuple[int, int]) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
+from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.shape_layouts import SHAPE_SCENES, TRACK_SCENES
 from modpush.geometry.workspace import WORKSPACE
 from modpush.parts import find_part, part_name
@@ -164,36 +164,19 @@ def maze_mirrored(rng: np.random.Generator, difficulty: float) -> list[Obstacle]
     ]
 
 
-def random_clutter(
-    rng: np.random.Generator, difficulty: float, num_cubes: int = 10, spacing: float = 0.02
-) -> list[Obstacle]:
-    """Cubes anywhere in the workspace, at any angle.
+def random_clutter(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
+    """Ten cubes anywhere in the workspace, at any angle, 2 cm apart or more.
 
-    Args:
-        rng: Source of randomness.
-        difficulty: Not used: `num_cubes` says how hard it is.
-        num_cubes: Number of cubes, up to `MAX_OBSTACLES`.
-        spacing: Least distance between the cubes' circumscribed circles [m].
-
-    Raises:
-        ValueError: If `num_cubes` is out of range, or they do not fit after 100 tries for each.
+    The difficulty is not used.
     """
-    if not 0 <= num_cubes <= MAX_OBSTACLES:
-        raise ValueError(
-            f"random_clutter: num_cubes must be in [0, {MAX_OBSTACLES}], got {num_cubes}."
-        )
     centers = np.empty((0, 2))
-    apart = CUBE_SIDE * math.sqrt(2) + spacing
-    for _ in range(num_cubes):
+    apart = CUBE_SIDE * math.sqrt(2) + 0.02
+    while len(centers) < 10:
         tries = rng.uniform(WORKSPACE.low, WORKSPACE.high, (100, 2))
         distance = np.linalg.norm(tries[:, None] - centers, axis=-1).min(1, initial=np.inf)
-        if not (distance >= apart).any():
-            raise ValueError(
-                f"random_clutter: {num_cubes} cubes at a spacing of {spacing} m do not fit; "
-                f"placed {len(centers)} in 100 tries for each."
-            )
-        centers = np.vstack([centers, tries[np.argmax(distance >= apart)]])
-    yaws = rng.uniform(-np.pi, np.pi, num_cubes)
+        if (distance >= apart).any():
+            centers = np.vstack([centers, tries[np.argmax(distance >= apart)]])
+    yaws = rng.uniform(-np.pi, np.pi, len(centers))
     return [_cube(float(x), float(y), float(a)) for (x, y), a in zip(centers, yaws, strict=True)]
 
 
@@ -277,11 +260,10 @@ HARD_TUNING_SCENES = ("zigzag", "random_clutter", "diagonal_walls_turned", "maze
 
 
 def get_scene(scene: str | SceneFn) -> tuple[str, SceneFn]:
-    """Look a scene family up by name or by `"module:function"`, or pass a function through.
+    """Name and function of a scene family: by name, by `"module:function"`, or passed through.
 
-    Returns:
-        Its name and its function. The name of a function of your own is `"module:function"`, by
-        which it is found again; that of one which cannot be imported is the function's own.
+    The name of a function of your own is `"module:function"`, by which it is found again; that of one
+    which cannot be imported is the function's own.
 
     Raises:
         ValueError: If there is no such family (the known ones are listed), or if it is not a function.

@@ -4,7 +4,7 @@ import functools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -67,7 +67,6 @@ class PushedObject:
     """Radius of the largest circle about the object's origin that its footprint holds, computed [m]."""
 
     def __post_init__(self) -> None:
-        """Check the parts, and compute what follows from them."""
         for part in self.parts:
             if part.rpy[:2] != (0.0, 0.0):
                 raise ValueError(f"{self.name!r}: parts must stand upright, got rpy {part.rpy}.")
@@ -119,31 +118,6 @@ class PushedObject:
         if self.tip_height is not None:
             return self.tip_height
         return max(0.012, min(0.02, self.height / 2))
-
-    def scaled(self, factor: float, name: str) -> "PushedObject":
-        """An object of the same mass, larger or smaller in all directions.
-
-        Args:
-            factor: Ratio of its lengths to this object's, positive.
-            name: Name of the new object.
-
-        Raises:
-            ValueError: If the factor is not positive, or an object of that size is refused.
-        """
-
-        def times(values: Sequence[float]) -> Any:
-            return tuple(factor * value for value in values)
-
-        parts = tuple(
-            replace(
-                part,
-                size=times(part.size),
-                position=times(part.position),
-                outline=tuple(times(point) for point in part.outline),
-            )
-            for part in self.parts
-        )
-        return replace(self, name=name, parts=parts)
 
     def footprints(self, num_arc: int = 32) -> list[np.ndarray]:
         """Outlines of the parts seen from above, object frame, a list of `[n, 2]` [m]."""
@@ -234,15 +208,9 @@ def get_object(
 ) -> PushedObject:
     """Look a pushed object up by name or by `"module:name"`, or pass one of your own through.
 
-    `"random_7"` is `random_object(7)`.
-
-    An object that is found by `"module:name"` is called so: that text is its `name`, by which
-    evaluation and drawing find it again.
-
-    Args:
-        name: Name of an object.
-        objects: Objects by name, as in `PushEnv.pushed_objects`, that are looked up before the
-            shipped ones.
+    `"random_7"` is `random_object(7)`. An object that is found by `"module:name"` is called so: that text
+    is its `name`, by which evaluation and drawing find it again. Those of `objects`, as in
+    `PushEnv.pushed_objects`, come before the shipped ones.
 
     Raises:
         ValueError: If there is no such object (the known ones are listed), or it is not a `PushedObject`.

@@ -8,16 +8,14 @@ import numpy as np
 from modpush._kernels import njit
 from modpush.envs.scenes.obstacle import Obstacle
 
+GRID_LOW, GRID_SIDE = (0.145, -0.455), 0.91
+"""Lower corner of a grid of places of the object, and length of its sides [m]."""
+
 
 def obstacle_distance(points: np.ndarray, obstacles: Sequence[Obstacle]) -> np.ndarray:
-    """Distance from points to the nearest obstacle seen from above [m]; 0 inside one, inf for none.
+    """Distance `[...]` from points `[..., 2]` to the nearest obstacle seen from above [m].
 
-    Args:
-        points: `[..., 2]` [m].
-        obstacles: Any number.
-
-    Returns:
-        `[...]` [m].
+    It is 0 inside an obstacle, and infinite if there is none.
     """
     rows = rectangles(obstacles)
     flat = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 2)
@@ -106,3 +104,36 @@ def rectangles_touch(row: np.ndarray, rows: np.ndarray, gap: float) -> bool:
         if not apart:
             return True
     return False
+
+
+@njit()
+def passable_cells(
+    turned: np.ndarray, radius: float, low: np.ndarray, high: np.ndarray, cell: float
+) -> np.ndarray:
+    """The cells within a rectangle whose centre is further than a radius from the obstacles, `[n, n]`.
+
+    Only the cells in an obstacle's bounding box, made larger by the radius, are compared with it.
+    """
+    side = round(GRID_SIDE / cell)
+    passable = np.zeros((side, side), np.uint8)
+    for i in range(side):
+        x = GRID_LOW[0] + (i + 0.5) * cell
+        if low[0] <= x <= high[0]:
+            for j in range(side):
+                y = GRID_LOW[1] + (j + 0.5) * cell
+                passable[i, j] = low[1] <= y <= high[1]
+    for k in range(len(turned)):
+        c, s, half_length, half_width = np.abs(turned[k, 2:])
+        reach_x = c * half_length + s * half_width + radius
+        reach_y = s * half_length + c * half_width + radius
+        first_i = max(0, int((turned[k, 0] - reach_x - GRID_LOW[0]) / cell - 1.0))
+        first_j = max(0, int((turned[k, 1] - reach_y - GRID_LOW[1]) / cell - 1.0))
+        last_i = min(side - 1, int((turned[k, 0] + reach_x - GRID_LOW[0]) / cell + 1.0))
+        last_j = min(side - 1, int((turned[k, 1] + reach_y - GRID_LOW[1]) / cell + 1.0))
+        for i in range(first_i, last_i + 1):
+            x = GRID_LOW[0] + (i + 0.5) * cell
+            for j in range(first_j, last_j + 1):
+                y = GRID_LOW[1] + (j + 0.5) * cell
+                if passable[i, j] and nearest_rectangle(x, y, turned[k : k + 1]) <= radius:
+                    passable[i, j] = 0
+    return passable

@@ -18,9 +18,11 @@ from modpush.envs.scenes.layouts import TIGHT_SCENES, SceneFn
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
 from modpush.envs.scenes.rectangles import (
+    GRID_LOW,
     crosses_rectangle,
     nearest_rectangle,
     obstacle_distance,
+    passable_cells,
     rectangles,
     turned_rectangles,
 )
@@ -29,7 +31,6 @@ from modpush.envs.scenes.scenario import Dynamics, Scenario, ScenarioConfig
 _CELLS = {"circumscribed": 0.01, "inscribed": 0.0025}
 """Sides of the cells of the grid that decides whether a path exists [m]. An object has a few millimetres
 to spare in the passages that only its inscribed circle fits through."""
-_LOW, _SIDE = (0.145, -0.455), 0.91  # the grid's lower corner and the length of its sides [m]
 _BATCH = 256  # candidates drawn at a time
 _BATCHES = 40
 _LAYOUTS = 4
@@ -56,7 +57,7 @@ _CONDITIONS = (
 
 
 class _Limits(NamedTuple):
-    """The numbers that candidates are checked against; all lengths in metres."""
+    """The numbers that candidates are checked against [m]; the last three are least distances."""
 
     low_x: float
     low_y: float
@@ -68,29 +69,20 @@ class _Limits(NamedTuple):
     max_tool_radius: float
     base_x: float
     base_y: float
-    object_to_obstacle: float
-    """Least distance of the object's centre, at start and goal, from obstacles."""
-    tool_to_object: float
-    """Least distance of the tool's tip from the object's centre."""
-    tool_to_obstacle: float
-    """Least distance of the tool's tip from obstacles."""
+    object_to_obstacle: float  # of the object's centre, at start and goal
+    tool_to_object: float  # of the tool's tip from the object's centre
+    tool_to_obstacle: float  # of the tool's tip
 
 
 class _Candidates(NamedTuple):
-    """Starts of `n` episodes that may be good; metres and radians."""
+    """Starts of `n` episodes that may be good: places `[n, 2]` [m], angles and distances `[n]`."""
 
     start: np.ndarray
-    """`[n, 2]`"""
     yaw: np.ndarray
-    """`[n]`"""
     goal: np.ndarray
-    """`[n, 2]`"""
     tool: np.ndarray
-    """`[n, 2]`"""
     tool_yaw: np.ndarray
-    """`[n]`"""
     tool_distance: np.ndarray
-    """From the object's centre to the tool's tip, `[n]`."""
 
 
 class _FreeSpace(NamedTuple):
@@ -146,60 +138,68 @@ def sample_scenario(
     scenes, objects = config.scenes, config.objects
     failed: Counter[str] = Counter()
     distance = float(rng.uniform(*config.distance))
-    name = ""
     # In a tight scene that is drawn with too large a circle only short pushes would be left.
-    others = 0 if _needs_inscribed(config) else _OTHER_DISTANCES
-    for layout in range(_LAYOUTS + others):
+    tight = any(name in TIGHT_SCENES for name, _ in scenes)
+    inscribed = config.path_inflation == "inscribed"
+    layouts = _LAYOUTS if tight and not inscribed else _LAYOUTS + _OTHER_DISTANCES
+    for layout in range(layouts):
         if layout >= _LAYOUTS:
             distance = float(rng.uniform(*config.distance))
         name, scene = scenes[rng.integers(len(scenes))]
         item = objects[rng.integers(len(objects))]
         difficulty = float(rng.uniform(*config.difficulty))
         obstacles = _draw_layout(rng, name, scene, difficulty, robot)
-        free, limits = _free_space(obstacles, item, config), _limits(config, item, tool, robot)
-        between = config.obstacle_between and len(obstacles) > 0
-        for _ in range(_BATCHES):
-            candidates = _draw_candidates(rng, config, distance)
-            tool_poses, taken = _tool_starts(candidates, config, item, tool, robot, obstacles)
-            i, counts = _first_good(candidates, taken, free, limits, between)
-            while i >= 0 and tool_touches(
-                tool_poses[i], item.tool_height, obstacles, tool, _TOOL_GAP
-            ):
-                taken[i] = True
-                i, counts = _first_good(candidates, taken, free, limits, between)
-            if i < 0:
-                failed.update(dict(zip(_CONDITIONS, counts.tolist(), strict=True)))
-                continue
-            (x, y), (goal_x, goal_y) = candidates.start[i].tolist(), candidates.goal[i].tolist()
-            tool_x, tool_y, tool_yaw = tool_poses[i].tolist()
+        start = _draw_start(rng, config, distance, item, tool, robot, obstacles, failed)
+        if start is not None:
             return Scenario(
                 scene=name,
                 difficulty=difficulty,
                 obstacles=tuple(obstacles),
                 pushed_object=item.name,
-                object_pose=(x, y, float(candidates.yaw[i])),
-                goal_position=(goal_x, goal_y),
-                tool_pose=(tool_x, tool_y, tool_yaw),
+                **start,
                 dynamics=_sample_dynamics(rng, config, item),
                 goal_yaw=float(rng.uniform(-np.pi, np.pi)) if goal == "pose" else None,
             )
     reasons = ", ".join(f"{reason}: {n}" for reason, n in failed.most_common())
-    layouts = _LAYOUTS + others
+    advice = f" In {name!r} a path needs path_inflation='inscribed'."
     raise ValueError(
         f"sample_scenario: no start {config.distance} m from a goal found in scene {name!r} after "
         f"{layouts} layouts of {_BATCH * _BATCHES} tries each. Failed conditions: {reasons}."
-        + (
-            f" In {name!r} a path needs path_inflation='inscribed'."
-            if name in TIGHT_SCENES and config.path_inflation != "inscribed"
-            else ""
-        )
+        + (advice if name in TIGHT_SCENES and not inscribed else "")
     )
 
 
-def _needs_inscribed(config: ScenarioConfig) -> bool:
-    """Some of the scenes have paths for the inscribed circle alone, and another one is asked for."""
-    tight = any(name in TIGHT_SCENES for name, _ in config.scenes)
-    return tight and config.path_inflation != "inscribed"
+def _draw_start(
+    rng: np.random.Generator,
+    config: ScenarioConfig,
+    distance: float,
+    item: PushedObject,
+    tool: Tool,
+    robot: Robot,
+    obstacles: list[Obstacle],
+    failed: Counter[str],
+) -> dict[str, Any] | None:
+    """Object, goal and tool of an episode at a distance, as fields of `Scenario`; None if none is found.
+
+    It counts in `failed` which condition failed how often.
+    """
+    free, limits = _free_space(obstacles, item, config), _limits(config, item, tool, robot)
+    between = config.obstacle_between and len(obstacles) > 0
+    for _ in range(_BATCHES):
+        candidates = _draw_candidates(rng, config, distance)
+        tool_poses, taken = _tool_starts(candidates, config, item, tool, robot, obstacles)
+        i, counts = _first_good(candidates, taken, free, limits, between)
+        while i >= 0 and tool_touches(tool_poses[i], item.tool_height, obstacles, tool, _TOOL_GAP):
+            taken[i] = True
+            i, counts = _first_good(candidates, taken, free, limits, between)
+        if i >= 0:
+            return {
+                "object_pose": (*candidates.start[i].tolist(), float(candidates.yaw[i])),
+                "goal_position": tuple(candidates.goal[i].tolist()),
+                "tool_pose": tuple(tool_poses[i].tolist()),
+            }
+        failed.update(dict(zip(_CONDITIONS, counts.tolist(), strict=True)))
+    return None
 
 
 def _draw_layout(
@@ -208,21 +208,17 @@ def _draw_layout(
     """The first layout in which the arm has room."""
     why: str | None = ""
     for _ in range(_REDRAWS):
-        obstacles = scene(rng, difficulty)
-        _check_layout(name, obstacles)
+        obstacles: Any = scene(rng, difficulty)
+        good = isinstance(obstacles, Sequence) and all(isinstance(o, Obstacle) for o in obstacles)
+        if not good or len(obstacles) > MAX_OBSTACLES:
+            raise ValueError(
+                f"scene: {name!r} must return a list of at most {MAX_OBSTACLES} Obstacle, got "
+                f"{obstacles!r}."
+            )
         why = obstacle_in_arm(obstacles, robot)
         if why is None:
-            return obstacles
+            return list(obstacles)
     raise ValueError(f"scene: {name!r} leaves the arm no room in {_REDRAWS} layouts: {why}.")
-
-
-def _check_layout(name: str, obstacles: Any) -> None:
-    if not isinstance(obstacles, Sequence) or not all(isinstance(o, Obstacle) for o in obstacles):
-        raise ValueError(f"scene: {name!r} must return a list of Obstacle, got {obstacles!r}.")
-    if len(obstacles) > MAX_OBSTACLES:
-        raise ValueError(
-            f"scene: {name!r} placed {len(obstacles)} obstacles, at most {MAX_OBSTACLES} fit."
-        )
 
 
 def _limits(config: ScenarioConfig, item: PushedObject, tool: Tool, robot: Robot) -> _Limits:
@@ -340,17 +336,16 @@ def _first_good(
 @njit()
 def _joined(sx: float, sy: float, gx: float, gy: float, free: _FreeSpace) -> bool:
     """True if a path joins two points; no labels mean that nothing has to be asked for."""
-    if len(free.labels) == 0:
-        return True
-    first = _label(sx, sy, free)
-    return first > 0 and first == _label(gx, gy, free)
-
-
-@njit()
-def _label(x: float, y: float, free: _FreeSpace) -> int:
-    i, j = int((x - _LOW[0]) / free.cell), int((y - _LOW[1]) / free.cell)
-    last = len(free.labels) - 1
-    return free.labels[min(max(i, 0), last), min(max(j, 0), last)]
+    first, last = 0, len(free.labels) - 1
+    for x, y in ((sx, sy), (gx, gy)):
+        if last < 0:
+            return True
+        i, j = int((x - GRID_LOW[0]) / free.cell), int((y - GRID_LOW[1]) / free.cell)
+        label = free.labels[min(max(i, 0), last), min(max(j, 0), last)]
+        if label == 0 or (first != 0 and first != label):
+            return False
+        first = label
+    return True
 
 
 def _free_space(
@@ -366,42 +361,9 @@ def _free_space(
     if obstacles and config.path_required:
         low = np.subtract(config.low, config.path_margin)
         high = np.add(config.high, config.path_margin)
-        passable = _passable_cells(turned, item.radius_of(circle), low, high, cell)
+        passable = passable_cells(turned, item.radius_of(circle), low, high, cell)
         _, labels = cv2.connectedComponents(passable, connectivity=4)
     return _FreeSpace(turned, labels, cell)
-
-
-@njit()
-def _passable_cells(
-    turned: np.ndarray, radius: float, low: np.ndarray, high: np.ndarray, cell: float
-) -> np.ndarray:
-    """The cells within a rectangle whose centre is further than a radius from the obstacles, `[n, n]`.
-
-    Only the cells in an obstacle's bounding box, made larger by the radius, are compared with it.
-    """
-    side = round(_SIDE / cell)
-    passable = np.zeros((side, side), np.uint8)
-    for i in range(side):
-        x = _LOW[0] + (i + 0.5) * cell
-        if low[0] <= x <= high[0]:
-            for j in range(side):
-                y = _LOW[1] + (j + 0.5) * cell
-                passable[i, j] = low[1] <= y <= high[1]
-    for k in range(len(turned)):
-        c, s, half_length, half_width = np.abs(turned[k, 2:])
-        reach_x = c * half_length + s * half_width + radius
-        reach_y = s * half_length + c * half_width + radius
-        first_i = max(0, int((turned[k, 0] - reach_x - _LOW[0]) / cell - 1.0))
-        first_j = max(0, int((turned[k, 1] - reach_y - _LOW[1]) / cell - 1.0))
-        last_i = min(side - 1, int((turned[k, 0] + reach_x - _LOW[0]) / cell + 1.0))
-        last_j = min(side - 1, int((turned[k, 1] + reach_y - _LOW[1]) / cell + 1.0))
-        for i in range(first_i, last_i + 1):
-            x = _LOW[0] + (i + 0.5) * cell
-            for j in range(first_j, last_j + 1):
-                y = _LOW[1] + (j + 0.5) * cell
-                if passable[i, j] and nearest_rectangle(x, y, turned[k : k + 1]) <= radius:
-                    passable[i, j] = 0
-    return passable
 
 
 def _sample_dynamics(

@@ -136,10 +136,7 @@ _BETWEEN_ROWS = 0.09  # [m]
 def movable_objects(rng: np.random.Generator, difficulty: float, *, count: int) -> list[Obstacle]:
     """Boxes of 6 to 9 by 4 to 5 cm, 4 to 8 cm high, in a row across the workspace, or in two.
 
-    Args:
-        rng: Source of randomness.
-        difficulty: Makes the boxes longer.
-        count: Number of boxes.
+    The difficulty makes them longer.
     """
     middle, tilt = rng.uniform(0.45, 0.50), rng.uniform(-_TILT, _TILT)
     side = rng.choice((-1.0, 1.0))

@@ -8,10 +8,8 @@ import pytest
 import torch
 
 from modpush.envs import OBJECTS, Obstacle, Patrol
-from modpush.envs.engines.base import Engine, SceneSpec
-from modpush.envs.engines.named import ENGINES, find_engine
-from modpush.envs.robot.named import ROBOTS
-from modpush.envs.robot.tools import TOOLS
+from modpush.envs.engines.base import ENGINES, Engine, SceneSpec, find_engine
+from modpush.envs.robot.named import ROBOTS, TOOLS
 from modpush.envs.scene_batch import SceneBatch
 from modpush.envs.scenes.objects import PushedObject, random_object
 from modpush.envs.scenes.scenario import Dynamics
@@ -253,7 +251,7 @@ def test_only_movable_obstacles_are_pushed_away(movable) -> None:
     assert still[:, 2] == pytest.approx(0.03, abs=1e-6)
     for _ in range(10):
         movable.step(AHEAD)
-    moved = movable.obstacle_displacement()[0]
+    moved = movable.obstacle_entries()["obstacle_displacement"][0]
     assert moved[0] > 0.02
     assert movable.measure().contacts[0, 1]
 

@@ -14,8 +14,8 @@ from torchrl.envs.utils import check_env_specs
 from modpush import PushEnvConfig, load_agent, make_push_env
 from modpush._extras import MissingExtraError
 from modpush.envs import PushEnv
+from modpush.envs.engines.base import ENGINES, find_engine
 from modpush.envs.engines.mujoco.engine import MujocoEngine
-from modpush.envs.engines.named import ENGINES, find_engine
 from modpush.envs.engines.sapien.engine import SapienEngine
 from modpush.envs.push_state import PushState
 from modpush.envs.scenes.conditions import EpisodeConditions
@@ -129,7 +129,7 @@ def test_a_missing_package_is_named_before_any_work(monkeypatch: pytest.MonkeyPa
 
 @pytest.mark.parametrize("wrong", ["bullet", "mujoko", "", 3, None])
 def test_an_unknown_engine_is_refused_with_the_known_ones(wrong) -> None:
-    known = r"engine must be one of \['sapien', 'mujoco'\], 'module:name'"
+    known = r"engine must be one of \['mujoco', 'sapien'\] or 'module:name'"
     with pytest.raises(ValueError, match=rf"SimulationConfig: {known}.*got {wrong!r}"):
         PushEnv(1, engine=wrong)
     if wrong is not None:

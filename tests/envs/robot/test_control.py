@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from modpush.envs.robot.control import MotionConfig, MotionPlanner, start_joints
-from modpush.envs.robot.named import ROBOTS
-from modpush.envs.robot.tools import TOOLS
+from modpush.envs.robot.named import ROBOTS, TOOLS
 
 CONFIG, HEIGHT, UR5 = MotionConfig(), 0.183, ROBOTS["ur5"]
 PLANNERS = {name: MotionPlanner(robot, CONFIG, 8, 15.0) for name, robot in ROBOTS.items()}

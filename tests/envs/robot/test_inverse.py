@@ -9,11 +9,10 @@ import pytorch_kinematics
 import torch
 from scipy.spatial.transform import Rotation
 
-from modpush.envs.robot.inverse import ThreeParallelAxes
 from modpush.envs.robot.least_squares import DampedLeastSquares
-from modpush.envs.robot.named import ROBOTS
+from modpush.envs.robot.named import ROBOTS, TOOLS
 from modpush.envs.robot.robot import Joint
-from modpush.envs.robot.tools import TOOLS
+from modpush.envs.robot.universal_robots import ThreeParallelAxes
 from modpush.envs.robot.urdf import urdf_text
 from modpush.geometry.shapes import rpy_matrix
 

@@ -9,8 +9,7 @@ import pytest
 import torch
 
 from modpush.envs import PushEnv
-from modpush.envs.robot.named import ROBOTS
-from modpush.envs.robot.tools import TOOLS
+from modpush.envs.robot.named import ROBOTS, TOOLS
 from modpush.envs.scenes.arm_room import MAX_HEIGHT, arm_reach, obstacle_in_arm, tool_touches
 from modpush.envs.scenes.layouts import SCENES, TIGHT_SCENES
 from modpush.envs.scenes.objects import OBJECTS, get_object

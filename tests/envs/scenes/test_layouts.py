@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from modpush.envs.robot.tools import TOOLS
+from modpush.envs.robot.named import TOOLS
 from modpush.envs.scenes.layouts import (
     HARD_SCENES,
     HARD_TUNING_SCENES,

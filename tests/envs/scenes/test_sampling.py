@@ -6,11 +6,17 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from modpush.envs.scenes import sampling
 from modpush.envs.scenes.layouts import SCENES, TIGHT_SCENES, get_scene
 from modpush.envs.scenes.objects import OBJECTS, PAPER_OBJECTS, PushedObject
 from modpush.envs.scenes.obstacle import Obstacle
-from modpush.envs.scenes.rectangles import obstacle_distance, rectangles, turned_rectangles
+from modpush.envs.scenes.rectangles import (
+    GRID_LOW,
+    GRID_SIDE,
+    obstacle_distance,
+    passable_cells,
+    rectangles,
+    turned_rectangles,
+)
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import ScenarioConfig
 from modpush.geometry.shapes import box
@@ -62,8 +68,8 @@ def test_a_seed_gives_the_scenario_that_it_always_gave() -> None:
 @pytest.mark.parametrize("scene", sorted({*SCENES, *TIGHT_SCENES} - {"free"}))
 def test_passable_cells_are_those_far_enough_from_every_obstacle(scene: str, cell: float) -> None:
     rng = np.random.default_rng(1)
-    side = round(sampling._SIDE / cell)
-    centers = np.array(sampling._LOW) + (np.stack(np.indices((side, side)), -1) + 0.5) * cell
+    side = round(GRID_SIDE / cell)
+    centers = np.array(GRID_LOW) + (np.stack(np.indices((side, side)), -1) + 0.5) * cell
     for _ in range(5):
         obstacles = get_scene(scene)[1](rng, rng.uniform())
         radius, low = rng.uniform(0.02, 0.06), rng.normal((0.2, -0.4), 0.01)
@@ -72,7 +78,7 @@ def test_passable_cells_are_those_far_enough_from_every_obstacle(scene: str, cel
             (centers >= low) & (centers <= high)
         ).all(-1)
         turned = turned_rectangles(rectangles(obstacles))
-        found = sampling._passable_cells(turned, radius, low, high, cell)
+        found = passable_cells(turned, radius, low, high, cell)
         np.testing.assert_array_equal(found, expected)
 
 

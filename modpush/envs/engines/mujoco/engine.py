@@ -8,22 +8,22 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from modpush.envs.engines.base import CONTACT_KEYS, Engine, SceneSpec
+from modpush.envs.engines.base import (
+    CONTACT_KEYS,
+    ENGINES,
+    NAME_OF_PAIR,
+    PAIRS,
+    Engine,
+    SceneSpec,
+    check_quaternions,
+    check_vector,
+)
 from modpush.envs.engines.mujoco.model import build_model
-from modpush.envs.engines.mujoco.picture import draw_picture
-from modpush.envs.engines.mujoco.solids import OBJECT, OBSTACLE, ROBOT, TABLE
-from modpush.envs.engines.named import ENGINES
+from modpush.envs.engines.mujoco.rendering import draw_picture
 from modpush.envs.scenes.objects import get_object_of
 from modpush.envs.scenes.scenario import Scenario
 
 _AT_END = len(CONTACT_KEYS) // 2  # index of the first that is about the step's end
-_PAIRS = (ROBOT | OBJECT, OBJECT | OBSTACLE, ROBOT | OBSTACLE)  # in the order of `CONTACT_KEYS`
-_NAME_OF_PAIR = {
-    ROBOT | OBJECT: "robot_object",
-    OBJECT | OBSTACLE: "object_obstacle",
-    ROBOT | OBSTACLE: "robot_obstacle",
-    OBJECT | TABLE: "object_table",
-}
 _LEAST_FREQ = 240
 _LARGEST = 1e4  # of positions and velocities that a simulation can have had [m, m/s, rad/s]
 _STATE = (
@@ -36,9 +36,6 @@ class MujocoEngine(Engine):
 
     Every episode has a model of its own, so that it depends on nothing that was before. A step is split
     such that positions and contacts are those after it: MuJoCo's own `mj_step` leaves those before it.
-
-    Args:
-        spec: The properties of the scene.
 
     Raises:
         ValueError: If the rate is too low for stable drives.
@@ -58,7 +55,6 @@ class MujocoEngine(Engine):
         self._lag = spec.robot.damping / spec.robot.stiffness
 
     def load(self, scenario: Scenario, joints: NDArray[np.float32]) -> None:
-        """See `Engine`."""
         item = get_object_of(self._spec.objects, scenario.pushed_object)
         self._goal = scenario.goal_position
         model = self._model = build_model(self._spec, scenario, item)
@@ -88,7 +84,6 @@ class MujocoEngine(Engine):
         looks: Collection[int],
         obstacles: NDArray[np.float64] | None = None,
     ) -> list[bool]:
-        """See `Engine`."""
         model, data, ctrl = self._model, self._data, self._ctrl
         targets = np.array(position) + np.array(velocity) * self._lag
         touched = [False] * _AT_END
@@ -119,7 +114,7 @@ class MujocoEngine(Engine):
 
     def _touching(self) -> list[bool]:
         found = set(self._pairs().tolist())
-        return [pair in found for pair in _PAIRS]
+        return [pair in found for pair in PAIRS]
 
     @property
     def simulation(self) -> "tuple[mujoco.MjModel, mujoco.MjData]":
@@ -127,11 +122,9 @@ class MujocoEngine(Engine):
         return self._model, self._data
 
     def joint_position(self) -> NDArray[np.float32]:
-        """See `Engine`."""
         return self._data.qpos[: self._num_joints].astype(np.float32)
 
     def object_transform(self) -> list[float]:
-        """See `Engine`."""
         return self._transform(self._bodies["object"])
 
     def _transform(self, body: int) -> list[float]:
@@ -139,19 +132,16 @@ class MujocoEngine(Engine):
         return [*data.xpos[body].tolist(), *data.xquat[body].tolist()]
 
     def obstacle_transforms(self) -> NDArray[np.float64]:
-        """See `Engine`."""
         data, rows = self._data, self._obstacles
         return np.concatenate([data.xpos[rows], data.xquat[rows]], axis=1)
 
     def link_transforms(self, names: Sequence[str]) -> list[list[float]]:
-        """See `Engine`."""
         return [self._transform(self._bodies[name]) for name in names]
 
     def gaps(self) -> dict[str, float]:
-        """See `Engine`."""
-        found = dict.fromkeys(_NAME_OF_PAIR.values(), math.inf)
+        found = dict.fromkeys(NAME_OF_PAIR.values(), math.inf)
         for pair, distance in zip(self._pairs().tolist(), self._data.contact.dist, strict=True):
-            if name := _NAME_OF_PAIR.get(pair):
+            if name := NAME_OF_PAIR.get(pair):
                 found[name] = min(found[name], float(distance))
         return found
 
@@ -165,24 +155,17 @@ class MujocoEngine(Engine):
         return state.astype("<f8").view("<u2").astype(np.float32)
 
     def unpack(self, packed: NDArray[np.float32]) -> None:
-        """See `Engine`."""
         mujoco.mj_setState(self._model, self._data, _unpacked(packed), _STATE)
         mujoco.mj_step1(self._model, self._data)
 
     def check_packed(self, packed: NDArray[np.float32], scenario: Scenario) -> None:
-        """See `Engine`."""
         movable = self._spec.dynamic_obstacles
         free = 1 + sum(movable or o.motion is not None for o in scenario.obstacles)
         moving = (
             self._num_joints + 7 * free + self._num_joints + 6 * free
         )  # positions and velocities
         size = 4 * (moving + self._num_joints + 6 * free)
-        if not isinstance(packed, np.ndarray) or (packed.dtype, packed.shape) != (
-            np.float32,
-            (size,),
-        ):
-            got = f"{getattr(packed, 'dtype', type(packed).__name__)} of shape {np.shape(packed)}"
-            raise ValueError(f"SceneState: physics must be float32 of shape ({size},), got {got}.")
+        check_vector(packed, size)
         whole = (packed >= 0) & (packed < 1 << 16) & (packed == np.floor(packed))  # False for NaN
         if not whole.all():
             raise ValueError(
@@ -197,12 +180,8 @@ class MujocoEngine(Engine):
                 f"SceneState: physics must be finite, and positions and velocities at most {_LARGEST:g}, "
                 f"got {state[wrong][0]}."
             )
-        quaternions = state[self._num_joints : self._num_joints + 7 * free].reshape(free, 7)[:, 3:]
-        lengths = np.linalg.norm(quaternions, axis=1)
-        if (np.abs(lengths - 1) > 1e-3).any():
-            raise ValueError(
-                f"SceneState: quaternions in physics must be of length 1, got {lengths}."
-            )
+        first = self._num_joints
+        check_quaternions(state[first : first + 7 * free].reshape(free, 7)[:, 3:])
 
     def picture(self) -> NDArray[np.uint8] | None:
         """See `Engine`; drawn without a renderer, in two thirds of a second."""

@@ -1,28 +1,38 @@
-"""The MuJoCo model of an episode: arm, table, pushed object and obstacles."""
+"""The MuJoCo model of an episode: arm, table, pushed object and obstacles, of the library's solids."""
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import mujoco
 import numpy as np
 
-from modpush.envs.engines.base import SceneSpec
-from modpush.envs.engines.mujoco.solids import (
+from modpush.envs.engines.base import (
+    CONTACT_GAP,
+    FRICTION,
     OBJECT,
     OBSTACLE,
     ROBOT,
     TABLE,
-    add_solids,
-    set_contact,
+    SceneSpec,
 )
-from modpush.envs.robot.physics import FRICTION
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.robot.urdf import mass_properties
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.obstacle import OBSTACLE_COLOR, OBSTACLE_MASS, Obstacle
 from modpush.envs.scenes.scenario import Scenario
 from modpush.geometry.shapes import Primitive, box, prism
+
+_SOLREF = (0.005, 1.0)
+_SOLIMP = (0.95, 0.99, 0.001, 0.5, 2.0)
+"""Stiffness of contacts. With MuJoCo's default bodies sink in by up to 4 mm instead of 1.5."""
+
+_KINDS = {
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
+    "prism": mujoco.mjtGeom.mjGEOM_MESH,
+}
 
 _ARMATURE = 0.1
 """Inertia of the motors' rotors about the joints' axes [kg m^2], of the order of a real UR5's. Without
@@ -41,15 +51,10 @@ so that contacts would not carry along what they touch."""
 
 
 def build_model(spec: SceneSpec, scenario: Scenario, item: PushedObject) -> "mujoco.MjModel":
-    """Compile the model of an episode, in about a millisecond.
+    """Compile the model of an episode in which `item` is pushed, in about a millisecond.
 
     The bodies are named as the links, `tool`, `tip`, `object` and `obstacle_<i>`; the arm's joints
     come first in `qpos`, then the object, then obstacles that can be moved.
-
-    Args:
-        spec: The properties of the scene.
-        scenario: The episode's start.
-        item: The pushed object.
     """
     model = mujoco.MjSpec()
     model.compiler.degree = False
@@ -62,7 +67,7 @@ def build_model(spec: SceneSpec, scenario: Scenario, item: PushedObject) -> "muj
     # What goes wrong must be seen, instead of MuJoCo beginning again at the model's start.
     option.disableflags = mujoco.mjtDisableBit.mjDSBL_AUTORESET
     table = model.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=(3.0, 3.0, 0.1))
-    set_contact([table], TABLE, OBJECT | OBSTACLE, FRICTION["table"])
+    _set_contact([table], TABLE, OBJECT | OBSTACLE, FRICTION["table"])
     _add_arm(model, spec.robot, spec.tool, scenario.dynamics.friction)
     _add_object(model, item, scenario)
     for i, obstacle in enumerate(scenario.obstacles):
@@ -112,7 +117,7 @@ def _fill_link(
     _set_inertia(body, mass, center, diagonal)
     body.gravcomp = 1.0  # the drives of an arm compensate its weight
     # Above the object's, since a pair with the tool has less friction than others.
-    set_contact(add_solids(model, body, shapes), ROBOT, against, friction, priority=2)
+    _set_contact(_add_solids(model, body, shapes), ROBOT, against, friction, priority=2)
 
 
 def _add_drive(model: "mujoco.MjSpec", robot: Robot, joint: str, limit: float) -> None:
@@ -133,8 +138,8 @@ def _add_object(model: "mujoco.MjSpec", item: PushedObject, scenario: Scenario) 
     center = (*dynamics.center_of_mass, height)
     _set_inertia(body, dynamics.mass, center, dynamics.mass * unit_inertia, quaternion)
     friction = _mean(dynamics.friction, FRICTION["table"])  # obstacles have the table's
-    geoms = add_solids(model, body, map(_many_sided, item.parts))
-    set_contact(geoms, OBJECT, ROBOT | OBSTACLE | TABLE, friction, priority=1)
+    geoms = _add_solids(model, body, map(_many_sided, item.parts))
+    _set_contact(geoms, OBJECT, ROBOT | OBSTACLE | TABLE, friction, priority=1)
 
 
 def _many_sided(part: Primitive) -> Primitive:
@@ -154,7 +159,7 @@ def _homogeneous(item: PushedObject) -> tuple[np.ndarray, np.ndarray, float]:
     model = mujoco.MjSpec()
     body = model.worldbody.add_body(name="object")
     body.add_joint(type=_FREE)
-    for geom in add_solids(model, body, item.parts):
+    for geom in _add_solids(model, body, item.parts):
         geom.density = 1000.0
     made = model.compile()
     return (
@@ -169,7 +174,7 @@ def _add_obstacle(model: "mujoco.MjSpec", index: int, obstacle: Obstacle, movabl
     body = model.worldbody.add_body(
         name=f"obstacle_{index}", pos=(x, y, obstacle.size[2] / 2), quat=_yaw(yaw)
     )
-    geoms = add_solids(model, body, [box(*obstacle.size, color=OBSTACLE_COLOR)])
+    geoms = _add_solids(model, body, [box(*obstacle.size, color=OBSTACLE_COLOR)])
     if movable:
         body.add_joint(type=_FREE)
         square = np.square(obstacle.size)
@@ -177,7 +182,7 @@ def _add_obstacle(model: "mujoco.MjSpec", index: int, obstacle: Obstacle, movabl
         _set_inertia(body, mass, (0.0, 0.0, 0.0), mass * (square.sum() - square) / 12)
     if obstacle.motion is not None:
         body.gravcomp = 1.0
-    set_contact(geoms, OBSTACLE, ROBOT | OBJECT | TABLE | OBSTACLE, FRICTION["obstacle"])
+    _set_contact(geoms, OBSTACLE, ROBOT | OBJECT | TABLE | OBSTACLE, FRICTION["obstacle"])
 
 
 def _exclude_pairs(model: "mujoco.MjSpec", obstacles: Sequence[Obstacle], movable: bool) -> None:
@@ -215,3 +220,47 @@ def _quaternion(rpy: tuple[float, float, float]) -> tuple[float, float, float, f
         cr * sp * cy + sr * cp * sy,
         cr * cp * sy - sr * sp * cy,
     )
+
+
+def _add_solids(
+    spec: "mujoco.MjSpec", body: "mujoco.MjsBody", parts: Iterable[Primitive]
+) -> "list[mujoco.MjsGeom]":
+    """Add the solids of a body as geoms that collide with nothing yet; prisms are meshes."""
+    geoms = []
+    for i, part in enumerate(parts):
+        quaternion = np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, part.rotation().ravel())
+        geom = body.add_geom(
+            type=_KINDS[part.kind], size=part.size, pos=part.position, quat=quaternion
+        )
+        geom.contype = geom.conaffinity = 0
+        geom.rgba = (*part.color, 1.0)
+        if part.kind == "prism":
+            geom.meshname = f"{body.name}_{i}"
+            spec.add_mesh(name=geom.meshname, uservert=_corners(part))
+        geoms.append(geom)
+    return geoms
+
+
+def _corners(part: Primitive) -> np.ndarray:
+    """Corners of a prism, `[2 n * 3]` [m]."""
+    outline, half = np.array(part.outline), part.size[2]
+    return np.concatenate([np.insert(outline, 2, z, axis=1) for z in (-half, half)]).ravel()
+
+
+def _set_contact(
+    geoms: "Iterable[mujoco.MjsGeom]",
+    category: int,
+    against: int,
+    friction: float,
+    priority: int = 0,
+) -> None:
+    """Say what geoms collide with: a sum of categories. The friction of a pair is that of the geom with
+    the higher priority, or the larger of two.
+    """
+    for geom in geoms:
+        geom.contype, geom.conaffinity = category, against
+        geom.friction[0], geom.priority = friction, priority
+        geom.solref, geom.solimp = _SOLREF, _SOLIMP
+        # The gaps of two geoms add up. A margin would do more: forces begin there, so that bodies float.
+        geom.gap = CONTACT_GAP / 2

@@ -4,7 +4,7 @@ import atexit
 import functools
 import hashlib
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import mkdtemp
@@ -15,15 +15,11 @@ import torch
 from gymnasium import spaces
 from mani_skill.agents.base_agent import BaseAgent
 from mani_skill.agents.controllers.base_controller import BaseController, ControllerConfig
-from mani_skill.agents.controllers.pd_joint_pos import PDJointPosControllerConfig
-from mani_skill.agents.registration import register_agent
 from torch import Tensor
 
 from modpush.envs.engines.sapien import bodies
 from modpush.envs.robot.control import MotionConfig, MotionPlanner, start_joints
-from modpush.envs.robot.named import ROBOTS
 from modpush.envs.robot.robot import Robot, Tool
-from modpush.envs.robot.tools import TOOLS
 from modpush.envs.robot.urdf import urdf_text
 
 
@@ -63,7 +59,8 @@ class PlanarController(BaseController):
     def _measure(self) -> tuple[Tensor, Tensor]:
         """Planar pose of the tip `[B, 3]` and height of the flange `[B]`."""
         pose = self.articulation.links_map["tip"].pose
-        yaw = tip_yaw(pose.q.double())
+        w, x, y, z = pose.q.double().unbind(-1)
+        yaw = torch.atan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
         position = pose.p.double()
         height = position[:, 2] + self.config.tool_length
         return torch.cat([position[:, :2], yaw[:, None]], -1), height
@@ -81,7 +78,7 @@ class PlanarController(BaseController):
         )
         planned = planner.plan(*(values.double().cpu().numpy() for values in given))
         target, position, velocity, reachable = (
-            torch.from_numpy(values).to(self.device) for values in planned
+            torch.from_numpy(values).to(self.device) for values in planned[:4]
         )
         self.target, self.reachable = target, reachable
         self._ramp = position.float(), velocity.float()
@@ -105,23 +102,6 @@ class PlanarController(BaseController):
             self.scene.px.gpu_apply_articulation_target_position()
             self.scene.px.gpu_apply_articulation_target_velocity()
 
-    def get_state(self) -> dict[str, Tensor]:
-        """The commanded pose and height."""
-        return {"target": self.target.clone(), "flange_height": self.flange_height[:, None].clone()}
-
-    def set_state(self, state: Mapping[str, Any]) -> None:
-        """Inverse of `get_state`; ManiSkill's replay gives arrays, without the dimension of scenes."""
-        target, height = (torch.as_tensor(state[key]) for key in ("target", "flange_height"))
-        self.target = target.reshape(-1, 3).to(self.target, copy=True)
-        self.flange_height = height.reshape(-1).to(self.flange_height, copy=True)
-        self._ramp = None
-
-
-def tip_yaw(quaternion: Tensor) -> Tensor:
-    """Yaw [rad] of the x axis of a tool that points down; quaternions (w, x, y, z), `[..., 4]`."""
-    w, x, y, z = quaternion.unbind(-1)
-    return torch.atan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
-
 
 @dataclass
 class PlanarControllerConfig(ControllerConfig):
@@ -134,28 +114,16 @@ class PlanarControllerConfig(ControllerConfig):
 
 
 class PushArm(BaseAgent):
-    """An arm with a tool; `agent_class` makes one of `Robot` and `Tool`.
-
-    Control modes: `planar` (ours), and ManiSkill's `pd_joint_pos` and `pd_joint_delta_pos`.
-    """
+    """An arm with a tool; `agent_class` makes one of `Robot` and `Tool`."""
 
     arm: ClassVar[Robot]
     tool: ClassVar[Tool]
     disable_self_collisions = True
-    motion = MotionConfig()
 
     def place_tip(
         self, tip_pose: Sequence[tuple[float, float, float]], tip_height: Sequence[float]
     ) -> None:
-        """Put the arms of the scenes that are being reset to where their tips have these poses.
-
-        Args:
-            tip_pose: x, y, yaw for each of the scenes [m, m, rad].
-            tip_height: Height over the table for each of them [m].
-
-        Raises:
-            ValueError: If a pose is out of the arm's reach.
-        """
+        """Put the tips of the scenes being reset to poses (x, y, yaw), at heights over the table."""
         joints = [
             start_joints(self.arm, self.tool, pose, height)
             for pose, height in zip(tip_pose, tip_height, strict=True)
@@ -164,21 +132,8 @@ class PushArm(BaseAgent):
 
     @property
     def _controller_configs(self) -> dict[str, Any]:
-        arm, names = self.arm, [joint.name for joint in self.arm.joints]
-        joint: dict[str, Any] = {
-            "stiffness": arm.stiffness,
-            "damping": arm.damping,
-            "force_limit": [joint.effort for joint in arm.joints],
-        }
-        return {
-            "planar": PlanarControllerConfig(names, arm, self.tool.length, self.motion),
-            "pd_joint_pos": PDJointPosControllerConfig(
-                names, None, None, normalize_action=False, **joint
-            ),
-            "pd_joint_delta_pos": PDJointPosControllerConfig(
-                names, -0.05, 0.05, use_delta=True, use_target=True, **joint
-            ),
-        }
+        names = [joint.name for joint in self.arm.joints]
+        return {"planar": PlanarControllerConfig(names, self.arm, self.tool.length)}
 
     def _after_loading_articulation(self) -> None:
         shapes = {link.name: link.shapes for link in self.arm.links} | {"tool": self.tool.shapes}
@@ -210,8 +165,3 @@ def _urdf_file(arm: Robot, tool: Tool) -> str:
     if not path.exists():
         path.write_text(text, encoding="utf-8")
     return str(path)
-
-
-for _arm in ROBOTS.values():
-    for _tool in TOOLS.values():
-        register_agent()(agent_class(_arm, _tool))

@@ -3,11 +3,12 @@
 import functools
 import math
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import sapien
 import torch
+import trimesh
 from mani_skill.utils.structs import Actor, Pose
 from sapien import physx
 from transforms3d.quaternions import mat2quat
@@ -51,21 +52,26 @@ def collision_shapes(
     """PhysX shapes of a body's parts, all of one material."""
     shapes = []
     for part in parts:
-        if part.kind == "box":
-            shape = physx.PhysxCollisionShapeBox(half_size=part.size, material=material)
-        elif part.kind == "cylinder":
-            shape = physx.PhysxCollisionShapeCylinder(*part.size[:2], material=material)
-        elif part.kind == "capsule":
-            shape = physx.PhysxCollisionShapeCapsule(*part.size[:2], material=material)
+        if part.kind == "prism":
+            scale = np.ones(3, dtype=np.float32)
+            shape = physx.PhysxCollisionShapeConvexMesh(_prism_vertices(part), scale, material)
         else:
-            shape = physx.PhysxCollisionShapeConvexMesh(
-                vertices=_prism_vertices(part),
-                scale=np.ones(3, dtype=np.float32),
-                material=material,
-            )
+            shape = _COLLISION_SHAPES[part.kind](*_dimensions(part), material=material)
         shape.local_pose = _local_pose(part)
         shapes.append(shape)
     return shapes
+
+
+_COLLISION_SHAPES = {
+    "box": physx.PhysxCollisionShapeBox,
+    "cylinder": physx.PhysxCollisionShapeCylinder,
+    "capsule": physx.PhysxCollisionShapeCapsule,
+}
+
+
+def _dimensions(part: Primitive) -> tuple[Any, ...]:
+    """Half sizes of a box; radius and half length of a cylinder and a capsule [m]."""
+    return (part.size,) if part.kind == "box" else part.size[:2]
 
 
 def attach_visuals(entity: sapien.Entity, parts: Iterable[Primitive]) -> None:
@@ -75,14 +81,11 @@ def attach_visuals(entity: sapien.Entity, parts: Iterable[Primitive]) -> None:
         material = sapien.render.RenderMaterial(
             base_color=[*part.color, 1.0], roughness=0.6, specular=0.3
         )
-        if part.kind == "box":
-            shape = sapien.render.RenderShapeBox(part.size, material)
-        elif part.kind == "cylinder":
-            shape = sapien.render.RenderShapeCylinder(*part.size[:2], material)
-        elif part.kind == "capsule":
-            shape = sapien.render.RenderShapeCapsule(*part.size[:2], material)
-        else:
+        if part.kind == "prism":
             shape = _prism_visual(part, material)
+        else:
+            draw = getattr(sapien.render, f"RenderShape{part.kind.capitalize()}")
+            shape = draw(*_dimensions(part), material)
         shape.local_pose = _local_pose(part)
         component.attach(shape)
     entity.add_component(component)
@@ -92,26 +95,13 @@ def _prism_visual(
     part: Primitive, material: "sapien.render.RenderMaterial"
 ) -> "sapien.render.RenderShapeTriangleMesh":
     """A prism with flat faces: every face has its own vertices, so that normals are its own."""
-    ring = _prism_vertices(part)
-    n = len(part.outline)
-    faces = [np.array([ring[n], ring[n + i], ring[n + i + 1]]) for i in range(1, n - 1)]
-    faces += [np.array([ring[0], ring[i + 1], ring[i]]) for i in range(1, n - 1)]
-    for i in range(n):
-        j = (i + 1) % n
-        faces += [
-            np.array([ring[i], ring[j], ring[n + j]]),
-            np.array([ring[i], ring[n + j], ring[n + i]]),
-        ]
-    vertices = np.concatenate(faces)
-    normals = np.concatenate(
-        [np.repeat(np.cross(f[1] - f[0], f[2] - f[0])[None], 3, axis=0) for f in faces]
-    )
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    hull = trimesh.convex.convex_hull(_prism_vertices(part))
+    hull.unmerge_vertices()
     return sapien.render.RenderShapeTriangleMesh(
-        vertices.astype(np.float32),
-        np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3),
-        normals.astype(np.float32),
-        np.zeros((len(vertices), 2), dtype=np.float32),
+        hull.vertices.astype(np.float32),
+        hull.faces.astype(np.uint32),
+        np.repeat(hull.face_normals, 3, axis=0).astype(np.float32),
+        np.zeros((len(hull.vertices), 2), dtype=np.float32),
         material,
     )
 

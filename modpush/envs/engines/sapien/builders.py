@@ -4,53 +4,25 @@ import numpy as np
 import sapien
 from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.sensors.camera import CameraConfig
+from mani_skill.utils.sapien_utils import look_at
 from mani_skill.utils.structs import Actor, Articulation, Link
 from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from sapien import physx
-from transforms3d.quaternions import mat2quat
 
-from modpush.envs.engines.sapien import bodies, feet
-from modpush.envs.engines.sapien.rendering import camera_pose
-from modpush.envs.robot.physics import FRICTION
-from modpush.geometry.camera import CAMERA
+from modpush.envs.engines.base import FRICTION
+from modpush.envs.engines.sapien import bodies
+from modpush.envs.engines.sapien.object_bodies import add_to_group
 from modpush.geometry.shapes import box
-
-
-def camera_from_above() -> CameraConfig:
-    """The observing bird's-eye camera."""
-    return CameraConfig(
-        uid="bird_eye",
-        pose=camera_pose(CAMERA),
-        width=CAMERA.width,
-        height=CAMERA.height,
-        fov=CAMERA.field_of_view,
-        near=0.01,
-        far=10.0,
-    )
 
 
 def camera_from_the_side() -> CameraConfig:
     """The camera that `render` shows pictures from, 512 x 512."""
-    pose = sapien.Pose([1.35, 0.75, 0.85])
-    pose.q = _look_along(np.array([0.40, 0.0, 0.05]) - pose.p)
+    pose = look_at([1.35, 0.75, 0.85], [0.40, 0.0, 0.05]).sp
     return CameraConfig("render_camera", pose, 512, 512, 0.75, 0.01, 10.0, shader_pack="default")
 
 
-def _look_along(forward: np.ndarray) -> np.ndarray:
-    """Quaternion of a camera that looks along a direction, upright."""
-    x = forward / np.linalg.norm(forward)
-    y = np.cross([0.0, 0.0, 1.0], x)
-    y /= np.linalg.norm(y)
-    return mat2quat(np.stack([x, y, np.cross(x, y)], 1))
-
-
 def simulation_config(sim_freq: int, control_freq: int) -> SimConfig:
-    """Settings of the simulation.
-
-    Args:
-        sim_freq: Physics steps per second.
-        control_freq: Actions per second.
-    """
+    """Settings of the simulation, for physics steps and actions per second."""
     return SimConfig(
         sim_freq=sim_freq,
         control_freq=control_freq,
@@ -76,13 +48,7 @@ def set_material(robot: Articulation, material: physx.PhysxMaterial) -> None:
 
 
 def build_table(scene: ManiSkillScene, robot_base: Link, material: physx.PhysxMaterial) -> None:
-    """Build an endless plane that bodies rest on, and a table top that is seen.
-
-    Args:
-        scene: The scenes that get a table.
-        robot_base: The robot's lowest link, which stands on the table without touching it.
-        material: The table's material.
-    """
+    """Build an endless plane that bodies rest on but the robot's base, and a table top that is seen."""
     for i, sub_scene in enumerate(scene.sub_scenes):
         entity = sapien.Entity()
         if i == 0 or not scene.gpu_sim_enabled:  # one plane serves all GPU scenes
@@ -90,7 +56,7 @@ def build_table(scene: ManiSkillScene, robot_base: Link, material: physx.PhysxMa
             plane = physx.PhysxCollisionShapePlane(material)
             plane.local_pose = sapien.Pose(q=[np.sqrt(0.5), 0, -np.sqrt(0.5), 0])
             _never_touch_base(plane)
-            feet.add_to_group(plane)
+            add_to_group(plane)
             body.attach(plane)
             entity.add_component(body)
         if scene.can_render():

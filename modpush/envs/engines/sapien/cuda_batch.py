@@ -12,69 +12,46 @@ import torch
 from torch import Tensor
 
 from modpush._extras import warn_experimental
-from modpush.envs.depth.base import DepthCameraFactory
 from modpush.envs.engines.base import SceneSpec
-from modpush.envs.engines.sapien.task import ClutterPushEnv
+from modpush.envs.engines.sapien.task import PushTask
 from modpush.envs.push_state import SceneState
-from modpush.envs.scene_batch import Measurement, SceneBatch
+from modpush.envs.scene_batch import Measurement, SceneBatch, planar_poses
 from modpush.envs.scenes.scenario import Scenario
 
 
 class CudaBatch(SceneBatch):
-    """One ManiSkill task that holds all scenes on a GPU. Images are still made on the CPU.
+    """One ManiSkill task that holds all scenes on a GPU. Images are still made on the CPU."""
 
-    Args:
-        num_envs: Number of scenes.
-        spec: The properties of every scene.
-        depth: What makes the depth camera, or None.
-        arm_in_depth: Whether the depth camera sees the arm.
-        full_circle: Whether yaw angles count as different at which an object looks the same.
-
-    Raises:
-        ValueError: If there is no CUDA device.
-    """
-
-    def __init__(
-        self,
-        num_envs: int,
-        spec: SceneSpec,
-        depth: DepthCameraFactory | None,
-        arm_in_depth: bool,
-        full_circle: bool = False,
-    ) -> None:
+    def __init__(self, num_envs: int, spec: SceneSpec, *seen: Any) -> None:
         warn_experimental("PushEnv")
-        self._task = ClutterPushEnv.of_spec(spec, num_envs=num_envs, sim_backend="physx_cuda")
+        self._task = PushTask(spec, num_envs, "physx_cuda")
         scenes: Any = iter([_Scene(self._task, i) for i in range(num_envs)])
-        super().__init__(num_envs, lambda _: next(scenes), spec, depth, arm_in_depth, full_circle)
+        super().__init__(num_envs, lambda _: next(scenes), spec, *seen)
 
     def start(self, indices: Sequence[int], scenarios: Sequence[Scenario]) -> None:
-        """See `SceneBatch`."""
         rows = torch.as_tensor(indices, device=self._task.device)
         self._task.reset(options={"env_idx": rows, "scenarios": list(scenarios)})
         for i in indices:
-            placed = self._task.scenarios[
-                i
-            ]  # lengths of obstacles are rounded to those of the pool
+            placed = self._task.scenarios[i]  # with the lengths of the pool's obstacles
             self._begin_episode(i, placed, placed.tool_pose)
 
     def step(self, action: Tensor) -> None:
-        """See `SceneBatch`."""
         self._task.step(action.float())
 
     def measure(self) -> Measurement:
-        """See `SceneBatch`."""
         task = self._task
-        tensors = (
-            task.object_pose,
-            task.ee_pose,
-            task.agent.robot.get_qpos().double(),
-            task.contact_flags(),
-            task.agent.controller.reachable,
+        names = [task.scenarios[i].pushed_object for i in range(self.num_envs)]
+        return Measurement(
+            object_pose=planar_poses(task.objects.transforms(names).double().cpu().numpy()),
+            ee_pose=planar_poses(
+                task.agent.robot.links_map["tip"].pose.raw_pose.double().cpu().numpy()
+            ),
+            joint_position=task.agent.robot.get_qpos().double().cpu().numpy(),
+            contacts=task.contacts.flags().cpu().numpy(),
+            target_reachable=task.agent.controller.reachable.cpu().numpy(),
         )
-        return Measurement(*(tensor.cpu().numpy() for tensor in tensors))
 
     def get_state(self, index: int) -> SceneState:
-        """See `SceneBatch`."""
         task = self._task
         controller = task.agent.controller
         x, y, yaw = controller.target[index].tolist()
@@ -83,7 +60,7 @@ class CudaBatch(SceneBatch):
             scenario=task.scenarios[index],
             physics=_select_scene(physics, index),
             target=(x, y, yaw),
-            contacts=tuple(task.contact_flags()[index].tolist()),
+            contacts=tuple(task.contacts.flags()[index].tolist()),
             target_reachable=bool(controller.reachable[index]),
         )
 
@@ -100,7 +77,6 @@ class CudaBatch(SceneBatch):
         controller.reachable[index] = state.target_reachable
 
     def close(self) -> None:
-        """See `SceneBatch`."""
         self._task.close()
         super().close()
 
@@ -110,12 +86,15 @@ class _Scene:
 
     name, version = "sapien", sapien.__version__
 
-    def __init__(self, task: ClutterPushEnv, index: int) -> None:
+    def __init__(self, task: PushTask, index: int) -> None:
         self._task, self._index = task, index
 
     def object_transform(self) -> list[float]:
         actor = self._task.objects.actors[self._task.scenarios[self._index].pushed_object]
         return actor.pose.raw_pose[self._index].tolist()
+
+    def joint_position(self) -> np.ndarray:
+        return self._task.agent.robot.get_qpos()[self._index].cpu().numpy()
 
     def obstacle_transforms(self) -> np.ndarray:
         return self._task.obstacles.transforms(self._index)

@@ -44,28 +44,20 @@ class ObstaclePool:
             device=self._device,
         ).repeat(self._num_envs, 1, 1)  # [B, slots, 7]
         self.actors = [
-            self._build(scene, material, dynamic, slot) for slot in range(len(self._SIZES))
+            bodies.build_actor(
+                scene,
+                f"obstacle_{slot}",
+                [box(*size, color=OBSTACLE_COLOR)],
+                material,
+                mass=OBSTACLE_MASS,
+                pose=sapien.Pose(self._parked(slot)[:3]),
+                kinematic=not dynamic,
+            )
+            for slot, size in enumerate(self._SIZES)
         ]
 
     def _parked(self, slot: int) -> list[float]:
         return [30.0 + 1.0 * (slot % 8), 1.0 * (slot // 8), self._SIZES[slot][2] / 2, 1, 0, 0, 0]
-
-    def _build(
-        self,
-        scene: "ManiSkillScene",
-        material: physx.PhysxMaterial,
-        dynamic: bool,
-        slot: int,
-    ) -> Actor:
-        return bodies.build_actor(
-            scene,
-            f"obstacle_{slot}",
-            [box(*self._SIZES[slot], color=OBSTACLE_COLOR)],
-            material,
-            mass=OBSTACLE_MASS,
-            pose=sapien.Pose(self._parked(slot)[:3]),
-            kinematic=not dynamic,
-        )
 
     def place(
         self, indices: Sequence[int], layouts: Sequence[Sequence[Obstacle]]
@@ -121,13 +113,7 @@ class CudaContacts:
     """Reads the contacts of a batched GPU simulation at the end of a control step.
 
     A GPU simulation gives impulses only, so that a pair touches if it was pushed apart in the last
-    substep.
-
-    Args:
-        scene: All scenes.
-        robot: Their robots.
-        objects: The objects that may be pushed.
-        obstacles: The obstacles, which stay the same bodies in all episodes.
+    substep. The obstacles stay the same bodies in all episodes.
     """
 
     def __init__(

@@ -10,15 +10,20 @@ from mani_skill.utils.structs import Pose
 from numpy.typing import NDArray
 from sapien import physx
 
-from modpush.envs.engines.base import Engine, SceneSpec
-from modpush.envs.engines.named import ENGINES
+from modpush.envs.engines.base import (
+    ENGINES,
+    Engine,
+    SceneSpec,
+    check_quaternions,
+    check_vector,
+)
 from modpush.envs.engines.sapien import bodies
-from modpush.envs.engines.sapien.feet import attach_feet, stand_on_feet
+from modpush.envs.engines.sapien.object_bodies import attach_feet, stand_on_feet
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.scenario import Scenario
 
 if TYPE_CHECKING:
-    from modpush.envs.engines.sapien.task import ClutterPushEnv
+    from modpush.envs.engines.sapien.task import PushTask
 
 _STILL = np.zeros(3, dtype=np.float32)
 _BODY = 13  # numbers of a body's packed state: quaternion, position, linear and angular velocity
@@ -27,20 +32,17 @@ _LARGEST = 1e4  # of a state that a simulation can have been in [m, m/s, rad/s]
 
 
 class SapienEngine(Engine):
-    """Places, steps and reads the bodies of one scene on a CPU.
+    """Places, steps and reads the bodies of one scene on a CPU, which a task has built.
 
-    The scene is built by a ManiSkill task, whose own functions work on torch tensors of one row, each of
-    which costs more than the numbers it carries. This class does the same to the same bodies.
-
-    Args:
-        task: The task that has built the scene.
+    ManiSkill's own functions work on torch tensors of one row, each of which costs more than the numbers
+    it carries. This class does the same to the same bodies.
     """
 
     name: ClassVar = "sapien"
     version: ClassVar = sapien.__version__
     default_sim_freq: ClassVar = ENGINES["sapien"].sim_freq
 
-    def __init__(self, task: "ClutterPushEnv") -> None:
+    def __init__(self, task: "PushTask") -> None:
         self.task, self._scene, self._objects = task, task.scene, task.objects
         self._obstacles, self._contacts = task.obstacles, task.contacts
         robot = task.agent.robot
@@ -72,11 +74,11 @@ class SapienEngine(Engine):
         Raises:
             RuntimeError: If a renderer is needed and there is none.
         """
-        from modpush.envs.engines.sapien.task import ClutterPushEnv
+        from modpush.envs.engines.sapien.task import PushTask
 
-        task = ClutterPushEnv.of_spec(spec)
-        assert task.engine is not None
-        return task.engine
+        engine = PushTask(spec).engine
+        assert engine is not None
+        return engine
 
     def load(self, scenario: Scenario, joints: NDArray[np.float32]) -> None:
         """See `Engine`. Arm and table move into a new PhysX scene, which costs 0.3 ms.
@@ -164,25 +166,20 @@ class SapienEngine(Engine):
         return contacts.touched
 
     def joint_position(self) -> NDArray[np.float32]:
-        """See `Engine`."""
         return self._robot.qpos
 
     def object_transform(self) -> list[float]:
-        """See `Engine`."""
         pose = self._pushed_body.entity_pose
         return [*pose.p.tolist(), *pose.q.tolist()]
 
     def obstacle_transforms(self) -> NDArray[np.float64]:
-        """See `Engine`."""
         return self._obstacles.transforms()
 
     def link_transforms(self, names: Sequence[str]) -> list[list[float]]:
-        """See `Engine`."""
         poses = [self._links[name].entity_pose for name in names]
         return [[*pose.p.tolist(), *pose.q.tolist()] for pose in poses]
 
     def gaps(self) -> dict[str, float]:
-        """See `Engine`."""
         return self._contacts.gaps()
 
     def pack(self) -> NDArray[np.float32]:
@@ -198,35 +195,23 @@ class SapienEngine(Engine):
         return packed
 
     def unpack(self, packed: NDArray[np.float32]) -> None:
-        """See `Engine`."""
         self._scene.px.unpack(packed.tobytes())
 
     def check_packed(self, packed: NDArray[np.float32], scenario: Scenario) -> None:
         """See `Engine`; PhysX itself checks nothing."""
-        pushed = self.task.dynamic_obstacles
+        pushed = self.task.spec.dynamic_obstacles
         movable = sum(pushed or o.motion is not None for o in scenario.obstacles)
         num_bodies = 2 + movable  # with the object and the arm's base
         size = _BODY * num_bodies + _JOINT * len(self._joints)
-        if not isinstance(packed, np.ndarray) or (packed.dtype, packed.shape) != (
-            np.float32,
-            (size,),
-        ):
-            got = f"{getattr(packed, 'dtype', type(packed).__name__)} of shape {np.shape(packed)}"
-            raise ValueError(f"SceneState: physics must be float32 of shape ({size},), got {got}.")
+        check_vector(packed, size)
         if not (np.abs(packed) <= _LARGEST).all():  # False for NaN
             raise ValueError(
                 f"SceneState: physics must be finite and at most {_LARGEST:g}, "
                 f"got {packed[~(np.abs(packed) <= _LARGEST)][0]}."
             )
-        quaternions = packed[: _BODY * num_bodies].reshape(-1, _BODY)[:, :4]
-        lengths = np.linalg.norm(quaternions, axis=1)
-        if (np.abs(lengths - 1) > 1e-3).any():
-            raise ValueError(
-                f"SceneState: quaternions in physics must be of length 1, got {lengths}."
-            )
+        check_quaternions(packed[: _BODY * num_bodies].reshape(-1, _BODY)[:, :4])
 
     def picture(self) -> NDArray[np.uint8] | None:
-        """See `Engine`."""
         if not self._scene.can_render():
             return None
         return self.task.render_rgb_array()[0].cpu().numpy()

@@ -12,15 +12,11 @@ from modpush.envs.engines.sapien.rendering import NO_RENDERER, camera_pose
 from modpush.geometry.camera import CAMERA, Label
 
 if TYPE_CHECKING:
-    from modpush.envs.engines.sapien.task import ClutterPushEnv
+    from modpush.envs.engines.sapien.task import PushTask
 
 
 class RenderedDepthCamera(DepthCamera):
     """SAPIEN's own rendered camera: slow without a GPU; the analytic one is tested against it.
-
-    Args:
-        scenes: The scenes of a `PushEnv`, in SAPIEN on a CPU.
-        arm_in_depth: Whether it sees the arm.
 
     Raises:
         ValueError: If the scenes are in another engine, or on CUDA.
@@ -80,7 +76,7 @@ class RenderedDepthCamera(DepthCamera):
         self._show_robot(task, True)
 
     @staticmethod
-    def _show_robot(task: "ClutterPushEnv", visible: bool) -> None:
+    def _show_robot(task: "PushTask", visible: bool) -> None:
         for link in task.agent.robot.links:
             drawn = link._objs[0].entity.find_component_by_type(sapien.render.RenderBodyComponent)
             if drawn is not None:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from modpush.envs import PushEnv
-from modpush.envs.engines.mujoco import depth_renderer
-from modpush.envs.engines.mujoco.depth_renderer import DepthRenderer
+from modpush.envs.engines.mujoco import rendering
 from modpush.envs.engines.mujoco.engine import MujocoEngine
+from modpush.envs.engines.mujoco.rendering import DepthRenderer
 from modpush.geometry import CAMERA, CameraModel
 
 TILTED = CameraModel.looking_at(
@@ -55,7 +55,7 @@ def test_what_is_out_of_range_has_no_reading(env) -> None:
 
 @pytest.mark.parametrize("camera", [TILTED, BENT], ids=["plain", "distorted"])
 def test_opengl_and_rays_give_one_image(env, camera) -> None:
-    if depth_renderer._gl_context() is None:
+    if rendering._gl_context() is None:
         pytest.skip("no OpenGL without a display here")
     draw, cast = DepthRenderer(camera, "opengl"), DepthRenderer(camera, "rays")
     for _ in range(2):  # each episode has a model of its own
@@ -68,7 +68,7 @@ def test_opengl_and_rays_give_one_image(env, camera) -> None:
 
 
 def test_without_opengl_rays_are_cast(env, monkeypatch) -> None:
-    monkeypatch.setattr(depth_renderer, "_contexts", [None])
+    monkeypatch.setattr(rendering, "_gl_context", lambda: None)
     assert DepthRenderer(TILTED).method == "rays"
     with pytest.raises(RuntimeError, match="EGL or OSMesa"):
         DepthRenderer(TILTED, "opengl")
