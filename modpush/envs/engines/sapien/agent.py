@@ -4,7 +4,7 @@ import atexit
 import functools
 import hashlib
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import mkdtemp
@@ -15,6 +15,7 @@ import torch
 from gymnasium import spaces
 from mani_skill.agents.base_agent import BaseAgent
 from mani_skill.agents.controllers.base_controller import BaseController, ControllerConfig
+from mani_skill.agents.controllers.pd_joint_pos import PDJointPosControllerConfig
 from torch import Tensor
 
 from modpush.envs.engines.sapien import bodies
@@ -59,8 +60,7 @@ class PlanarController(BaseController):
     def _measure(self) -> tuple[Tensor, Tensor]:
         """Planar pose of the tip `[B, 3]` and height of the flange `[B]`."""
         pose = self.articulation.links_map["tip"].pose
-        w, x, y, z = pose.q.double().unbind(-1)
-        yaw = torch.atan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
+        yaw = tip_yaw(pose.q.double())
         position = pose.p.double()
         height = position[:, 2] + self.config.tool_length
         return torch.cat([position[:, :2], yaw[:, None]], -1), height
@@ -102,6 +102,23 @@ class PlanarController(BaseController):
             self.scene.px.gpu_apply_articulation_target_position()
             self.scene.px.gpu_apply_articulation_target_velocity()
 
+    def get_state(self) -> dict[str, Tensor]:
+        """The commanded pose and height."""
+        return {"target": self.target.clone(), "flange_height": self.flange_height[:, None].clone()}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Inverse of `get_state`; ManiSkill's replay gives arrays, without the dimension of scenes."""
+        target, height = (torch.as_tensor(state[key]) for key in ("target", "flange_height"))
+        self.target = target.reshape(-1, 3).to(self.target, copy=True)
+        self.flange_height = height.reshape(-1).to(self.flange_height, copy=True)
+        self._ramp = None
+
+
+def tip_yaw(quaternion: Tensor) -> Tensor:
+    """Yaw [rad] of the x axis of a tool that points down; quaternions (w, x, y, z), `[..., 4]`."""
+    w, x, y, z = quaternion.unbind(-1)
+    return torch.atan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
+
 
 @dataclass
 class PlanarControllerConfig(ControllerConfig):
@@ -114,11 +131,15 @@ class PlanarControllerConfig(ControllerConfig):
 
 
 class PushArm(BaseAgent):
-    """An arm with a tool; `agent_class` makes one of `Robot` and `Tool`."""
+    """An arm with a tool; `agent_class` makes one of `Robot` and `Tool`.
+
+    Control modes: `planar` (ours), and ManiSkill's `pd_joint_pos` and `pd_joint_delta_pos`.
+    """
 
     arm: ClassVar[Robot]
     tool: ClassVar[Tool]
     disable_self_collisions = True
+    motion = MotionConfig()
 
     def place_tip(
         self, tip_pose: Sequence[tuple[float, float, float]], tip_height: Sequence[float]
@@ -132,8 +153,21 @@ class PushArm(BaseAgent):
 
     @property
     def _controller_configs(self) -> dict[str, Any]:
-        names = [joint.name for joint in self.arm.joints]
-        return {"planar": PlanarControllerConfig(names, self.arm, self.tool.length)}
+        arm, names = self.arm, [joint.name for joint in self.arm.joints]
+        joint: dict[str, Any] = {
+            "stiffness": arm.stiffness,
+            "damping": arm.damping,
+            "force_limit": [joint.effort for joint in arm.joints],
+        }
+        return {
+            "planar": PlanarControllerConfig(names, arm, self.tool.length, self.motion),
+            "pd_joint_pos": PDJointPosControllerConfig(
+                names, None, None, normalize_action=False, **joint
+            ),
+            "pd_joint_delta_pos": PDJointPosControllerConfig(
+                names, -0.05, 0.05, use_delta=True, use_target=True, **joint
+            ),
+        }
 
     def _after_loading_articulation(self) -> None:
         shapes = {link.name: link.shapes for link in self.arm.links} | {"tool": self.tool.shapes}

@@ -12,7 +12,22 @@ from sapien import physx
 from modpush.envs.engines.base import FRICTION
 from modpush.envs.engines.sapien import bodies
 from modpush.envs.engines.sapien.object_bodies import add_to_group
+from modpush.envs.engines.sapien.rendering import camera_pose
+from modpush.geometry.camera import CAMERA
 from modpush.geometry.shapes import box
+
+
+def camera_from_above() -> CameraConfig:
+    """The observing bird's-eye camera."""
+    return CameraConfig(
+        uid="bird_eye",
+        pose=camera_pose(CAMERA),
+        width=CAMERA.width,
+        height=CAMERA.height,
+        fov=CAMERA.field_of_view,
+        near=0.01,
+        far=10.0,
+    )
 
 
 def camera_from_the_side() -> CameraConfig:

@@ -4,8 +4,10 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import torch
 from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.utils.structs import Actor, Articulation
+from torch import Tensor
 
 from modpush.envs.engines.base import (
     CONTACT_GAP,
@@ -82,3 +84,7 @@ class CpuContacts:
             if name is not None:
                 found[name] = min([found[name], *(point.separation for point in contact.points)])
         return found
+
+    def flags(self) -> Tensor:
+        """Contacts, `[1, 6]` bool, in the order of `CONTACT_KEYS`."""
+        return torch.tensor([self.touched], device=self._scene.device)

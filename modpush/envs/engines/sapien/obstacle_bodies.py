@@ -1,11 +1,13 @@
 """Obstacles of a running scene on a CPU."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 import sapien
+import torch
 from sapien import physx
+from torch import Tensor
 
 from modpush.envs.engines.sapien import bodies
 from modpush.envs.scenes.obstacle import OBSTACLE_COLOR, OBSTACLE_MASS, Obstacle
@@ -84,6 +86,27 @@ class ObstacleSwapper:
     def entities(self) -> list[sapien.Entity]:
         """The entities of the present obstacles."""
         return [entity for _, entity in self._placed]
+
+    def get_states(self) -> dict[str, Tensor]:
+        """Pose and velocities of the movable obstacles by name, as ManiSkill's `Actor.get_state`.
+
+        Each `[1, 13]`: position [m], quaternion (w, x, y, z), linear [m/s] and angular velocity [rad/s].
+        """
+        states = {}
+        for (_, entity), body in zip(self._placed, self._rigid, strict=True):
+            if isinstance(body, physx.PhysxRigidDynamicComponent):
+                pose = entity.pose
+                row = [*pose.p, *pose.q, *body.linear_velocity, *body.angular_velocity]
+                states[entity.name] = torch.tensor([row])
+        return states
+
+    def set_states(self, states: Mapping[str, Tensor]) -> None:
+        """Put the movable obstacles into states of `get_states`."""
+        for (_, entity), body in zip(self._placed, self._rigid, strict=True):
+            if isinstance(body, physx.PhysxRigidDynamicComponent):
+                row = states[entity.name].reshape(13).cpu().numpy()
+                entity.pose = sapien.Pose(row[:3], row[3:7])
+                body.linear_velocity, body.angular_velocity = row[7:10], row[10:]
 
     def transforms(self) -> np.ndarray:
         """Position [m] and quaternion (w, x, y, z) of the present obstacles, `[n, 7]`."""
