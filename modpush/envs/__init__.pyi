@@ -3,6 +3,7 @@ from .depth.base import (
     DepthCamera as DepthCamera,
     SceneView as SceneView,
 )
+from .engines.sapien.maniskill_task import ClutterPushEnv as ClutterPushEnv
 from .engines.sapien.rendering import find_render_device as find_render_device
 from .push_env import PushEnv as PushEnv
 from .push_state import PushState as PushState

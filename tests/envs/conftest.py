@@ -4,7 +4,16 @@ from collections.abc import Iterator
 
 import pytest
 
-from modpush.envs import PushEnv
+from modpush.envs import OBJECTS, SCENES, PushEnv
+from modpush.envs.engines.sapien.maniskill_task import ClutterPushEnv
+
+
+@pytest.fixture(scope="session")
+def task() -> Iterator[ClutterPushEnv]:
+    """All families, all objects, one CPU scene."""
+    task = ClutterPushEnv(obs_mode="none", scene=list(SCENES), pushed_object=list(OBJECTS))
+    yield task
+    task.close()
 
 
 @pytest.fixture(scope="session")

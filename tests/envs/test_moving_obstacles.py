@@ -11,7 +11,7 @@ import torch
 from torchrl.envs import TransformedEnv
 from torchrl.envs.utils import check_env_specs
 
-from modpush.envs import Obstacle, Patrol, PushEnv, PushState, Scenario
+from modpush.envs import ClutterPushEnv, Obstacle, Patrol, PushEnv, PushState, Scenario
 from modpush.envs.engines.recorded import RecordedEngine, Recording
 from modpush.mdp import PushObservation
 from modpush.planners import OccupancyGrid, PlannerSubgoals
@@ -143,6 +143,13 @@ def test_an_episode_that_is_played_again_shows_the_obstacles_of_its_time(env) ->
     assert torch.equal(td["obstacle_motion"], steps[-1]["obstacle_motion"])
     torch.testing.assert_close(td["depth"], steps[-1]["depth"], atol=1e-5, rtol=0.0)
     again.close()
+
+
+def test_the_task_of_maniskill_refuses_moving_obstacles() -> None:
+    task = ClutterPushEnv(obs_mode="none")
+    with pytest.raises(ValueError, match="obstacles must have motion=None here and on CUDA"):
+        task.reset(options={"scenarios": [START]})
+    task.close()
 
 
 def test_an_episode_in_which_an_obstacle_pushes_the_object_is_a_collision() -> None:

@@ -199,7 +199,7 @@ class SapienEngine(Engine):
 
     def check_packed(self, packed: NDArray[np.float32], scenario: Scenario) -> None:
         """See `Engine`; PhysX itself checks nothing."""
-        pushed = self.task.spec.dynamic_obstacles
+        pushed = self.task.scene_spec.dynamic_obstacles
         movable = sum(pushed or o.motion is not None for o in scenario.obstacles)
         num_bodies = 2 + movable  # with the object and the arm's base
         size = _BODY * num_bodies + _JOINT * len(self._joints)

@@ -7,7 +7,7 @@ GPU simulation.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import sapien
 import torch
@@ -40,31 +40,51 @@ from modpush.envs.scenes.scenario import Scenario
 class PushTask(BaseEnv):
     """Arm, table, objects and obstacles of `num_envs` scenes; more than one needs the CUDA backend.
 
+    `options` are those of ManiSkill's `BaseEnv`.
+
     Raises:
+        ValueError: For several scenes without CUDA.
         RuntimeError: If a renderer is needed and there is none.
     """
 
     SUPPORTED_ROBOTS = None  # of any class of `agent_class`, which ManiSkill would warn of
-    SUPPORTED_REWARD_MODES = ("none",)
+    SUPPORTED_REWARD_MODES: ClassVar[tuple[str, ...]] = ("none",)
     agent: PushArm
+    goal_threshold = GOAL_THRESHOLD
+    """Radius of the marker at the goal [m]."""
 
-    def __init__(self, spec: SceneSpec, num_envs: int = 1, sim_backend: str = "auto") -> None:
-        self.spec = spec
-        self.scenarios: dict[int, Scenario] = {}
-        """Present episode of each scene on CUDA."""
-        self._render_name = choose_render_backend() if spec.rendered else "none"
+    def __init__(
+        self,
+        spec: SceneSpec,
+        num_envs: int = 1,
+        sim_backend: str = "auto",
+        render_backend: str = "auto",
+        **options: Any,
+    ) -> None:
+        on_cpu = not torch.cuda.is_available() or "cpu" in sim_backend
+        if on_cpu and (num_envs > 1 or "cuda" in sim_backend):
+            raise ValueError(
+                f"{type(self).__name__}: num_envs={num_envs} in one task needs CUDA, since on a CPU a "
+                f"task holds one scene. Use modpush.envs.PushEnv({num_envs}), or "
+                f"gymnasium.make_vec('modpush/Push-v0', num_envs={num_envs})."
+            )
+        self.scene_spec = spec  # Gymnasium sets `spec`, to one of its own
+        self.scenarios: list[Any] = [None] * num_envs
+        """Present episode of each scene; None before its first."""
+        if render_backend == "auto":
+            render_backend = choose_render_backend() if spec.rendered else "none"
+        self._render_name = render_backend
         super().__init__(
             num_envs=num_envs,
-            obs_mode="none",
-            robot_uids=agent_class(spec.robot, spec.tool),
             sim_backend=sim_backend,
             # `_setup_scene` puts the real one in its place.
-            render_backend="cpu" if self._render_name.startswith("pci") else self._render_name,
+            render_backend="cpu" if render_backend.startswith("pci") else render_backend,
+            **{"obs_mode": "none", "robot_uids": agent_class(spec.robot, spec.tool), **options},
         )
 
     @property
     def _default_sim_config(self) -> SimConfig:
-        return simulation_config(self.spec.sim_freq, self.spec.control_freq)
+        return simulation_config(self.scene_spec.sim_freq, self.scene_spec.control_freq)
 
     @property
     def _default_human_render_camera_configs(self) -> CameraConfig:
@@ -85,16 +105,16 @@ class PushTask(BaseEnv):
         self._hidden_objects: list[Any] = []
 
     def _load_agent(self, options: dict[str, Any], *args: Any, **kwargs: Any) -> None:
-        pose = Pose.create_from_pq(torch.tensor([self.spec.robot.base]))
+        pose = Pose.create_from_pq(torch.tensor([self.scene_spec.robot.base]))
         super()._load_agent(options, pose, *args, **kwargs)
 
     def _load_scene(self, options: dict[str, Any]) -> None:
         scene, robot = self.scene, self.agent.robot
-        base = robot.links_map[self.spec.robot.links[0].name]
+        base = robot.links_map[self.scene_spec.robot.links[0].name]
         build_table(scene, base, make_material("table"))
         set_material(robot, make_material("tool"))
-        self.objects = ObjectBodies(scene, self.spec.objects, make_material("object"))
-        self.marker = build_goal_marker(scene, GOAL_THRESHOLD) if scene.can_render() else None
+        self.objects = ObjectBodies(scene, self.scene_spec.objects, make_material("object"))
+        self.marker = build_goal_marker(scene, self.goal_threshold) if scene.can_render() else None
         """Disc at the goal, where there is a renderer."""
         if self.marker is not None:
             self._hidden_objects.append(self.marker)
@@ -103,7 +123,7 @@ class PushTask(BaseEnv):
         self.contacts: Any
         self.engine: SapienEngine | None = None
         """Places and steps the one scene of a CPU task."""
-        material, dynamic = make_material("obstacle"), self.spec.dynamic_obstacles
+        material, dynamic = make_material("obstacle"), self.scene_spec.dynamic_obstacles
         if self.gpu_sim_enabled:
             pool = self.obstacles = ObstaclePool(scene, material, dynamic)
             self.contacts = CudaContacts(scene, robot, actors, pool.actors)
