@@ -94,8 +94,8 @@ class ClutterPushEnv(PushTask):
             dynamic_obstacles=dynamic_obstacles,
             rendered=images or render_mode is not None,
         )
-        modes = {"obs_mode": obs_mode, "render_mode": render_mode}
-        super().__init__(spec, num_envs, robot_uids=robot_uids, **modes, **kwargs)
+        kwargs |= {"robot_uids": robot_uids, "obs_mode": obs_mode, "render_mode": render_mode}
+        super().__init__(spec, num_envs, **kwargs)
 
     @property
     def _default_sensor_configs(self) -> list[CameraConfig]:
@@ -121,19 +121,18 @@ class ClutterPushEnv(PushTask):
         return super().reset(seed=seed, options=options)
 
     def _initialize_episode(self, env_idx: Tensor, options: dict[str, Any]) -> None:
-        indices, spec = env_idx.tolist(), self.scene_spec
+        arm, tool = self.scene_spec.robot, self.scene_spec.tool
         scenarios = options.get("scenarios")
         if scenarios is None:
-            config, arm = self.scenario_config, {"tool": spec.tool, "robot": spec.robot}
-            scenarios = [sample_scenario(self._rngs[i], config, **arm) for i in indices]
-        self._check_scenarios(scenarios, len(indices))
+            rngs, config = [self._rngs[i] for i in env_idx.tolist()], self.scenario_config
+            scenarios = [sample_scenario(rng, config, tool=tool, robot=arm) for rng in rngs]
+        self._check_scenarios(scenarios, len(env_idx))
         if self.engine is None:
             super()._initialize_episode(env_idx, {"scenarios": scenarios})
         else:
             (scenario,) = scenarios
             height = self.objects.item(scenario.pushed_object).tool_height
-            joints = start_joints(spec.robot, spec.tool, scenario.tool_pose, height)
-            self.engine.load(scenario, joints)
+            self.engine.load(scenario, start_joints(arm, tool, scenario.tool_pose, height))
             self.scenarios = [scenario]
 
     def _check_scenarios(self, scenarios: Any, count: int) -> None:

@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from modpush.envs import PushEnv  # also registers the task
-from modpush.envs.engines.sapien.rendering import NO_RENDERER, find_render_device
 from modpush.envs.engines.sapien.maniskill_task import ClutterPushEnv
+from modpush.envs.engines.sapien.rendering import NO_RENDERER, find_render_device
 from modpush.envs.scenes.layouts import SCENES
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.obstacle import OBSTACLE_MASS, Obstacle
