@@ -26,6 +26,7 @@ from modpush.envs.depth.analytic import AnalyticDepthCamera
 from modpush.envs.depth.raycast import blank_image
 from modpush.envs.engines.base import ENGINES
 from modpush.envs.engines.sapien.engine import SapienEngine
+from modpush.envs.engines.sapien.maniskill_task import ClutterPushEnv
 
 NUM_ENVS = 8
 Row = tuple[str, str, str]
@@ -167,6 +168,25 @@ def bench_engines(repetitions: int, steps: int = 40) -> list[Row]:
     return rows
 
 
+def bench_maniskill(repetitions: int, steps: int = 40) -> list[Row]:
+    """The same task through ManiSkill's stock step: our controller, and its stock one."""
+    rows = []
+    for mode, width in (("planar", 3), ("pd_joint_delta_pos", 6)):
+        task = ClutterPushEnv(obs_mode="state_dict", scene=list(OBSTACLE_SCENES), control_mode=mode)
+        rng = np.random.default_rng(0)
+        todo = rng.uniform(-1, 1, (steps, width)).astype(np.float32) * (1 if width == 3 else 0.2)
+        times = []
+        for seed in range(repetitions):
+            task.reset(seed=seed)
+            times.append(timed(lambda task=task, todo=todo: [task.step(a) for a in todo]))
+        ms = np.median(times) / steps * 1e3
+        rows.append(
+            (f"ManiSkill's own step, state only, {mode}, 120 Hz x 8", f"{ms:.3f} ms", "peer")
+        )
+        task.close()
+    return rows
+
+
 def bench_depth_camera(repetitions: int) -> list[Row]:
     """The image alone, per scene."""
     env = PushEnv(1, scene=OBSTACLE_SCENES, depth=None)
@@ -196,7 +216,7 @@ def bench_depth_camera(repetitions: int) -> list[Row]:
 
 
 def bench_reset(repetitions: int) -> list[Row]:
-    """A partial reset to a new layout."""
+    """A partial reset to a new layout, beside ManiSkill's reconfigure."""
     env = PushEnv(NUM_ENVS, scene=OBSTACLE_SCENES, seed=0)
     td = env.reset()
     times = []
@@ -206,12 +226,16 @@ def bench_reset(repetitions: int) -> list[Row]:
         td["_reset"] = mask
         times.append(timed(lambda: env.reset(td)))
     env.close()
+    task = ClutterPushEnv(obs_mode="none", scene=list(OBSTACLE_SCENES))
+    stock = [timed(lambda: task.reset(options={"reconfigure": True})) for _ in range(5)]
+    task.close()
     return [
         (
             "partial reset of one scene, new layout, images of all 8",
             f"{np.median(times) * 1e3:.2f} ms",
             "",
         ),
+        ("ManiSkill's reset with reconfigure", f"{np.median(stock) * 1e3:.0f} ms", "peer"),
     ]
 
 
@@ -303,6 +327,7 @@ def main(config: Config) -> None:
         *bench_step(120, n),
         *bench_step(240, n),
         *bench_engines(n),
+        *bench_maniskill(n),
         *bench_depth_camera(n * 3),
         *bench_reset(n * 2),
         *bench_scaling(n),
