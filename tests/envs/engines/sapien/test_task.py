@@ -41,6 +41,20 @@ def test_gym_make_in_maniskills_usual_way() -> None:
     env.close()
 
 
+@pytest.mark.parametrize("mode", ["pd_joint_pos", "pd_joint_delta_pos"])
+def test_maniskills_joint_controllers_turn_the_arm_s_joints(mode) -> None:
+    env = gym.make("ClutterPush-v1", obs_mode="state_dict", control_mode=mode)
+    env.reset(options={"scenarios": [scenario((0.45, 0.1, 0.0))]})
+    before = env.unwrapped.agent.robot.get_qpos()[0].clone()
+    turn = np.array([0.05, 0, 0, 0, 0, 0], np.float32)  # a delta of 1 is 0.05 rad
+    env.step(before.numpy() + turn if mode == "pd_joint_pos" else turn / 0.05)
+    for _ in range(9):
+        env.step(before.numpy() + turn if mode == "pd_joint_pos" else 0 * turn)
+    after = env.unwrapped.agent.robot.get_qpos()[0]
+    np.testing.assert_allclose(after - before, turn, atol=2e-3)
+    env.close()
+
+
 def test_out_of_bounds_by_5_cm_truncates_under_gym_make() -> None:
     env = gym.make("ClutterPush-v1", obs_mode="state_dict")
     where = scenario((0.60, 0.0, np.pi / 2), (0.72, 0.0, 0.0), goal_position=(0.3, 0.0))
