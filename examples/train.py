@@ -42,7 +42,7 @@ def main(preset: str, seed: int, out: Path) -> None:
     """Train, or continue the run in the folder."""
     trainer = Trainer(make_config(preset, seed), out, resume=(out / "checkpoints").exists())
     best = trainer.run()
-    draw_curve([out], trainer.folder.curve)
+    draw_curve(trainer.folder.evaluations, trainer.folder.curve)
     print(f"Best on the held-out episodes: {best}")
     print(f"It solves {push(trainer.folder.best_agent):.2f} of 4 new episodes.")
 

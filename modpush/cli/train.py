@@ -172,7 +172,7 @@ def train_agent(run: RunConfig) -> dict[str, float]:
         best = trainer.run()
     finally:
         if folder.evaluations.exists():
-            draw_curve([folder.path], folder.curve)
+            draw_curve(folder.evaluations, folder.curve)
     if not best:
         print(f"{folder.path}: nothing was evaluated yet.")
         return best
