@@ -14,7 +14,6 @@ from .n_step import (
 )
 from .prioritized import PrioritizedSampler as PrioritizedSampler
 from .similarity import (
-    LatentSimilarity as LatentSimilarity,
     cosine as cosine,
     negative_l2 as negative_l2,
 )

@@ -188,7 +188,7 @@ def _attentive(config: ReplayConfig) -> AttentiveSampler:
         config.k,
         key=config.observation_key,
         similarity=config.similarity,
-        num_queries=config.num_queries,
+        num_queries=config.num_queries or 1,
     )
 
 

@@ -3,10 +3,9 @@
 from collections.abc import Callable
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from modpush._checks import check_instance
-from modpush._validation import checked_arguments
 
 Similarity = Callable[[Tensor, Tensor], Tensor]
 """`(candidates [Q, C, D], queries [Q, D]) -> similarity [Q, C]`, larger is more alike."""
@@ -67,22 +66,3 @@ def _check_pairs(candidates: Tensor, queries: Tensor) -> None:
 
 SIMILARITIES: dict[str, Similarity] = {"cosine": cosine, "negative_l2": negative_l2}
 """The similarities that can be asked for by name."""
-
-
-class LatentSimilarity:
-    """A similarity measured between embeddings, for instance of a learned encoder.
-
-    Args:
-        encoder: Maps `[*B, D]` to `[*B, L]`; called without gradient, with its present weights.
-        similarity: Compares the embeddings.
-    """
-
-    @checked_arguments
-    def __init__(self, encoder: nn.Module, similarity: Similarity = cosine) -> None:
-        self.encoder = encoder
-        self.similarity = similarity
-
-    @torch.no_grad()
-    def __call__(self, candidates: Tensor, queries: Tensor) -> Tensor:
-        """`[Q, C, D]` and `[Q, D]` to `[Q, C]`."""
-        return self.similarity(self.encoder(candidates), self.encoder(queries))
