@@ -61,7 +61,7 @@ def train(config: TrainConfig) -> dict[str, Any]:
 def main(bench: ScaleConfig) -> None:
     torch.set_num_threads(1)
     base = replace(
-        TRAIN_PRESETS[bench.preset][1],
+        TRAIN_PRESETS[bench.preset],
         total_steps=bench.steps,
         evaluate_every=bench.steps,
         evaluation_episodes=bench.evaluation_episodes,

@@ -20,12 +20,12 @@ from pathlib import Path
 
 import modpush
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
-from modpush.training.curve import draw_curve
+from modpush.training.log import draw_curve
 
 
 def make_config(preset: str, seed: int) -> TrainConfig:
     """A preset with one thing changed: the encoder that sees the obstacles."""
-    _, config = TRAIN_PRESETS[preset]
+    config = TRAIN_PRESETS[preset]
     return replace(config, seed=seed, env=replace(config.env, encoder="rays"))
 
 

@@ -113,7 +113,7 @@ from modpush._validation import checked, from_plain
 from modpush.files import parse_yaml, reading
 from modpush.parts import check_allowed
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
-from modpush.training.curve import draw_curve
+from modpush.training.log import draw_curve
 from modpush.training.run_folder import RunFolder
 
 SHORT_FORMS = {
@@ -211,7 +211,7 @@ def parse_run(arguments: Sequence[str]) -> RunConfig:
     options = [
         SHORT_FORMS.get(word.replace("_", "-"), word) + is_ + value for word, is_, value in words
     ]
-    config = TRAIN_PRESETS[preset][1]
+    config = TRAIN_PRESETS[preset]
     if given.config is not None:
         config = _read_settings(given.config, config, given.allow)
     return tyro.cli(

@@ -1,6 +1,7 @@
 """Attentive experience replay: train on transitions that resemble the present situation."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -15,7 +16,48 @@ from modpush._state import SavedState
 from modpush._types import Count, Finite, NonNegativeInteger
 from modpush._validation import check_value, checked_arguments
 from modpush.parts import find_part
-from modpush.replay.similarity import SIMILARITIES, Similarity
+
+Similarity = Callable[[Tensor, Tensor], Tensor]
+"""`(candidates [Q, C, D], queries [Q, D]) -> similarity [Q, C]`, larger is more alike."""
+
+
+def cosine(candidates: Tensor, queries: Tensor) -> Tensor:
+    """Cosine of the angle between candidates `[Q, C, D]` and their query `[Q, D]`, `[Q, C]`.
+
+    It is 0 where a vector is zero. A ValueError is raised where the shapes do not belong together.
+    Source: Sun et al. (2020), "Attentive Experience Replay".
+    """
+    _check_pairs(candidates, queries)
+    dot = torch.matmul(candidates, queries.unsqueeze(-1)).squeeze(-1)
+    # Row norms through einsum: a third of the time of `vector_norm` on a strided batch.
+    norms = torch.linalg.vecdot(candidates, candidates).sqrt_()
+    norms = norms * torch.linalg.vector_norm(queries, dim=-1, keepdim=True)
+    return dot / norms.clamp_min(torch.finfo(norms.dtype).tiny)
+
+
+def negative_l2(candidates: Tensor, queries: Tensor) -> Tensor:
+    """Minus the distance between candidates `[Q, C, D]` and their query `[Q, D]`, `[Q, C]`.
+
+    A ValueError is raised where the shapes do not belong together.
+    """
+    _check_pairs(candidates, queries)
+    return -torch.linalg.vector_norm(candidates - queries.unsqueeze(-2), dim=-1)
+
+
+def _check_pairs(candidates: Tensor, queries: Tensor) -> None:
+    check_instance("candidates", candidates, Tensor)
+    check_instance("queries", queries, Tensor)
+    if candidates.ndim != 3:
+        raise ValueError(f"candidates must be [Q, C, D], got {list(candidates.shape)}.")
+    if queries.shape != (candidates.shape[0], candidates.shape[2]):
+        raise ValueError(
+            f"queries must be [Q, D] for candidates [Q, C, D] = {list(candidates.shape)}, got "
+            f"{list(queries.shape)}."
+        )
+
+
+SIMILARITIES: dict[str, Similarity] = {"cosine": cosine, "negative_l2": negative_l2}
+"""The similarities that can be asked for by name."""
 
 
 class AttentiveSampler(SavedState, Sampler):
@@ -238,12 +280,6 @@ class AttentiveSampler(SavedState, Sampler):
         newest = check_value("newest", state_dict["newest"], NonNegativeInteger | None)
         self.set_query(state_dict["query"])
         self.k, self._newest = k, newest
-
-    def __repr__(self) -> str:
-        return (
-            f"{type(self).__name__}(k={self.k}, key={self.key!r}, "
-            f"similarity={getattr(self.similarity, '__name__', self.similarity)})"
-        )
 
 
 def _check_no_nan(x: Tensor, what: str) -> None:

@@ -13,7 +13,7 @@ from tests.training.conftest import SMOKE
 
 @pytest.fixture(autouse=True)
 def short_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(TRAIN_PRESETS, "smoke", ("", SMOKE))
+    monkeypatch.setitem(TRAIN_PRESETS, "smoke", SMOKE)
 
 
 def run(name: str, folder: Path):

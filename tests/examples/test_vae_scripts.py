@@ -100,7 +100,7 @@ def test_an_agent_is_trained_on_an_encoder_with_a_latent_of_another_size(
             latent_dim=8,
         )
     )
-    smoke = TRAIN_PRESETS["smoke"][1]
+    smoke = TRAIN_PRESETS["smoke"]
     file = str(tmp_path / "vae" / "depth_vae.safetensors")
     trained = dataclasses.replace(
         smoke, env=dataclasses.replace(smoke.env, encoder=file), total_steps=160

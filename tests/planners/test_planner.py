@@ -195,7 +195,7 @@ def test_a_process_that_torch_has_one_thread_in_plans_on_one(monkeypatch):
     def refuse(*arguments):
         raise AssertionError("the parallel kernel was called")
 
-    monkeypatch.setattr("modpush.planners.lazy_theta_star.plan_over_corners._parallel", refuse)
+    monkeypatch.setattr("modpush.planners.any_angle.plan_over_corners._parallel", refuse)
     maps = wall_map().repeat(4, 1, 1)
     ends = xy(2, 2).repeat(4, 1), xy(2, 17).repeat(4, 1)
     assert LazyThetaStar().plan(maps, *ends).found.all()

@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from modpush.training.curve import draw_curve
+from modpush.training.log import draw_curve
 
 
 def test_curve_is_drawn(tmp_path):
