@@ -18,6 +18,8 @@ Presets:
   cpu                The configuration that learns soonest on two CPU cores, in some tens of minutes.
   any_object         The same with twelve objects, eight of them of random shape, and random mass and
                      friction.
+  movable            The small cube among boxes that can be pushed away, past which there may be no
+                     path.
   refine             Further training of a run of `cpu`, with higher weights for contact, collisions
                      and detours.
   refine_any_object  The same for a run of `any_object`.
@@ -65,8 +67,8 @@ Environment:
   --train.env.simulation.engine NAME  Physics engine: sapien, mujoco, or module:name.
   --train.env.simulation.robot NAME  Arm: ur5, ur10, ... or module:name.
   --train.env.simulation.tool NAME  Tool of the arm: 2f85 (the closed gripper), rod, or module:name.
-  --train.env.planner NAME            distance_field, lazy_theta_star_grid, lazy_theta_star, a_star or
-                                      straight_line.
+  --train.env.planner NAME            distance_field, lazy_theta_star_grid, lazy_theta_star, a_star,
+                                      straight_line or through_obstacles.
   --train.env.inflation INFLATION     How far obstacles are inflated for planning: circumscribed,
                                       inscribed, widest, or a distance [m].
   --train.env.encoder NAME            Encoder of the local window: vae, rays, none, end_to_end (trained

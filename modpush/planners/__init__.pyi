@@ -25,3 +25,4 @@ from .pose_paths import (
 from .pose_subgoals import PoseSubgoals as PoseSubgoals
 from .subgoals import PlannerSubgoals as PlannerSubgoals
 from .swept_obstacles import SweptObstacles as SweptObstacles
+from .through_obstacles import ThroughObstacles as ThroughObstacles

@@ -15,6 +15,7 @@ from modpush.planners.any_angle import DistanceField, LazyThetaStar, StraightLin
 from modpush.planners.grid_planner import Planner
 from modpush.planners.occupancy_map import OccupancyMap, inflate
 from modpush.planners.pose_field import PoseField
+from modpush.planners.through_obstacles import ThroughObstacles
 
 PLANNERS: dict[str, Callable[[], Planner]] = {
     "distance_field": DistanceField,
@@ -22,6 +23,7 @@ PLANNERS: dict[str, Callable[[], Planner]] = {
     "lazy_theta_star_grid": partial(LazyThetaStar, nodes="grid"),
     "a_star": AStar,
     "straight_line": StraightLine,
+    "through_obstacles": ThroughObstacles,
 }
 """Factory of each planner, by name."""
 

@@ -103,7 +103,8 @@ class PushEnvConfig:
     """Content of the local window beyond the camera's image."""
     planner: Name = "lazy_theta_star_grid"
     """Path planner by name, or `module:name`. `lazy_theta_star_grid` is Lazy Theta* as published;
-    `distance_field` finds the shortest paths and is faster."""
+    `distance_field` finds the shortest paths and is faster; `through_obstacles` crosses what can be
+    pushed away."""
     inflation: Literal["circumscribed", "inscribed", "widest"] | NonNegative = "inscribed"
     """Distance by which obstacles are inflated for planning: the radius of the object's circumscribed or
     inscribed circle, by the larger of the two that leaves a path ("widest"), or by a distance [m].

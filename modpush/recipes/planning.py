@@ -10,6 +10,7 @@ from torchrl.envs import Transform
 from modpush.envs.scenes.conditions import SensingConfig
 from modpush.envs.scenes.scenario import ScenarioConfig
 from modpush.geometry.frames import Frame
+from modpush.geometry.workspace import Rectangle
 from modpush.mdp.delays import ActionDelay, ObservationDelay
 from modpush.mdp.noise import PoseNoise
 from modpush.mdp.observation_inputs import ObservationKeys
@@ -21,6 +22,7 @@ from modpush.planners.pose_field import PoseField
 from modpush.planners.pose_subgoals import PoseSubgoals
 from modpush.planners.subgoals import PlannerSubgoals
 from modpush.planners.swept_obstacles import SweptObstacles
+from modpush.planners.through_obstacles import ThroughObstacles
 from modpush.recipes.config import PushEnvConfig
 
 TRUE = "true"
@@ -68,8 +70,13 @@ def make_planning(
         object_pose_key=read["object_pose"],
         **_within(group, _MAP_KEYS),
     )
+    if planner is None:
+        # The one planner for which the workspace's edge is no obstacle.
+        through = config.planner == "through_obstacles"
+        bounds = Rectangle(scenario.low, scenario.high)
+        planner = ThroughObstacles(bounds=bounds) if through else config.planner
     subgoals = PlannerSubgoals(
-        config.planner if planner is None else planner,
+        planner,
         mode=config.subgoal_mode,
         fraction=config.subgoal_fraction,
         lookahead=config.subgoal_lookahead,

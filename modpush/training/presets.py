@@ -61,6 +61,21 @@ def _any_object() -> TrainConfig:
     )
 
 
+def _movable() -> TrainConfig:
+    """The small cube among boxes that can be pushed away. docs/results/tracks.md has its figures."""
+    cpu = _cpu()
+    return replace(
+        cpu,
+        env=cpu.env.with_fields(
+            scene=("free", "movable_4", "movable_8", "movable_12"),
+            dynamic_obstacles=True,
+            path_required=False,
+            planner="through_obstacles",
+        ),
+        total_steps=150_000,
+    )
+
+
 def _refine(first: TrainConfig, run: str, learning_starts: int) -> TrainConfig:
     """Further training of a run with a reward that asks for more contact, less collision and detour.
 
@@ -245,6 +260,7 @@ def _smoke() -> TrainConfig:
 TRAIN_PRESETS: dict[str, TrainConfig] = {
     "cpu": _cpu(),
     "any_object": _any_object(),
+    "movable": _movable(),
     "refine": _refine(_cpu(), "runs/train_cpu", 10_000),
     "refine_any_object": _refine(_any_object(), "runs/train_any_object", 50_000),
     "paper": TrainConfig(env=PushEnvConfig.preset("paper"), tqc=TQCConfig.preset("paper")),

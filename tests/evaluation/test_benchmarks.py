@@ -17,7 +17,7 @@ from modpush.recipes import ServedPolicy, get_method
 from tests.examples import load_example
 
 ROOT = Path(__file__).parents[2]
-QUIET = EvaluationConfig(num_envs=2, progress=False)
+QUIET = EvaluationConfig(num_envs=4, progress=False)
 
 
 def push_straight(td: TensorDictBase) -> TensorDictBase:

@@ -1,7 +1,4 @@
-import os
-import signal
-import subprocess
-import sys
+import multiprocessing
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -37,17 +34,6 @@ from tests.evaluation.conftest import make_env, make_episode
 
 MADE, OTHER = {"class": "made"}, {"class": "other"}
 QUIET = EvaluationConfig(num_envs=3, progress=False)
-RUN = """
-import sys, warnings
-from pathlib import Path
-warnings.simplefilter("ignore")
-from modpush.agents import ScriptedPusher
-from modpush.evaluation import EvaluationConfig, evaluate, load_set
-from tests.evaluation.conftest import make_env
-if __name__ == "__main__":
-    evaluate(ScriptedPusher(), load_set("free/small_cube").first(20), Path(sys.argv[1]),
-         make_env=make_env, config=EvaluationConfig(num_envs=3, workers=2, progress=False))
-"""
 
 
 def fail(num_envs: int, objects: object) -> None:
@@ -81,21 +67,28 @@ def test_rows_are_complete_and_in_order(unbroken: pd.DataFrame) -> None:
     assert unbroken["success"].mean() >= 0.8
 
 
+def run_in_two_processes(folder: Path) -> None:
+    config = EvaluationConfig(num_envs=3, workers=2, progress=False)
+    episodes = load_set("free/small_cube").first(20)
+    evaluate(ScriptedPusher(), episodes, folder, make_env=make_env, config=config)
+
+
+@pytest.mark.filterwarnings("ignore:.*use of fork:DeprecationWarning")
 def test_a_killed_run_leaves_no_worker_and_continues_where_it_stopped(
     tmp_path: Path, unbroken: pd.DataFrame
 ) -> None:
-    process = subprocess.Popen(
-        [sys.executable, "-c", RUN, str(tmp_path)], cwd=Path(__file__).parents[2]
-    )
+    context = multiprocessing.get_context("fork")
+    process = context.Process(target=run_in_two_processes, args=(tmp_path,))
+    process.start()
     csv, deadline = tmp_path / "episodes.csv", time.monotonic() + 240
     while not csv.exists() or csv.read_text().count("\n") < 3:
-        assert process.poll() is None, "the run ended before it could be killed"
+        assert process.is_alive(), "the run ended before it could be killed"
         assert time.monotonic() < deadline
         time.sleep(0.005)
     workers = psutil.Process(process.pid).children(recursive=True)
     assert len(workers) >= 2
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
+    process.kill()
+    process.join()
     _, alive = psutil.wait_procs(workers, timeout=30)
     assert not alive
     kept = csv.read_text()

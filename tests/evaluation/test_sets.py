@@ -1,6 +1,7 @@
 import math
 from collections import Counter
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -21,12 +22,13 @@ from modpush.evaluation.sets import (
     TUNING_SETS,
     EvaluationSet,
     generate_set,
-    load_set,
+    load_set as read_set,
 )
 from modpush.evaluation.shortest import shortest_path
 from modpush.files import write_packed_json
 
 ROOT = Path(__file__).parents[2]
+load_set = cache(read_set)  # nothing changes a set, and most are read by six tests
 COUNTS = {
     "smoke": 20,
     "free/small_cube": 500,
@@ -107,7 +109,7 @@ def test_saving_gives_the_same_bytes_again(tmp_path: Path) -> None:
     for k in range(2):
         loaded.save(tmp_path / f"{k}.json.gz")
     assert (tmp_path / "0.json.gz").read_bytes() == (tmp_path / "1.json.gz").read_bytes()
-    assert load_set(tmp_path / "0.json.gz") == loaded
+    assert read_set(tmp_path / "0.json.gz") == loaded
 
 
 @pytest.mark.parametrize("name", [n for n in SET_NAMES if n != "smoke"])
@@ -151,7 +153,7 @@ def test_a_set_says_under_which_conditions_it_is_run(tmp_path: Path) -> None:
     assert load_set("hard_wide/small_cube").conditions.inflation == "circumscribed"
     other = EpisodeConditions(max_episode_steps=50, tool="rod", sim_freq=240)
     replace(hard, conditions=other).save(tmp_path / "set.json.gz")
-    assert load_set(tmp_path / "set.json.gz").conditions == other
+    assert read_set(tmp_path / "set.json.gz").conditions == other
     assert hard.first(3).conditions == hard.conditions
 
 
@@ -159,7 +161,7 @@ def test_a_set_of_poses_says_so_and_holds_no_positions(tmp_path: Path) -> None:
     poses = load_set("pose/free/box")
     assert poses.conditions == EpisodeConditions(goal="pose", position_tolerance=0.015)
     poses.first(2).save(tmp_path / "set.json.gz")
-    assert load_set(tmp_path / "set.json.gz") == poses.first(2)
+    assert read_set(tmp_path / "set.json.gz") == poses.first(2)
     with pytest.raises(
         ValueError, match=r"scenarios\[0\] must have no goal_yaw with goal='position'"
     ):
@@ -293,10 +295,10 @@ def test_a_truncated_file_is_refused(tmp_path: Path) -> None:
     load_set("smoke").save(path)
     path.write_bytes(path.read_bytes()[:-200])
     with pytest.raises(ValueError, match=r"set.json.gz"):
-        load_set(path)
+        read_set(path)
     path.write_bytes(b"{}")
     with pytest.raises(ValueError, match=r"set.json.gz"):
-        load_set(path)
+        read_set(path)
 
 
 @pytest.mark.parametrize(
@@ -322,7 +324,7 @@ def test_another_file_is_refused(tmp_path: Path, content: object, message: str) 
     path = tmp_path / "set.json.gz"
     write_packed_json(path, content)
     with pytest.raises(ValueError, match=message):
-        load_set(path)
+        read_set(path)
 
 
 @pytest.mark.parametrize("name", ["..", "a/../b", "/tmp/x", "", "a//b", "a\\b", ".hidden", "a/"])

@@ -1,5 +1,6 @@
 """`average_agents.py`: the mean of weights, from files and from a run's checkpoints."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -9,7 +10,7 @@ from modpush.recipes import save_agent
 from modpush.recipes.agent_file import shipped_agents
 from modpush.training import Trainer
 from tests.examples import load_example
-from tests.training.conftest import SMOKE
+from tests.training.conftest import SHORT
 
 EXAMPLE = load_example("average_agents")
 
@@ -43,7 +44,7 @@ def test_the_mean_of_two_files_with_another_config(tmp_path: Path) -> None:
 
 
 def test_the_mean_of_a_runs_checkpoints(tmp_path: Path) -> None:
-    Trainer(SMOKE, tmp_path / "run").run()
+    Trainer(replace(SHORT, checkpoint_every=48), tmp_path / "run").run()
     steps = [int(path.stem[5:]) for path in sorted((tmp_path / "run" / "checkpoints").iterdir())]
     weights = [EXAMPLE.weights_at(tmp_path / "run", n) for n in steps]
     out = tmp_path / "mean.safetensors"

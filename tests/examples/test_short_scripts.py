@@ -6,7 +6,7 @@ import pytest
 
 from modpush.training import TRAIN_PRESETS
 from tests.examples import load_example
-from tests.training.conftest import SMOKE
+from tests.training.conftest import SHORT
 
 
 def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -27,6 +27,6 @@ def test_evaluate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 def test_train(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(TRAIN_PRESETS, "smoke", SMOKE)
+    monkeypatch.setitem(TRAIN_PRESETS, "smoke", SHORT)
     load_example("train").main("smoke", 1, tmp_path / "run")
     assert "of 4 new episodes" in capsys.readouterr().out

@@ -8,8 +8,9 @@ import torch
 
 from modpush import load_agent
 from modpush.encoders import DepthVAE
-from modpush.training import TRAIN_PRESETS, Trainer
+from modpush.training import Trainer
 from tests.examples import load_example
+from tests.training.conftest import SHORT
 
 
 @pytest.fixture(scope="module")
@@ -100,11 +101,8 @@ def test_an_agent_is_trained_on_an_encoder_with_a_latent_of_another_size(
             latent_dim=8,
         )
     )
-    smoke = TRAIN_PRESETS["smoke"]
     file = str(tmp_path / "vae" / "depth_vae.safetensors")
-    trained = dataclasses.replace(
-        smoke, env=dataclasses.replace(smoke.env, encoder=file), total_steps=160
-    )
+    trained = dataclasses.replace(SHORT, env=dataclasses.replace(SHORT.env, encoder=file))
     trainer = Trainer(trained, tmp_path / "run")
     trainer.run()
     assert trainer.specs.columns["latent"] == slice(0, 8)

@@ -31,7 +31,7 @@ MAKERS = {
 every_planner = pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS.keys())
 # A planner's kernel for several threads takes up to a minute to compile. All of them call the serial
 # search in a parallel loop over the scenes.
-QUICK_ON_THREADS = ("lazy", "lazy_grid", "line")
+QUICK_ON_THREADS = ("lazy", "line")
 every_planner_on_threads = pytest.mark.parametrize(
     "make",
     [

@@ -21,14 +21,16 @@ def worker_of(config: TrainConfig) -> SceneWorker:
 @pytest.mark.parametrize("frames", [("path", None), ("object", "base"), ("object", None)])
 def test_the_scripted_pusher_solves_episodes_in_the_agents_own_frame(frames) -> None:
     frame, action_frame = frames
-    env = SMOKE.env.with_fields(frame=frame, action_frame=action_frame, max_episode_steps=100)
+    env = SMOKE.env.with_fields(
+        num_envs=6, frame=frame, action_frame=action_frame, max_episode_steps=100
+    )
     config = replace(SMOKE, env=env, tqc=replace(SMOKE.tqc, learning_starts=600), greedy_envs=1)
     worker = worker_of(config)
-    rollout = worker.collect(300, None)
+    rollout = worker.collect(100, None)
     worker.close()
     assert np.abs(rollout.transitions["action"]).max() <= 1.0
     episodes = rollout.episodes
-    # Two scenes of free space for 300 steps, 0.2 to 0.6 m each: some 40 steps an episode.
+    # Six scenes of free space for 100 steps, 0.2 to 0.6 m each: some 40 steps an episode.
     assert len(episodes) >= 8
     assert np.mean([episode["success"] for episode in episodes]) >= 0.9
     assert not any(episode["greedy"] for episode in episodes)

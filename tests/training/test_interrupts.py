@@ -1,5 +1,6 @@
 """Runs that are killed, interrupted, damaged or doubled."""
 
+import multiprocessing
 import os
 import pickle
 import shutil
@@ -16,9 +17,17 @@ from modpush._atomic import FolderLock, FolderLockedError
 from modpush.training import Trainer
 from modpush.training.learner import Learner
 from modpush.training.run_folder import RunFolder
+from modpush.training.worker import ProcessWorker
 from tests.test_files import Poison
-from tests.training.conftest import SMOKE
-from tests.training.test_training import assert_same, numbers, start, train, wait_for_checkpoint
+from tests.training.conftest import SHORT, SMOKE
+from tests.training.test_training import (
+    assert_same,
+    numbers,
+    resume_here,
+    start,
+    train,
+    wait_for_checkpoint,
+)
 
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 
@@ -51,22 +60,22 @@ def test_an_interrupted_run_continues_from_its_checkpoint(tmp_path):
 def test_a_resumed_run_keeps_its_precision_on_another_processor(tmp_path, monkeypatch):
     auto = replace(SMOKE, tqc=replace(SMOKE.tqc, precision="auto"))
     monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"amx_bf16": True})
-    interrupt_after(Trainer(auto, tmp_path / "run"), 144)
+    interrupt_after(Trainer(auto, tmp_path / "run"), 16)
     monkeypatch.setattr(torch.cpu, "get_capabilities", dict)
     trainer = Trainer(auto, tmp_path / "run", resume=True)
     assert trainer.learner.agent.update.precision == "bfloat16"
     trainer.close()
 
 
-def test_a_run_ends_after_its_minutes_like_a_completed_one(unbroken, tmp_path):
-    limited = replace(SMOKE, max_minutes=1e-6)
+def test_a_run_ends_after_its_minutes_like_a_completed_one(tmp_path):
+    limited = replace(SHORT, max_minutes=1e-6)
     best = train(tmp_path / "run", limited)
     folder = RunFolder(tmp_path / "run")
     assert best["step"] == 16, "the first rollout is the last"
     assert folder.checkpoints.step(folder.checkpoints.latest()) == 16
     assert folder.best_agent.exists()
     train(tmp_path / "run", replace(limited, max_minutes=60.0), resume=True)
-    assert pd.read_csv(folder.evaluations)["step"].tolist() == [16, 96, 192]
+    assert pd.read_csv(folder.evaluations)["step"].tolist() == [16, 96]
 
 
 def test_a_run_uses_one_thread_and_leaves_the_caller_s_number(tmp_path, monkeypatch):
@@ -98,7 +107,7 @@ def hang_up():
 @pytest.mark.parametrize(
     "name", [SIGNALS[0], *(pytest.param(name, marks=pytest.mark.slow) for name in SIGNALS[1:])]
 )
-def test_a_signal_to_all_processes_ends_a_run_with_a_checkpoint(tmp_path, name):
+def test_a_signal_to_all_processes_ends_a_run_with_a_checkpoint(tmp_path, monkeypatch, name):
     folder = tmp_path / "run"
     process = start(folder, "--train.async-collection", start_new_session=True)
     wait_for_checkpoint(folder, process)
@@ -106,7 +115,7 @@ def test_a_signal_to_all_processes_ends_a_run_with_a_checkpoint(tmp_path, name):
     output, _ = process.communicate(timeout=120)
     assert process.returncode == 130, output
     assert "Continue with --resume" in output
-    best = train(folder, replace(SMOKE, async_collection=True), resume=True)
+    best = resume_here(monkeypatch, folder).best_evaluation()
     assert best["step"] in (96, 192)
 
 
@@ -182,15 +191,31 @@ def test_a_run_holds_its_folder_until_it_is_closed(tmp_path):
     FolderLock(tmp_path / "run").release()
 
 
-def test_a_worker_ends_with_a_killed_parent_at_once(tmp_path):
-    folder = tmp_path / "run"
-    process = start(folder, "--train.async-collection", "--train.rollout-length", "100000")
-    deadline = time.monotonic() + 120
-    while not (workers := psutil.Process(process.pid).children()):
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    time.sleep(3)  # within a rollout of hours
+class Busy:
+    """A worker whose rollout takes hours."""
+
+    def collect(self):
+        while True:
+            torch.zeros(1)
+
+
+def have_a_worker_collect(pipe):
+    worker = ProcessWorker(Busy, "fork")
+    worker.submit(Busy.collect)
+    pipe.send(worker._process.pid)
+    worker.result()
+
+
+@pytest.mark.filterwarnings("ignore:.*use of fork:DeprecationWarning")
+def test_a_worker_ends_with_a_killed_parent_at_once():
+    context = multiprocessing.get_context("fork")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=have_a_worker_collect, args=(theirs,))
+    process.start()
+    assert ours.poll(60)
+    worker = psutil.Process(ours.recv())
+    time.sleep(0.5)  # within its rollout
     process.kill()
-    process.communicate()
-    _, alive = psutil.wait_procs(workers, timeout=20)
+    process.join()
+    _, alive = psutil.wait_procs([worker], timeout=20)
     assert not alive

@@ -1,5 +1,6 @@
 """Training on a real local Ray cluster of two nodes."""
 
+import copy
 import os
 import socket
 import subprocess
@@ -20,6 +21,7 @@ import yaml
 from tensordict import TensorDict
 
 import modpush
+from modpush._processes import ray_session
 from modpush.recipes.agent_file import load_agent
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
 from modpush.training.learner import Learner
@@ -39,10 +41,15 @@ def collector_processes() -> list[psutil.Process]:
 
 
 class Noting(Trainer):
-    """A trainer that keeps every rollout, and does something after one of them."""
+    """A trainer that keeps all rollouts and weights, and does something after one of the rollouts."""
 
     rollouts: list[Rollout]
+    sent: list[dict[str, Any]]
     after: dict[int, Callable[[], Any]]
+
+    def collect(self) -> None:
+        self.sent.append(self.learner.actor_weights())
+        super().collect()
 
     def store(self, rollout: Rollout) -> None:
         self.rollouts.append(rollout)
@@ -53,9 +60,14 @@ class Noting(Trainer):
 def run_noting(
     config: TrainConfig, folder: Path, after: dict[int, Callable[[], Any]] | None = None
 ) -> Noting:
-    trainer = Noting(config, folder)
-    trainer.rollouts, trainer.after = [], after or {}
+    trainer = noting(config, folder, after or {})
     trainer.run()
+    return trainer
+
+
+def noting(config: TrainConfig, folder: Path, after: dict[int, Callable[[], Any]]) -> Noting:
+    trainer = Noting(config, folder)
+    trainer.rollouts, trainer.sent, trainer.after = [], [], after
     return trainer
 
 
@@ -73,9 +85,14 @@ def check_continuous(rollouts: list[Rollout], num_envs: int) -> list[int]:
     return begun
 
 
-def test_two_collectors_train(cluster: Any, tmp_path: Path) -> None:
-    trainer = run_noting(TWO, tmp_path / "run")
-    rollouts = trainer.rollouts
+@pytest.fixture(scope="module")
+def trained(cluster: Any, tmp_path_factory: pytest.TempPathFactory) -> Noting:
+    """A finished run of two collectors."""
+    return run_noting(TWO, tmp_path_factory.mktemp("trained") / "run")
+
+
+def test_two_collectors_train(trained: Noting) -> None:
+    trainer, rollouts, folder = trained, trained.rollouts, trained.folder
     assert sorted(check_continuous(rollouts, TWO.env.num_envs)) == [0, 1]
     assert trainer.steps == TWO.total_steps == len(trainer.learner.buffer)
     assert {r.version for r in rollouts if r.begins} == {1}, "both begin with what was sent first"
@@ -85,14 +102,14 @@ def test_two_collectors_train(cluster: Any, tmp_path: Path) -> None:
     for source in (0, 1):  # the learner's curriculum reaches both
         levels = [r.level for r in rollouts if r.source == source]
         assert levels == sorted(levels)
-    table = pd.read_csv(RunFolder(tmp_path / "run").log)
+    table = pd.read_csv(folder.log)
     assert table["collector/behind"].max() >= 1
     assert table["speed/waiting"].between(0, 1).all()
-    assert len(pd.read_csv(RunFolder(tmp_path / "run").evaluations)) == 2
+    assert len(pd.read_csv(folder.evaluations)) == 2
     # Ray ends a killed actor's process some moments after it has answered.
     _, alive = psutil.wait_procs(collector_processes(), timeout=60)
     assert not alive, "the collectors must end with the run"
-    assert load_agent(tmp_path / "run" / "last_agent.safetensors").policy is not None
+    assert load_agent(folder.path / "last_agent.safetensors").policy is not None
 
 
 @pytest.mark.slow
@@ -113,8 +130,7 @@ def test_an_agent_learns(cluster: Any, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_collector_that_is_killed_is_begun_again(cluster: Any, tmp_path: Path) -> None:
     config = replace(TWO, total_steps=100_000, evaluate_every=100_000, checkpoint_every=100_000)
-    trainer = Noting(config, tmp_path / "run")
-    trainer.rollouts, trainer.after = [], {4: lambda: collector_processes()[0].kill()}
+    trainer = noting(config, tmp_path / "run", {4: lambda: collector_processes()[0].kill()})
     store = trainer.store
 
     def store_until_begun_again(rollout: Rollout) -> None:
@@ -134,8 +150,7 @@ def test_a_collector_that_is_killed_is_begun_again(cluster: Any, tmp_path: Path)
 
 @pytest.mark.slow
 def test_continues_after_an_interrupt_and_on_one_machine(cluster: Any, tmp_path: Path) -> None:
-    trainer = Noting(TWO, tmp_path / "run")
-    trainer.rollouts = []
+    trainer = noting(TWO, tmp_path / "run", {})
     trainer.after = {5: lambda: setattr(trainer, "interrupted", True)}
     with pytest.raises(KeyboardInterrupt):
         trainer.run()
@@ -222,26 +237,17 @@ def test_a_run_whose_cluster_is_lost_continues_from_its_last_checkpoint(tmp_path
     assert local.steps >= 160
 
 
-SESSION = """
-from modpush._processes import ray_session
-
-with ray_session("test", 1):
-    pass
-"""
-
-
 @pytest.mark.parametrize("form", ["127.0.0.1:{}", "ray://127.0.0.1:{}"])
-def test_a_cluster_that_is_gone_is_named_at_once(form: str) -> None:
+def test_a_cluster_that_is_gone_is_named_at_once(
+    form: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ray = pytest.importorskip("ray")
     address = form.format(free_port())
-    run = subprocess.run(  # this process may be connected already
-        [sys.executable, "-c", SESSION],
-        env={**os.environ, "RAY_ADDRESS": address},
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    assert run.returncode == 1
-    assert f"test: no connection to Ray: nothing answers at {address}" in run.stderr
+    monkeypatch.setenv("RAY_ADDRESS", address)
+    monkeypatch.setattr(ray, "is_initialized", lambda: False)  # this process may be connected
+    message = f"test: no connection to Ray: nothing answers at {address}"
+    with pytest.raises(RuntimeError, match=message), ray_session("test", 1):
+        pass
 
 
 def free_port() -> int:
@@ -268,23 +274,12 @@ def test_the_cluster_file_is_one_that_ray_takes() -> None:
     assert f"torch=={torch.__version__.split('+')[0]}" in text
 
 
-def test_what_the_actors_act_with_is_what_was_learned(cluster: Any, tmp_path: Path) -> None:
-    config = replace(TWO, num_collectors=1, total_steps=96, greedy_envs=TWO.env.num_envs - 1)
-    trainer = Noting(config, tmp_path / "run")
-    sent: list[dict[str, Any]] = []
-    collect = trainer.collect
-
-    def noting_collect() -> None:
-        sent.append(trainer.learner.actor_weights())
-        collect()
-
-    trainer.collect = noting_collect  # type: ignore[method-assign]
-    trainer.rollouts, trainer.after = [], {}
-    trainer.run()
-    greedy = slice(1, config.env.num_envs)
-    last = trainer.rollouts[-1]
-    actor = trainer.learner.agent.actor
-    weights = sent[last.version - 1]
+def test_what_the_actors_act_with_is_what_was_learned(trained: Noting) -> None:
+    config = trained.config
+    greedy = slice(config.env.num_envs - config.greedy_envs, config.env.num_envs)
+    last = trained.rollouts[-1]
+    actor = copy.deepcopy(trained.learner.agent.actor)
+    weights = trained.sent[last.version - 1]
     actor.load_state_dict({name: torch.from_numpy(value) for name, value in weights.items()})
     shape = (config.rollout_length, config.env.num_envs, -1)
     observation = torch.from_numpy(last.transitions["observation"]).reshape(shape)[:, greedy]

@@ -32,6 +32,7 @@ from modpush.training import (
     held_out_scenarios,
 )
 from modpush.training.log import TrainingBar
+from modpush.training.run_folder import RunFolder
 from modpush.training.scene_worker import SceneWorker
 from modpush.training.worker import InlineWorker, ProcessWorker
 from tests.full_disk import full_disk
@@ -43,7 +44,7 @@ from tests.own_parts import (
     one_post,
     small_actions,
 )
-from tests.training.conftest import SMOKE
+from tests.training.conftest import SHORT, SMOKE
 
 SMOKE_ASYNC = replace(SMOKE, async_collection=True)
 ROOT = Path(modpush.__file__).parents[1]
@@ -51,6 +52,16 @@ ROOT = Path(modpush.__file__).parents[1]
 
 def train(folder, config=SMOKE, *, resume=False):
     return Trainer(config, folder, resume=resume).run()
+
+
+def resume_here(monkeypatch, folder, config=SMOKE_ASYNC, **options):
+    """Resume a run of two processes in this one: the other takes ten seconds to start."""
+    monkeypatch.setattr(
+        "modpush.training.trainer.ProcessWorker", lambda make_worker, _: InlineWorker(make_worker)
+    )
+    trainer = Trainer(config, folder, resume=True, **options)
+    trainer.run()
+    return trainer
 
 
 def numbers(folder):
@@ -85,7 +96,7 @@ def start(folder, *arguments, total_steps=SMOKE.total_steps, **options):
 
 
 def mirrored(n_steps=1):
-    return replace(SMOKE, mirror=True, replay=replace(SMOKE.replay, n_steps=n_steps))
+    return replace(SHORT, mirror=True, replay=replace(SHORT.replay, n_steps=n_steps))
 
 
 def wait_for_checkpoint(folder, process, limit=240):
@@ -112,17 +123,6 @@ def test_a_run_leaves_config_logs_agents_and_checkpoints(unbroken):
     assert load_agent(unbroken / "best_agent.safetensors").config == SMOKE.env
 
 
-def test_a_run_killed_and_resumed_reaches_the_same_numbers(unbroken, tmp_path):
-    folder = tmp_path / "run"
-    process = start(folder)
-    wait_for_checkpoint(folder, process)
-    process.send_signal(signal.SIGKILL)
-    assert process.wait(30) == -signal.SIGKILL
-    process.stdout.close()
-    train(folder, resume=True)
-    assert_same(numbers(unbroken), numbers(folder))
-
-
 def test_async_collection_learns_the_same_as_taking_turns(unbroken, tmp_path, monkeypatch):
     """In two processes, which share the held-out episodes; one test, since a process takes 10 s."""
     trainer = Trainer(SMOKE_ASYNC, tmp_path / "run")
@@ -146,8 +146,10 @@ def test_async_collection_learns_the_same_as_taking_turns(unbroken, tmp_path, mo
     assert_same(numbers(unbroken), numbers(tmp_path / "run"))
 
 
-def test_the_script_shares_its_libraries_with_the_worker_which_ends_with_it(tmp_path):
-    """On Linux the worker is a fork, and hears of its caller's end all the same."""
+def test_a_killed_run_takes_its_worker_along_and_resumed_reaches_the_same_numbers(
+    unbroken, tmp_path, monkeypatch
+):
+    """On Linux the worker is a fork, shares the libraries, and hears of its caller's end all the same."""
     folder = tmp_path / "run"
     process = start(folder, "--train.async-collection", total_steps=100_000)
     wait_for_checkpoint(folder, process)
@@ -157,10 +159,14 @@ def test_the_script_shares_its_libraries_with_the_worker_which_ends_with_it(tmp_
         shared = workers[0].memory_full_info()
         assert shared.uss < 0.6 * shared.rss
     process.send_signal(signal.SIGKILL)
-    process.wait(30)
+    assert process.wait(30) == -signal.SIGKILL
     process.stdout.close()
     _, alive = psutil.wait_procs(workers, timeout=60)
     assert not alive
+    for checkpoint in RunFolder(folder).checkpoints.paths()[1:]:
+        checkpoint.unlink()  # it may have gone past the other run's end
+    resume_here(monkeypatch, folder)
+    assert_same(numbers(unbroken), numbers(folder))
 
 
 def test_a_worker_in_this_process_leaves_the_callers_random_numbers_alone():
@@ -414,7 +420,7 @@ def _distance(scenario):
     return ((x - a) ** 2 + (y - b) ** 2) ** 0.5
 
 
-def test_one_trains_resumes_and_evaluates_with_parts_of_your_own(tmp_path):
+def test_one_trains_resumes_and_evaluates_with_parts_of_your_own(tmp_path, monkeypatch):
     parts = {
         "encoder": MeanHeight(2.0),
         "scene": one_post,
@@ -431,8 +437,8 @@ def test_one_trains_resumes_and_evaluates_with_parts_of_your_own(tmp_path):
     )
     short = replace(config, total_steps=96)
     Trainer(short, tmp_path / "run", parts=parts).run()
-    trainer = Trainer(config, tmp_path / "run", parts=parts, resume=True)
-    trainer.run()
+    longer = replace(config, total_steps=144)
+    trainer = resume_here(monkeypatch, tmp_path / "run", longer, parts=parts)
     assert trainer.specs.observation["observation"].shape == (4 + 2 + 2 + 2,)
     table = pd.read_csv(tmp_path / "run" / "evaluations.csv")
     assert "success/tests.own_parts:one_post" in table
@@ -449,7 +455,7 @@ def test_one_trains_resumes_and_evaluates_with_parts_of_your_own(tmp_path):
 
 def test_a_convolutional_encoder_is_trained_with_the_agent(tmp_path):
     config = replace(
-        SMOKE,
+        SHORT,
         env=replace(SMOKE.env, encoder="end_to_end", window_size=32),
         tqc=replace(SMOKE.tqc, encoder="tests.own_parts:SmallConv"),
     )
@@ -484,13 +490,13 @@ OWN_SAMPLER = "tests.own_parts:newest_half"
     ],
 )
 def test_returns_over_several_steps_and_other_samplers(tmp_path, sampler, n_steps):
-    replay = replace(SMOKE.replay, n_steps=n_steps, sampler=sampler)
-    trainer = Trainer(replace(SMOKE, replay=replay), tmp_path / "run")
+    replay = replace(SHORT.replay, n_steps=n_steps, sampler=sampler)
+    trainer = Trainer(replace(SHORT, replay=replay), tmp_path / "run")
     trainer.run()
     batch = trainer.learner.buffer.sample()
     if n_steps == 3:
         assert batch["steps_to_next_obs"].max() == 3
-    assert trainer.learner.updates == 10
+    assert trainer.learner.updates == 2
 
 
 @pytest.mark.parametrize("n_steps", [1, 3])
@@ -539,7 +545,7 @@ def test_recovery_is_for_the_trained_agent_and_not_for_its_training():
 
 
 def test_an_environment_of_your_own_is_trained_in(tmp_path):
-    trainer = Trainer(SMOKE, tmp_path / "run", make_env=make_scaled_env)
+    trainer = Trainer(SHORT, tmp_path / "run", make_env=make_scaled_env)
     trainer.run()
     agent = load_agent(tmp_path / "run" / "last_agent.safetensors", allow=("tests",))
     env = agent.make_env()
