@@ -68,6 +68,8 @@ class BatchedEnsemble:
         parameters = [tensor for layer, _ in self._layers for tensor in layer.parameters()]
         if len(set(parameters)) < len(parameters):
             raise NotBatchableError("two of its layers share parameters")
+        self.num_inputs = linear[0].in_features
+        """The inputs' last dimensions together."""
         self.num_atoms = linear[-1].out_features
         """The output's last dimension."""
 

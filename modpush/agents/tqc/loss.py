@@ -2,12 +2,14 @@
 
 import pickle
 import warnings
+from collections.abc import Mapping
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any, Self
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.utils import unravel_key
+from tensordict.nn import dispatch
+from tensordict.utils import NestedKey, unravel_key
 from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.objectives import LossModule, TQCLoss as _TorchRLTQCLoss
@@ -15,7 +17,7 @@ from torchrl.objectives.sac import compute_rsample_log_prob
 from torchrl.objectives.utils import ValueEstimators
 from torchrl.objectives.value import TD0Estimator
 
-from modpush._checks import check_dtype
+from modpush._checks import check_dtype, read_key
 from modpush._types import Fraction
 from modpush._validation import check_value
 from modpush.agents.tqc.ensemble import BatchedEnsemble, NotBatchableError
@@ -40,6 +42,7 @@ class TQCLoss(_TorchRLTQCLoss):
     the mean over both.
 
     Raises:
+        KeyError: In a call, if the batch lacks a key, with those it has.
         ValueError: At construction, if as many or more atoms are dropped than the critics hold. In a
             call on CPU, if the loss is not finite because the batch holds NaN or infinite values
             (TorchRL returns NaN); on a GPU this check would stall the device, and the loss is
@@ -95,6 +98,36 @@ class TQCLoss(_TorchRLTQCLoss):
             gamma = gamma.item()
         check_value("gamma", gamma, Fraction)
         return super().make_value_estimator(value_type, **hyperparams)
+
+    @dispatch
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Losses of a batch `[*B]`; the priorities are written into it."""
+        widths = {key: read_key(tensordict, key).shape[-1] for key in self._required_keys()}
+        self._check_widths(widths)
+        return super().forward(tensordict)
+
+    def _check_widths(self, widths: Mapping[NestedKey, int]) -> None:
+        """Raise if critics or actor would get inputs of another width than they take."""
+        keys = self.qvalue_network.in_keys
+        if self._ensemble is not None:
+            expected, inputs = self._ensemble.num_inputs, {key: widths[key] for key in keys}
+            if sum(inputs.values()) != expected:
+                raise ValueError(
+                    f"TQCLoss: the critics take {expected} numbers, got the last dimensions {inputs}."
+                )
+        for key in keys:
+            following = unravel_key(("next", key))
+            if widths.get(following, widths[key]) != widths[key]:
+                raise ValueError(
+                    f"TQCLoss: {following!r} must be [..., {widths[key]}] as {key!r}, got "
+                    f"[..., {widths[following]}]."
+                )
+
+    def _required_keys(self) -> list[NestedKey]:
+        keys = self.tensor_keys
+        inputs = {*self.actor_network.in_keys, *self.qvalue_network.in_keys}
+        following = [*(inputs - {keys.action}), keys.reward, keys.terminated]
+        return [*inputs, keys.action, *(unravel_key(("next", key)) for key in following)]
 
     def qvalue_v2_loss(self, tensordict: TensorDictBase) -> tuple[Tensor, dict[str, Tensor]]:
         """Critic loss, and under `"td_error"` the priorities `[*B]`."""
