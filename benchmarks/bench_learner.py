@@ -36,7 +36,7 @@ from torchrl.envs import GymWrapper
 from torchrl.modules import MLP, ProbabilisticActor, TanhNormal, ValueOperator
 from torchrl.objectives import SoftUpdate, TQCLoss as TorchRLTQCLoss
 
-from modpush.agents import TQCConfig, TQCLoss, make_tqc, quantile_huber
+from modpush.agents import TQCConfig, TQCLoss, make_tqc
 from modpush.replay import (
     AttentiveSampler,
     PrioritizedSampler,
@@ -288,27 +288,6 @@ def gpu(args: Args) -> str:
     return "\n".join(lines)
 
 
-def huber(args: Args) -> str:
-    torch.set_num_threads(1)
-    quantiles = torch.randn(CRITICS, 512, ATOMS, requires_grad=True)
-    targets = torch.randn(512, 46)
-
-    def closed_form() -> None:
-        quantile_huber(quantiles, targets)[0].sum().backward()
-
-    def autograd() -> None:
-        delta = targets.unsqueeze(-2) - quantiles.unsqueeze(-1)
-        size = delta.abs()
-        value = torch.where(size > 1, size - 0.5, 0.5 * delta**2)
-        fractions = ((torch.arange(ATOMS) + 0.5) / ATOMS).unsqueeze(-1)
-        weight = (fractions - (delta.detach() < 0).float()).abs()
-        (weight * value).mean((-1, -2)).sum().backward()
-
-    times = race({"closed form": closed_form, "autograd": autograd}, args, 4 * args.rounds)
-    rows = [f"| {name} | {statistics.median(t):.2f} |" for name, t in times.items()]
-    return "\n".join(["| quantile-Huber, (2, 512, 25) x 46, 1 thread | ms |", "|---|---|", *rows])
-
-
 def replay(args: Args) -> str:
     """Sampling 512 of a million."""
     torch.set_num_threads(1)
@@ -318,7 +297,6 @@ def replay(args: Args) -> str:
         "uniform": RandomSampler(),
         "attentive, k = 4": AttentiveSampler(4),
         "attentive, k = 4, 8 queries": AttentiveSampler(4, num_queries=8),
-        "attentive, k = 4, distinct candidates": AttentiveSampler(4, candidate_replacement=False),
         "prioritized": PrioritizedSampler(capacity, alpha=0.6, beta=0.4),
     }
     buffers = {
@@ -345,7 +323,7 @@ def replay(args: Args) -> str:
 
 
 def main(args: Args) -> None:
-    tables = [updates(args), gpu(args), huber(args)]
+    tables = [updates(args), gpu(args)]
     if args.replay:
         tables.append(replay(args))
     header = f"{args.rounds} rounds, {args.clock} time; milliseconds: median (fastest round)."

@@ -67,24 +67,6 @@ def tcod(query: Query) -> float:
     return cell_length(finder.path_to(tuple(query[2].astype(int)[::-1])))
 
 
-def scikit_image(query: Query) -> float:
-    module = importlib.import_module("skimage.graph")
-    a, b = (tuple(point.astype(int)[::-1]) for point in query[1:])
-    path, _ = module.route_through_array(np.where(query[0], -1, 1), a, b, geometric=True)
-    return cell_length(path)
-
-
-def python_pathfinding(query: Query) -> float:
-    grid_module = importlib.import_module("pathfinding.core.grid")
-    finder_module = importlib.import_module("pathfinding.finder.a_star")
-    diagonal = importlib.import_module("pathfinding.core.diagonal_movement").DiagonalMovement
-    grid = grid_module.Grid(matrix=(~query[0]).astype(int))
-    ends = [grid.node(*map(int, point)) for point in query[1:]]
-    finder = finder_module.AStarFinder(diagonal_movement=diagonal.only_when_no_obstacle)
-    path, _ = finder.find_path(*ends, grid)
-    return cell_length([(node.x, node.y) for node in path])
-
-
 def available(peer: Callable[[Query], float], module: str) -> bool:
     try:
         importlib.import_module(module)
@@ -107,28 +89,21 @@ def header(title: str, note: str) -> None:
     print("|---|---|---|---|---|")
 
 
-def bench_queries(queries: list[Query], title: str, slow_queries: int) -> None:
+def bench_queries(queries: list[Query], title: str) -> None:
     planners: dict[str, Callable[[Query], float]] = {
         "LazyThetaStar": ours(LazyThetaStar()),
         'LazyThetaStar(nodes="grid")': ours(LazyThetaStar(nodes="grid")),
         "AStar": ours(AStar()),
         "DistanceField (field built anew)": ours(DistanceField()),
     }
-    for peer, module in (
-        (pyastar2d, "pyastar2d"),
-        (tcod, "tcod"),
-        (scikit_image, "skimage"),
-        (python_pathfinding, "pathfinding"),
-    ):
+    for peer, module in ((pyastar2d, "pyastar2d"), (tcod, "tcod")):
         if available(peer, module):
             planners[peer.__name__] = peer
     times: dict[str, list[float]] = {name: [] for name in planners}
     ratios: dict[str, list[float]] = {name: [] for name in planners}
     optima = [shortest_length(*query) for query in queries]
-    for k, (query, optimum) in enumerate(zip(queries, optima, strict=True)):
+    for query, optimum in zip(queries, optima, strict=True):
         for name, run in planners.items():
-            if name in ("scikit_image", "python_pathfinding") and k >= slow_queries:
-                continue
             begin = clock()
             length = run(query)
             times[name].append(clock() - begin)
@@ -270,7 +245,6 @@ def with_tool(frame: TensorDict) -> TensorDict:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--queries", type=int, default=200)
-    parser.add_argument("--slow-queries", type=int, default=20, help="for the slowest peers")
     parser.add_argument("--threads", type=int, default=numba.config.NUMBA_NUM_THREADS)
     parser.add_argument("--cpu-time", action="store_true", help="do not count other programs")
     arguments = parser.parse_args()
@@ -285,9 +259,9 @@ def main() -> None:
     for run in (ours(AStar()), pyastar2d):  # load what loads at first use
         if run is not pyastar2d or available(pyastar2d, "pyastar2d"):
             run(queries[0])
-    bench_queries(queries, f"{len(queries)} random maps, 10 boxes", arguments.slow_queries)
+    bench_queries(queries, f"{len(queries)} random maps, 10 boxes")
     families = list(family_maps(1, arguments.queries))
-    bench_queries(families, f"{len(families)} maps of the families", arguments.slow_queries)
+    bench_queries(families, f"{len(families)} maps of the families")
     bench_batch(queries, arguments.threads)
     bench_replanning(queries[:40])
     bench_occupancy()

@@ -58,7 +58,7 @@ class BenchConfig:
 
 
 def config_of(bench: BenchConfig, **changes: Any) -> TrainConfig:
-    config = TRAIN_PRESETS[bench.preset][1]
+    config = TRAIN_PRESETS[bench.preset]
     if bench.encoder is not None:
         config = replace(config, env=replace(config.env, encoder=bench.encoder))
     # The last stage from the start: the scenes that most of a run is spent in.

@@ -20,12 +20,12 @@ from pathlib import Path
 
 import modpush
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
-from modpush.training.curve import draw_curve
+from modpush.training.log import draw_curve
 
 
 def make_config(preset: str, seed: int) -> TrainConfig:
     """A preset with one thing changed: the encoder that sees the obstacles."""
-    _, config = TRAIN_PRESETS[preset]
+    config = TRAIN_PRESETS[preset]
     return replace(config, seed=seed, env=replace(config.env, encoder="rays"))
 
 
@@ -42,7 +42,7 @@ def main(preset: str, seed: int, out: Path) -> None:
     """Train, or continue the run in the folder."""
     trainer = Trainer(make_config(preset, seed), out, resume=(out / "checkpoints").exists())
     best = trainer.run()
-    draw_curve([out], trainer.folder.curve)
+    draw_curve(trainer.folder.evaluations, trainer.folder.curve)
     print(f"Best on the held-out episodes: {best}")
     print(f"It solves {push(trainer.folder.best_agent):.2f} of 4 new episodes.")
 

@@ -9,7 +9,6 @@ EXTRAS = {
     "viser": "view",
     "minari": "data",
     "h5py": "data",
-    "huggingface_hub": "hub",
     "onnx": "export",
     "onnxscript": "export",
     "onnxruntime": "export",

@@ -2,9 +2,10 @@
 
 import hashlib
 import json
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -33,6 +34,37 @@ def read_state(path: Path | str, kind: str, version: int) -> Any:
     with reading(path, kind):
         tensors, outline = read_tensors(path, kind, version)
         return _rebuilt(outline, tensors)
+
+
+class SavedState(ABC):
+    """`dumps` and `loads` of a folder, as TorchRL's samplers have them, by the `state_dict`."""
+
+    state_file: ClassVar[str]
+    """Name of the file in the folder."""
+
+    @abstractmethod
+    def state_dict(self) -> dict[str, Any]:
+        """The state as plain data and tensors."""
+
+    @abstractmethod
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Continue with a state."""
+
+    def dumps(self, path: str | Path) -> None:
+        """Write the state into a directory."""
+        kind = f"modpush.{type(self).__name__}"
+        write_state(Path(path) / self.state_file, self.state_dict(), kind, 1)
+
+    def loads(self, path: str | Path) -> None:
+        """Read the state from a directory.
+
+        Raises:
+            FileNotFoundError: If nothing of the kind was saved there.
+            ValueError: If the file is damaged.
+        """
+        file, kind = Path(path) / self.state_file, f"modpush.{type(self).__name__}"
+        with reading(file, kind):
+            self.load_state_dict(read_state(file, kind, 1))
 
 
 def _outline(value: Any, tensors: dict[str, Tensor], place: str) -> Any:

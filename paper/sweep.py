@@ -65,7 +65,7 @@ def load_trials(
     if unknown := sorted(set(groups) - known):
         raise ValueError(f"{path}: groups must be some of {sorted(known)}, got {unknown}.")
     chosen = [first, *(v for v in others if not groups or v.get("group", "all") in groups)]
-    plain = asdict(TRAIN_PRESETS[sweep["preset"]][1])
+    plain = asdict(TRAIN_PRESETS[sweep["preset"]])
     always: dict[str, Any] = {"progress": False}
     always |= {} if total_steps is None else {"total_steps": total_steps}
     return tuple(

@@ -9,7 +9,6 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 SMALL = {  # arguments, and a row that the table must have
-    "bench_encoders.py": (["--training-rounds", "0"], "| egocentric_window, 8 scenes |"),
     "bench_env.py": (["--quick"], "PushEnv(8).step"),
     "bench_learner.py": (["--rounds", "2", "--no-replay"], "| sb3 / ours |"),
     "bench_perception.py": (["--images", "4"], "small_cylinder"),

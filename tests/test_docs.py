@@ -14,8 +14,6 @@ import torchrl  # noqa: F401  # its logger keeps the standard output of its firs
 import tyro
 
 from modpush.cli import run_command
-from modpush.recipes import shipped_agents
-from tests.hub_server import serve_hub
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
@@ -95,14 +93,11 @@ def test_the_python_blocks_of_a_page_run_one_after_the_other(
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {"__name__": "page"}
     printed = ""
-    with serve_hub(tmp_path / "hub", monkeypatch) as hub:
-        agent = shipped_agents()["small_cube"].read_bytes()
-        hub.repositories["owner/pusher"] = {"agent.safetensors": agent}
-        for block in python_blocks(page):
-            if SCRIPT in block:
-                printed += run_script(block, tmp_path / "block.py")
-            else:
-                exec(compile(block, page, "exec"), names)
+    for block in python_blocks(page):
+        if SCRIPT in block:
+            printed += run_script(block, tmp_path / "block.py")
+        else:
+            exec(compile(block, page, "exec"), names)
     printed += capsys.readouterr().out
     for part in PRINTED.get(page.name, ()):
         assert part in printed

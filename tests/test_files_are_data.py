@@ -26,7 +26,7 @@ from modpush.training import TRAIN_PRESETS
 from modpush.training.warm_start import load_initial_weights
 from tests.damage import KINDS
 
-SMOKE = TRAIN_PRESETS["smoke"][1]
+SMOKE = TRAIN_PRESETS["smoke"]
 SCENARIO = load_set("smoke").scenarios[0].to_dict()
 HOSTILE = (
     "evil_module:thing",

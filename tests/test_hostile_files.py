@@ -29,7 +29,7 @@ from modpush.training.run_folder import RunFolder
 from modpush.training.warm_start import load_initial_weights
 from tests.damage import KINDS
 
-SMOKE = TRAIN_PRESETS["smoke"][1]
+SMOKE = TRAIN_PRESETS["smoke"]
 
 
 def write_tensor_config(path: Path, data: Any, kind: str, version: int) -> None:

@@ -170,7 +170,7 @@ def test_the_public_surface_is_checked() -> None:
     assert set(expected.split()) <= set(FUNCTIONS)
     configs = """TrainConfig TQCConfig ReplayConfig PushEnvConfig RewardConfig CurriculumConfig Phase
         Camera ScenarioConfig Scenario Obstacle PushedObject Primitive Dynamics CorridorConfig
-        EvaluationConfig ScriptedPusherConfig EvaluationSet MotionConfig"""
+        EvaluationConfig EvaluationSet MotionConfig"""
     assert set(configs.split()) <= {kind.__name__ for kind in CLASSES}
     assert len(CASES) > 250
 

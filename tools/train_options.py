@@ -42,16 +42,17 @@ def page() -> str:
     ]
     parts += [
         "## Settings of the presets",
-        "The fields that differ from the defaults, as a file for `--config`.",
+        "The fields that differ from the defaults, as a file for `--config`. `modpush train --help` says "
+        "what each preset is for.",
     ]
-    for name, (text, config) in TRAIN_PRESETS.items():
+    for name, config in TRAIN_PRESETS.items():
         changed = yaml.safe_dump(
             _plain(_changes(TrainConfig(), config)),
             sort_keys=False,
             default_flow_style=None,
             width=110,
         )
-        parts.append(f"### `{name}`\n\n{text}\n\n```yaml\n{changed}```")
+        parts.append(f"### `{name}`\n\n```yaml\n{changed}```")
     return "\n\n".join(parts) + "\n"
 
 

@@ -33,7 +33,7 @@ from pathlib import Path
 warnings.simplefilter("ignore")
 if __name__ == "__main__":
     from modpush.training import TRAIN_PRESETS, Trainer
-    config = replace(TRAIN_PRESETS["smoke"][1], async_collection=True)
+    config = replace(TRAIN_PRESETS["smoke"], async_collection=True)
     resume = (Path(sys.argv[1]) / "config.yaml").exists()
     try:
         Trainer(config, sys.argv[1], resume=resume, start_method="fork").run()

@@ -35,7 +35,7 @@ class NoisyDepthCamera(AnalyticDepthCamera):
 
 def main(folder: Path) -> float:
     """Train a few steps with the camera; returns the noise in an image of it [m]."""
-    Trainer(TRAIN_PRESETS["smoke"][1], folder, parts={"depth": NoisyDepthCamera}).run()
+    Trainer(TRAIN_PRESETS["smoke"], folder, parts={"depth": NoisyDepthCamera}).run()
     exact, noisy = PushEnv(1, seed=0), PushEnv(1, seed=0, depth=NoisyDepthCamera)
     difference = exact.reset()["depth"] - noisy.reset()["depth"]
     exact.close()

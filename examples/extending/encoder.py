@@ -37,7 +37,7 @@ class CoarseHeights(nn.Module):
 
 def main(folder: Path) -> dict[str, int]:
     """Train a few steps with the encoder, and load the trained agent with it."""
-    config = TRAIN_PRESETS["smoke"][1]
+    config = TRAIN_PRESETS["smoke"]
     parts = {"encoder": CoarseHeights(4)}
     Trainer(config, folder, parts=parts).run()
     agent = load_agent(folder / "last_agent.safetensors", parts=parts)

@@ -34,7 +34,7 @@ def sac(config: TQCConfig, actor: Any, critics: list[Any], specs: LearnerSpecs) 
 
 def main(folder: Path) -> int:
     """Train a few steps with it; returns the number of updates."""
-    config = TRAIN_PRESETS["smoke"][1]
+    config = TRAIN_PRESETS["smoke"]
     scalar = replace(config.tqc, num_quantiles=1, top_quantiles_to_drop_per_net=0)
     Trainer(replace(config, tqc=scalar), folder, parts={"loss": sac}).run()
     return int(pd.read_csv(folder / "log.csv")["updates"].iloc[-1])

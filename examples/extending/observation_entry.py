@@ -29,7 +29,7 @@ obstacle_contacts = Entry(read_obstacle_contacts, scale=2.0)
 def main(folder: Path) -> list[str]:
     """Train a few steps with the entry; returns the entries that the agent's file remembers."""
     parts = {"entries": ["latent", "ee_position", "goal", ("contacts", obstacle_contacts)]}
-    Trainer(TRAIN_PRESETS["smoke"][1], folder, parts=parts).run()
+    Trainer(TRAIN_PRESETS["smoke"], folder, parts=parts).run()
     agent = load_agent(folder / "last_agent.safetensors", parts=parts)
     agent.make_env(num_envs=1).close()  # compares the entries with those that it was trained on
     return [entry["name"] for entry in agent.fingerprint["observation"]["entries"]]

@@ -36,7 +36,7 @@ class AlongTheAxes(Planner):
 def main(folder: Path) -> float:
     """Train a few steps along such paths; returns how much longer they are than the straight line."""
     parts = {"planner": AlongTheAxes()}
-    Trainer(TRAIN_PRESETS["smoke"][1], folder, parts=parts).run()
+    Trainer(TRAIN_PRESETS["smoke"], folder, parts=parts).run()
     agent = load_agent(folder / "last_agent.safetensors", parts=parts)
     env = agent.make_env(num_envs=2, seed=0)
     td = env.reset()

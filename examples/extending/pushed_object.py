@@ -26,7 +26,7 @@ PROFILE = PushedObject(
 
 def main(folder: Path) -> dict[str, float]:
     """Train a few steps with the object; returns what was computed of it, and what was observed."""
-    config = TRAIN_PRESETS["smoke"][1]
+    config = TRAIN_PRESETS["smoke"]
     parts = {"pushed_object": PROFILE}
     Trainer(config, folder, parts=parts).run()
     env = load_agent(folder / "last_agent.safetensors", parts=parts).make_env(num_envs=1, seed=0)

@@ -25,7 +25,7 @@ def large_actions(outcome: StepOutcome) -> Tensor:
 
 def main(folder: Path) -> float:
     """Train a few steps with the term; returns the mean return of the training episodes."""
-    config = TRAIN_PRESETS["smoke"][1]
+    config = TRAIN_PRESETS["smoke"]
     weights = {**config.env.reward.weights, "large_actions": 0.2}
     reward = replace(config.env.reward, weights=weights)
     config = replace(config, env=replace(config.env, reward=reward))

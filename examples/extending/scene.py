@@ -29,7 +29,7 @@ def gate(rng: np.random.Generator, difficulty: float) -> list[Obstacle]:
 
 def main(folder: Path) -> list[str]:
     """Train a few steps in the scene; returns the families that the run was evaluated on."""
-    config = TRAIN_PRESETS["smoke"][1]
+    config = TRAIN_PRESETS["smoke"]
     # A phase without scenes of its own draws the environment's, which is the gate here.
     phases = (replace(config.curriculum.phases[-1], scenes=()),)
     config = replace(config, curriculum=replace(config.curriculum, phases=phases))

@@ -25,7 +25,7 @@ def like_distance(candidates: Tensor, queries: Tensor) -> Tensor:
 
 def main(folder: Path) -> float:
     """Train a few steps with it; returns the mean similarity of what was sampled."""
-    Trainer(TRAIN_PRESETS["smoke"][1], folder, parts={"similarity": like_distance}).run()
+    Trainer(TRAIN_PRESETS["smoke"], folder, parts={"similarity": like_distance}).run()
     return float(pd.read_csv(folder / "log.csv")["learner/similarity"].mean())
 
 

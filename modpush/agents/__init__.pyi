@@ -1,6 +1,6 @@
 from .corridor.config import CorridorConfig as CorridorConfig, faithful_config as faithful_config
 from .corridor.controller import PushingCorridorController as PushingCorridorController
-from .scripted import ScriptedPusher as ScriptedPusher, ScriptedPusherConfig as ScriptedPusherConfig
+from .scripted import ScriptedPusher as ScriptedPusher
 from .tqc.build import (
     TQCAgent as TQCAgent,
     make_tqc as make_tqc,

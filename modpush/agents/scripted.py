@@ -8,37 +8,19 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
 from modpush._checks import check_dtype, check_finite, read_key
-from modpush._types import Finite, HalfTurn, Length, NonNegative, Positive, PositiveFraction
-from modpush._validation import checked, checked_arguments
+from modpush._validation import checked_arguments
 from modpush.geometry.frames import wrap_angle
 
-
-@checked
-class ScriptedPusherConfig:
-    """Gains of the scripted pusher, tuned by hand in free space."""
-
-    tool_radius: Length = 0.034
-    """Circumscribed radius of the tool's tip [m]."""
-    margin: NonNegative = 0.012
-    """Distance between tool and object while the tool goes around the object [m]."""
-    approach_angle: HalfTurn = 0.15
-    """Largest angle from the line through target and object at which the tool approaches [rad]."""
-    push_angle: HalfTurn = 0.7
-    """Largest angle from that line at which a tool in contact continues to push [rad]."""
-    steer_gain: Finite = 1.5
-    """Correction of the pushing direction, as a multiple of the angle from the line."""
-    push_speed: PositiveFraction = 0.7
-    """Length of a step while in contact, as a fraction of the largest step."""
-    max_turn: Positive = 0.05
-    """Rotation of the tool by an action of 1 [rad]."""
-
-    def __post_init__(self) -> None:
-        """Check the relations between fields."""
-        if not self.approach_angle <= self.push_angle:
-            raise ValueError(
-                "ScriptedPusherConfig: expected approach_angle <= push_angle, "
-                f"got {self.approach_angle} and {self.push_angle}."
-            )
+# Tuned by hand in free space.
+_TOOL_RADIUS = 0.034  # circumscribed, of the tool's tip [m]
+_MARGIN = 0.012  # between tool and object while the tool goes around it [m]
+_APPROACH_ANGLE = (
+    0.15  # from the line through target and object, at which the tool approaches at most [rad]
+)
+_PUSH_ANGLE = 0.7  # from that line, at which a tool in contact continues to push at most [rad]
+_STEER_GAIN = 1.5  # correction of the pushing direction, as a multiple of the angle from the line
+_PUSH_SPEED = 0.7  # length of a step while in contact, as a fraction of the largest step
+_MAX_TURN = 0.05  # rotation of the tool by an action of 1 [rad]
 
 
 def scripted_push(
@@ -47,33 +29,24 @@ def scripted_push(
     ee_pose: Tensor,
     contact: Tensor,
     object_radius: Tensor,
-    config: ScriptedPusherConfig,
 ) -> Tensor:
-    """The next action of the scripted pusher.
+    """Actions of the scripted pusher, `[B, 3]` in [-1, 1].
 
-    Args:
-        object_position: Position of the object, `[B, 2]` [m].
-        target: Target of the object, `[B, 2]` [m].
-        ee_pose: x, y, yaw of the tool's tip, `[B, 3]` [m, m, rad].
-        contact: Contact between tool and object, `[B, 1]` bool.
-        object_radius: Circumscribed radius of the object, `[B, 1]` [m].
-        config: Gains of the pusher.
-
-    Returns:
-        Actions, `[B, 3]` in [-1, 1].
+    The object's position and target are `[B, 2]` [m], the pose of the tool's tip `[B, 3]` [m, m, rad],
+    their contact `[B, 1]` bool, and the object's circumscribed radius `[B, 1]` [m].
     """
     to_object = object_position - ee_pose[:, :2]
     to_target = target - object_position
     distance = torch.linalg.vector_norm(to_object, dim=-1)
     bearing, heading = _angle(to_object), _angle(to_target)
     off = wrap_angle(bearing - heading)  # 0: the tool is right behind the object
-    behind = off.abs() < torch.where(contact[:, 0], config.push_angle, config.approach_angle)
+    behind = off.abs() < torch.where(contact[:, 0], _PUSH_ANGLE, _APPROACH_ANGLE)
 
-    push = _unit(heading + (1 + config.steer_gain) * off)
-    push = push * torch.where(contact[:, 0], config.push_speed, 1.0).to(push)[:, None]
+    push = _unit(heading + (1 + _STEER_GAIN) * off)
+    push = push * torch.where(contact[:, 0], _PUSH_SPEED, 1.0).to(push)[:, None]
 
     # Around the object on a circle, the shorter way; far from the circle, towards it.
-    circle = object_radius[:, 0] + config.tool_radius + config.margin
+    circle = object_radius[:, 0] + _TOOL_RADIUS + _MARGIN
     side = torch.where(off > 0, 1.0, -1.0).to(off)
     inwards = ((distance - circle) / 0.02).clamp(-1.2, 1.2)
     around = _unit(bearing + side * (math.pi / 2 - inwards))
@@ -81,7 +54,7 @@ def scripted_push(
     move = torch.where(behind[:, None], push, around)
     # The wide side of the gripper faces the pushing direction; half a turn makes no difference.
     turn = wrap_angle(2 * (heading + math.pi / 2 - ee_pose[:, 2])) / 2
-    action = torch.cat([move, (turn / config.max_turn)[:, None]], -1)
+    action = torch.cat([move, (turn / _MAX_TURN)[:, None]], -1)
     return action.clamp(-1.0, 1.0)
 
 
@@ -100,7 +73,6 @@ class ScriptedPusher(TensorDictModuleBase):
     (`target_key="subgoal"`) to push along a path.
 
     Args:
-        config: Gains of the pusher; the tuned ones by default.
         target_key: Key of the object's target position, `[B, 2]` [m], base frame.
         object_pose_key: Key of the object's pose, `[B, 3]` [m, m, rad], base frame.
         ee_pose_key: Key of the pose of the tool's tip, `[B, 3]` [m, m, rad], base frame.
@@ -114,7 +86,6 @@ class ScriptedPusher(TensorDictModuleBase):
     @checked_arguments
     def __init__(
         self,
-        config: ScriptedPusherConfig | None = None,
         *,
         target_key: NestedKey = "goal_position",
         object_pose_key: NestedKey = "object_pose",
@@ -124,7 +95,6 @@ class ScriptedPusher(TensorDictModuleBase):
         action_key: NestedKey = "action",
     ) -> None:
         super().__init__()
-        self.config = config if config is not None else ScriptedPusherConfig()
         self.in_keys = [object_pose_key, target_key, ee_pose_key, contact_key, object_radius_key]
         self.out_keys = [action_key]
 
@@ -154,6 +124,6 @@ class ScriptedPusher(TensorDictModuleBase):
             given = (object_pose, target, ee_pose, radius)
             for key, value in zip([*self.in_keys[:3], radius_key], given, strict=True):
                 check_finite(repr(key), value)
-        action = scripted_push(position, target, ee_pose, contact, radius, self.config)
+        action = scripted_push(position, target, ee_pose, contact, radius)
         tensordict.set(self.out_keys[0], action.reshape(*batch, 3))
         return tensordict

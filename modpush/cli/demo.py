@@ -34,7 +34,6 @@ Options:
   --allow MODULE ...        Modules from which an agent's file may import its author's own parts.
 """
 
-import contextlib
 import itertools
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -63,7 +62,7 @@ from modpush.envs import (
     sample_scenario,
 )
 from modpush.envs.engines.base import find_engine
-from modpush.envs.outcome import Goal
+from modpush.envs.outcome import GOAL_THRESHOLD, Goal
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.scenes.conditions import EpisodeConditions
 from modpush.envs.scenes.layouts import TIGHT_SCENES
@@ -172,24 +171,21 @@ def _draw_scenario(config: DemoConfig, scene: str, family: int, k: int) -> Scena
     """An episode of a family with the next object in turn that finds room in it."""
     turn = (family + k) % len(config.pushed_object)
     objects = config.pushed_object[turn:] + config.pushed_object[:turn]
-    base = ScenarioConfig(
-        scene=scene,
-        difficulty=config.difficulty,
-        distance=_DISTANCE if config.goal == "position" else _POSE_DISTANCE,
-        obstacle_between=config.goal == "pose",
-        path_inflation="inscribed" if scene in TIGHT_SCENES else "circumscribed",
-    )
-
-    def draw(name: str) -> Scenario:
-        rng = np.random.default_rng([config.seed, k])
-        one = replace(base, pushed_object=name)
-        parts: Any = {"robot": config.robot, "tool": config.tool, "goal": config.goal}
-        return sample_scenario(rng, one, **parts)
-
-    for name in objects[:-1]:
-        with contextlib.suppress(ValueError):  # mazes hardly have room for the large objects
-            return draw(name)
-    return draw(objects[-1])
+    parts: Any = {"robot": config.robot, "tool": config.tool, "goal": config.goal}
+    for name in objects:
+        drawn_from = ScenarioConfig(
+            scene=scene,
+            pushed_object=name,
+            difficulty=config.difficulty,
+            distance=_DISTANCE if config.goal == "position" else _POSE_DISTANCE,
+            obstacle_between=config.goal == "pose",
+            path_inflation="inscribed" if scene in TIGHT_SCENES else "circumscribed",
+        )
+        try:
+            return sample_scenario(np.random.default_rng([config.seed, k]), drawn_from, **parts)
+        except ValueError as error:  # mazes hardly have room for the large objects
+            reason = error
+    raise reason
 
 
 def _run(
@@ -201,15 +197,15 @@ def _run(
     num_envs = min(8, len(scenarios))
     # Where only the inscribed circle passes, every policy must plan with it.
     tight = any(scenario.scene in TIGHT_SCENES for scenario in scenarios)
-    conditions = EpisodeConditions(inflation="inscribed") if tight else None
-    if config.goal == "pose":
-        poses = conditions or EpisodeConditions()
-        conditions = replace(poses, goal="pose", position_tolerance=_POSITION_TOLERANCE)
-    usual = EpisodeConditions()
-    if (config.robot, config.tool) != (usual.robot, usual.tool):
-        conditions = replace(conditions or usual, robot=config.robot, tool=config.tool)
-    if config.engine != "sapien":
-        conditions = replace(conditions or usual, engine=config.engine, sim_freq=None)
+    conditions = EpisodeConditions(
+        inflation="inscribed" if tight else "circumscribed",
+        goal=config.goal,
+        position_tolerance=GOAL_THRESHOLD if config.goal == "position" else _POSITION_TOLERANCE,
+        robot=config.robot,
+        tool=config.tool,
+        engine=config.engine,
+        sim_freq=None,  # the engine's own
+    )
     env: EnvBase = method.make_env(num_envs, config.pushed_object, conditions, pictures=rendered)
     simulator = env.base_env
     assert isinstance(simulator, PushEnv)

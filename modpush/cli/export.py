@@ -8,8 +8,8 @@ included) and `card.json`, which describes inputs and outputs. ONNX needs `pip i
 'modpush[export]'`; `examples/deploy.py` pushes with such a folder as with an agent.
 
 Arguments:
-  AGENT               Shipped agent by its name, an agent's file, a training run's folder, or
-                      hf://owner/name; by default small_cube.
+  AGENT               Shipped agent by its name, an agent's file, or a training run's folder; by
+                      default small_cube.
 
 Options:
   --format NAME ...   Formats of the graphs, onnx and torch_export; by default onnx.

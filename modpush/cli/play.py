@@ -5,8 +5,8 @@ Drag the goal and the obstacles while a policy or the keyboard moves the arm.
 Options:
   --policy NAME [NAME]  One policy, or two that are shown side by side on the same scene: agent (the
                         shipped one for all objects), a shipped agent by its name, corridor,
-                        corridor_faithful, scripted, hand, an agent's file, a training run's folder,
-                        or hf://owner/name; by default agent.
+                        corridor_faithful, scripted, hand, an agent's file, or a training run's
+                        folder; by default agent.
   --scene NAME          Scene family from which episodes are drawn; by default slot.
   --pushed-object NAME  Object that is pushed; by default small_cube.
   --goal {position,pose}

@@ -115,7 +115,7 @@ from modpush._validation import checked, from_plain
 from modpush.files import parse_yaml, reading
 from modpush.parts import check_allowed
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
-from modpush.training.curve import draw_curve
+from modpush.training.log import draw_curve
 from modpush.training.run_folder import RunFolder
 
 SHORT_FORMS = {
@@ -174,7 +174,7 @@ def train_agent(run: RunConfig) -> dict[str, float]:
         best = trainer.run()
     finally:
         if folder.evaluations.exists():
-            draw_curve([folder.path], folder.curve)
+            draw_curve(folder.evaluations, folder.curve)
     if not best:
         print(f"{folder.path}: nothing was evaluated yet.")
         return best
@@ -213,7 +213,7 @@ def parse_run(arguments: Sequence[str]) -> RunConfig:
     options = [
         SHORT_FORMS.get(word.replace("_", "-"), word) + is_ + value for word, is_, value in words
     ]
-    config = TRAIN_PRESETS[preset][1]
+    config = TRAIN_PRESETS[preset]
     if given.config is not None:
         config = _read_settings(given.config, config, given.allow)
     return tyro.cli(

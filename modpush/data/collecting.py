@@ -1,34 +1,132 @@
-"""`collect_demonstrations`: runs policies and writes their episodes as a Minari data set."""
+"""`collect_demonstrations`: runs policies and writes their episodes as a Minari data set, with a card."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import asdict, replace
+from dataclasses import asdict, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import gymnasium
 import numpy as np
+from annotated_types import Le
+from pydantic import StringConstraints
 from torchrl.envs import EnvBase, TransformedEnv
 from tqdm import tqdm
 
-import modpush.envs  # noqa: F401  # registers the environments
+import modpush
 from modpush._atomic import FolderLock
 from modpush._extras import require_extra
 from modpush._processes import torch_threads
-from modpush._types import Count
-from modpush._validation import checked_arguments
-from modpush.data.config import MAX_NUMBER, CollectConfig, card_text, episode_seed
+from modpush._types import AtLeastOne, Count, FilePath, Name, NonNegativeInteger, Several
+from modpush._validation import checked, checked_arguments
 from modpush.data.minari_dataset import DatasetWriter, RecordedEpisode
 from modpush.data.recording_env import RecordingEnv
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario
 from modpush.evaluation.episodes import run_episodes
 from modpush.evaluation.results import describe_policy
-from modpush.files import write_text
+from modpush.files import dump_yaml, write_text
+from modpush.recipes.config import END_TO_END, PushEnvConfig
 from modpush.recipes.fingerprint import environment_fingerprint
 from modpush.recipes.make_env import make_push_env
 from modpush.recipes.methods import Method, get_methods
+
+MAX_NUMBER = 1_000_000
+"""Number of starts that there are for one seed."""
+_FIRST_SEED = 1_000_000_000
+
+
+def episode_seed(seed: int, number: int) -> int:
+    """Seed of the start with a number below `MAX_NUMBER`, between 1e9 and 2^32.
+
+    The evaluation sets and the episodes held out in training are drawn with smaller first words, so that
+    none of their starts is among the demonstrations.
+    """
+    return _FIRST_SEED + MAX_NUMBER * seed + number
+
+
+@checked
+class CollectConfig:
+    """Settings of `collect_demonstrations`, as the options of `modpush collect --help` explain them."""
+
+    policy: AtLeastOne[Name] = ("agent",)
+    episodes: Annotated[Count, Le(MAX_NUMBER)] = 100
+    only_success: bool = False
+    images: bool = False
+    env: PushEnvConfig = field(default_factory=lambda: PushEnvConfig.preset("cpu", num_envs=8))
+    """Environment whose observations, actions and rewards are recorded. Policies made for another
+    environment observe their own; their actions are turned into the axes of this one."""
+    seed: Annotated[NonNegativeInteger, Le(3000)] = 0
+    name: Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_]+$")] = "push"
+    licence: Name = "MIT"
+    allow: Several[Name] = ()
+    out: FilePath = Path("runs/demonstrations")
+
+    def __post_init__(self) -> None:
+        """Refuse what a flat observation cannot hold, and policies that are named twice."""
+        if self.env.encoder == END_TO_END:
+            raise ValueError(
+                f"CollectConfig: env.encoder={END_TO_END!r} has no flat observation; collect with "
+                "images=True and another encoder, and encode the images when learning."
+            )
+        if len(set(self.policy)) < len(self.policy):
+            raise ValueError(f"CollectConfig: a policy is named twice, got {self.policy}.")
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """Names of the objects that are pushed."""
+        return self.env.scenario.pushed_object
+
+    @property
+    def dataset_id(self) -> str:
+        """Minari's name of the data set."""
+        return f"modpush/{self.name}-v0"
+
+    def env_options(self) -> dict[str, Any]:
+        """Arguments of `gymnasium.make("modpush/Push-v0", ...)`, as plain data.
+
+        All fields are spelled out, so that they stay what they are when a preset changes.
+        """
+        return {"config": asdict(replace(self.env, num_envs=1))}
+
+
+_CARD = """---
+license: {licence}
+tags: [robotics, pushing, demonstrations, modpush]
+---
+# Demonstrations `{name}`
+
+An arm pushes an object through clutter to a goal, 15 steps per second; recorded with modpush {version}.
+The starts are drawn from the seeds {first_seed} + number of the episode, the same for all policies; none
+is in an evaluation set.
+
+```yaml
+{settings}```
+
+`minari/{name}` holds observations, actions and rewards of `modpush/Push-v0`:
+
+```python
+from modpush.data import load_demonstrations
+
+demonstrations = load_demonstrations("this folder")
+print(demonstrations.transitions)
+env = demonstrations.make_env(num_envs=8)
+```
+"""
+
+
+def card_text(config: CollectConfig, about: Mapping[str, Any]) -> str:
+    """The card as Markdown; `about` is the data set's metadata."""
+    shown = {name: about[name] for name in ("policies", "only_success", "images", "env")}
+    return _CARD.format(
+        licence=config.licence,
+        name=config.dataset_id,
+        version=modpush.__version__,
+        first_seed=episode_seed(config.seed, 0),
+        settings=dump_yaml(shown),
+    )
+
 
 _TRIES = 10
 """With `only_success`, the largest number of episodes to run for each that is to be kept."""
@@ -99,14 +197,8 @@ def _collect(
 ) -> None:
     """Run episodes of one policy until enough are kept, and write them in batches.
 
-    Args:
-        method: The policy's name, and the environment that it was made for.
-        recorder: The environment that records.
-        config: Settings of the data set.
-        writer: Writer of the data set.
-        policies: Gets under the policy's name its description, the numbers of episodes `tried`, `solved`
-            and `kept`, and of `steps` kept.
-        progress: Show a progress bar.
+    `policies` gets under its name a description, and the numbers of episodes `tried`, `solved` and
+    `kept`, and of `steps` kept.
     """
     policy = method.make_policy()
     counts = {"tried": 0, "solved": 0, "kept": 0, "steps": 0}

@@ -55,14 +55,9 @@ class RecordedEpisode:
 
 
 class DatasetWriter:
-    """Writes a Minari data set beside its place, which `finish` gives it.
+    """Writes a Minari data set beside its place `<root>/modpush/<name>`, which `finish` gives it.
 
-    Args:
-        folder: Folder of the data set, `<root>/modpush/<name>`.
-        spec: Specification of the Gymnasium environment that `recover_environment` makes.
-
-    Raises:
-        FileExistsError: If there is a data set.
+    `spec` is that of the Gymnasium environment that `recover_environment` makes.
     """
 
     def __init__(self, folder: Path, spec: EnvSpec) -> None:
@@ -90,11 +85,7 @@ class DatasetWriter:
         self.count += len(episodes)
 
     def finish(self, about: dict[str, Any]) -> None:
-        """Put the data set in its place.
-
-        Args:
-            about: Plain data for the metadata, under `"modpush"`.
-        """
+        """Put the data set in its place, with plain data under `"modpush"` of its metadata."""
         algorithms = ", ".join(about["policies"])
         self._storage.update_metadata({"algorithm_name": algorithms, "modpush": about})
         self._unfinished.rename(self._folder / _DATA)

@@ -6,8 +6,7 @@ from .base import (
     evaluating as evaluating,
 )
 from .encode import ENCODERS as ENCODERS, Encode as Encode, make_encoder as make_encoder
-from .networks.conv_encoder import ConvEncoder as ConvEncoder
-from .networks.ray_scan import RayScan as RayScan
+from .networks import ConvEncoder as ConvEncoder, RayScan as RayScan
 from .vae.model import DepthVAE as DepthVAE, VAELoss as VAELoss, shipped_weights as shipped_weights
 from .window import (
     egocentric_window as egocentric_window,

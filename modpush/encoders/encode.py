@@ -14,8 +14,7 @@ from modpush._state import weights_hash
 from modpush._transforms import StatelessTransform, add_unbounded, write_scenes_reset
 from modpush._validation import checked_arguments
 from modpush.encoders.base import as_floats, check_window, encoder_sizes, evaluating
-from modpush.encoders.networks.conv_encoder import ConvEncoder
-from modpush.encoders.networks.ray_scan import RayScan
+from modpush.encoders.networks import ConvEncoder, RayScan
 from modpush.encoders.vae.model import DepthVAE
 from modpush.parts import find_part
 

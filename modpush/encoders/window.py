@@ -1,20 +1,15 @@
 """The local window around the object, as functions of tensors."""
 
 import functools
-import math
-from numbers import Real
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from modpush._checks import (
-    check_depth_unit,
-    check_dtype,
-    check_instance,
-    check_real,
-)
+from modpush._checks import check_depth_unit, check_dtype, check_real, check_shape
+from modpush._types import Count, Positive
+from modpush._validation import checked_arguments
 from modpush.encoders.window_kernel import Pinhole, write_windows
 from modpush.geometry.camera import CAMERA, Camera, Label
 
@@ -27,17 +22,18 @@ METRES_PER_PIXEL = CAMERA.cell_size
 Outside = Literal["free", "blocked"]
 
 
+@checked_arguments
 def egocentric_window(
     depth: Tensor,
     segmentation: Tensor | None,
     pose: Tensor,
     *,
-    size: int = WINDOW_SIZE,
-    max_height: float = MAX_HEIGHT,
+    size: Count = WINDOW_SIZE,
+    max_height: Positive = MAX_HEIGHT,
     outside: Outside = "free",
     upright: bool = True,
     camera: Camera | None = None,
-    metres_per_pixel: float = METRES_PER_PIXEL,
+    metres_per_pixel: Positive = METRES_PER_PIXEL,
 ) -> Tensor:
     """Crop the local height map around a pose from bird's-eye images.
 
@@ -73,8 +69,8 @@ def egocentric_window(
             unit than metres: in one scene all of it lies beyond the table.
     Source: Sec. IV-A of the paper.
     """
-    camera = _check(depth, segmentation, pose, upright, camera)
-    check_options(size, max_height, outside, camera.z, metres_per_pixel)
+    camera = _check(depth, segmentation, pose, camera)
+    check_max_height(max_height, camera)
     check_depth_unit(depth, camera.z)
     image = depth.detach().cpu().contiguous()
     if segmentation is None:
@@ -106,50 +102,26 @@ def _pinhole(camera: Camera) -> Pinhole:
     return Pinhole(*(float(number) for number in numbers))
 
 
-def check_options(
-    size: int, max_height: float, outside: str, camera_z: float, metres_per_pixel: float
-) -> None:
-    """Raise for invalid options of a window."""
-    if not isinstance(size, int | np.integer) or isinstance(size, bool) or size < 1:
-        raise ValueError(f"size must be >= 1 px, got {size!r}.")
-    if not isinstance(max_height, Real) or not 0 < max_height < camera_z:
+def check_max_height(max_height: float, camera: Camera) -> None:
+    """Raise a ValueError unless a window's `max_height` is below the camera."""
+    if max_height >= camera.z:
         raise ValueError(
-            f"max_height must lie between 0 and the camera's height {camera_z} m, "
-            f"got {max_height!r}."
+            f"max_height must lie between 0 and the camera's height {camera.z} m, got {max_height}."
         )
-    if outside not in get_args(Outside):
-        raise ValueError(f"outside must be one of {get_args(Outside)}, got {outside!r}.")
-    if not isinstance(metres_per_pixel, Real) or not 0 < metres_per_pixel < math.inf:
-        raise ValueError(f"metres_per_pixel must be positive and finite, got {metres_per_pixel!r}.")
 
 
 def _check(
-    depth: Tensor,
-    segmentation: Tensor | None,
-    pose: Tensor,
-    upright: bool,
-    camera: Camera | None,
+    depth: Tensor, segmentation: Tensor | None, pose: Tensor, camera: Camera | None
 ) -> Camera:
+    """The camera; raises for tensors of other dtypes and shapes."""
     check_dtype("depth", depth, torch.float32)
     if depth.ndim != 3:
         raise ValueError(f"depth must be [B, H, W], got {list(depth.shape)}.")
-    check_instance("upright", upright, bool)
-    if camera is not None:
-        check_instance("camera", camera, Camera)
     camera = camera or _camera_of(depth.shape[1], depth.shape[2])
-    if depth.shape[1:] != (camera.height, camera.width):
-        raise ValueError(
-            f"depth must be [B, {camera.height}, {camera.width}] for this camera, "
-            f"got {list(depth.shape)}."
-        )
+    check_shape("depth", depth, "B, H, W", (len(depth), camera.height, camera.width))
     if segmentation is not None:
         check_dtype("segmentation", segmentation, torch.uint8)
-        if segmentation.shape != depth.shape:
-            raise ValueError(
-                f"segmentation must be shaped like depth {list(depth.shape)}, "
-                f"got {list(segmentation.shape)}."
-            )
+        check_shape("segmentation", segmentation, "B, H, W", depth.shape)
     check_real("pose", pose)
-    if pose.shape != (len(depth), 3):
-        raise ValueError(f"pose must be [{len(depth)}, 3], got {list(pose.shape)}.")
+    check_shape("pose", pose, "B, 3", (len(depth), 3))
     return camera

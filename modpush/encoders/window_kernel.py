@@ -26,23 +26,14 @@ _OBJECT, _ROBOT = np.uint8(Label.OBJECT), np.uint8(Label.ROBOT)
 
 
 class Pinhole(NamedTuple):
-    """The numbers of a `Camera`.
+    """The numbers of a `Camera`."""
 
-    Attributes:
-        x: Position along x in the robot's base frame [m].
-        y: Position along y in the robot's base frame [m].
-        z: Height over the table [m].
-        focal_length: Focal length [px].
-        u: Column of the principal point [px].
-        v: Row of the principal point [px].
-    """
-
-    x: float
-    y: float
-    z: float
-    focal_length: float
-    u: float
-    v: float
+    x: float  # Position along x in the robot's base frame [m]
+    y: float  # Position along y in the robot's base frame [m]
+    z: float  # Height over the table [m]
+    focal_length: float  # Focal length [px]
+    u: float  # Column of the principal point [px]
+    v: float  # Row of the principal point [px]
 
 
 @njit(nogil=True, error_model="numpy")
@@ -193,19 +184,11 @@ def window_one(
     upright: bool,
     out: NDArray,
 ) -> None:
-    """Write the window of scene b.
+    """Write the window of scene b, `[B, S, S]` float32.
 
-    Args:
-        b: Scene.
-        depth: `[B, H, W]` float32 [m].
-        segmentation: `[B, H, W]` uint8.
-        pose: `[B, 3]` float64 (x, y, yaw) of the window's frame, base frame.
-        camera: The camera.
-        step: Side of a window pixel on the table in pixels of the image.
-        top: Height that is written as 1 [m].
-        outside: Value of pixels beyond the image.
-        upright: Write heights where they stand instead of where they appear in the image.
-        out: `[B, S, S]` float32.
+    `depth` [m] and `segmentation` are `[B, H, W]`, `pose` is `[B, 3]` of the window's frame. A window
+    pixel is `step` pixels of the image wide on the table; the height `top` is written as 1 [m], pixels
+    beyond the image as `outside`, and heights where they stand if `upright`.
     """
     shape, size, window = depth.shape[1:], out.shape[1], out[b]
     image, labels = depth[b].ravel(), segmentation[b].ravel()

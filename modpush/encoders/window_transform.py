@@ -9,13 +9,14 @@ from torchrl.data import Bounded, TensorSpec
 
 from modpush._checks import check_finite, check_real, check_spec_has, read_key
 from modpush._transforms import StatelessTransform
+from modpush._types import Count, Positive
 from modpush._validation import checked_arguments
 from modpush.encoders.window import (
     MAX_HEIGHT,
     METRES_PER_PIXEL,
     WINDOW_SIZE,
     Outside,
-    check_options,
+    check_max_height,
     egocentric_window,
 )
 from modpush.geometry.camera import Camera
@@ -33,12 +34,11 @@ class EgocentricWindow(StatelessTransform):
             the present sub-goal (`"path"`; where the two coincide, the base frame's), or the robot
             base's (`"base"`).
         size: Side of the window [px].
-        outside: Value of pixels beyond the image, `"free"` (0) or `"blocked"` (1).
-        max_height: Height over the table that is shown as 1 [m].
-        upright: Draw heights where they stand instead of where they appear in the image.
-        camera: The camera.
-        metres_per_pixel: Side of a window pixel on the table [m], whatever the camera's: the one that the
-            encoder was trained with.
+        outside: This and the following four are arguments of `egocentric_window`.
+        max_height: See there [m].
+        upright: See there.
+        camera: See there.
+        metres_per_pixel: See there [m].
         depth_key: Read, `[..., 1, H, W]` float32 [m].
         segmentation_key: Read, `[..., 1, H, W]` uint8: 0 table, 1 pushed object, 2 obstacle, 3
             robot. None removes nothing.
@@ -55,13 +55,13 @@ class EgocentricWindow(StatelessTransform):
     def __init__(
         self,
         frame: Frame = "object",
-        size: int = WINDOW_SIZE,
+        size: Count = WINDOW_SIZE,
         outside: Outside = "free",
-        max_height: float = MAX_HEIGHT,
+        max_height: Positive = MAX_HEIGHT,
         *,
         upright: bool = True,
         camera: Camera | None = None,
-        metres_per_pixel: float = METRES_PER_PIXEL,
+        metres_per_pixel: Positive = METRES_PER_PIXEL,
         depth_key: NestedKey = "depth",
         segmentation_key: NestedKey | None = "segmentation",
         object_pose_key: NestedKey = "object_pose",
@@ -69,8 +69,7 @@ class EgocentricWindow(StatelessTransform):
         window_key: NestedKey = "window",
     ) -> None:
         self.camera = camera or Camera()
-        z = self.camera.z
-        check_options(size, max_height, outside, z, metres_per_pixel)
+        check_max_height(max_height, self.camera)
         self.metres_per_pixel = metres_per_pixel
         self.frame, self.size, self.outside = frame, size, outside
         self.max_height, self.upright = max_height, upright
@@ -137,16 +136,10 @@ class EgocentricWindow(StatelessTransform):
 
 
 class WindowBytes(StatelessTransform):
-    """Quantises the window to integers from 0 to 255, in a quarter of the memory.
+    """Quantises the window `[..., 1, S, S]` to integers from 0 to 255, in a quarter of the memory.
 
-    Networks with an encoder of their own read it and divide by 255.
-
-    Args:
-        window_key: Read, `[..., 1, S, S]` float32 in [0, 1]; written, the same shape, uint8.
-
-    Raises:
-        KeyError: If the window is missing.
-        ValueError: If one of its values is not in [0, 1]; on a GPU this is not checked.
+    Networks with an encoder of their own read it and divide by 255. A value outside [0, 1] is a
+    ValueError; on a GPU this is not checked.
     """
 
     def __init__(self, window_key: NestedKey = "window") -> None:

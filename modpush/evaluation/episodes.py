@@ -130,15 +130,14 @@ class _Log:
         return poses[: len(self.scenario.obstacles)].cpu().numpy().copy()
 
     def finish(self, success: bool, out_of_bounds: bool) -> Episode:
-        corners, shortest = shortest_path(
-            self.scenario, objects=self.objects, inflation=self.inflation
-        )
-        poses = {key: np.array(value) for key, value in self.poses.items()}
+        scenario, goal = self.scenario, np.array(self.scenario.goal_position)
+        corners, shortest = shortest_path(scenario, objects=self.objects, inflation=self.inflation)
+        pushed, tool = (np.array(self.poses[key]) for key in _POSES)
         contacts, contacts_at_end = np.hsplit(np.array(self.flags), 2)
         metrics = episode_metrics(
-            object_position=poses["object_pose"][:, :2],
-            ee_position=poses["ee_pose"][:, :2],
-            goal_position=np.array(self.scenario.goal_position),
+            object_position=pushed[:, :2],
+            ee_position=tool[:, :2],
+            goal_position=goal,
             reward=np.array(self.rewards),
             contacts=contacts,
             contacts_at_end=contacts_at_end,
@@ -148,41 +147,31 @@ class _Log:
             shortest_length=shortest,
             final_yaw_error=self.yaw_error,
         )
-        metrics, obstacle_pose = (
-            replace(metrics, **self._further(metrics, poses, contacts_at_end)),
-            None,
-        )
-        if self.obstacles:
-            obstacle_pose = np.stack(self.obstacles).astype(np.float32)
+        start = float(np.linalg.norm(pushed[0, :2] - goal))
+        further: dict[str, Any] = {
+            "path_share": path_share(success, start, metrics.final_distance),
+            "side_changes": side_changes(pushed[1:], tool[1:, :2], contacts_at_end[:, 0]),
+        }
+        obstacle_pose = np.stack(self.obstacles) if self.obstacles else None
+        if obstacle_pose is not None:
+            length = metrics.path_length - metrics.final_distance
+            further |= obstacle_metrics(
+                scenario.dynamics.mass, length, obstacle_pose.astype(np.float64)
+            )
         trajectory = Trajectory(
-            **{key: value.astype(np.float32) for key, value in poses.items()},
+            object_pose=pushed.astype(np.float32),
+            ee_pose=tool.astype(np.float32),
             contacts=contacts,
             planned_path=self.path if self.path is not None else corners.astype(np.float32),
             target=np.array(self.targets, dtype=np.float32).reshape(-1, 2),
             obstacle_pose=obstacle_pose,
         )
         return Episode(
-            number=self.number, scenario=self.scenario, metrics=metrics, trajectory=trajectory
+            number=self.number,
+            scenario=scenario,
+            metrics=replace(metrics, **further),
+            trajectory=trajectory,
         )
-
-    def _further(
-        self,
-        metrics: EpisodeMetrics,
-        poses: Mapping[str, NDArray[np.float64]],
-        contacts_at_end: NDArray[np.bool_],
-    ) -> dict[str, Any]:
-        """The metrics that only some sets show."""
-        pushed, tool = poses["object_pose"], poses["ee_pose"]
-        start = float(np.linalg.norm(pushed[0, :2] - self.scenario.goal_position))
-        further: dict[str, Any] = {
-            "path_share": path_share(metrics.success, start, metrics.final_distance),
-            "side_changes": side_changes(pushed[1:], tool[1:, :2], contacts_at_end[:, 0]),
-        }
-        if self.obstacles:
-            length = metrics.path_length - metrics.final_distance
-            placed = np.stack(self.obstacles).astype(np.float64)
-            further |= obstacle_metrics(self.scenario.dynamics.mass, length, placed)
-        return further
 
 
 @torch.no_grad()

@@ -1,9 +1,7 @@
 """Metrics of an episode, as pure functions of its recorded positions, contacts and rewards."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,55 +77,25 @@ class EpisodeMetrics:
 
 
 def contact_rate(contact: Flags) -> float:
-    """Share of the steps in contact, from the first contact on.
-
-    Args:
-        contact: For each control step, `[T]` bool.
-
-    Returns:
-        In [0, 1]; 0 if there was no contact.
-    """
+    """Share of the steps `[T]` in contact, from the first contact on; 0 if there was none."""
     touched = np.flatnonzero(contact)
     return float(np.mean(contact[touched[0] :])) if len(touched) else 0.0
 
 
 def collision_rate(*collisions: Flags) -> float:
-    """Share of the steps in which any of several collisions occurred.
-
-    Args:
-        collisions: Each `[T]` bool.
-
-    Returns:
-        In [0, 1]; 0 for an episode without steps.
-    """
+    """Share of the steps in which any of several collisions `[T]` occurred; 0 without steps."""
     together = np.logical_or.reduce(collisions)
     return float(together.mean()) if together.size else 0.0
 
 
 def pushed_length(position: NDArray[np.float64], goal: NDArray[np.float64]) -> tuple[float, float]:
-    """Length of the object's path, plus its distance to the goal at the end.
-
-    Args:
-        position: The object's position at reset and after each step, `[T + 1, 2]` [m].
-        goal: The goal's position, `[2]` [m].
-
-    Returns:
-        Length of its path plus the final distance [m], and the final distance alone [m].
-    """
+    """Length of the path `[T + 1, 2]` plus its end's distance to the goal, and that distance [m]."""
     final = float(np.linalg.norm(position[-1] - goal))
     return float(np.linalg.norm(np.diff(position, axis=0), axis=-1).sum()) + final, final
 
 
 def mean_jerk(position: NDArray[np.float64], control_freq: float) -> float:
-    """Mean length of the third derivative of a position, from third differences.
-
-    Args:
-        position: Position at reset and after each step, `[T + 1, 2]` [m].
-        control_freq: Control steps per second [Hz].
-
-    Returns:
-        [m/s^3]; 0 for fewer than three steps.
-    """
+    """Mean length of the third derivative of a position `[T + 1, 2]`, from third differences [m/s^3]."""
     jerk = np.linalg.norm(np.diff(position, n=3, axis=0), axis=-1) * control_freq**3
     return float(jerk.mean()) if jerk.size else 0.0
 
@@ -135,12 +103,7 @@ def mean_jerk(position: NDArray[np.float64], control_freq: float) -> float:
 def reversal_rate(position: NDArray[np.float64]) -> float:
     """Share of a point's moves that are turned by more than 90 degrees from the one before.
 
-    Args:
-        position: Position at reset and after each step, `[T + 1, 2]` [m]. Steps in which it moved by
-            less than 1 mm are left out.
-
-    Returns:
-        In [0, 1]; 0 for fewer than two moves.
+    Steps in which it moved by less than 1 mm are left out; 0 for fewer than two moves.
     """
     moves = np.diff(position, axis=0)
     moves = moves[np.linalg.norm(moves, axis=-1) >= _MOVED]
@@ -149,38 +112,17 @@ def reversal_rate(position: NDArray[np.float64]) -> float:
 
 
 def success_weighted_by_path_length(success: bool, shortest: float, taken: float) -> float:
-    """Success weighted by path length, `S * l / max(p, l)`.
+    """Success weighted by path length, `S * l / max(p, l)`, of the shortest path l and the taken p [m].
 
-    Args:
-        success: True if the episode succeeded (S).
-        shortest: Length of the shortest path (l) [m].
-        taken: Length of the path taken (p) [m].
-
-    Returns:
-        In [0, 1].
-
-    Raises:
-        ValueError: If a length is negative, or `shortest` is 0.
     Source: Anderson et al. 2018, "On Evaluation of Embodied Navigation Agents"; paper Sec. V.
     """
-    if shortest <= 0 or taken < 0:
-        raise ValueError(
-            "success_weighted_by_path_length: expected shortest > 0 and taken >= 0, "
-            f"got {shortest} and {taken}."
-        )
     return float(success) * shortest / max(taken, shortest)
 
 
 def path_share(success: bool, start: float, end: float) -> float:
-    """Share of the straight way to the goal that was covered.
+    """Share of the straight way to the goal that was covered, from its distances at start and end [m].
 
-    Args:
-        success: Whether the episode succeeded.
-        start: Distance of the object from the goal at the start [m], positive.
-        end: The same at the end [m].
-
-    Returns:
-        1 for a success; otherwise `1 - end / start`, and 0 where the object has come no nearer.
+    1 for a success; 0 where the object has come no nearer.
     """
     return 1.0 if success else max(0.0, 1.0 - end / start)
 
@@ -190,15 +132,8 @@ def effort_score(
 ) -> float:
     """Share of the pushed object in all that was moved, `m0 l0 / (m0 l0 + sum mi li)`.
 
-    Args:
-        mass: Mass of the pushed object (m0) [kg].
-        length: Length of its path (l0) [m].
-        masses: Masses of the obstacles (mi), `[n]` [kg].
-        lengths: Lengths of their paths (li), `[n]` [m].
-
-    Returns:
-        In [0, 1]; 1 if nothing else was moved.
-    Source: Zhong et al. 2025, "Bench-Push", where the pushing robot stands for the object.
+    Masses [kg] and lengths of the paths [m] of the object and of the obstacles `[n]`; 1 if nothing else
+    was moved. Source: Zhong et al. 2025, "Bench-Push", where the pushing robot stands for the object.
     """
     own, others = mass * length, float(np.dot(masses, lengths))
     return own / (own + others) if others > 0 else 1.0
@@ -210,12 +145,8 @@ def side_changes(
     """Number of changes of the side from which an object is pushed.
 
     A side is the direction from the object's centre to the tool's tip, in the object's frame; another
-    one differs by more than 45 degrees from that of the last change, or of the first contact.
-
-    Args:
-        object_pose: x, y, yaw of the object after each step, `[T, 3]` [m, m, rad].
-        ee_position: Position of the tool's tip after each step, `[T, 2]` [m].
-        contact: Whether the tool touched the object at each step's end, `[T]` bool.
+    one differs by more than 45 degrees from that of the last change, or of the first contact. Poses `[T,
+    3]`, positions `[T, 2]` and contacts `[T]` are those at the steps' ends.
     """
     way = (ee_position - object_pose[:, :2])[contact]
     directions = np.arctan2(way[:, 1], way[:, 0]) - object_pose[contact, 2]
@@ -231,10 +162,7 @@ def obstacle_metrics(
 ) -> dict[str, float | int]:
     """`effort`, `objects_toppled` and `objects_off` of an episode.
 
-    Args:
-        object_mass: Mass of the pushed object [kg].
-        object_length: Length of its path [m].
-        poses: x, y, yaw and tilt of the obstacles at reset and after each step, `[T + 1, n, 4]`.
+    `poses` are x, y, yaw and tilt of the obstacles at reset and after each step, `[T + 1, n, 4]`.
     """
     lengths = np.linalg.norm(np.diff(poses[..., :2], axis=0), axis=-1).sum(0)
     masses = np.full(len(lengths), OBSTACLE_MASS)
@@ -280,16 +208,25 @@ def episode_metrics(
         final_yaw_error: Angle that is missing to a goal pose at the end [rad].
 
     Raises:
-        TypeError: If an argument is not an array, or has another dtype.
-        ValueError: If the lengths do not fit each other, or a number is out of range.
+        ValueError: If an array has another dtype or length, or a number is not finite or out of range.
     """
-    steps = len(object_position) - 1 if isinstance(object_position, np.ndarray) else 0
-    _check_array("object_position", object_position, "f", (steps + 1, 2))
-    _check_array("ee_position", ee_position, "f", (steps + 1, 2))
-    _check_array("goal_position", goal_position, "f", (2,))
-    _check_array("reward", reward, "f", (steps,))
-    _check_array("contacts", contacts, "b", (steps, 3))
-    _check_array("contacts_at_end", contacts_at_end, "b", (steps, 3))
+    steps = len(object_position) - 1
+    for name, value, shape in (
+        ("object_position", object_position, (steps + 1, 2)),
+        ("ee_position", ee_position, (steps + 1, 2)),
+        ("goal_position", goal_position, (2,)),
+        ("reward", reward, (steps,)),
+        ("contacts", contacts, (steps, 3)),
+        ("contacts_at_end", contacts_at_end, (steps, 3)),
+    ):
+        kind = np.bool_ if "contacts" in name else np.floating
+        if not np.issubdtype(value.dtype, kind) or value.shape != shape:
+            raise ValueError(
+                f"{name} must be {kind.__name__} {list(shape)}, by the length of object_position [T + 1, "
+                f"2], got {value.dtype} {list(value.shape)}."
+            )
+        if not np.isfinite(value).all():
+            raise ValueError(f"{name} must be finite, got {value}.")
     pushed, object_hit, arm_hit = contacts.T
     pushed_at_end, object_hit_at_end, arm_hit_at_end = contacts_at_end.T
     taken, final = pushed_length(object_position, goal_position)
@@ -313,18 +250,3 @@ def episode_metrics(
         reversal_rate=reversal_rate(ee_position),
         final_yaw_error=final_yaw_error,
     )
-
-
-def _check_array(name: str, value: Any, kind: str, shape: Sequence[int]) -> None:
-    """Raise unless a value is an array of a kind, `"f"` or `"b"`, and shape, and finite."""
-    words = {"f": "floats", "b": "bool"}
-    if not isinstance(value, np.ndarray) or value.dtype.kind != kind:
-        got = getattr(value, "dtype", type(value).__name__)
-        raise TypeError(f"{name} must be an array of {words[kind]}, got {got}.")
-    if value.shape != tuple(shape):
-        raise ValueError(
-            f"{name} must be {list(shape)}, by the length of object_position [T + 1, 2], got "
-            f"{list(value.shape)}."
-        )
-    if not np.isfinite(value).all():
-        raise ValueError(f"{name} must be finite, got {value}.")

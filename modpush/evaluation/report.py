@@ -42,19 +42,11 @@ def draw_episode(
     objects: Mapping[str, PushedObject] | None = None,
     conditions: EpisodeConditions | None = None,
 ) -> Picture:
-    """An episode up to a step: start red, goal green, first planned path magenta, arm black.
+    """An episode up to a step: start red, goal green, first planned path magenta, arm black; RGB.
 
-    Args:
-        scenario: Start of the episode.
-        trajectory: Course of the episode.
-        step: Number of control steps since reset; None for the last.
-        caption: Text at the top.
-        objects: Your own objects by name, as in `PushEnv.pushed_objects`.
-        conditions: Tool, tolerance and map that are drawn; by default those of `EpisodeConditions`.
-
-    Returns:
-        `[H, W, 3]` uint8 RGB.
-    Source: the paper's figure of example trajectories (Sec. V-B).
+    `step` is the number of control steps since reset, None for the last. `objects` are your own ones by
+    name, and `conditions` have the tool, tolerance and map that are drawn. Source: the paper's figure of
+    example trajectories (Sec. V-B).
     """
     last = len(trajectory.object_pose) - 1
     step = last if step is None else min(step, last)
@@ -101,30 +93,14 @@ def draw_frames(
 
 
 def join_clips(clips: Sequence[Sequence[Picture]]) -> list[Picture]:
-    """Clips of different lengths next to each other; one that has ended shows its last frame.
-
-    Args:
-        clips: Frames `[H, W, 3]` of each clip, all of one height.
-    """
+    """Clips of different lengths and one height side by side; one that has ended shows its last frame."""
     length = max(map(len, clips))
     padded = [[*clip, *[clip[-1]] * (length - len(clip))] for clip in clips]
     return [np.concatenate(frames, axis=1) for frames in zip(*padded, strict=True)]
 
 
 def contact_sheet(pictures: Sequence[Picture], *, columns: int = 4, width: int = 360) -> Picture:
-    """Several pictures on one sheet, row by row.
-
-    Args:
-        pictures: The pictures, all of one shape.
-        columns: Number of pictures in a row.
-        width: Width of each picture on the sheet [px].
-
-    Returns:
-        `[H, W, 3]` uint8.
-
-    Raises:
-        ValueError: If there are none, or their shapes differ.
-    """
+    """Pictures of one shape on one sheet, row by row, each `width` pixels wide."""
     shapes = {picture.shape for picture in pictures}
     if len(shapes) != 1:
         raise ValueError(f"contact_sheet: expected pictures of one shape, got {sorted(shapes)}.")

@@ -198,12 +198,10 @@ def load_trajectory(folder: Path | str, number: int) -> Trajectory:
 
 
 def describe_policy(policy: Any, label: str = "") -> dict[str, Any]:
-    """Identity of a policy and its settings, as plain data.
+    """Identity of a policy and its settings, as plain data; `label` is further text to tell them apart.
 
-    Args:
-        policy: A policy. Its class or name counts, the weights and keys of a module, and the `config` of
-            anything that has one. Functions are told apart by their names alone.
-        label: Further text to tell them apart.
+    Its class or name counts, the weights and keys of a module, and the `config` of anything that has
+    one. Functions are told apart by their names alone.
     """
     named = policy if hasattr(policy, "__qualname__") else type(policy)  # a function or a class
     described: dict[str, Any] = {
@@ -222,12 +220,8 @@ def describe_policy(policy: Any, label: str = "") -> dict[str, Any]:
 def policy_hash(described: Mapping[str, Any]) -> str:
     """A word that tells rows of different policies apart wherever they are copied to.
 
-    Args:
-        described: Result of `describe_policy`.
-
-    Returns:
-        `weights:` and `weights_hash` for what has weights; otherwise `settings:` and a hash of the class
-        and its settings.
+    `weights:` and `weights_hash` for what has weights; otherwise `settings:` and a hash of the
+    description.
     """
     if weights := described.get("weights"):
         return f"weights:{weights}"

@@ -8,7 +8,7 @@ import queue
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, Protocol
+from typing import Annotated, Any, Literal, NamedTuple
 
 import pandas as pd
 import torch
@@ -59,22 +59,6 @@ class EvaluationConfig:
     """Number of torch's threads in each process while episodes run. Sums are rounded differently with
     another number."""
 
-    @property
-    def exploration(self) -> ExplorationType:
-        """Exploration type of a stochastic policy."""
-        return ExplorationType.DETERMINISTIC if self.deterministic else ExplorationType.RANDOM
-
-
-class TrainedAgent(Protocol):
-    """A policy that knows its environment, such as `modpush.load_agent` gives."""
-
-    policy: Any
-    config: Any
-    """Configuration of its environment, of which `inflation` is read, see `PushEnvConfig`."""
-
-    def make_env(self, num_envs: int | None = None, **options: Any) -> EnvBase:
-        """The environment that the policy was trained in, with other options of `make_push_env`."""
-
 
 @checked_arguments
 def evaluate(
@@ -90,7 +74,7 @@ def evaluate(
     """Run the missing episodes of a set, and return a row for each of its episodes.
 
     Args:
-        policy: Policy to evaluate: a `Policy`; or a `TrainedAgent` or a result of
+        policy: Policy to evaluate: a `Policy`; or a result of `modpush.load_agent` or
             `modpush.recipes.get_method`, which know their environment. With several workers it is
             pickled.
         evaluation_set: The episodes, or their name or file as for `load_set`.
@@ -160,7 +144,7 @@ def _with_environment(
     if hasattr(policy, "make_policy"):  # a `Method`
         make_env, keys = make_env or policy.make_env, (policy.path_key, policy.target_key)
         policy = policy.make_policy()
-    elif make_env is None and hasattr(policy, "make_env"):  # a `TrainedAgent`
+    elif make_env is None and hasattr(policy, "make_env"):  # an `Agent`
         make_env, keys = functools.partial(_agent_env, policy), ("path", "subgoal")
     elif make_env is None:
         raise ValueError(
@@ -189,7 +173,7 @@ def _finished(
 
 
 def _agent_env(
-    agent: TrainedAgent, num_envs: int, objects: Sequence[str], conditions: EpisodeConditions
+    agent: Any, num_envs: int, objects: Sequence[str], conditions: EpisodeConditions
 ) -> EnvBase:
     return agent.make_env(
         num_envs,
@@ -263,7 +247,9 @@ def _run_here(job: _Job) -> Iterator[Episode]:
             inflation=job.conditions.inflation,
             path_key=job.config.path_key,
             target_key=job.config.target_key,
-            exploration=job.config.exploration,
+            exploration=ExplorationType.DETERMINISTIC
+            if job.config.deterministic
+            else ExplorationType.RANDOM,
         )
     finally:
         env.close()

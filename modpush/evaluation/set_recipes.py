@@ -42,14 +42,10 @@ _DISTANCES = (0.2, 0.6)  # from start to goal, in equal steps over shapes and st
 class HiddenCell(NamedTuple):
     """Shape, start, distance and hidden properties of an episode."""
 
-    shape: int
-    """Number of its shape."""
-    start: int
-    """Number of its start, of five for each shape."""
-    distance: float
-    """Distance from start to goal, which belongs to shape and start [m]."""
-    dynamics: Dynamics
-    """Mass, friction and centre of mass."""
+    shape: int  # Number of its shape
+    start: int  # Number of its start, of five for each shape
+    distance: float  # Distance from start to goal, which belongs to shape and start [m]
+    dynamics: Dynamics  # Mass, friction and centre of mass
 
 
 def hidden_cell(number: int) -> HiddenCell:
@@ -74,28 +70,20 @@ def hidden_cell(number: int) -> HiddenCell:
 class SetRecipe:
     """Distribution of a set's episodes. Episode i takes the i-th family and object, in turn."""
 
-    seed: int
-    """Seed of the set; episode i draws from the generator of (seed, i)."""
-    count: int
-    """Number of episodes."""
-    scenes: tuple[str, ...]
-    """Scene families."""
-    objects: tuple[str, ...] = ("small_cube",)
-    """Pushed objects."""
+    seed: int  # Seed of the set; episode i draws from the generator of (seed, i)
+    count: int  # Number of episodes
+    scenes: tuple[str, ...]  # Scene families
+    objects: tuple[str, ...] = ("small_cube",)  # Pushed objects
+    # Range of the distance from start to goal, which is uniform [m]
     distance: tuple[float, float] = (0.2, 0.6)
-    """Range of the distance from start to goal, which is uniform [m]."""
+    # Range of the scenes' difficulty, which is uniform
     difficulty: tuple[float, float] = (0.0, 1.0)
-    """Range of the scenes' difficulty, which is uniform."""
-    path_required: bool = True
-    """A path past the obstacles joins start and goal."""
-    hidden_cells: bool = False
-    """Dynamics, distance and start are those of `hidden_cell`."""
-    obstacle_between: bool = False
-    """An obstacle stands in the straight way from start to goal."""
-    tool_start: Literal["any", "behind"] = "any"
-    """Start of the tool, see `ScenarioConfig`."""
+    path_required: bool = True  # A path past the obstacles joins start and goal
+    hidden_cells: bool = False  # Dynamics, distance and start are those of `hidden_cell`
+    obstacle_between: bool = False  # An obstacle stands in the straight way from start to goal
+    tool_start: Literal["any", "behind"] = "any"  # Start of the tool, see `ScenarioConfig`
+    # Conditions under which the episodes are run
     conditions: EpisodeConditions = field(default_factory=EpisodeConditions)
-    """Conditions under which the episodes are run."""
 
 
 _TIGHT = EpisodeConditions(inflation="inscribed")

@@ -41,24 +41,13 @@ TUNING_SETS = tuple(name for name in SET_NAMES if name.startswith("tuning/"))
 BEHIND_SETS = tuple(name for name in SET_NAMES if name.startswith("behind/"))
 """Names of the sets of the paper in which the tool starts straight behind the object, as in the code of
 its authors. Nothing is chosen on them."""
-MOVING_SETS = tuple(name for name in SET_NAMES if name.startswith("moving/"))
-"""Names of the sets with goal positions in which an obstacle moves. Nothing is chosen on them."""
-POSE_SETS = tuple(name for name in SET_NAMES if name.startswith("pose/"))
-"""Names of the sets whose goals are poses. Nothing is chosen on them."""
-BENCHMARK_SETS = tuple(
-    name for name in SET_NAMES if name.startswith(("tracks/", "hidden_dynamics"))
-)
-"""Names of the sets with movable objects in the way, or with hidden dynamics.
-
-Nothing is chosen on them."""
 EVALUATION_SETS = tuple(
-    name
-    for name in SET_NAMES
-    if name not in ("smoke", *TUNING_SETS, *BEHIND_SETS, *POSE_SETS, *MOVING_SETS, *BENCHMARK_SETS)
+    name for name in SET_NAMES if name.startswith(("free/", "obstacles/", "hard"))
 )
 """Names of the sets with goal positions, past obstacles that stand, that methods are evaluated on.
 
-Nothing is chosen on them."""
+Nothing is chosen on them, nor on those with goal poses, moving or movable obstacles or hidden dynamics.
+"""
 
 
 @checked

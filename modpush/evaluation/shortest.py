@@ -29,19 +29,11 @@ def blocked_cells(
     *,
     inflation: Circle = "circumscribed",
 ) -> NDArray[np.bool_]:
-    """The cells that the object's centre cannot be in without a collision or the episode's end.
+    """The cells that the object's centre cannot be in without a collision or the episode's end, `[H, W]`.
 
-    From the layout, so that it is the same for every environment and method.
-
-    Args:
-        scenario: Start of the episode.
-        camera: The camera, whose pixels are the grid's cells.
-        objects: Your own objects by name, as in `PushEnv.pushed_objects`.
-        inflation: Circle of the object by whose radius obstacles are inflated.
-
-    Returns:
-        `[H, W]` bool, True within that radius of a cell that an obstacle stands on, and where an
-        episode is out of bounds.
+    They are computed from the layout, so that they are the same for every environment and method: True
+    within the radius of the object's circle of a cell that an obstacle stands on, and where an episode
+    is out of bounds.
     """
     camera = camera or Camera()
     standing = torch.from_numpy(standing_cells(scenario.obstacles, camera))

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import pandas as pd
@@ -211,10 +211,7 @@ def compare(first: pd.DataFrame, second: pd.DataFrame, level: Fraction = 0.05) -
                 "count": test.count,
                 "first": a.mean() if len(a) else np.nan,
                 "second": b.mean() if len(b) else np.nan,
-                "difference": test.difference,
-                "t": test.t,
-                "p": test.p,
-                "effect_size": test.effect_size,
+                **asdict(test),
                 "significant": test.significant(level),
             }
         )
@@ -226,14 +223,7 @@ def _solved_by_all(rows: Mapping[str, pd.DataFrame]) -> np.ndarray:
 
 
 def check_rows(rows: Mapping[str, pd.DataFrame]) -> None:
-    """Check rows of episodes, by method.
-
-    Args:
-        rows: Results of `evaluate`, by method.
-
-    Raises:
-        ValueError: If there are none, a column is missing, or the methods ran different episodes.
-    """
+    """Raise a ValueError unless rows of episodes, by method, are whole and of the same episodes."""
     if not rows:
         raise ValueError("rows must be of at least one method, got none.")
     (first, reference), *others = rows.items()
@@ -280,14 +270,10 @@ def to_display(summary: pd.DataFrame) -> pd.DataFrame:
         digits = 1 if name == "steps" else 3
         pairs = zip(summary[name], summary[f"{name}_std"], strict=True)
         columns[name] = [
-            "–" if np.isnan(mean) else f"{mean:.{digits}f} ± {_std(std, digits)}"
+            "–" if np.isnan(mean) else f"{mean:.{digits}f} ± {std:.{digits}f}".replace("nan", "–")
             for mean, std in pairs
         ]
     return pd.DataFrame(columns, index=summary.index)
-
-
-def _std(value: float, digits: int) -> str:
-    return "–" if np.isnan(value) else f"{value:.{digits}f}"
 
 
 @checked_arguments

@@ -1,7 +1,10 @@
 from .a_star import AStar as AStar
-from .base import Planner as Planner
-from .distance_field import DistanceField as DistanceField
-from .lazy_theta_star import LazyThetaStar as LazyThetaStar
+from .any_angle import (
+    DistanceField as DistanceField,
+    LazyThetaStar as LazyThetaStar,
+    StraightLine as StraightLine,
+)
+from .grid_planner import Planner as Planner
 from .named import PLANNERS as PLANNERS, make_planner as make_planner, warmup as warmup
 from .occupancy import OccupancyGrid as OccupancyGrid
 from .occupancy_map import OccupancyMap as OccupancyMap, inflate as inflate
@@ -20,7 +23,6 @@ from .pose_paths import (
     poses_along as poses_along,
 )
 from .pose_subgoals import PoseSubgoals as PoseSubgoals
-from .straight_line import StraightLine as StraightLine
 from .subgoals import PlannerSubgoals as PlannerSubgoals
 from .swept_obstacles import SweptObstacles as SweptObstacles
 from .through_obstacles import ThroughObstacles as ThroughObstacles

@@ -1,6 +1,6 @@
-"""Base class of the planners with compiled searches."""
+"""`Planner`: a map, a start and a goal in, paths out; and the base class of compiled searches."""
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from typing import Any
 
 import numpy as np
@@ -10,21 +10,49 @@ from torch import Tensor
 
 from modpush._checks import check_dtype, check_shape
 from modpush._kernels import PerThread
-from modpush.planners.base import Planner
+from modpush._types import Positive
+from modpush._validation import checked_arguments
 from modpush.planners.kernels.maps import Maps, PathArrays, Queries, empty_maps, empty_paths
 from modpush.planners.kernels.visibility import MAX_SIDE
 from modpush.planners.paths import Paths
 
 
-class GridPlanner(Planner):
-    """Implement `_run`: a planner with a compiled search and a cache of the last maps.
+class Planner(ABC):
+    """Implement `plan`: a path for each of a batch of maps.
 
-    The cache only saves time: it is compared with the map of every call, and each thread has its own.
-    A planner may therefore be shared by threads, copied and pickled, and plan for any scenes in any
-    order.
+    `PlannerSubgoals` uses it in a transform: it passes checked arguments and checks the result.
 
     Args:
         cell_size: Metres per pixel; lengths are given in pixels times this.
+
+    Raises:
+        ValueError: If `cell_size` is not positive and finite.
+    """
+
+    @checked_arguments
+    def __init__(self, cell_size: Positive = 1.0) -> None:
+        self.cell_size = float(cell_size)
+
+    @abstractmethod
+    def plan(self, occupancy: Tensor, start: Tensor, goal: Tensor) -> Paths:
+        """Plan one path per scene.
+
+        Args:
+            occupancy: `[B, H, W]` bool, True where blocked; H and W from 1 to 4096.
+            start: `[B, 2]` float (u, v) [px]; any finite point, see `Paths` for ends that are not
+                free.
+            goal: `[B, 2]` float (u, v) [px]; the same.
+
+        Returns:
+            The paths, on the occupancy's device; `Paths.from_waypoints` makes them of lists.
+        """
+
+
+class GridPlanner(Planner):
+    """Implement `_run`: a planner with a compiled search and a cache of the last maps.
+
+    The cache only saves time: it is compared with the map of every call, and each thread has its own. A
+    planner may therefore be shared by threads, copied and pickled, and plan for any scenes in any order.
     """
 
     def __init__(self, cell_size: float = 1.0) -> None:
@@ -80,13 +108,7 @@ class GridPlanner(Planner):
 
     @abstractmethod
     def _run(self, maps: Maps, queries: Queries, paths: PathArrays) -> None:
-        """Write a path for each scene.
-
-        Args:
-            maps: This thread's cache of the last maps, `[B, ...]`.
-            queries: Cells and ends of B scenes.
-            paths: Arrays to write to.
-        """
+        """Write a path for each of B scenes, with this thread's cache of the last maps."""
 
 
 def _checked_end(name: str, point: Tensor, batch: int) -> NDArray[np.float32]:

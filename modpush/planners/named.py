@@ -11,12 +11,10 @@ from modpush._validation import checked_arguments
 from modpush.geometry.camera import Camera
 from modpush.parts import find_part
 from modpush.planners.a_star import AStar
-from modpush.planners.base import Planner
-from modpush.planners.distance_field import DistanceField
-from modpush.planners.lazy_theta_star import LazyThetaStar
+from modpush.planners.any_angle import DistanceField, LazyThetaStar, StraightLine
+from modpush.planners.grid_planner import Planner
 from modpush.planners.occupancy_map import OccupancyMap, inflate
 from modpush.planners.pose_field import PoseField
-from modpush.planners.straight_line import StraightLine
 from modpush.planners.through_obstacles import ThroughObstacles
 
 PLANNERS: dict[str, Callable[[], Planner]] = {

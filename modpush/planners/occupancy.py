@@ -1,5 +1,6 @@
 """`OccupancyGrid`: from a depth image to the grid of blocked cells for the object's centre."""
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, Literal
@@ -11,7 +12,7 @@ from torchrl.data import Binary, Bounded, TensorSpec
 
 from modpush._checks import check_finite, check_spec_has, read_key, stored_next
 from modpush._transforms import DescribedTransform, scenes_reset
-from modpush._types import Count, NonNegative
+from modpush._types import Count, Finite, NonNegative, Point
 from modpush._validation import checked_arguments
 from modpush.geometry.camera import Camera, cell_centers
 from modpush.planners.kernels.bit_grid import words_per_row
@@ -23,7 +24,7 @@ _RADII = ("object_radius", "inscribed_radius")
 _RADII_OF = {"circumscribed": _RADII[:1], "inscribed": _RADII[1:], "widest": _RADII}
 """Names of the radii in the order in which they are tried."""
 
-Corners = tuple[Sequence[float], Sequence[float]]
+Corners = tuple[Point, Point]
 """Lower and upper corner (x, y) of a rectangle in the robot's base frame [m]."""
 
 
@@ -84,7 +85,7 @@ class OccupancyGrid(DescribedTransform):
         inscribed_radius: NonNegative = 0.025,
         inflation: Inflation = "circumscribed",
         bounds: Corners | None = None,
-        margin: float | Sequence[float] = 0.0,
+        margin: Finite | Sequence[Finite] = 0.0,
         camera: Camera | None = None,
         min_height: float = 0.013,
         upright: bool = True,
@@ -115,8 +116,8 @@ class OccupancyGrid(DescribedTransform):
             raise ValueError("OccupancyGrid: margin must be a number or several [m], got none.")
         self.bounds, self.margins = bounds, tuple(float(m) for m in margins)
         self._radii = () if isinstance(self.inflation, float) else _RADII_OF[self.inflation]
-        choices = max(1, len(self._radii)) * self._margins_tried
-        self._choices = choices
+        self._margins_tried = len(margins) if bounds is not None else 1
+        self._choices = choices = max(1, len(self._radii)) * self._margins_tried
         read = {
             depth_key: True,
             segmentation_key: True,
@@ -144,10 +145,6 @@ class OccupancyGrid(DescribedTransform):
         settings = {"inflation": self.inflation, "bounds": self.bounds, "margin": self.margins}
         return {"occupancy": settings}
 
-    @property
-    def _margins_tried(self) -> int:
-        return len(self.margins) if self.bounds is not None else 1
-
     def _radius(self, tensordict: TensorDictBase, name: str) -> float | Tensor:
         """`object_radius` or `inscribed_radius`, one number or `[B]` [m]."""
         key = getattr(self, f"{name}_key")
@@ -161,13 +158,10 @@ class OccupancyGrid(DescribedTransform):
         before: TensorDictBase | None,
         begins: Tensor | None = None,
     ) -> TensorDictBase:
-        """Write the grid.
+        """Write the grid; `before` is the step before, None at a reset.
 
-        Args:
-            tensordict: Read and written.
-            before: The step before, None at a reset.
-            begins: Scenes that are reset, `[B]` bool, or None for all; the values written for the others
-                are discarded.
+        `begins` `[B]` marks scenes that are reset, None for all; what is written for the others is
+        discarded.
         """
         previous = None if before is None else before.get(self.blocked_key, None)
         image = (self.camera.height, self.camera.width)
@@ -193,13 +187,10 @@ class OccupancyGrid(DescribedTransform):
             return occupancy, blocked
 
         if self._choices > 1:
-            occupancy, blocked = self._first_map_with_path(
-                tensordict, before, make_map, previous, begins
-            )
+            found = self._first_map_with_path(tensordict, before, make_map, previous, begins)
         else:
-            occupancy, blocked = make_map(
-                torch.zeros(lead.numel(), dtype=torch.long, device=depth.device)
-            )
+            found = make_map(torch.zeros(lead.numel(), dtype=torch.long, device=depth.device))
+        occupancy, blocked = found
         tensordict.set(self.occupancy_key, occupancy.reshape(*lead, 1, *occupancy.shape[1:]))
         tensordict.set(self.blocked_key, blocked.reshape(*lead, *blocked.shape[1:]))
         return tensordict
@@ -230,11 +221,9 @@ class OccupancyGrid(DescribedTransform):
         lead, batch = pose.shape[:-1], pose.shape[:-1].numel()
         start, end = (self.camera.project(p.reshape(-1, p.shape[-1])[:, :2]) for p in (pose, goal))
         stored = None if before is None else before.get(self.choice_key, None)
-        choice = (
-            torch.zeros(batch, dtype=torch.long, device=pose.device)
-            if stored is None
-            else stored.reshape(-1).long()
-        )
+        choice = torch.zeros(batch, dtype=torch.long, device=pose.device)
+        if stored is not None:
+            choice = stored.reshape(-1).long()
         occupancy, blocked = make_map(choice)
         doubtful = choice < self._choices - 1
         if begins is not None:
@@ -282,50 +271,24 @@ class OccupancyGrid(DescribedTransform):
         check_spec_has(observation_spec, self.in_keys)
         height, width = self.camera.height, self.camera.width
         lead, device = observation_spec.shape, observation_spec.device
+        small = functools.partial(Bounded, low=0, dtype=torch.uint8, device=device)
         observation_spec[self.occupancy_key] = Binary(
             shape=(*lead, 1, height, width), dtype=torch.bool, device=device
         )
-        observation_spec[self.blocked_key] = Bounded(
-            low=0,
-            high=255,
-            shape=(*lead, height, 8 * words_per_row(width)),
-            dtype=torch.uint8,
-            device=device,
-        )
+        bits = (*lead, height, 8 * words_per_row(width))
+        observation_spec[self.blocked_key] = small(high=255, shape=bits)
         if self._choices > 1:
-            observation_spec[self.choice_key] = Bounded(
-                low=0,
-                high=self._choices - 1,
-                shape=(*lead, 1),
-                dtype=torch.uint8,
-                device=device,
-            )
+            observation_spec[self.choice_key] = small(high=self._choices - 1, shape=(*lead, 1))
         return observation_spec
 
 
 def cells_outside(camera: Camera, bounds: Corners, margin: float = 0.0) -> Tensor:
-    """Mask of the cells whose centre lies outside a rectangle on the table.
+    """Mask of the cells whose centre lies outside a rectangle on the table, `[H, W]` bool.
 
-    Args:
-        camera: The camera and its grid.
-        bounds: Lower and upper corner (x, y) in the robot's base frame [m].
-        margin: Distance by which the rectangle is shrunk on each side [m].
-
-    Returns:
-        `[H, W]` bool.
-
-    Raises:
-        ValueError: If the corners are not two numbers each, the margin is not finite, or no cell is left
-            inside.
+    `bounds` are its corners in the robot's base frame, shrunk by `margin` on each side [m]. A ValueError
+    is raised where no cell is left inside.
     """
-    if len(bounds) != 2 or any(len(corner) != 2 for corner in bounds):
-        raise ValueError(f"OccupancyGrid: bounds must be two corners (x, y) [m], got {bounds!r}.")
-    if not math.isfinite(margin):
-        raise ValueError(f"OccupancyGrid: margin must be finite [m], got {margin}.")
-    low, high = (
-        torch.tensor([float(x) for x in corner], device="cpu", dtype=torch.float32).double()
-        for corner in bounds
-    )
+    low, high = torch.tensor(bounds, device="cpu", dtype=torch.float32).double()
     centre = torch.from_numpy(cell_centers(camera))
     inside = ((centre >= low + margin) & (centre <= high - margin)).all(-1)
     if not inside.any():

@@ -45,7 +45,8 @@ def inflate(blocked: Tensor, radius: float | Tensor) -> Tensor:
             f"{list(blocked.shape)}."
         )
     height, width = blocked.shape[1:]
-    radii = clamp_radius(radius_per_scene(radius, len(blocked)), height, width)
+    # No two cells are further apart, and the kernels' time grows with the radius.
+    radii = np.minimum(radius_per_scene(radius, len(blocked)), float(height + width))
     cells = blocked.detach().cpu().contiguous().view(torch.uint8)
     out = torch.empty_like(cells)
     inflate_all(len(cells), cells.numpy(), radii, out.numpy())
@@ -55,12 +56,7 @@ def inflate(blocked: Tensor, radius: float | Tensor) -> Tensor:
 def radius_per_scene(
     radius: float | Tensor, batch: int, name: str = "radius"
 ) -> NDArray[np.float64]:
-    """One radius, or one for each scene, as `[B]` float64; errors name `name`.
-
-    Raises:
-        TypeError: If it is neither a number nor a tensor of real numbers.
-        ValueError: If the number of radii is neither 1 nor B, or one is negative or not finite.
-    """
+    """One number or `[B]` as `[B]` float64, all finite and >= 0; errors name `name`."""
     if isinstance(radius, Tensor):
         if radius.is_complex():
             raise TypeError(f"{name} must be real, got {radius.dtype}.")
@@ -76,14 +72,6 @@ def radius_per_scene(
     if not (np.isfinite(values).all() and (values >= 0).all()):
         raise ValueError(f"{name} must be finite and >= 0, got {values.tolist()}.")
     return values
-
-
-def clamp_radius(radius: NDArray[np.float64], height: int, width: int) -> NDArray[np.float64]:
-    """Radii [px] limited to height plus width, beyond which the result does not change.
-
-    No two cells are further apart, and the kernels' time grows with the radius.
-    """
-    return np.minimum(radius, float(height + width))
 
 
 class OccupancyMap:
@@ -143,28 +131,23 @@ class OccupancyMap:
         """Compute the cells that are blocked for the object's centre.
 
         Args:
-            depth: `[B, H, W]` float32 along the optical axis [m]; zero, negative and NaN mean no
-                measurement.
+            depth: `[B, H, W]` float32 along the optical axis [m]; zero, negative and NaN: no measurement.
             radius: Radius by which blocked cells are inflated, one number or `[B]` [m].
-            segmentation: `[B, H, W]` uint8, values as in `modpush.geometry`; object and robot do not
-                block.
-            object_position: `[B, 2]` (x, y) [m]. Without a segmentation, everything within
-                `object_radius` of it counts as the object; without either, everything blocks.
-            previous: `[B, H, N]` uint8, the second output of the call before: cells that are occluded
-                by object or robot keep their state. Without a segmentation it is not used, since the
-                occluding pixels are unknown.
+            segmentation: `[B, H, W]` uint8, see `modpush.geometry.Label`; object and robot do not block.
+            object_position: `[B, 2]` [m]. Without a segmentation, all within `object_radius` of it is the
+                object.
+            previous: The second output of the call before: cells that object or robot hide keep their
+                state. It needs a segmentation.
             object_radius: Radius of the object, one number or `[B]` [m]; by default `radius`.
 
         Returns:
-            `[B, H, W]` bool, True where blocked, and `[B, H, N]` uint8, N = 8 * ceil(W / 64): the
-            cells before inflation, as bits.
+            `[B, H, W]` bool, True where blocked, and `[B, H, 8 * ceil(W / 64)]` uint8: the cells before
+            inflation, as bits.
 
         Raises:
-            TypeError: If depth is not a float32 tensor, or the segmentation or `previous` is not a
-                uint8 tensor.
-            ValueError: If a shape differs from the expected one, a radius is negative or not finite,
-                the depth of a scene is in another unit than metres (all of it lies beyond the table),
-                or an object's position is not finite.
+            TypeError: If a tensor has another dtype.
+            ValueError: If a shape differs, a radius is negative or not finite, depth is not in metres (in
+                one scene all of it lies beyond the table), or a position is not finite.
         """
         self._check(depth, segmentation, object_position, previous)
         batch, device = len(depth), depth.device
@@ -213,7 +196,7 @@ class OccupancyMap:
             segmentation=segments,
             object_uv=centre,
             object_radius=own,
-            inflation=clamp_radius(radii, height, width),
+            inflation=np.minimum(radii, float(height + width)),
             previous=before,
             camera_z=float(self.camera.z),
             min_height=self.min_height,
@@ -262,41 +245,19 @@ class OccupancyMap:
 
 
 def are_connected(blocked: Tensor, start: Tensor, end: Tensor) -> Tensor:
-    """True where a path through free cells joins two points without cutting corners.
+    """True where free cells join two points `[B, 2]` (u, v) [px] without cutting corners, `[B]`.
 
-    As in the planners, a point in a blocked cell is moved to the nearest free cell.
-
-    Args:
-        blocked: `[B, H, W]` bool.
-        start: `[B, 2]` (u, v) [px].
-        end: `[B, 2]` (u, v) [px].
-
-    Returns:
-        `[B]` bool; False where all cells are blocked.
-
-    Raises:
-        TypeError: If `blocked` is not a bool tensor, or a point is not a tensor of real numbers.
-        ValueError: If a shape differs from the expected one.
+    As in the planners, a point in a blocked cell is moved to the nearest free cell; False where all of
+    `blocked` `[B, H, W]` is.
     """
-    check_dtype("blocked", blocked, torch.bool)
-    batch = len(blocked) if blocked.ndim else 1
-    check_shape("blocked", blocked, "B, H, W", (batch, *blocked.shape[-2:]))
-    for name, point in (("start", start), ("end", end)):
-        check_real(name, point, 2)
-        check_shape(name, point, "B, 2", (batch, 2))
-    rows = zip(
-        (~blocked).cpu().numpy().astype(np.uint8),
-        start.detach().cpu().numpy(),
-        end.detach().cpu().numpy(),
-        strict=True,
-    )
-    return torch.tensor([_connected(*row) for row in rows], dtype=torch.bool, device=blocked.device)
-
-
-def _connected(free: NDArray[np.uint8], start: NDArray, end: NDArray) -> bool:
-    _, labels = cv2.connectedComponents(free, connectivity=4)
-    first, last = (_label(labels, point) for point in (start, end))
-    return first > 0 and first == last
+    joined = []
+    for free, *ends in zip(
+        (~blocked).cpu().numpy(), start.cpu().numpy(), end.cpu().numpy(), strict=True
+    ):
+        _, labels = cv2.connectedComponents(free.astype(np.uint8), connectivity=4)
+        first, last = (_label(labels, point) for point in ends)
+        joined.append(first > 0 and first == last)
+    return torch.tensor(joined, dtype=torch.bool, device=blocked.device)
 
 
 def _label(labels: NDArray[np.int32], point: NDArray) -> int:

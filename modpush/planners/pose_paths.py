@@ -100,18 +100,10 @@ def make_turns(
     extents: NDArray[np.float64],
     symmetry: float | Tensor,
 ) -> Turns:
-    """The yaws that are searched.
+    """The yaws that are searched: `yaws` in a full circle, for footprints of extents `[B, N]` [m].
 
-    Args:
-        yaws: Number of yaws in a full circle.
-        turning_radius: Cost of turning [m/rad]; None for the greatest extent of each scene's object.
-        extents: `[B, N]`, the footprints' extents [m].
-        symmetry: Number of yaw angles at which the object looks the same, one number or `[B]`; 0 for
-            any number.
-
-    Raises:
-        TypeError: If the symmetry is neither a number nor a tensor of real numbers.
-        ValueError: If it is not a whole number >= 0.
+    The cost of turning is `turning_radius` [m/rad], None for the greatest extent. `symmetry` is the
+    number of yaw angles at which the object looks the same, one number or `[B]`, 0 for any number.
     """
     order = radius_per_scene(symmetry, len(extents), "symmetry")
     if (order != np.rint(order)).any():
@@ -129,8 +121,6 @@ def make_grid(camera: Camera, stride: int, bounds: Corners | None) -> PoseGrid:
     """The positions within bounds and image, in the middle of both."""
     low, high = np.zeros(2), np.array([camera.width - 1.0, camera.height - 1.0])
     if bounds is not None:
-        if len(bounds) != 2 or any(len(corner) != 2 for corner in bounds):
-            raise ValueError(f"PoseField: bounds must be two corners (x, y) [m], got {bounds!r}.")
         pixels = camera.project(np.array(bounds, dtype=np.float64))
         # x points up in the image, and y to the left.
         low = np.maximum(low, np.ceil(pixels[1]))

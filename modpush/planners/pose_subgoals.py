@@ -8,15 +8,16 @@ from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.data import Binary, TensorSpec
 
-from modpush._checks import check_spec_has, read_key, stored_next
-from modpush._transforms import DescribedTransform, add_unbounded
+from modpush._checks import check_spec_has, read_key
+from modpush._transforms import add_unbounded
 from modpush._types import Positive, PositiveFraction
 from modpush._validation import checked_arguments
 from modpush.planners.pose_field import PoseField
 from modpush.planners.pose_paths import poses_along
+from modpush.planners.subgoals import PlanTransform
 
 
-class PoseSubgoals(DescribedTransform):
+class PoseSubgoals(PlanTransform):
     """Plans from the object's pose to the goal pose and writes the path's length and a sub-goal.
 
     It reads the blocked cells of `OccupancyGrid`, which comes before it, as they are before inflation.
@@ -78,7 +79,7 @@ class PoseSubgoals(DescribedTransform):
         self.goal_pose_key = goal_pose_key
         self.support_key = support_key
         self.symmetry_key = symmetry_key
-        self.path_length_key = path_length_key
+        self.path_length_key = self._memory = path_length_key
         self.subgoal_key = subgoal_key
         self.path_found_key = path_found_key
         self.path_ahead_key = path_ahead_key
@@ -104,8 +105,9 @@ class PoseSubgoals(DescribedTransform):
             return 1.0
         return read_key(tensordict, self.symmetry_key, 1).reshape(-1)
 
-    def _write(self, tensordict: TensorDictBase, before: TensorDictBase | None) -> TensorDictBase:
-        """Plan, and write the results; `before` is the step before, None at a reset."""
+    def _write(
+        self, tensordict: TensorDictBase, before: TensorDictBase | None, advance: bool = False
+    ) -> TensorDictBase:
         pose = read_key(tensordict, self.object_pose_key, 3)
         goal = read_key(tensordict, self.goal_pose_key, 3)
         blocked = read_key(tensordict, self.blocked_key)
@@ -136,27 +138,6 @@ class PoseSubgoals(DescribedTransform):
             else:
                 kept = read_key(before, self.path_ahead_key, len(self.ahead), 3)
             tensordict.set(self.path_ahead_key, torch.where(found.unsqueeze(-1), points, kept))
-        return tensordict
-
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        # TorchRL restores the values of scenes that are not reset.
-        return self._write(tensordict_reset, None)
-
-    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        return self._write(next_tensordict, tensordict)
-
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Plan for stored data and, in transitions, for their `"next"`.
-
-        Observations without a path's length and without a `"next"` count as the first of an episode.
-        """
-        after = stored_next(tensordict, self.in_keys, self.out_keys)
-        alone = after is None and tensordict.get(self.path_length_key, None) is None
-        self._write(tensordict, None if alone else tensordict)
-        if after is not None:
-            self._step(tensordict, after)
         return tensordict
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:

@@ -1,5 +1,6 @@
 """`PlannerSubgoals`: sub-goals on the planned path, and those of earlier steps."""
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
@@ -14,8 +15,7 @@ from modpush._transforms import DescribedTransform, add_unbounded
 from modpush._types import NonNegativeInteger, Positive, PositiveFraction
 from modpush._validation import checked_arguments
 from modpush.geometry.camera import Camera
-from modpush.planners.base import Planner
-from modpush.planners.grid_planner import GridPlanner
+from modpush.planners.grid_planner import GridPlanner, Planner
 from modpush.planners.named import make_planner
 from modpush.planners.paths import (
     Paths,
@@ -28,7 +28,48 @@ from modpush.planners.paths import (
 SubgoalMode = Literal["fraction", "lookahead"]
 
 
-class PlannerSubgoals(DescribedTransform):
+class PlanTransform(DescribedTransform):
+    """Implement `_write`: a transform that plans at every step, and keeps a plan until there is another.
+
+    What it keeps from step to step is in the tensordict.
+    """
+
+    _memory: NestedKey
+    """Key of an entry that it keeps."""
+
+    @abstractmethod
+    def _write(
+        self, tensordict: TensorDictBase, before: TensorDictBase | None, advance: bool = False
+    ) -> TensorDictBase:
+        """Plan, and write the results; `before` is the step before, None at a reset.
+
+        With `advance` the plan is a new one, and not that of stored data once more.
+        """
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        # TorchRL restores the values of scenes that are not reset.
+        return self._write(tensordict_reset, None)
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        return self._write(next_tensordict, tensordict, advance=True)
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Plan for stored data and, in transitions, for their `"next"`.
+
+        The newest plan of stored data is replaced. Observations without a plan and without a `"next"`
+        count as the first of an episode.
+        """
+        after = stored_next(tensordict, self.in_keys, self.out_keys)
+        alone = after is None and tensordict.get(self._memory, None) is None
+        self._write(tensordict, None if alone else tensordict)
+        if after is not None:
+            self._step(tensordict, after)
+        return tensordict
+
+
+class PlannerSubgoals(PlanTransform):
     """Plans from the object to the goal at every step and writes the path's length and a sub-goal.
 
     The state between steps is in the tensordict, under `history_key`, so that copies, workers, partial
@@ -125,7 +166,7 @@ class PlannerSubgoals(DescribedTransform):
         self.subgoal_key = subgoal_key
         self.subgoal_past_key = subgoal_past_key
         self.path_found_key = path_found_key
-        self.history_key = history_key
+        self.history_key = self._memory = history_key
         self.path_ahead_key = path_ahead_key
         self.path_key = path_key
 
@@ -167,15 +208,8 @@ class PlannerSubgoals(DescribedTransform):
         return self.camera.unproject(pixel)
 
     def _write(
-        self, tensordict: TensorDictBase, before: TensorDictBase | None, advance: bool
+        self, tensordict: TensorDictBase, before: TensorDictBase | None, advance: bool = False
     ) -> TensorDictBase:
-        """Plan, and write the results.
-
-        Args:
-            tensordict: Read and written.
-            before: The step before; None at a reset.
-            advance: Add the sub-goal to the history instead of replacing the newest.
-        """
         paths, position, goal = self._plan(tensordict)
         position, goal = position.float(), goal.float()
         lead = position.shape[:-1]
@@ -226,28 +260,6 @@ class PlannerSubgoals(DescribedTransform):
                 f"{sorted(map(str, before.keys(True, True)))}."
             )
         return read_key(before, self.history_key, max(self.lags) + 1, 2)
-
-    def _reset(
-        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
-    ) -> TensorDictBase:
-        # TorchRL restores the values of scenes that are not reset.
-        return self._write(tensordict_reset, None, advance=False)
-
-    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
-        return self._write(next_tensordict, tensordict, advance=True)
-
-    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Plan for stored data and, in transitions, for their `"next"`.
-
-        The newest entry of a stored history is replaced. Observations without a history and without a
-        `"next"` count as the first of an episode.
-        """
-        after = stored_next(tensordict, self.in_keys, self.out_keys)
-        alone = after is None and tensordict.get(self.history_key, None) is None
-        self._write(tensordict, None if alone else tensordict, advance=False)
-        if after is not None:
-            self._step(tensordict, after)
-        return tensordict
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Add the written keys."""

@@ -13,7 +13,7 @@ from modpush._validation import checked_arguments
 from modpush.geometry.camera import Camera
 from modpush.geometry.workspace import Rectangle
 from modpush.planners.a_star import AStar
-from modpush.planners.base import Planner
+from modpush.planners.grid_planner import Planner
 from modpush.planners.paths import Paths
 
 _CELL = 4  # side of a cell that is searched [px]

@@ -1,7 +1,5 @@
 """Trained agents on disk: a policy, the configuration of its environment, and its fingerprint."""
 
-import json
-import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from importlib.resources import files
@@ -15,7 +13,6 @@ from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 from torchrl.modules import ProbabilisticActor
 
-from modpush._extras import require_extra
 from modpush._state import check_weights
 from modpush._types import AtLeastOne, Count, Name
 from modpush._validation import checked, checked_arguments, from_plain
@@ -32,10 +29,6 @@ from modpush.recipes.make_env import ENV_PARTS, env_parts, make_push_env
 
 BEST_AGENT = "best_agent.safetensors"
 """File of the best agent in a training run's folder."""
-HUB_PREFIX = "hf://"
-"""Prefix of the name of an agent on the Hugging Face Hub."""
-_HUB_FILE = "agent.safetensors"
-_HUB_ADDRESS = re.compile(r"hf://(?P<repo>[\w.-]+/[\w.-]+)(@(?P<revision>[\w./-]+))?")
 _KIND, _VERSION = "modpush.Agent", 5
 
 
@@ -136,15 +129,10 @@ class Agent:
 
 
 def observed_symmetry(config: PushEnvConfig, pushed_object: Any = None) -> int | None:
-    """The symmetry that an environment's observation goes by.
+    """The symmetry that an environment's observation goes by, of the config's objects or others.
 
-    Args:
-        config: The environment's configuration.
-        pushed_object: The object or objects, if they are others than the config's.
-
-    Returns:
-        The config's `symmetry`, else the object's own; None for several objects with their own each, and
-        where the environment itself says that no two yaw angles look the same.
+    None for several objects with their own each, and where the environment itself says that no two yaw
+    angles look the same.
     """
     trained = config.scenario.pushed_object if pushed_object is None else pushed_object
     several = trained if isinstance(trained, list | tuple) else (trained,)
@@ -187,48 +175,38 @@ def save_agent(
         metadata: Further data to store, ready for JSON.
 
     Raises:
-        TypeError: If the policy is not a TensorDict module, or fingerprint or metadata not a mapping.
+        TypeError: If the policy is not a TensorDict module, or fingerprint or metadata not for JSON.
         ValueError: If an argument is of another type or out of its range.
     """
-    for name, data in (("fingerprint", fingerprint), ("metadata", metadata)):
-        try:
-            json.dumps(data)
-        except TypeError as error:
-            raise TypeError(
-                f"save_agent: {name} must be ready for JSON, got {data!r}: {error}."
-            ) from None
-    network = _Network(
-        hidden_sizes=tuple(hidden_sizes),
-        observation_dim=observation_dim,
-        actor=actor,
-        encoder=encoder,
-        image_key=image_key,
-    )
-    about = {
-        "env": asdict(config),
-        "network": asdict(network),
-        "fingerprint": dict(fingerprint),
-        "parts": {
+    content = _Content(
+        env=config,
+        network=_Network(
+            hidden_sizes=tuple(hidden_sizes),
+            observation_dim=observation_dim,
+            actor=actor,
+            encoder=encoder,
+            image_key=image_key,
+        ),
+        fingerprint=fingerprint,
+        parts={
             kind: _describe(part)
             for kind, part in (parts or {}).items()
             if kind in (*ENV_PARTS, "actor")  # others matter in training only
         },
-        "make_env": None if make_env is make_push_env else _describe(make_env),
-        "metadata": dict(metadata or {}),
-    }
-    write_tensors(path, policy.state_dict(), _KIND, _VERSION, about)
+        make_env=None if make_env is make_push_env else _describe(make_env),
+        metadata=metadata or {},
+    )
+    write_tensors(path, policy.state_dict(), _KIND, _VERSION, asdict(content))
 
 
-def _describe(part: Any) -> dict[str, str]:
-    """Name by which a part is found again, or a description of one that has none."""
+def _describe(part: Any) -> _Part:
     try:
-        return {"name": part_name("save_agent", part, {})}
+        return _Part(name=part_name("save_agent", part, {}))
     except ValueError:
         if isinstance(part, Mapping):  # terms of the reward by name
-            return {"was": f"a mapping of {sorted(map(str, part))}"}
-        if hasattr(part, "__qualname__"):  # a function or class, of a notebook or a closure
-            return {"was": f"{part.__module__}:{part.__qualname__}"}
-        return {"was": f"an object of {type(part).__module__}:{type(part).__qualname__}"}
+            return _Part(was=f"a mapping of {sorted(map(str, part))}")
+        named = part if hasattr(part, "__qualname__") else type(part)  # of a notebook or a closure
+        return _Part(was=f"{named.__module__}:{named.__qualname__}")
 
 
 def shipped_agents() -> dict[str, Path]:
@@ -246,15 +224,14 @@ def load_agent(
     make_env: Callable[..., EnvBase] | None = None,
     allow: Collection[str] = (),
 ) -> Agent:
-    """Load a trained agent: a shipped one, a file of `save_agent`, that of a run, or one on the Hub.
+    """Load a trained agent: a shipped one, a file of `save_agent`, or that of a run.
 
     A file may name its author's own parts, `"module:name"`. They are imported only from modules
     that the caller names in `allow`, since importing runs code; or the caller passes the parts.
 
     Args:
-        name: `"small_cube"`, the path of a file, the folder of a training run, of which the best agent is
-            read, or `"hf://owner/name"` on the Hugging Face Hub (`"hf://owner/name@revision"`), which
-            needs the extra `hub`.
+        name: `"small_cube"`, the path of a file, or the folder of a training run, of which the best agent
+            is read.
         parts: Parts of the environment by the names of `make_push_env`'s arguments, instead of those
             that the file names.
         make_env: Function that makes the environment, instead of the one that the file names.
@@ -311,42 +288,14 @@ def _without(config: Mapping[str, Any], kinds: Collection[str]) -> dict[str, Any
 
 def _find_file(name: str | Path) -> Path:
     path = shipped_agents().get(str(name), Path(name))
-    if str(name).startswith(HUB_PREFIX):
-        path = _download(str(name))
     if (path / BEST_AGENT).is_file():
         path = path / BEST_AGENT
     if not path.is_file():
         raise ValueError(
             f"load_agent: no agent {str(name)!r}, expected one of {sorted(shipped_agents())}, an agent's "
-            "file, a training run's folder, or hf://owner/name."
+            "file, or a training run's folder."
         )
     return path
-
-
-def _download(address: str) -> Path:
-    """The file of an agent on the Hub, from the Hub's cache on this machine if it is there.
-
-    Args:
-        address: `"hf://owner/name"`, or `"hf://owner/name@revision"`.
-
-    Raises:
-        ValueError: If the address is malformed.
-        MissingExtraError: If huggingface_hub is not installed.
-        OSError: If the Hub cannot be reached, or has no such agent.
-    """
-    found = _HUB_ADDRESS.fullmatch(address)
-    if found is None:
-        raise ValueError(
-            f"load_agent: expected hf://owner/name or hf://owner/name@revision, got {address!r}."
-        )
-    require_extra(f"load_agent: {address}", "huggingface_hub")
-    from huggingface_hub import hf_hub_download
-    from huggingface_hub.errors import HfHubHTTPError, LocalEntryNotFoundError
-
-    try:
-        return Path(hf_hub_download(found["repo"], _HUB_FILE, revision=found["revision"]))
-    except (HfHubHTTPError, LocalEntryNotFoundError) as error:  # the second: nobody listens
-        raise OSError(f"load_agent: {address} cannot be read: {error}") from error
 
 
 def _actor(

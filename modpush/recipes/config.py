@@ -191,6 +191,11 @@ class PushEnvConfig:
             )
 
     @property
+    def acting_frame(self) -> Frame:
+        """Axes of the actions."""
+        return self.frame if self.action_frame is None else self.action_frame
+
+    @property
     def path_inflation(self) -> Circle:
         """Circle of the object for which every episode that is drawn has a path.
 

@@ -21,14 +21,7 @@ _SEEN_BY_POLICY = (
 
 
 def describe_transforms(env: EnvBase) -> dict[str, Any]:
-    """The settings of an environment's transforms, as each describes itself.
-
-    Args:
-        env: An environment; transforms of other libraries are left out.
-
-    Returns:
-        Plain data by the names that the transforms give: `{"window": {"size": 64, ...}, ...}`.
-    """
+    """The settings of an environment's transforms, as each describes itself, by the names they give."""
     _ = env.observation_spec  # lays the observation out
     found: dict[str, Any] = {}
     for transform in env.transform if isinstance(env, TransformedEnv) else ():

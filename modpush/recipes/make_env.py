@@ -14,8 +14,7 @@ from modpush._types import Seed
 from modpush._validation import checked_arguments
 from modpush.encoders.base import encoder_sizes
 from modpush.encoders.encode import Encode, make_encoder
-from modpush.encoders.networks.conv_encoder import ConvEncoder
-from modpush.encoders.networks.ray_scan import RayScan
+from modpush.encoders.networks import ConvEncoder, RayScan
 from modpush.encoders.window import METRES_PER_PIXEL
 from modpush.encoders.window_transform import EgocentricWindow, WindowBytes
 from modpush.envs.push_env import PushEnv
@@ -34,7 +33,7 @@ from modpush.mdp.push_observation import MirroredObservation, PushObservation
 from modpush.mdp.push_reward import PushReward
 from modpush.mdp.reward_terms import RewardTerm
 from modpush.mdp.step_outcome import RewardKeys
-from modpush.planners.base import Planner
+from modpush.planners.grid_planner import Planner
 from modpush.recipes.config import END_TO_END, PushEnvConfig
 from modpush.recipes.planning import (
     TRUE,
@@ -156,7 +155,6 @@ def make_push_env(
         lengths = {name: (TRUE, name) for name in ("path_length", "pose_path_length")}
         reward_keys = RewardKeys(**lengths)
     described = _entries(config, entries, module, base.robot)
-    action_frame = config.frame if config.action_frame is None else config.action_frame
     observations = (PushObservation, MirroredObservation) if mirrored else (PushObservation,)
     transforms: list[Transform] = [
         InitTracker(),
@@ -166,8 +164,8 @@ def make_push_env(
         *make_planning(*planned, max_waypoints, observed),
         *_window(config, module, mirrored, observed),
         *([_contact_filter(config, base.bounds, observed)] if config.contact_filter else []),
-        ActionFrame(action_frame, object_pose_key=observed["object_pose"]),
-        *([make_history(action_frame, observed)] if "history" in described else []),
+        ActionFrame(config.acting_frame, object_pose_key=observed["object_pose"]),
+        *([make_history(config.acting_frame, observed)] if "history" in described else []),
         *(
             observation(
                 config.frame,

@@ -16,7 +16,7 @@ from modpush.envs.scenes.conditions import EpisodeConditions, SensingConfig
 from modpush.mdp import StuckRecovery, recovering
 from modpush.parts import find_part, part_module
 from modpush.planners import DistanceField, OccupancyGrid, PlannerSubgoals
-from modpush.recipes.agent_file import BEST_AGENT, HUB_PREFIX, load_agent, shipped_agents
+from modpush.recipes.agent_file import BEST_AGENT, load_agent, shipped_agents
 from modpush.recipes.served import ServedPolicy, is_served
 
 METHODS = {
@@ -40,7 +40,8 @@ class Method:
     """Makes the policy."""
     make_env: Callable[..., EnvBase]
     """`(number of scenes, names of the objects, conditions=None, **options of PushEnv) -> environment`;
-    picklable. `conditions` are the `EpisodeConditions` of a set; by default the environment's own."""
+    picklable. `conditions` are the `EpisodeConditions` of a set; by default the environment's own. With
+    `keep_images=True` it emits the depth image and the map."""
     path_key: NestedKey
     """Key of the planned path, `[B, n, 2]` [m], in what a step returns."""
     target_key: NestedKey
@@ -58,7 +59,7 @@ def get_method(
 
     Args:
         policy: A name in `METHODS`, a shipped agent's name, a training run's folder, an agent's file,
-            `"hf://owner/name"`, `"http://host:port"` where a policy is served (`ServedPolicy`), or
+            `"http://host:port"` where a policy is served (`ServedPolicy`), or
             `"module:name"` of your own policy: a function of a tensordict that writes `action`, or a
             `Method`. Others than agents and a `Method` act in the environment of `scripted`.
         allow: Modules from which an agent's file may import its author's own parts.
@@ -176,11 +177,9 @@ def _find_agent(policy: str) -> tuple[str, str]:
         return path.resolve().name, policy
     if path.is_file():
         return f"{path.resolve().parent.name}_{path.stem}", policy
-    if policy.startswith(HUB_PREFIX):
-        return policy.removeprefix(HUB_PREFIX).replace("/", "_").replace("@", "_"), policy
     raise ValueError(
         f"policy: no {policy!r}, expected {', '.join(METHODS)}, a shipped agent "
-        f"({', '.join(shipped_agents())}), a training run's folder, an agent's file, hf://owner/name, "
+        f"({', '.join(shipped_agents())}), a training run's folder, an agent's file, "
         "http://host:port or module:name."
     )
 
@@ -192,6 +191,7 @@ def _plain_env(
     *,
     planner: bool,
     recovery: bool = False,
+    keep_images: bool = True,  # it always does
     **options: Any,
 ) -> EnvBase:
     """`PushEnv`, with the planner's sub-goals for those that follow them."""

@@ -16,7 +16,7 @@ from modpush.mdp.noise import PoseNoise
 from modpush.mdp.observation_inputs import ObservationKeys
 from modpush.mdp.push_history import PushHistory
 from modpush.mdp.stuck_recovery import StuckRecovery
-from modpush.planners.base import Planner
+from modpush.planners.grid_planner import Planner
 from modpush.planners.occupancy import OccupancyGrid
 from modpush.planners.pose_field import PoseField
 from modpush.planners.pose_subgoals import PoseSubgoals

@@ -1,4 +1,8 @@
-from .attentive import AttentiveSampler as AttentiveSampler
+from .attentive import (
+    AttentiveSampler as AttentiveSampler,
+    cosine as cosine,
+    negative_l2 as negative_l2,
+)
 from .buffer import (
     TRANSITION_KEYS as TRANSITION_KEYS,
     KeepTransition as KeepTransition,
@@ -13,8 +17,3 @@ from .n_step import (
     forget_open_steps as forget_open_steps,
 )
 from .prioritized import PrioritizedSampler as PrioritizedSampler
-from .similarity import (
-    LatentSimilarity as LatentSimilarity,
-    cosine as cosine,
-    negative_l2 as negative_l2,
-)

@@ -18,11 +18,10 @@ from modpush._checks import check_instance, read_key
 from modpush._types import Key
 from modpush._validation import check_value, checked_arguments
 from modpush.parts import find_part
-from modpush.replay.attentive import AttentiveSampler
+from modpush.replay.attentive import SIMILARITIES, AttentiveSampler, Similarity
 from modpush.replay.config import ReplayConfig
 from modpush.replay.n_step import NStepTransform, forget_open_steps, n_step_transforms
 from modpush.replay.prioritized import PrioritizedSampler
-from modpush.replay.similarity import SIMILARITIES, Similarity
 
 SamplerFactory = Callable[[ReplayConfig], Sampler]
 """Makes a sampler from the config."""
@@ -113,9 +112,6 @@ def buffer_state(buffer: TensorDictReplayBuffer) -> dict[str, Any]:
     """State of a buffer of `make_replay_buffer`, as plain data and tensors, which are not copies.
 
     Batches that were prepared ahead (`prefetch`) are left out.
-
-    Raises:
-        TypeError: If the storage is of another kind than TorchRL's tensor storages.
     """
     buffer.synchronize()
     storage = buffer.storage
@@ -188,7 +184,7 @@ def _attentive(config: ReplayConfig) -> AttentiveSampler:
         config.k,
         key=config.observation_key,
         similarity=config.similarity,
-        num_queries=config.num_queries,
+        num_queries=config.num_queries or 1,
     )
 
 
@@ -230,11 +226,7 @@ class KeepTransition:
         self.keys = (*TRANSITION_KEYS, *extra)
 
     def __call__(self, data: TensorDictBase) -> TensorDictBase:
-        """The same transitions with these keys only; nothing is copied.
-
-        Raises:
-            KeyError: If one is missing; the message lists the keys.
-        """
+        """The same transitions with these keys only; a KeyError if one is missing."""
         check_instance("data", data, TensorDictBase)
         for key in self.keys:
             read_key(data, key)

@@ -15,7 +15,7 @@ from modpush._types import (
 )
 from modpush._validation import checked
 from modpush.parts import check_part
-from modpush.replay.similarity import SIMILARITIES
+from modpush.replay.attentive import SIMILARITIES
 
 SAMPLER_NAMES = ("attentive", "uniform", "prioritized")
 """Names of the samplers of `make_replay_buffer`."""

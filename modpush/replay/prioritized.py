@@ -1,7 +1,6 @@
 """`PrioritizedSampler`: TorchRL's, with trees in NumPy."""
 
-from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
@@ -11,16 +10,14 @@ from torchrl.data import PrioritizedSampler as TorchRLPrioritizedSampler
 from torchrl.data.replay_buffers.storages import Storage
 
 from modpush._checks import check_keys
-from modpush._state import read_state, write_state
+from modpush._state import SavedState
 from modpush._types import Count, NonNegative, NonNegativeInteger, Positive
 from modpush._validation import check_value, checked_arguments
 
-_STATE_FILE = "prioritized_sampler.safetensors"
-_KIND, _VERSION = "modpush.PrioritizedSampler", 1
 _MaxPriority = tuple[NonNegative, NonNegativeInteger] | None
 
 
-class PrioritizedSampler(TorchRLPrioritizedSampler):
+class PrioritizedSampler(SavedState, TorchRLPrioritizedSampler):
     """TorchRL's `PrioritizedSampler` without its C++ extension, which not every torch loads.
 
     An entry of priority p is drawn, with replacement, with probability (p + eps)^alpha over the sum
@@ -34,8 +31,6 @@ class PrioritizedSampler(TorchRLPrioritizedSampler):
         alpha: Exponent of the priorities; 0 is uniform sampling.
         beta: Exponent of the importance weights.
         eps: Added to each priority, so that every entry may be drawn.
-        reduction: Reduction of the priorities of a stored trajectory to one.
-        max_priority_within_buffer: Give new entries the largest priority of the present entries.
 
     Raises:
         ValueError: If an argument is out of range. In `update_priority`: if a priority is negative or
@@ -44,6 +39,7 @@ class PrioritizedSampler(TorchRLPrioritizedSampler):
     Source: Schaul et al. (2016), "Prioritized Experience Replay", proportional variant.
     """
 
+    state_file = "prioritized_sampler.safetensors"
     _max_priority: Any  # TorchRL's property of (priority, index)
 
     @checked_arguments
@@ -53,14 +49,11 @@ class PrioritizedSampler(TorchRLPrioritizedSampler):
         alpha: NonNegative,
         beta: NonNegative,
         eps: Positive = 1e-8,
-        *,
-        reduction: Literal["max", "min", "median", "mean"] = "max",
-        max_priority_within_buffer: bool = False,
     ) -> None:
         # Not TorchRL's, which warns that the extension is missing.
         self._max_capacity, self._alpha, self._beta, self._eps = max_capacity, alpha, beta, eps
-        self.reduction, self.dtype = reduction, torch.float64
-        self._max_priority_within_buffer = max_priority_within_buffer
+        self.reduction, self.dtype = "max", torch.float64
+        self._max_priority_within_buffer = False
         self._device = torch.device("cpu")
         self._init()
 
@@ -80,9 +73,9 @@ class PrioritizedSampler(TorchRLPrioritizedSampler):
         """Set the priorities of some entries.
 
         Args:
-            index: `[n]`, or `[n, ndim]` for a storage of several dimensions.
+            index: `[n]`.
             priority: `[n]`, or one number for all of them.
-            storage: Needed where it has several dimensions.
+            storage: The storage, for TorchRL.
         """
         priority = torch.as_tensor(priority, dtype=torch.float64, device="cpu").detach()
         if not ((priority >= 0) & priority.isfinite()).all():
@@ -91,9 +84,6 @@ class PrioritizedSampler(TorchRLPrioritizedSampler):
                 f"{priority.flatten().tolist()[:8]}."
             )
         index = torch.as_tensor(index, dtype=torch.long, device="cpu")
-        if index.ndim > 1 and storage is not None:  # NumPy warns of how TorchRL does it
-            along = tuple(column.numpy() for column in index.unbind(-1))
-            index = torch.from_numpy(np.ravel_multi_index(along, storage.shape))
         super().update_priority(index, priority, storage=storage)
 
     def state_dict(self) -> dict[str, Any]:
@@ -132,19 +122,6 @@ class PrioritizedSampler(TorchRLPrioritizedSampler):
         if largest is not None:
             value, where = (torch.tensor(part, device="cpu") for part in largest)
             self._max_priority = value, where
-
-    def dumps(self, path: str | Path) -> None:
-        """Write the state into a directory."""
-        write_state(Path(path) / _STATE_FILE, self.state_dict(), _KIND, _VERSION)
-
-    def loads(self, path: str | Path) -> None:
-        """Read the state from a directory.
-
-        Raises:
-            FileNotFoundError: If no prioritized sampler was saved there.
-            ValueError: If the file is damaged, or of another capacity.
-        """
-        self.load_state_dict(read_state(Path(path) / _STATE_FILE, _KIND, _VERSION))
 
 
 class _Tree:

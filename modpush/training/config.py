@@ -227,11 +227,7 @@ REPLAY_PARTS = ("sampler", "similarity")
 
 
 def check_parts(config: TrainConfig, parts: Mapping[str, Any], *, pickled: bool = False) -> None:
-    """Refuse parts of an unknown kind and, if they are to be `pickled`, those that cannot be.
-
-    Raises:
-        ValueError: If there is one; the message says which.
-    """
+    """Refuse parts of an unknown kind and, if they are to be `pickled`, those that cannot be."""
     known = (*ENV_PARTS, *LEARNER_PARTS, *REPLAY_PARTS)
     if unknown := sorted(set(parts) - set(known)):
         raise ValueError(f"parts has no {unknown}, expected some of {sorted(known)}.")

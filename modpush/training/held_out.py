@@ -55,8 +55,7 @@ def held_out_scenarios(
 class EvaluationProgress:
     """Progress of held-out episodes, and a request to stop, shared with a process that is started.
 
-    Args:
-        other: Progress of the episodes of another process, which are to stop together with these.
+    `other` is the progress of the episodes of another process, which are to stop together with these.
     """
 
     def __init__(self, other: "EvaluationProgress | None" = None) -> None:
@@ -98,15 +97,10 @@ class HeldOutEpisodes:
         )
 
     def run(self, policy: Policy, numbers: Iterable[int] | None = None) -> list[dict[str, Any]]:
-        """Run episodes greedily. Torch's random state is afterwards what it was before.
+        """Run episodes greedily, all or those of some numbers; a row of metrics for each, by number.
 
-        Args:
-            policy: Acts on what the environment emits.
-            numbers: Numbers of the episodes; all of them by default.
-
-        Returns:
-            Number, scene and metrics of each, by number. Where they were stopped, of those that had
-            ended.
+        Where they were stopped there are rows of those that had ended. Torch's random state stays what
+        it was.
         """
         self._progress.ended.value = 0
         if self._env is None:
@@ -142,16 +136,10 @@ class HeldOutEpisodes:
 
 
 def held_out_score(evaluation: Mapping[str, float]) -> float:
-    """Score of a policy: the four figures of the paper's tables, weighted alike.
+    """Score of a policy, -1 to 3: success rate plus SPL plus contact rate less collision rate.
 
     Success alone hardly tells late policies apart: those of the preset `cpu` solve 118 to 120 of its 120
     episodes, while contact, collisions and SPL still improve.
-
-    Args:
-        evaluation: Means over the held-out episodes, a row of `evaluations.csv`.
-
-    Returns:
-        Success rate plus SPL plus contact rate less collision rate, from -1 to 3.
     """
     kept = evaluation["success"] + evaluation["spl"] + evaluation["contact_rate"]
     return float(kept - evaluation["collision_rate"])

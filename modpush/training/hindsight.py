@@ -21,7 +21,6 @@ from modpush.envs.engines.recorded import RecordedEngine, Recording
 from modpush.envs.outcome import is_out_of_bounds, pose_errors
 from modpush.envs.scenes.scenario import Scenario
 from modpush.mdp.action_frame import ActionFrame
-from modpush.recipes.config import PushEnvConfig
 from modpush.recipes.planning import observed_keys
 from modpush.training.config import TrainConfig
 
@@ -44,13 +43,7 @@ class Hindsight:
 
     The new goal is the last pose of the object in the workspace; the episode is cut off there, and ends
     before where the goal was met before. Episodes that meet it from the start teach nothing and are
-    dropped.
-
-    Args:
-        config: Configuration of the run.
-        parts: The user's own parts of the environment.
-        make_env: Makes the environment, see `EnvFactory`.
-        stored: Keys of a transition.
+    dropped. `stored` are the keys of a transition.
     """
 
     def __init__(
@@ -62,7 +55,7 @@ class Hindsight:
     ) -> None:
         self._config, self._stored = config, list(stored)
         pose_key = observed_keys(config.env.sensing)["object_pose"]
-        self._frame = ActionFrame(_action_frame(config.env), object_pose_key=pose_key)
+        self._frame = ActionFrame(config.env.acting_frame, object_pose_key=pose_key)
         self._workspace = config.env.scenario.bounds(0.0)
         self._engines: list[RecordedEngine] = []
         env = replace(config.env, num_envs=min(_ENVS, config.env.num_envs), recovery=False)
@@ -86,12 +79,9 @@ class Hindsight:
     def add(
         self, step: TensorDictBase, scenarios: Sequence[Scenario], yaw_tolerance: float
     ) -> None:
-        """Take note of a step of all scenes.
+        """Take note of the environment's `step` in all scenes, whose episodes began from `scenarios`.
 
-        Args:
-            step: Result of the environment's `step`, with the agent's action.
-            scenarios: Starts of their episodes.
-            yaw_tolerance: Present yaw tolerance of goal poses [rad].
+        `yaw_tolerance` is the present one of goal poses [rad].
         """
         before, after = _states(step), _states(step["next"])
         rows = torch.cat([before, after, self._frame.to_base(step)], -1).numpy()
@@ -133,13 +123,9 @@ class Hindsight:
         return np.array([1.0 if self._config.env.simulation.full_circle else item.symmetry])
 
     def transitions(self, yaw_tolerance: float) -> dict[NestedKey, NDArray[Any]]:
-        """Transitions of the episodes that wait, once there are enough to be played together.
+        """Arrays `[N, ...]` by key of the episodes that wait, once enough can be played together.
 
-        Args:
-            yaw_tolerance: Present yaw tolerance of goal poses [rad].
-
-        Returns:
-            Arrays `[N, ...]` by key, with n-step returns if the run has them; empty if too few wait.
+        They have n-step returns if the run has them.
         """
         count = len(self._engines)
         found: list[TensorDictBase] = []
@@ -179,15 +165,9 @@ class Hindsight:
 
 
 def n_step_returns(episode: TensorDictBase, n_steps: int, gamma: float) -> TensorDictBase:
-    """Transitions of a whole episode with n-step returns, as `NStepTransform` gives them.
+    """Single transitions of a whole episode `[T]` with n-step returns, as `NStepTransform` gives them.
 
-    Args:
-        episode: Single transitions of the episode, `[T]`.
-        n_steps: Number of rewards in a sum; with 1 the transitions stay as they are.
-        gamma: Discount factor per step.
-
-    Returns:
-        `[T]`; fewer rewards are summed where the episode ends.
+    Fewer rewards are summed where the episode ends.
     """
     if n_steps == 1:
         return episode
@@ -201,10 +181,6 @@ def n_step_returns(episode: TensorDictBase, n_steps: int, gamma: float) -> Tenso
     result["next"] = episode["next"][last].set("reward", total)
     result["steps_to_next_obs"] = last - first + 1
     return result
-
-
-def _action_frame(config: PushEnvConfig) -> Any:
-    return config.frame if config.action_frame is None else config.action_frame
 
 
 def _states(td: TensorDictBase) -> torch.Tensor:

@@ -160,11 +160,7 @@ class Learner:
         forget_open_steps(self.buffer)
 
     def learn(self, before: int, now: int) -> None:
-        """Make the updates that are due.
-
-        Args:
-            before: Environment steps before the last rollout.
-            now: Environment steps after it.
+        """Make the updates that are due after the environment steps from `before` to `now`.
 
         Raises:
             NonFiniteLossError: After the batch was saved.

@@ -1,9 +1,10 @@
-"""A run's log, as tables and for TorchRL's loggers, and its progress bar."""
+"""A run's log, as tables, as a picture and for TorchRL's loggers, and its progress bar."""
 
 import logging
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
@@ -69,10 +70,9 @@ class RunLog:
     def write_evaluation(
         self, step: int, updates: int, minutes: float, rows: pd.DataFrame
     ) -> dict[str, float]:
-        """Write a row of the evaluations' table, from a row for each held-out episode.
+        """Write a row of the evaluations' table, from a row for each held-out episode; returns the means.
 
-        Returns:
-            Means over the episodes, and success by family as `success/<family>`.
+        Success by family is under `success/<family>`.
         """
         summary = {name: float(rows[name].astype(float).mean()) for name in _METRICS}
         families = rows.groupby("scene", sort=False)["success"].mean()
@@ -134,13 +134,9 @@ class TrainingBar:
         self._bar.update(steps)
 
     def show(self, row: dict[str, float], random: bool, level: str, best: float | None) -> None:
-        """Show a row of the log.
+        """Show a row of the log, the curriculum's level if there is one, and the best success so far.
 
-        Args:
-            row: The row.
-            random: True while the first actions are not the policy's.
-            level: Level of the curriculum; empty if there is none.
-            best: Success of the best evaluation so far; None before the first.
+        With `random` the actions are not the policy's yet.
         """
         success = row.get("greedy/success", row.get("noisy/success"))
         actor = self._config.first_actions if random else "policy"
@@ -182,3 +178,33 @@ def quiet_torchrl() -> Iterator[None]:
         yield
     finally:
         logger.setLevel(level)
+
+
+_PANELS = (
+    ("success", "success, greedy, held-out", (0.0, 1.02)),
+    ("contact_rate", "contact rate", (0.0, 1.02)),
+    ("collision_rate_object", "object collision rate", (0.0, None)),
+)
+
+
+def draw_curve(evaluations: Path, path: Path) -> None:
+    """Draw the table of a run's evaluations (`evaluations.csv`) over its minutes of training.
+
+    Raises:
+        FileNotFoundError: If there is no such table.
+    """
+    import matplotlib
+
+    matplotlib.use("Agg")  # no screen is needed
+    import matplotlib.pyplot as plt
+
+    table = pd.read_csv(evaluations)
+    figure, axes = plt.subplots(1, len(_PANELS), figsize=(5 * len(_PANELS), 3.6))
+    for axis, (column, title, limits) in zip(axes, _PANELS, strict=True):
+        axis.plot(table["minutes"], table[column], marker=".")
+        axis.set(title=title, xlabel="minutes", ylim=limits)
+        axis.grid(alpha=0.3)
+    figure.tight_layout()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)

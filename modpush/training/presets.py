@@ -257,54 +257,18 @@ def _smoke() -> TrainConfig:
     )
 
 
-TRAIN_PRESETS: dict[str, tuple[str, TrainConfig]] = {
-    "cpu": (
-        "The configuration that learns soonest on two CPU cores, in some tens of minutes.",
-        _cpu(),
-    ),
-    "any_object": (
-        "The same with twelve objects, eight of them of random shape, and random mass and friction.",
-        _any_object(),
-    ),
-    "movable": (
-        "The small cube among boxes that can be pushed away, past which there may be no path.",
-        _movable(),
-    ),
-    "refine": (
-        "Further training of a run of `cpu`, with higher weights for contact, collisions and detours.",
-        _refine(_cpu(), "runs/train_cpu", 10_000),
-    ),
-    "refine_any_object": (
-        "The same for a run of `any_object`.",
-        _refine(_any_object(), "runs/train_any_object", 50_000),
-    ),
-    "paper": (
-        "The paper's configuration: 7e6 steps with one update each, which takes days on a CPU.",
-        TrainConfig(env=PushEnvConfig.preset("paper"), tqc=TQCConfig.preset("paper")),
-    ),
-    "paper_cpu": (
-        "The paper's observation, planner, replay, curriculum and penalties, and what it takes to learn "
-        "with them on two CPU cores, in an hour and a half.",
-        _paper_cpu(),
-    ),
-    "pose": (
-        "Goals with orientation in free space, for a box of 10 x 5 cm, in some twenty minutes of one "
-        "core.",
-        _pose(),
-    ),
-    "pose_any_object": (
-        "The same for eight shapes, whose mass, friction and centre of mass are drawn for each episode.",
-        _pose_any_object(),
-    ),
-    "pose_obstacles": (
-        "Goals with orientation past one or two obstacles that stand or move, for the same box.",
-        _pose_obstacles(),
-    ),
-    "refine_pose_obstacles": (
-        "Further training of a run of `pose_obstacles`, with an obstacle in the way and higher weights "
-        "for collisions.",
-        _refine_pose_obstacles(),
-    ),
-    "smoke": ("A run of a few seconds that does everything once and learns nothing.", _smoke()),
+TRAIN_PRESETS: dict[str, TrainConfig] = {
+    "cpu": _cpu(),
+    "any_object": _any_object(),
+    "movable": _movable(),
+    "refine": _refine(_cpu(), "runs/train_cpu", 10_000),
+    "refine_any_object": _refine(_any_object(), "runs/train_any_object", 50_000),
+    "paper": TrainConfig(env=PushEnvConfig.preset("paper"), tqc=TQCConfig.preset("paper")),
+    "paper_cpu": _paper_cpu(),
+    "pose": _pose(),
+    "pose_any_object": _pose_any_object(),
+    "pose_obstacles": _pose_obstacles(),
+    "refine_pose_obstacles": _refine_pose_obstacles(),
+    "smoke": _smoke(),
 }
-"""Purpose and configuration of each preset, by name."""
+"""Configuration of each preset by name; `modpush train --help` says what each is for."""

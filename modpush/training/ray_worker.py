@@ -100,16 +100,12 @@ class SceneCollector(BaseCollector):
 class RayWorker(Worker):
     """Runs the scenes in `config.num_collectors` collectors on a Ray cluster, each with a CPU.
 
-    The collector that is done first gives the next rollout; it continues when the one after is asked for,
-    with the weights and the curriculum of then. A collector that ends is started again by Ray, with new
-    episodes. If the cluster's head is lost, Ray ends this process after a minute: the run continues from
-    its last checkpoint. `parts` and `make_env` are pickled.
-
-    Raises:
-        MissingExtraError: If Ray is not installed.
-        RuntimeError: If there is no connection to Ray, or it has fewer CPUs than collectors; or when a
-            result is asked for, if a collector failed.
-        CollectionEndedError: When a result is asked for, if a collector has ended too often.
+    The collector that is done first gives the next rollout; it continues when the one after is asked
+    for, with the weights and the curriculum of then. A collector that ends is started again by Ray, with
+    new episodes. If the cluster's head is lost, Ray ends this process after a minute: the run continues
+    from its last checkpoint. `parts` and `make_env` are pickled. A RuntimeError is raised if there is no
+    connection to Ray, or it has fewer CPUs than collectors, or when a collector has failed; a
+    CollectionEndedError, if one has ended too often.
     """
 
     def __init__(self, config: TrainConfig, parts: Mapping[str, Any], make_env: EnvFactory) -> None:

@@ -1,16 +1,22 @@
-"""The files of a training run: config, log, checkpoints, the best agent."""
+"""The files of a training run, config, log, checkpoints and agents, and a trainer's state in them."""
 
 import json
 import re
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from torchrl.checkpoint import GlobalRNGState
 
 from modpush._state import read_state, write_state
 from modpush._validation import checked_arguments, from_plain
 from modpush.files import read_yaml, reading, write_yaml
-from modpush.recipes.agent_file import BEST_AGENT
-from modpush.training.config import TrainConfig
+from modpush.recipes.agent_file import BEST_AGENT, observed_symmetry, save_agent
+from modpush.recipes.fingerprint import fingerprint_differences
+from modpush.training.config import TrainConfig, field_differences
+
+if TYPE_CHECKING:
+    from modpush.training.trainer import Trainer
 
 _KIND, _VERSION = "modpush.TrainConfig", 1
 CHECKPOINT_KIND, _CHECKPOINT_VERSION = "modpush.Checkpoint", 1
@@ -125,23 +131,14 @@ class Checkpoints:
         return int(path.stem.removeprefix("step-"))
 
     def save(self, step: int, state: dict[str, Any]) -> None:
-        """Write a checkpoint, then remove those that are too old.
-
-        Raises:
-            OSError: If it cannot be written; those before stay.
-        """
+        """Write a checkpoint, then remove those that are too old; an OSError leaves those before."""
         path = self.folder / f"step-{step:09d}.safetensors"
         write_state(path, state, CHECKPOINT_KIND, _CHECKPOINT_VERSION)
         for old in self.paths()[: -self.keep]:
             old.unlink()
 
     def load(self) -> dict[str, Any]:
-        """The state in the newest checkpoint.
-
-        Raises:
-            FileNotFoundError: If there is none.
-            ValueError: If it is damaged; without its file a run resumes from the checkpoint before.
-        """
+        """The state in the newest checkpoint; a ValueError if it is damaged."""
         newest = self.latest()
         if newest is None:
             raise FileNotFoundError(f"Checkpoints: {self.folder} holds no checkpoint.")
@@ -152,11 +149,75 @@ class Checkpoints:
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:
-    """The state in a checkpoint's file; interpret it within `reading(path, CHECKPOINT_KIND)`.
-
-    Raises:
-        FileNotFoundError: If there is no such file.
-        ValueError: If it is damaged.
-    """
+    """The state in a checkpoint's file; interpret it within `reading(path, CHECKPOINT_KIND)`."""
     state: dict[str, Any] = read_state(path, CHECKPOINT_KIND, _CHECKPOINT_VERSION)
     return state
+
+
+def trainer_state(trainer: "Trainer") -> dict[str, Any]:
+    """All that the rest of a run depends on between two rollouts, as tensors and plain data.
+
+    A run that continues begins new episodes.
+    """
+    return {
+        **trainer.learner.state(),
+        "config": trainer.config.fixed_fields(),
+        "fingerprint": trainer.specs.fingerprint,
+        "symmetry": observed_symmetry(trainer.config.env, trainer.parts.get("pushed_object")),
+        "rng": GlobalRNGState().state_dict(),
+        "steps": trainer.steps,
+        "checkpoints_made": trainer.checkpoints_made,
+        "evaluation_due": trainer.evaluation_due,
+        "seconds": trainer.seconds,
+        "curriculum": trainer.curriculum_state,
+        "episodes": dict(trainer.episodes),
+        "log": trainer.log.rows,
+        "evaluations": trainer.log.evaluations,
+    }
+
+
+def load_trainer_state(trainer: "Trainer", state: dict[str, Any]) -> None:
+    """Inverse of `trainer_state`; a ValueError if the state is that of another run."""
+    path = trainer.folder.checkpoints.latest() or trainer.folder.path
+    with reading(path, CHECKPOINT_KIND):
+        differences = fingerprint_differences(state["fingerprint"], trainer.specs.fingerprint)
+        differences += field_differences(state["config"], trainer.config.fixed_fields())
+    if differences:
+        raise ValueError(
+            f"Trainer: the checkpoints in {trainer.folder.path} are of another run: "
+            + "; ".join(differences)
+        )
+    with reading(path, CHECKPOINT_KIND):
+        trainer.learner.load_state(state)
+        trainer.steps, trainer.seconds = state["steps"], state["seconds"]
+        trainer.checkpoints_made = state["checkpoints_made"]
+        trainer.evaluation_due = state.get("evaluation_due", False)  # older ones do not have it
+        trainer.curriculum_state = state["curriculum"]
+        trainer.episodes.update(state["episodes"])
+        trainer.log.rows, trainer.log.evaluations = state["log"], state["evaluations"]
+        GlobalRNGState().load_state_dict(state["rng"])
+
+
+def save_trained_agent(trainer: "Trainer", path: Path, summary: dict[str, float]) -> None:
+    """Write the agent as it is now, with its metrics on the held-out episodes."""
+    config, learner = trainer.config, trainer.learner
+    save_agent(
+        path,
+        learner.averaged_actor,
+        config.env,
+        hidden_sizes=config.tqc.hidden_sizes,
+        observation_dim=learner.observation_dim,
+        fingerprint=trainer.specs.fingerprint,
+        actor=config.tqc.actor_network,
+        encoder=config.tqc.encoder,
+        image_key=config.tqc.image_key,
+        parts=trainer.parts,
+        make_env=trainer.make_env,
+        metadata={
+            "steps": trainer.steps,
+            "updates": learner.updates,
+            "minutes": round(trainer.minutes(), 1),
+            "seed": config.seed,
+            "held_out": summary,
+        },
+    )

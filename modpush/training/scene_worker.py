@@ -29,57 +29,45 @@ from modpush.training.hindsight import Hindsight
 class WorkerSpecs:
     """Specs and fingerprint of the environment that a worker steps."""
 
-    observation: Composite
-    """The environment's `full_observation_spec_unbatched`."""
-    action: Bounded
-    """Spec of one action, `[A]`."""
+    observation: Composite  # The environment's `full_observation_spec_unbatched`
+    action: Bounded  # Spec of one action, `[A]`
+    # The columns of each entry of the observation, by name; empty without a `PushObservation`
     columns: dict[str, slice]
-    """The columns of each entry of the observation, by name; empty without a `PushObservation`."""
-    fingerprint: dict[str, Any]
-    """Fingerprint, see `modpush.recipes.environment_fingerprint`."""
+    fingerprint: dict[str, Any]  # Fingerprint, see `modpush.recipes.environment_fingerprint`
 
 
 @dataclass(frozen=True)
 class Outcome:
     """Result of an episode, for the curriculum."""
 
-    level: int
-    """The curriculum's level that the episode is of."""
-    success: bool
-    """True if the object reached the goal."""
-    scene: str
-    """Name of the scene."""
-    evaluated: bool
-    """True if the episode counts towards the next stage."""
+    level: int  # The curriculum's level that the episode is of
+    success: bool  # True if the object reached the goal
+    scene: str  # Name of the scene
+    evaluated: bool  # True if the episode counts towards the next stage
 
 
 @dataclass(frozen=True)
 class Rollout:
     """`T` steps of `B` scenes between two exchanges with the learner."""
 
+    # Arrays `[T * B, ...]` by key, scene after scene within a step. They are arrays because torch
+    # would send each tensor to another process through shared memory, with a file handle each
     transitions: dict[NestedKey, NDArray]
-    """Arrays `[T * B, ...]` by key, scene after scene within a step. They are arrays because torch
-    would send each tensor to another process through shared memory, with a file handle each."""
-    last_observation: NDArray[np.float32]
-    """Observations that the scenes are in now, `[B, n]`."""
+    last_observation: NDArray[np.float32]  # Observations that the scenes are in now, `[B, n]`
+    # Metrics of the episodes that ended: success, steps, return, contact, collision, greedy
     episodes: list[dict[str, float]]
-    """Metrics of the episodes that ended: success, steps, return, contact, collision, greedy."""
-    level: int
-    """The curriculum's level."""
-    success_by_family: dict[str, float]
-    """Success of recent episodes, by scene family."""
+    level: int  # The curriculum's level
+    success_by_family: dict[str, float]  # Success of recent episodes, by scene family
+    # Further transitions `[N, ...]`, of episodes with another goal, see `Hindsight`
     hindsight: dict[NestedKey, NDArray] = field(default_factory=dict)
-    """Further transitions `[N, ...]`, of episodes with another goal, see `Hindsight`."""
-    source: int = 0
-    """Number of the collector."""
+    source: int = 0  # Number of the collector
+    # True if the scenes were reset before it, without the end of an episode in the data
     begins: bool = False
-    """True if the scenes were reset before it, without the end of an episode in the data."""
+    # Number of the weights that it was collected with, counted from 1 as they were sent
     version: int = 0
-    """Number of the weights that it was collected with, counted from 1 as they were sent."""
-    behind: int = 0
-    """Number of later weights that were sent to other collectors until then."""
+    behind: int = 0  # Number of later weights that were sent to other collectors until then
+    # Results for the collector's own curriculum; empty where it is the only one
     outcomes: list[Outcome] = field(default_factory=list)
-    """Results for the collector's own curriculum; empty where it is the only one."""
 
 
 _NOISE = 0.2
@@ -91,9 +79,8 @@ class FirstActions:
 
     def __init__(self, config: PushEnvConfig) -> None:
         self._pusher = ScriptedPusher(target_key="subgoal")
-        frame = config.frame if config.action_frame is None else config.action_frame
         pose_key = observed_keys(config.sensing)["object_pose"]
-        self._frame = ActionFrame(frame, object_pose_key=pose_key)
+        self._frame = ActionFrame(config.acting_frame, object_pose_key=pose_key)
 
     def __call__(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write the action, `[B, 3]` in [-1, 1]."""
@@ -190,11 +177,7 @@ class SceneWorker:
 
     @torch.no_grad()
     def collect(self, steps: int, weights: dict[str, NDArray] | None) -> Rollout:
-        """Step every scene.
-
-        Args:
-            steps: Number of steps of each scene.
-            weights: The actor's weights; None for the policy `TrainConfig.first_actions`.
+        """Step every scene, with the actor's weights; None for the policy `TrainConfig.first_actions`.
 
         Raises:
             RuntimeError: If `restart` has not been called.
@@ -269,15 +252,7 @@ class SceneWorker:
     def evaluate(
         self, weights: dict[str, NDArray], numbers: Iterable[int] | None = None
     ) -> list[dict[str, Any]]:
-        """Run held-out episodes greedily.
-
-        Args:
-            weights: The actor's weights.
-            numbers: Numbers of the episodes; all of them by default.
-
-        Returns:
-            A row of metrics for each, by number.
-        """
+        """Run held-out episodes greedily with the weights of an actor; a row of metrics for each."""
         self.load_policy(weights)
         return self._held_out.run(self.actor, numbers)
 

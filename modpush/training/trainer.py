@@ -5,6 +5,7 @@ import time
 import warnings
 from collections import defaultdict
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,9 +24,14 @@ from modpush.training.config import TrainConfig, check_parts, check_picklable, r
 from modpush.training.held_out import EvaluationProgress, HeldOutEpisodes, held_out_score
 from modpush.training.learner import Learner, weights_of
 from modpush.training.log import RunLog, TrainingBar, quiet_torchrl
-from modpush.training.run_folder import RunFolder, check_run_folder
+from modpush.training.run_folder import (
+    RunFolder,
+    check_run_folder,
+    load_trainer_state,
+    save_trained_agent,
+    trainer_state,
+)
 from modpush.training.scene_worker import EnvFactory, Rollout, SceneWorker
-from modpush.training.trainer_state import load_trainer_state, save_trained_agent, trainer_state
 from modpush.training.warm_start import load_initial_weights
 from modpush.training.worker import (
     CollectionEndedError,
@@ -93,34 +99,18 @@ class Trainer:
         self.config, self.parts, self.make_env = config, parts, make_env
         self.threads = threads
         self.folder = check_run_folder(folder, config, resume=resume)
-        self.lock = FolderLock(folder)
-        try:
-            check_run_folder(folder, config, resume=resume)
-            with torch_threads(1):  # a process that forks must have no other threads
-                self._begin(resume, start_method)
-        except BaseException:
-            self.lock.release()
-            raise
-
-    def _begin(self, resume: bool, start_method: StartMethod) -> None:
         self._progress = EvaluationProgress()
         self._workers_progress = EvaluationProgress(self._progress)
-        self.worker = self._make_worker(start_method)
-        self.held_out: HeldOutEpisodes | None = None
-        """Runs this process's share of the held-out episodes, where it has one."""
-        try:
+        # One thread, since a process that forks must have no other threads.
+        with torch_threads(1), ExitStack() as undo:
+            self.lock = FolderLock(folder)
+            undo.callback(self.lock.release)
+            check_run_folder(folder, config, resume=resume)
+            self.worker = self._make_worker(start_method)
+            undo.callback(self.worker.close)
             self.specs = self.worker.call(SceneWorker.specs)
             self._begin_learner(resume)
-            config = self.config
-            if (
-                config.async_collection
-                and config.collector == "local"
-                and config.tqc.device == "cpu"
-            ):
-                self.held_out = HeldOutEpisodes(config, self.parts, self.make_env, self._progress)
-        except BaseException:
-            self.worker.close()
-            raise
+            undo.pop_all()
 
     def _make_worker(self, start_method: StartMethod) -> Worker:
         config = self.config
@@ -152,12 +142,16 @@ class Trainer:
         self.bar = TrainingBar(replace(config, progress=False))
         self.episodes: dict[str, list[float]] = defaultdict(list)
         """Values that the episodes reported since the log was last written, by name."""
+        self.held_out: HeldOutEpisodes | None = None
+        """Runs this process's share of the held-out episodes, where it has one."""
+        if config.async_collection and (config.collector, config.tqc.device) == ("local", "cpu"):
+            self.held_out = HeldOutEpisodes(config, self.parts, self.make_env, self._progress)
         self.log = RunLog(config, self.folder)
         if resume and self.folder.checkpoints.latest() is None:
             warnings.warn(
                 f"Trainer: the run in {self.folder.path} ended before its first checkpoint; it "
                 "starts again.",
-                stacklevel=4,
+                stacklevel=3,
             )
         elif resume:
             load_trainer_state(self, self.folder.checkpoints.load())

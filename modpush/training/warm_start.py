@@ -10,9 +10,10 @@ from torchrl.objectives import LossModule
 
 from modpush._state import check_weights
 from modpush.files import reading
-from modpush.parts import ModulesRefusedError, modules_named, parts_named
+from modpush.parts import ModulesRefusedError, modules_named
 from modpush.recipes.agent_file import Agent, load_agent, observed_symmetry, shipped_agents
 from modpush.recipes.fingerprint import fingerprint_differences
+from modpush.recipes.make_env import ENV_PARTS
 from modpush.training.config import TrainConfig
 from modpush.training.learner import Learner
 from modpush.training.run_folder import CHECKPOINT_KIND, Checkpoints, RunFolder, read_checkpoint
@@ -28,11 +29,10 @@ def load_initial_weights(
     """Put the weights that `config.init_from` names into a learner that has learned nothing.
 
     Of an agent these are the actor's, whose file may name parts from the modules that the run's own
-    config names; of a run or a checkpoint those of the critics, the targets and
-    the temperature, too. Discount, target entropy, the temperature's bounds, optimizer, buffer and
-    curriculum are the run's own in either case. What the environment observes must mean the same as in
-    the run that the weights are from, but may be more: the weights of further entries begin at zero. The
-    reward may be another.
+    config names; of a run or a checkpoint those of the critics, the targets and the temperature, too.
+    All else is the run's own. What the environment observes must mean the same as in the run that the
+    weights are from, but may be more: the weights of further entries begin at zero. The reward may be
+    another.
 
     Raises:
         ValueError: If there are no such weights, they are of another architecture, or the environment
@@ -67,47 +67,27 @@ def _load_agent(
     caller: str, source: str, config: TrainConfig, parts: Mapping[str, Any]
 ) -> tuple[Agent, int | None]:
     """The agent that a file or name stands for, and the symmetry of the object that it observed."""
-    known = source in shipped_agents() or "://" in source  # on the Hub
-    if not known and not Path(source).is_file():
+    if source not in shipped_agents() and not Path(source).is_file():
         raise ValueError(
             f"{caller}: expected a run's folder, a checkpoint, an agent's file, or a shipped agent "
             f"({', '.join(shipped_agents())}); there is nothing of that name."
         )
-    # The rest of its environment is the file's own, with which this run's is compared.
-    given = {kind: parts[kind] for kind in ("actor", "encoder") if kind in parts}
+    own = config.fixed_fields()
+    named = modules_named([own["env"], own["tqc"]])
+    given = {kind: part for kind, part in parts.items() if kind in (*ENV_PARTS, "actor")}
     try:
-        agent = load_agent(source, parts=given, allow=_allowed(config, parts))
+        agent = load_agent(source, parts=given, allow=sorted(named))
     except ModulesRefusedError as error:
         raise ValueError(
             f"{caller}: it was trained with parts that this run does not have; name them in this "
             f"run's config, or give them to the Trainer as parts. ({error})"
         ) from error
-    trained_with = agent.parts.get("pushed_object")
     if (was := agent.missing.get("pushed_object")) is not None:  # no file can name it
-        if "pushed_object" not in parts:
-            raise ValueError(
-                f"{caller}: it was trained with {was} as pushed_object; give it to the Trainer as "
-                "parts={'pushed_object': ...}."
-            )
-        trained_with = parts["pushed_object"]
-    return agent, observed_symmetry(agent.config, trained_with)
-
-
-def _allowed(config: TrainConfig, parts: Mapping[str, Any]) -> list[str]:
-    """Modules that the caller has named already, or imported, as those of parts of this run."""
-    own = config.fixed_fields()
-    named = [own["env"], own["tqc"], own["replay"]]
-    return sorted(modules_named(named) | parts_named(named) | _modules_of(parts))
-
-
-def _modules_of(parts: Mapping[str, Any]) -> set[str]:
-    """Modules of parts given as objects, alone or several of a kind."""
-    objects: list[Any] = []
-    for part in parts.values():
-        several = part.values() if isinstance(part, Mapping) else part
-        objects += [*several] if isinstance(part, Mapping | list | tuple) else [part]
-    texts = modules_named([item for item in objects if isinstance(item, str)])
-    return texts | {item.__module__ for item in objects if hasattr(item, "__module__")}
+        raise ValueError(
+            f"{caller}: it was trained with {was} as pushed_object; give it to the Trainer as "
+            "parts={'pushed_object': ...}."
+        )
+    return agent, observed_symmetry(agent.config, agent.parts.get("pushed_object"))
 
 
 def _weights_in(state: Mapping[str, Any]) -> dict[str, Any]:
@@ -125,11 +105,9 @@ def _widened(
 ) -> dict[str, Any]:
     """Weights of networks that observe entries of their own as well, whose weights are zero.
 
-    Args:
-        own: Weights of the networks that observe more.
-        given: The weights to take over.
-        stored: Fingerprint of the environment that `given` was trained in.
-        specs: Specs of the own environment; in the inputs of a network, the observation comes first.
+    `own` are the weights of the networks that observe more, `given` those to take over, and `stored` is
+    the fingerprint of the environment that these were trained in. In the inputs of a network, the
+    observation comes first.
     """
     names = [entry["name"] for entry in stored.get("observation", {}).get("entries", ())]
     if not names or set(names) == set(specs.columns) or not set(names) <= set(specs.columns):

@@ -47,29 +47,18 @@ class Worker(ABC):
     def submit(
         self, method: Callable[Concatenate[SceneWorker, P], Any], *args: P.args, **kwargs: P.kwargs
     ) -> None:
-        """Have a method of `SceneWorker` called: `worker.submit(SceneWorker.collect, 8, weights)`.
-
-        Raises:
-            RuntimeError: If the result of the call before has not been asked for.
-        """
+        """Have a method of `SceneWorker` called: `worker.submit(SceneWorker.collect, 8, weights)`."""
         if self._outstanding:
             raise RuntimeError("Worker.submit: call `result` of the previous call first.")
         self._send(method, args, kwargs)
         self._outstanding = True
 
     def wait(self, seconds: float) -> bool:
-        """Wait for the result, at most this many seconds; True if `result` then returns at once.
-
-        A worker that has no process of its own, and one on a Ray cluster, is ready in any case.
-        """
+        """Wait for the result, at most this many seconds; True if `result` then returns at once."""
         return True
 
     def result(self) -> Any:
-        """Wait for the result of the last call.
-
-        Raises:
-            RuntimeError: If a worker process failed or ended.
-        """
+        """Wait for the result of the last call; a RuntimeError if a worker process failed or ended."""
         try:
             result = self._receive()
         except Exception:
@@ -95,8 +84,7 @@ class Worker(ABC):
 class InlineWorker(Worker):
     """Calls the `SceneWorker` in this process, when the result is asked for.
 
-    The worker draws from a random state of its own, as it would in a process of its own: nothing
-    that it draws or seeds changes what the learner draws.
+    The worker draws from a random state of its own, as it would in a process of its own.
     """
 
     def __init__(self, make_worker: MakeWorker) -> None:
@@ -131,15 +119,9 @@ class InlineWorker(Worker):
 class ProcessWorker(Worker):
     """Calls the `SceneWorker` in a process of its own, while the caller does something else.
 
-    Args:
-        make_worker: Makes the `SceneWorker`; it must be picklable unless the process is forked.
-        start_method: `"spawn"` is always right. `"fork"` shares the libraries' memory with the
-            caller, some 300 MB. It is only for a process that has made no simulator and has run
-            nothing on several threads of torch or numba, since a fork copies their state without
-            the threads.
-
-    Raises:
-        RuntimeError: When a result is asked for, if the worker failed; with its traceback.
+    `make_worker` must be picklable unless the process is forked. `"fork"` shares the libraries' memory
+    with the caller, some 300 MB; it is only for a process that has made no simulator and has run nothing
+    on several threads of torch or numba, since a fork copies their state without the threads.
     """
 
     def __init__(self, make_worker: MakeWorker, start_method: StartMethod = "spawn") -> None:

@@ -19,42 +19,26 @@ CONTROL_FREQ = 15
 
 @checked
 class PlayConfig:
-    """Initial settings of the page; all but the address can be changed on it."""
+    """Initial settings of the page, as the options of `modpush play --help` explain them.
+
+    All but the address can be changed on it.
+    """
 
     policy: Annotated[tuple[Name, ...], Strict(False), Field(min_length=1, max_length=2)] = (
         "agent",
     )
-    """One policy, or two that are shown side by side on the same scene: agent (the shipped one),
-    corridor, corridor_faithful, scripted, hand, a shipped agent's name, an agent's file, a training
-    run's folder, or hf://owner/name."""
     scene: Name = "slot"
-    """Scene family from which episodes are drawn: by name, or `module:name` of your own."""
     pushed_object: Name = "small_cube"
-    """Name of the pushed object."""
     difficulty: Fraction = 0.3
-    """Difficulty of the scenes, 0 to 1."""
     goal: Goal = "position"
-    """Kind of the goals: a position of the object's centre, or a pose of the object."""
     engine: Name | None = None
-    """Physics engine: `sapien`, `mujoco`, or `module:name`; by default that in which an agent was
-    trained, and SAPIEN for other policies."""
     robot: Name | None = None
-    """Arm: its name, or `module:name`; by default that with which an agent was trained, and the UR5 for
-    other policies."""
     tool: Name | None = None
-    """Tool of the arm: `2f85`, `rod`, or `module:name`; by default that with which an agent was trained,
-    and the gripper `2f85` for other policies."""
     seed: NonNegativeInteger = 0
-    """Seed of the first episode."""
     paused: bool = False
-    """Start paused."""
     host: Name = "127.0.0.1"
-    """Address to listen on; the default can be reached from this machine only. The page has no
-    password: anyone who reaches it can use it."""
     port: Annotated[int, Field(ge=0, le=65535)] = 8080
-    """Port to listen on; if it is taken, the next free one is used and printed."""
     allow: Several[Name] = ()
-    """Modules from which the file of an agent or a run may import its author's own parts."""
 
     def __post_init__(self) -> None:
         """Check the names."""

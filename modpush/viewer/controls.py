@@ -9,11 +9,11 @@ import numpy as np
 from modpush.envs.scenes.layouts import ALL_SCENES
 from modpush.envs.scenes.objects import OBJECTS
 from modpush.viewer.lane import POLICIES
-from modpush.viewer.overlays import Overlays, window_picture
+from modpush.viewer.overlays import Overlays
 from modpush.viewer.session import Session
 
 if TYPE_CHECKING:
-    from viser import GuiApi
+    from viser import GuiApi, ViserServer
 
 
 def assign(handle: Any, field: str, value: Any) -> None:
@@ -24,12 +24,7 @@ def assign(handle: Any, field: str, value: Any) -> None:
 
 
 class Panel:
-    """Makes the elements of the panel.
-
-    Args:
-        gui: The panel to which they are added.
-        session: The session that carries out their commands.
-    """
+    """Makes the elements of the panel, whose commands a session carries out."""
 
     def __init__(self, gui: "GuiApi", session: Session) -> None:
         self.gui, self.session = gui, session
@@ -54,13 +49,7 @@ class Panel:
 
 
 class Field:
-    """An element that shows a value of the session and lets a person set it.
-
-    Args:
-        session: The session that carries out the command.
-        handle: The element.
-        command: Called with what a person has set.
-    """
+    """An element that shows a value of the session and calls a command with what a person sets."""
 
     def __init__(self, session: Session, handle: Any, command: Callable[[Any], object]) -> None:
         self._session, self._handle, self._command = session, handle, command
@@ -80,17 +69,11 @@ class Field:
             self._shown = None  # a value that is refused is taken back
 
     def show(self, value: Any) -> None:
-        """Show the session's value where it has changed.
-
-        It is not compared with the element's own, which a person may just have set.
-        """
+        """Show the session's value where it, not the element's own, has changed."""
         if self._shown is None or not np.array_equal(self._shown, value):
             self._shown = value
             self._handle.value = value
 
-
-if TYPE_CHECKING:
-    from viser import ViserServer
 
 _NONE = "none"
 _MOVES = {
@@ -125,7 +108,7 @@ class PolicyControls:
         return tuple(dict.fromkeys((*POLICIES, *self._session.policies)))
 
     def _choose(self, _: str) -> None:
-        chosen = (self._first.value, self._second.value)
+        chosen = self._first.value, self._second.value
         self._session.choose_policies(*(name for name in chosen if name != _NONE))
 
     def _load(self) -> None:
@@ -186,11 +169,6 @@ class HandControls:
 _SPEEDS = ("0.25", "0.5", "1", "2", "4")
 
 
-def _scenes(session: Session) -> tuple[str, ...]:
-    """Names of the scene families, with one's own if the page was started with one."""
-    return tuple(dict.fromkeys((*ALL_SCENES, session.scene)))
-
-
 class TimeControls:
     """Pause, single step and speed."""
 
@@ -225,33 +203,27 @@ class EpisodeControls:
         self._session = session = panel.session
         gui = panel.gui
         with gui.add_folder("Episode"):
-            self._seed = panel.field(
-                gui.add_number("Seed", session.seed, min=0, step=1),
-                lambda seed: session.reset(int(seed)),
-            )
-            self._scene = panel.field(
-                gui.add_dropdown("Scene", _scenes(session), initial_value=session.scene),
-                lambda name: session.choose_scene(scene=name),
-            )
-            self._difficulty = panel.field(
-                gui.add_slider("Difficulty", 0.0, 1.0, 0.05, session.difficulty),
-                lambda value: session.choose_scene(difficulty=float(value)),
-            )
-            self._object = panel.field(
-                gui.add_dropdown("Object", tuple(OBJECTS), initial_value=session.pushed_object),
-                lambda name: session.choose_scene(pushed_object=name),
-            )
+            seed = gui.add_number("Seed", session.seed, min=0, step=1)
+            scenes = tuple(dict.fromkeys((*ALL_SCENES, session.scene)))  # and one's own
+            scene = gui.add_dropdown("Scene", scenes, initial_value=session.scene)
+            difficulty = gui.add_slider("Difficulty", 0.0, 1.0, 0.05, session.difficulty)
+            objects = tuple(OBJECTS)
+            item = gui.add_dropdown("Object", objects, initial_value=session.pushed_object)
+            choose = session.choose_scene
+            self._fields = {
+                "seed": panel.field(seed, lambda value: session.reset(int(value))),
+                "scene": panel.field(scene, lambda name: choose(scene=name)),
+                "difficulty": panel.field(difficulty, lambda v: choose(difficulty=float(v))),
+                "pushed_object": panel.field(item, lambda name: choose(pushed_object=name)),
+            }
             panel.button("Reset to the seed", session.reset, "R")
             panel.button("Again as changed", session.restart, "B")
             panel.button("Next episode", session.next_episode, "M")
 
     def update(self) -> None:
         """Show the session's state."""
-        session = self._session
-        self._seed.show(session.seed)
-        self._scene.show(session.scene)
-        self._difficulty.show(session.difficulty)
-        self._object.show(session.pushed_object)
+        for name, field in self._fields.items():
+            field.show(getattr(self._session, name))
 
 
 _OVERLAYS = {
@@ -259,17 +231,11 @@ _OVERLAYS = {
     "subgoal": "Sub-goal",
     "flags": "Contacts and collisions",
     "map": "Inflated map",
-    "window": "Window and reconstruction",
 }
 
 
 class Controls:
-    """Turns clicks into commands of the session, and shows its state.
-
-    Args:
-        server: The page.
-        session: The session behind the page.
-    """
+    """Turns clicks on the page into commands of the session, and shows its state."""
 
     def __init__(self, server: "ViserServer", session: Session) -> None:
         self._session = session
@@ -293,8 +259,6 @@ class Controls:
         for field, label in _OVERLAYS.items():
             shown = getattr(self.overlays, field)
             server.gui.add_checkbox(label, shown).on_update(self._switch(field))
-        empty = np.zeros((8, 16, 3), dtype=np.uint8)
-        self._images = [server.gui.add_image(empty, visible=False) for _ in range(2)]
 
     def _switch(self, field: str) -> Any:
         def switch(event: Any) -> None:
@@ -307,14 +271,6 @@ class Controls:
         assign(self._status, "content", self._status_text())
         for part in self._parts:
             part.update()
-        for i, image in enumerate(self._images):
-            window = self._session.snapshots[i].window if i < len(self._session.snapshots) else None
-            shown = self.overlays.window and window is not None
-            assign(image, "visible", shown)
-            if shown and window is not None:
-                image.image = window_picture(window, self._session.lanes[i].reconstruction())
-                lane = self._session.lanes[i]
-                assign(image, "label", f"{lane.name}: window, and what the autoencoder keeps")
 
     def _status_text(self) -> str:
         """A line for each lane, and the error of the last command, as Markdown."""

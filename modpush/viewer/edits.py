@@ -28,11 +28,7 @@ def continue_from(
 def move_goal(scenario: Scenario, x: float, y: float, yaw: float | None = None) -> Scenario:
     """The goal put elsewhere, at the nearest place in the workspace and within reach.
 
-    Args:
-        scenario: The scene.
-        x: Position [m].
-        y: Position [m].
-        yaw: Yaw of a goal pose [rad]; as it was if not given.
+    `x`, `y` [m]; the yaw [rad] stays as it was where none is given.
 
     Raises:
         ValueError: If a yaw is given and the goal is a position.
@@ -51,20 +47,19 @@ def move_obstacle(
 ) -> Scenario:
     """An obstacle put elsewhere, with its centre on the table in front of the robot.
 
-    Args:
-        scenario: The scene.
-        index: Index of the obstacle.
-        x: Position [m].
-        y: Position [m].
-        yaw: Direction of its long axis [rad]; as it was if not given.
+    `x`, `y` [m]; the yaw of its long axis [rad] stays as it was where none is given.
 
     Raises:
         ValueError: If there is no such obstacle.
     """
-    old = _get(scenario, index)
+    obstacles = list(scenario.obstacles)
+    if not 0 <= index < len(obstacles):
+        raise ValueError(
+            f"There is no obstacle with index {index}, this scene has {len(obstacles)}."
+        )
+    old = obstacles[index]
     (x0, y0), (x1, y1) = WORKSPACE.bounds(0.1)
     pose = (min(max(x, x0), x1), min(max(y, y0), y1), old.pose[2] if yaw is None else yaw)
-    obstacles = list(scenario.obstacles)
     obstacles[index] = _with_patrol(old, pose)
     return replace(scenario, obstacles=tuple(obstacles))
 
@@ -82,14 +77,6 @@ def _with_patrol(old: Obstacle, pose: tuple[float, float, float]) -> Obstacle:
     return Obstacle(old.size, (float(x), float(y), pose[2]), patrol)
 
 
-def _get(scenario: Scenario, index: int) -> Obstacle:
-    if not 0 <= index < len(scenario.obstacles):
-        raise ValueError(
-            f"There is no obstacle with index {index}, this scene has {len(scenario.obstacles)}."
-        )
-    return scenario.obstacles[index]
-
-
 def check_scene(
     scenario: Scenario,
     object_pose: Sequence[float],
@@ -97,14 +84,7 @@ def check_scene(
     robot: Robot,
     tool: Tool,
 ) -> None:
-    """Refuse a scene in which no episode can continue.
-
-    Args:
-        scenario: The scene after a change.
-        object_pose: Pose of the object [m, m, rad].
-        tool_pose: Pose of the tool's tip [m, m, rad].
-        robot: The arm.
-        tool: Its tool.
+    """Refuse a scene in which no episode can continue, with object and tool at poses [m, m, rad].
 
     Raises:
         ValueError: If an obstacle stands where object or tool are or where the arm's shoulder turns, or

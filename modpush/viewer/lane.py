@@ -1,9 +1,8 @@
 """Policies by name, one policy in one scene, and snapshots of it."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -13,10 +12,6 @@ from tensordict.nn import TensorDictModuleBase
 from torchrl.envs import EnvBase, set_exploration_type
 from torchrl.envs.utils import ExplorationType, step_mdp
 
-from modpush.encoders.base import as_floats
-from modpush.encoders.encode import Encode
-from modpush.encoders.vae.model import DepthVAE
-from modpush.envs.outcome import Goal
 from modpush.envs.push_env import PushEnv
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scenes.objects import OBJECTS
@@ -56,8 +51,6 @@ class Snapshot:
     """The sub-goal that the policy acts upon."""
     occupancy: NDArray[np.bool_] | None = None
     """The inflated map on the camera's grid, `[H, W]`."""
-    window: NDArray[np.float32] | None = None
-    """The local window, `[S, S]` in [0, 1]."""
 
     @property
     def present(self) -> Scenario:
@@ -73,8 +66,8 @@ class PolicyLane:
 
     Args:
         name: Name for the page.
-        env: A `PushEnv` with transforms, batch size `[1]`. Path, sub-goal, map and window are shown
-            where it emits them.
+        env: A `PushEnv` with transforms, batch size `[1]`. Path, sub-goal and map are shown where it
+            emits them.
         policy: Acts on what `env` emits.
         path_key: Key of the planned path in the result of `env.step`, `[1, n, 2]` [m].
         target_key: The same of the sub-goal, `[1, 2]` [m].
@@ -91,7 +84,6 @@ class PolicyLane:
     ) -> None:
         self.name, self.env, self.policy = name, env, policy
         self._path_key, self._target_key = path_key, target_key
-        self._vae = _autoencoder(env)
         self._step = 0
         simulator: PushEnv = getattr(env, "base_env", env)
         self.robot, self.tool = simulator.robot, simulator.tool
@@ -117,7 +109,7 @@ class PolicyLane:
         x, y, yaw = now["object_pose"][0].tolist()
         tool_x, tool_y, tool_yaw = now["ee_pose"][0].tolist()
         path, target = plan.get(self._path_key, None), plan.get(self._target_key, None)
-        occupancy, window = now.get("occupancy", None), now.get("window", None)
+        occupancy = now.get("occupancy", None)
         return Snapshot(
             scenario=self._scenario,
             object_pose=(x, y, yaw),
@@ -131,43 +123,23 @@ class PolicyLane:
             path=None if path is None else path[0].double().numpy(),
             subgoal=None if target is None else (float(target[0, 0]), float(target[0, 1])),
             occupancy=None if occupancy is None else occupancy[0, 0].numpy(),
-            window=None if window is None else as_floats(window[0, 0]).numpy(),
         )
-
-    @torch.no_grad()
-    def reconstruction(self) -> NDArray[np.float32] | None:
-        """The autoencoder's reconstruction of the window; None with another encoder."""
-        if self._vae is None or "window" not in self._td.keys():
-            return None
-        return self._vae.reconstruct(self._td["window"])[0, 0].numpy()
 
     def close(self) -> None:
         """Close the environment."""
         self.env.close(raise_if_closed=False)
 
 
-def _autoencoder(env: EnvBase) -> DepthVAE | None:
-    """The autoencoder that encodes the window, if it is one."""
-    for transform in getattr(env, "transform", ()):
-        if isinstance(transform, Encode) and isinstance(transform.encoder, DepthVAE):
-            return transform.encoder
-    return None
-
-
-if TYPE_CHECKING:
-    from modpush.recipes.agent_file import Agent
-
 POLICIES = ("agent", "corridor", "corridor_faithful", "scripted", "hand")
 """Names of the policies; `"agent"` is the shipped one for all objects, or that for goal poses. What
-`load_agent` takes can be given as well."""
-_MAX_WAYPOINTS = 32  # of the path that is shown
+`get_method` takes can be given as well."""
 
 
-def make_lane(policy: str, config: PlayConfig | None = None) -> PolicyLane:
+def make_lane(policy: str, config: PlayConfig) -> PolicyLane:
     """A policy in an environment of one scene that holds all shipped objects.
 
     Args:
-        policy: One of `POLICIES`, or what `load_agent` takes.
+        policy: `"hand"`, or what `get_method` takes.
         config: Robot, tool, engine, goal, and modules from which an agent's file may import its
             author's own parts.
 
@@ -175,49 +147,24 @@ def make_lane(policy: str, config: PlayConfig | None = None) -> PolicyLane:
         ValueError: If there is no such policy, the file is not an agent, or names modules that are not
             allowed.
     """
-    config = config or PlayConfig()
-    allow = config.allow
-    options: dict[str, Any] = {
-        "pushed_object": tuple(OBJECTS),
-        "max_waypoints": _MAX_WAYPOINTS,
-        "max_episode_steps": None,
-        "keep_images": True,
-        **({} if config.goal == "position" else {"goal": config.goal}),
-    }
-    names = ("engine", "robot", "tool")
-    options |= {name: v for name in names if (v := getattr(config, name)) is not None}
-    if policy not in POLICIES or policy == "agent":
-        agent = _load(policy, allow, config.goal)
-        name = policy if policy == "agent" else Path(policy).stem
-        env = agent.make_env(1, **options)
-        return PolicyLane(name, env, agent.policy)
     # Here, since the simulator comes with it.
-    from modpush.recipes.config import PushEnvConfig
-    from modpush.recipes.make_env import make_push_env
     from modpush.recipes.methods import get_method
 
-    env_config = PushEnvConfig.preset("cpu", num_envs=1, action_frame="base")
-    env = make_push_env(env_config, **options)
-    if policy == "hand":
-        return PolicyLane(policy, env, HandPolicy())
-    method = get_method(policy)
-    keys = {"path_key": method.path_key, "target_key": method.target_key}
-    return PolicyLane(policy, env, method.make_policy(), **keys)
-
-
-def _load(policy: str, allow: Collection[str], goal: Goal) -> "Agent":
-    from modpush.recipes.agent_file import BEST_AGENT, HUB_PREFIX, load_agent, shipped_agents
-
-    if policy == "agent":  # any object may be chosen on the page
-        return load_agent("any_object" if goal == "position" else "pose")
-    path = Path(policy)
-    known = policy in shipped_agents() or policy.startswith(HUB_PREFIX)
-    if not (known or path.is_file() or (path / BEST_AGENT).is_file()):
-        raise ValueError(
-            f"policy: no {policy!r}, expected one of {[*POLICIES, *shipped_agents()]}, an agent's "
-            "file, a training run's folder, or hf://owner/name."
-        )
-    return load_agent(policy, allow=allow)
+    known = {"hand": "scripted"}.get(policy, policy)
+    if policy == "agent" and config.goal == "pose":
+        known = "pose"
+    method = get_method(known, allow=config.allow)
+    names = ("engine", "robot", "tool")
+    options = {name: v for name in names if (v := getattr(config, name)) is not None}
+    if config.engine is not None:
+        options["sim_freq"] = None  # the engine's own
+    if config.goal == "pose":
+        options["goal"] = "pose"
+    options |= {"max_episode_steps": None, "keep_images": True}
+    env = method.make_env(1, tuple(OBJECTS), **options)
+    acting = HandPolicy() if policy == "hand" else method.make_policy()
+    name = Path(policy).stem
+    return PolicyLane(name, env, acting, path_key=method.path_key, target_key=method.target_key)
 
 
 class HandPolicy(TensorDictModuleBase):

@@ -23,22 +23,13 @@ from modpush.viewer.overlays import Overlays, map_picture, path_segments, primit
 from modpush.viewer.session import Session
 
 if TYPE_CHECKING:
-    from viser import SceneNodeDragEvent
+    from viser import SceneNodeDragEvent, ViserServer
 
 
 def ray_on_plane(
     eye: NDArray[np.float64], through: NDArray[np.float64], height: float
 ) -> NDArray[np.float64] | None:
-    """Intersection of a ray with a horizontal plane.
-
-    Args:
-        eye: Origin of the ray, `[3]` [m].
-        through: A point on it, `[3]` [m].
-        height: Height of the plane [m].
-
-    Returns:
-        x and y, `[2]` [m]; None if the ray does not lead there.
-    """
+    """Point `[2]` [m] where a ray from `eye` through a point, `[3]` each, meets a plane; None if none."""
     way = through - eye
     if abs(way[2]) < 1e-9 or (height - eye[2]) / way[2] <= 0:
         return None
@@ -51,13 +42,9 @@ def make_draggable(
     move: Callable[[float, float], None],
     turn: Callable[[float], None] | None = None,
 ) -> None:
-    """Let the left button drag something over the table, and turn it with shift held.
+    """Let the left button drag a viser node over the table, and turn it with shift held.
 
-    Args:
-        handle: The viser node that is grabbed.
-        center: Its present x, y, yaw in the page's world [m, m, rad].
-        move: Called with where its centre is dragged to [m].
-        turn: Called with the yaw that it is turned to [rad].
+    `center` gives its x, y, yaw in the page's world [m, m, rad]; `move` and `turn` get the new ones.
     """
     grabbed: dict[int, tuple[NDArray[np.float64], float, float]] = {}
 
@@ -90,9 +77,6 @@ def make_draggable(
         handle.on_drag("left", modifier="shift")(on_turn)
 
 
-if TYPE_CHECKING:
-    from viser import ViserServer
-
 _TABLE = box(1.20, 1.20, 0.02, (0.30, 0.0, -0.011), color=(0.90, 0.88, 0.84))
 _GOAL = cylinder(GOAL_THRESHOLD, 0.004, (0.0, 0.0, 0.002), color=(0.24, 0.65, 0.30))
 _OBSTACLE, _HIT = (0.30, 0.33, 0.38), (0.80, 0.15, 0.15)
@@ -109,22 +93,12 @@ _SHORT = {
 
 
 class LaneView:
-    """Draws a lane, and sends what is dragged to the session.
+    """Draws a lane under the node `root`, and sends what is dragged to the session.
 
-    Args:
-        server: The page.
-        session: The session behind the page.
-        root: Name of the lane's node.
-        offset: Position of this lane's robot along the page's y [m].
+    Its robot stands at `offset` along the page's y [m].
     """
 
-    def __init__(
-        self,
-        server: "ViserServer",
-        session: Session,
-        root: str,
-        offset: float,
-    ) -> None:
+    def __init__(self, server: "ViserServer", session: Session, root: str, offset: float) -> None:
         self._scene, self._session, self._root = server.scene, session, root
         self._offset = offset
         self._shown: Snapshot | None = None
@@ -221,11 +195,12 @@ class LaneView:
         if before is not shown.scenario:
             self._rebuild(before, shown.scenario)
         item = get_object(shown.scenario.pushed_object)
-        if self._shown is None or (self._shown.robot, self._shown.tool) != (
-            shown.robot,
-            shown.tool,
-        ):
-            self._rebuild_arm(shown)
+        arm = shown.robot, shown.tool
+        if self._shown is None or (self._shown.robot, self._shown.tool) != arm:
+            for handle in self._links:
+                handle.remove()
+            shapes = [*(link.shapes for link in shown.robot.links), shown.tool.shapes]
+            self._links = [self._body(f"arm/{i}", parts) for i, parts in enumerate(shapes)]
         transforms = shown.robot.link_transforms(shown.joint_position)
         for frame, transform in zip(self._links, transforms, strict=True):
             _place_matrix(frame, transform)
@@ -241,12 +216,6 @@ class LaneView:
             assign(handle, "color", tuple(round(255 * c) for c in color))
         self._update_overlays(shown, overlays, name)
         self._shown = shown
-
-    def _rebuild_arm(self, shown: Snapshot) -> None:
-        for handle in self._links:
-            handle.remove()
-        shapes = [*(link.shapes for link in shown.robot.links), shown.tool.shapes]
-        self._links = [self._body(f"arm/{i}", parts) for i, parts in enumerate(shapes)]
 
     def _rebuild(self, before: Scenario | None, now: Scenario) -> None:
         """Make the bodies that a scenario has and the one before had not."""

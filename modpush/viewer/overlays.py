@@ -3,7 +3,6 @@
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
@@ -12,23 +11,16 @@ from modpush.geometry.footprint import outline_of
 from modpush.geometry.shapes import Primitive
 
 _RIM = (235, 120, 40)  # color of the inflated map
-_SCALE = 3  # screen pixels for each pixel of the window
 
 
 @dataclass
 class Overlays:
     """Overlays that are shown."""
 
-    path: bool = True
-    """The planned path."""
-    subgoal: bool = True
-    """The present sub-goal."""
-    map: bool = False
-    """The inflated map, where the object's centre cannot be."""
-    window: bool = False
-    """The local window, and what the autoencoder keeps of it."""
-    flags: bool = True
-    """Contact, collision, success and out of bounds."""
+    path: bool = True  # The planned path
+    subgoal: bool = True  # The present sub-goal
+    map: bool = False  # The inflated map, where the object's centre cannot be
+    flags: bool = True  # Contact, collision, success and out of bounds
 
 
 def path_segments(path: NDArray[np.float64] | None, height: float) -> NDArray[np.float32]:
@@ -44,18 +36,6 @@ def map_picture(occupancy: NDArray[np.bool_]) -> NDArray[np.uint8]:
     picture = np.zeros((*occupancy.shape, 4), dtype=np.uint8)
     picture[occupancy] = (*_RIM, 110)
     return picture
-
-
-def window_picture(
-    window: NDArray[np.float32], reconstruction: NDArray[np.float32] | None
-) -> NDArray[np.uint8]:
-    """Window and reconstruction side by side in grey, `[H, W, 3]`; high is bright."""
-    parts = [window, window * 0 if reconstruction is None else reconstruction]
-    grey = [(np.clip(part, 0, 1) * 255).astype(np.uint8) for part in parts]
-    gap = np.full((len(window), 2), 255, dtype=np.uint8)
-    joined = np.hstack([grey[0], gap, grey[1]])
-    large = cv2.resize(joined, None, fx=_SCALE, fy=_SCALE, interpolation=cv2.INTER_NEAREST)
-    return np.repeat(large[..., None], 3, axis=-1)
 
 
 _NUM_ARC = 32  # corners of a circle

@@ -146,11 +146,7 @@ def _make_server(config: PlayConfig) -> "ViserServer":
 
 
 def _free_port(host: str, port: int) -> int:
-    """The first port that can be listened on; viser would wait for ever where there is none.
-
-    Raises:
-        ValueError: If the host is not this machine, or its ports from this one on are taken.
-    """
+    """The first port that can be listened on; viser would wait for ever where there is none."""
     for candidate in range(port, min(port + _PORTS, 65536)):
         try:
             family, kind, _, _, address = socket.getaddrinfo(
@@ -199,13 +195,10 @@ def _refusing_other_origins(host: str) -> Iterator[None]:
 
 
 def _is_of_page(host: str, origin: str | None, asked: str | None) -> bool:
-    """True for requests of this page, and for those that no page in a browser makes.
+    """True for requests of this page, and for those that no page in a browser makes (origin None).
 
-    Args:
-        host: Address that the server listens on.
-        origin: The request's `Origin`; None where it is not of a page.
-        asked: Its `Host`. A page elsewhere can have its own name stand for this machine, so that
-            `Origin` agrees with it: where only this machine is listened to, it must be local.
+    `asked` is the request's `Host`. A page elsewhere can have its own name stand for this machine, so
+    that `Origin` agrees with it: where only this machine is listened to, it must be local.
     """
     if origin is None:
         return True

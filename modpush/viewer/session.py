@@ -6,7 +6,7 @@ from collections.abc import Callable, Hashable
 import numpy as np
 
 from modpush._types import Angle, Coordinate, Finite, Seed
-from modpush._validation import check_value, checked_arguments
+from modpush._validation import checked_arguments
 from modpush.envs.scenes.layouts import TIGHT_SCENES
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
@@ -15,31 +15,6 @@ from modpush.viewer.config import CONTROL_FREQ, PlayConfig
 from modpush.viewer.lane import HandPolicy, PolicyLane, Snapshot, make_lane
 
 Command = Callable[[], object]
-
-
-class CommandQueue:
-    """Commands that threads hand over, carried out by one thread."""
-
-    def __init__(self) -> None:
-        self._waiting: queue.SimpleQueue[tuple[Hashable, Command]] = queue.SimpleQueue()
-
-    def put(self, command: Command, key: Hashable = None) -> None:
-        """Add a command.
-
-        Args:
-            command: The command.
-            key: Of waiting commands with the same key, such as the moves of one drag, only the last
-                is carried out.
-        """
-        self._waiting.put((key, command))
-
-    def take(self) -> list[Command]:
-        """All waiting commands in their order, without those that a later one replaces."""
-        found: list[tuple[Hashable, Command]] = []
-        while not self._waiting.empty():
-            found.append(self._waiting.get())
-        last = {key: i for i, (key, _) in enumerate(found)}
-        return [command for i, (key, command) in enumerate(found) if key is None or last[key] == i]
 
 
 _PAUSE_AT_END = CONTROL_FREQ  # ticks until the next episode begins by itself
@@ -68,14 +43,13 @@ class Session:
         """Begin the next episode by itself after one has ended."""
         self.message = ""
         """Error of the last command; empty if it succeeded."""
-        self.lanes: list[PolicyLane] = []
-        self.policies: tuple[str, ...] = ()
+        self.policies: tuple[str, ...] = tuple(self.config.policy)
         """The policies as they were given."""
+        self.lanes = _make_lanes(self.policies, self.config)
         self.snapshots: list[Snapshot] = []
         """Snapshot of each lane."""
-        self._commands = CommandQueue()
+        self._commands: queue.SimpleQueue[tuple[Hashable, Command]] = queue.SimpleQueue()
         self._ticks_since_end = 0
-        self._make_lanes(self.config.policy)
         self.reset()
 
     @property
@@ -96,12 +70,17 @@ class Session:
             key: Of waiting commands with the same key, such as the moves of one drag, only the last
                 is carried out.
         """
-        self._commands.put(command, key)
+        self._commands.put((key, command))
 
     def tick(self) -> None:
         """Carry out the commands that wait, then take a control step unless paused or ended."""
-        for command in self._commands.take():
-            self._try(command)
+        found: list[tuple[Hashable, Command]] = []
+        while not self._commands.empty():
+            found.append(self._commands.get())
+        last = {key: i for i, (key, _) in enumerate(found)}
+        for i, (key, command) in enumerate(found):
+            if key is None or last[key] == i:
+                self._try(command)
         if self.paused:
             return
         if not self.ended:
@@ -212,41 +191,17 @@ class Session:
         """
         if not 1 <= len(policies) <= 2:
             raise ValueError(f"Session: policies must be one or two, got {len(policies)}.")
-        check_value("policies", policies, tuple[str, ...])
-        scenario = self.snapshots[0].scenario
-        before = self.lanes, self.policies
-        made = self._make_lanes(policies)
+        if policies == self.policies:
+            return self.restart()
+        scenario, before = self.snapshots[0].scenario, (self.lanes, self.policies)
+        self.lanes, self.policies = _make_lanes(policies, self.config), policies
         try:
             self._start([scenario] * len(self.lanes), self.seed)
         except BaseException:
+            _close(self.lanes)
             self.lanes, self.policies = before
-            for lane in made:
-                lane.close()
             raise
-        for lane in before[0]:
-            if lane not in self.lanes:
-                lane.close()
-
-    def _make_lanes(self, policies: tuple[str, ...]) -> list[PolicyLane]:
-        """Take lanes for these policies; returns those that were made, none where one cannot be."""
-        # Lanes that are there already are kept: an environment takes a second to make.
-        kept = list(zip(self.policies, self.lanes, strict=bool(self.policies)))
-        lanes: list[PolicyLane] = []
-        made: list[PolicyLane] = []
-        try:
-            for policy in policies:
-                found = next((pair for pair in kept if pair[0] == policy), None)
-                if found is None:
-                    made.append(make_lane(policy, self.config))
-                else:
-                    kept.remove(found)
-                lanes.append(made[-1] if found is None else found[1])
-        except BaseException:
-            for lane in made:
-                lane.close()
-            raise
-        self.lanes, self.policies = lanes, tuple(policies)
-        return made
+        _close(before[0])
 
     @checked_arguments
     def move_goal(self, x: Coordinate, y: Coordinate, yaw: Angle | None = None) -> None:
@@ -273,10 +228,26 @@ class Session:
     def push_by_hand(self, dx: Finite, dy: Finite, dyaw: Finite = 0.0) -> None:
         """Move the tool of the lanes that a person drives, in [-1, 1], base frame."""
         for lane in self.lanes:
-            if isinstance(lane, PolicyLane) and isinstance(lane.policy, HandPolicy):
+            if isinstance(lane.policy, HandPolicy):
                 lane.policy.press((dx, dy, dyaw))
 
     def close(self) -> None:
         """Free the simulators."""
-        for lane in self.lanes:
-            lane.close()
+        _close(self.lanes)
+
+
+def _make_lanes(policies: tuple[str, ...], config: PlayConfig) -> list[PolicyLane]:
+    """A lane for each policy, none where one cannot be made."""
+    lanes: list[PolicyLane] = []
+    try:
+        for policy in policies:
+            lanes.append(make_lane(policy, config))
+    except BaseException:
+        _close(lanes)
+        raise
+    return lanes
+
+
+def _close(lanes: list[PolicyLane]) -> None:
+    for lane in lanes:
+        lane.close()

@@ -4,18 +4,14 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from modpush.agents import ScriptedPusher, ScriptedPusherConfig
-from modpush.agents.scripted import scripted_push
+from modpush.agents import ScriptedPusher
+from modpush.agents.scripted import _MARGIN, _STEER_GAIN, _TOOL_RADIUS, scripted_push
 from modpush.envs import PushEnv
-
-CONFIG = ScriptedPusherConfig()
 
 
 def push(obj, target, ee, contact=False):
     rows = (torch.tensor([v], dtype=torch.float32) for v in (obj, target, ee))
-    return scripted_push(*rows, torch.tensor([[contact]]), torch.tensor([[0.035]]), config=CONFIG)[
-        0
-    ]
+    return scripted_push(*rows, torch.tensor([[contact]]), torch.tensor([[0.035]]))[0]
 
 
 def test_right_behind_it_goes_straight_on() -> None:
@@ -25,7 +21,7 @@ def test_right_behind_it_goes_straight_on() -> None:
 
 
 def test_in_front_of_it_it_goes_round_and_not_through() -> None:
-    circle = 0.035 + CONFIG.tool_radius + CONFIG.margin
+    circle = 0.035 + _TOOL_RADIUS + _MARGIN
     action = push([0.5, 0.0], [0.7, 0.0], [0.5 + circle, 0.001, 0.0])
     assert abs(action[0].item()) < 0.05
     assert abs(action[1].item()) > 0.99
@@ -35,7 +31,7 @@ def test_it_steers_back_onto_the_line() -> None:
     # In contact, left of the line (y > 0): it steers farther left, so that the object turns right.
     action = push([0.5, 0.0], [0.7, 0.0], [0.45, 0.01, math.pi / 2], contact=True)
     bearing = math.atan2(-0.01, 0.05)
-    assert math.atan2(action[1], action[0]) == pytest.approx((1 + CONFIG.steer_gain) * bearing)
+    assert math.atan2(action[1], action[0]) == pytest.approx((1 + _STEER_GAIN) * bearing)
 
 
 @pytest.mark.parametrize("turn", [0.3, 1.7, -2.5])

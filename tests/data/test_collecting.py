@@ -12,7 +12,7 @@ import torch
 from tensordict import TensorDict
 
 from modpush.data import CollectConfig, collect_demonstrations, collecting, load_demonstrations
-from modpush.data.config import card_text, episode_seed
+from modpush.data.collecting import card_text, episode_seed
 from modpush.envs import PushEnv, Scenario
 from modpush.evaluation.set_recipes import RECIPES
 from modpush.files import load_yaml

@@ -13,7 +13,7 @@ from tests.training.conftest import SHORT, SMOKE
 
 @pytest.fixture(autouse=True)
 def short_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(TRAIN_PRESETS, "smoke", ("", SHORT))
+    monkeypatch.setitem(TRAIN_PRESETS, "smoke", SHORT)
 
 
 def run(name: str, folder: Path):
@@ -33,7 +33,7 @@ def test_observation_entry(tmp_path: Path) -> None:
 
 
 def test_reward_term(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(TRAIN_PRESETS, "smoke", ("", SMOKE))
+    monkeypatch.setitem(TRAIN_PRESETS, "smoke", SMOKE)
     # A random action has a squared length of 1 on average, a weight of 0.2 and a scale of 0.1, for
     # 20 steps: -0.4 beside what else the reward holds.
     assert run("reward_term", tmp_path) < -0.3

@@ -27,6 +27,6 @@ def test_evaluate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 def test_train(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(TRAIN_PRESETS, "smoke", ("", SHORT))
+    monkeypatch.setitem(TRAIN_PRESETS, "smoke", SHORT)
     load_example("train").main("smoke", 1, tmp_path / "run")
     assert "of 4 new episodes" in capsys.readouterr().out

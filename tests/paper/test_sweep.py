@@ -35,7 +35,7 @@ def test_overrides_reach_the_configuration(tmp_path: Path) -> None:
     assert [trial.name for trial in trials] == ["a/seed_3", "b/seed_3", "a/seed_5", "b/seed_5"]
     config = trials[3].config
     assert (config.seed, config.total_steps, config.tqc.actor_lr) == (5, 96, 3e-4)
-    smoke = TRAIN_PRESETS["smoke"][1]
+    smoke = TRAIN_PRESETS["smoke"]
     assert config.env.reward.weights == {**smoke.env.reward.weights, "goal": 7.0}
     assert trials[0].config.env == smoke.env
     assert {trial.config.total_steps for trial in load_trials(file, total_steps=48)} == {48}

@@ -195,7 +195,7 @@ def test_a_process_that_torch_has_one_thread_in_plans_on_one(monkeypatch):
     def refuse(*arguments):
         raise AssertionError("the parallel kernel was called")
 
-    monkeypatch.setattr("modpush.planners.lazy_theta_star.plan_over_corners._parallel", refuse)
+    monkeypatch.setattr("modpush.planners.any_angle.plan_over_corners._parallel", refuse)
     maps = wall_map().repeat(4, 1, 1)
     ends = xy(2, 2).repeat(4, 1), xy(2, 17).repeat(4, 1)
     assert LazyThetaStar().plan(maps, *ends).found.all()
@@ -256,6 +256,7 @@ def test_point_along_a_bent_line_by_hand():
 
 NOTHING_LEFT_TO_COMPILE = """
 import sys
+import numba
 import torch
 from modpush._kernels import BatchKernel
 import modpush.geometry as geometry
@@ -281,14 +282,21 @@ for batch in (1, 3):
     planners.OccupancyMap(camera)(torch.full((batch, 40, 56), camera.z), 0.035)
 print(warm, compiled())
 """
+NUMBER_OF_THREADS = """
+torch.set_num_threads(2)
+for _ in range(2):
+    planners.inflate(torch.zeros(8, 32, 32, dtype=torch.bool), 2.0)
+    print(torch.get_num_threads(), numba.get_num_threads())
+"""
 
 
 @pytest.mark.parametrize("threads", ["1", pytest.param("2", marks=pytest.mark.slow)])
-def test_after_warmup_nothing_is_left_to_compile(threads):
+def test_after_warmup_nothing_is_left_to_compile_and_torch_keeps_its_number_of_threads(threads):
     # In a process of its own: in this one other tests have compiled what there is.
-    script = [sys.executable, "-c", NOTHING_LEFT_TO_COMPILE]
-    environment = {**os.environ, "OMP_NUM_THREADS": threads}
+    script = [sys.executable, "-c", NOTHING_LEFT_TO_COMPILE + NUMBER_OF_THREADS]
+    environment = {**os.environ, "OMP_NUM_THREADS": threads, "NUMBA_NUM_THREADS": "4"}
     done = subprocess.run(script, capture_output=True, text=True, check=True, env=environment)
-    warm, after = map(int, done.stdout.split())
+    warm, after, *numbers = map(int, done.stdout.split())
     assert warm == after
     assert warm >= 6  # a kernel for each search, inflation, occupancy from depth
+    assert numbers == [2, 2, 2, 2]  # where there are more cores

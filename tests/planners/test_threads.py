@@ -1,8 +1,5 @@
 """One planner or map, shared by several threads."""
 
-import os
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier
 
@@ -85,22 +82,3 @@ def test_threads_with_batches_of_one_size_do_not_interfere(torch_threads, make):
     assert_threads_get_the_same(
         call, [(occupancy[k::4], start[k::4], goal[k::4]) for k in range(4)], rounds=50
     )
-
-
-def test_torch_keeps_its_number_of_threads_where_there_are_more_cores():
-    code = """
-import numba, torch
-from modpush.planners import inflate
-torch.set_num_threads(2)
-for _ in range(2):
-    inflate(torch.zeros(8, 32, 32, dtype=torch.bool), 2.0)
-    print(torch.get_num_threads(), numba.get_num_threads())
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        check=True,
-        env={**os.environ, "NUMBA_NUM_THREADS": "4"},
-    )
-    assert done.stdout.split() == ["2", "2", "2", "2"]

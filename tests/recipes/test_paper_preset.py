@@ -12,7 +12,7 @@ from modpush.recipes.config import PushEnvConfig
 from modpush.replay import ReplayConfig
 from modpush.training import TRAIN_PRESETS, TrainConfig
 
-PAPER = TRAIN_PRESETS["paper"][1]
+PAPER = TRAIN_PRESETS["paper"]
 
 PRINTED = {
     # Sec. IV-A, preprocessing
@@ -129,7 +129,7 @@ def changed(config, base, prefix=""):
 
 
 def test_all_in_which_the_cpu_preset_departs_from_the_paper():
-    departures = changed(TRAIN_PRESETS["cpu"][1], PAPER)
+    departures = changed(TRAIN_PRESETS["cpu"], PAPER)
     assert departures.pop("env.reward.weights") == {
         "goal": 50.0,
         "distance": 1.0,

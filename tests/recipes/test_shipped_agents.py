@@ -34,12 +34,12 @@ def test_an_agent_is_a_policy_by_its_name(name: str) -> None:
 def test_any_object_is_of_the_preset_of_that_name() -> None:
     config = load_agent("any_object").config
     assert config.simulation.sim_freq == 120  # which the preset leaves to SAPIEN, whose own it is
-    assert config.with_fields(sim_freq=None) == TRAIN_PRESETS["refine_any_object"][1].env
+    assert config.with_fields(sim_freq=None) == TRAIN_PRESETS["refine_any_object"].env
 
 
 def test_paper_is_of_the_preset_paper_cpu_and_solves_the_five_families() -> None:
     agent = load_agent("paper")
-    assert agent.config == TRAIN_PRESETS["paper_cpu"][1].env
+    assert agent.config == TRAIN_PRESETS["paper_cpu"].env
     env = agent.make_env(8)
     assert env.observation_spec["observation"].shape == (8, 49)
     scenarios = load_set("tuning/small_cube").first(24).scenarios
@@ -54,7 +54,7 @@ def test_pose_is_of_its_preset_and_solves_poses_past_every_kind_of_obstacle() ->
     config = agent.config
     was = {"planner_margin": 0.02, "motion_ahead": 0.0, "contact_filter": False}  # as the card says
     trained = config.with_fields(sim_freq=None, **was)
-    assert trained == TRAIN_PRESETS["refine_pose_obstacles"][1].env
+    assert trained == TRAIN_PRESETS["refine_pose_obstacles"].env
     scenarios = [
         scenario
         for name in SHAPE_SCENES

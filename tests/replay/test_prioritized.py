@@ -138,17 +138,6 @@ def test_a_saved_sampler_draws_the_same(how, tmp_path):
     assert (samples[0] == samples[1]).all()
 
 
-def test_several_dimensions():
-    storage = LazyTensorStorage(16, ndim=2)
-    buffer = TensorDictReplayBuffer(
-        storage=storage, sampler=PrioritizedSampler(16, 1.0, 1.0), batch_size=300
-    )
-    buffer.extend(TensorDict({"x": torch.arange(16).reshape(4, 4)}, batch_size=[4, 4]))
-    index = torch.stack(torch.unravel_index(torch.arange(16), (4, 4)), -1)
-    buffer.update_priority(index, torch.eye(16)[7])
-    assert buffer.sample()["index"].unique(dim=0).tolist() == [[1, 3]]
-
-
 def test_with_n_step_returns_and_batches_prepared_ahead():
     config = ReplayConfig(capacity=100, batch_size=8, sampler="prioritized", n_steps=3, prefetch=2)
     buffer = make_replay_buffer(config)

@@ -7,7 +7,7 @@ import pytest
 
 from modpush.training import TRAIN_PRESETS, Trainer
 
-SMOKE = replace(TRAIN_PRESETS["smoke"][1], total_steps=192, evaluate_every=96, checkpoint_every=64)
+SMOKE = replace(TRAIN_PRESETS["smoke"], total_steps=192, evaluate_every=96, checkpoint_every=64)
 """Two evaluations, three checkpoints and ten updates, one each 12 steps from step 64 on."""
 SHORT = replace(SMOKE, total_steps=96)
 """Its first half: one evaluation and two updates."""

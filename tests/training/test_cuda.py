@@ -13,7 +13,7 @@ from modpush.recipes import load_agent
 from modpush.replay import ReplayConfig
 from modpush.training import TRAIN_PRESETS, Trainer
 
-SMOKE = TRAIN_PRESETS["smoke"][1]
+SMOKE = TRAIN_PRESETS["smoke"]
 on_cuda = [
     pytest.mark.gpu,
     pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device"),

@@ -9,7 +9,7 @@ from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
 from modpush.training.learner import weights_of
 from modpush.training.scene_worker import SceneWorker
 
-SMOKE = TRAIN_PRESETS["smoke"][1]
+SMOKE = TRAIN_PRESETS["smoke"]
 
 
 def worker_of(config: TrainConfig) -> SceneWorker:

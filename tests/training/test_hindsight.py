@@ -17,7 +17,7 @@ from modpush.replay import NStepTransform
 from modpush.training import TRAIN_PRESETS, Trainer
 from modpush.training.hindsight import Hindsight, n_step_returns
 
-POSE = TRAIN_PRESETS["pose"][1]
+POSE = TRAIN_PRESETS["pose"]
 SMALL = replace(
     POSE,
     env=POSE.env.with_fields(num_envs=2, max_episode_steps=12, scene=("free", "posts")),

@@ -116,7 +116,7 @@ def test_two_collectors_train(trained: Noting) -> None:
 def test_an_agent_learns(cluster: Any, tmp_path: Path) -> None:
     """0.68 of 120 held-out episodes after these steps in `benchmarks/bench_scale.py`."""
     config = replace(
-        TRAIN_PRESETS["cpu"][1],
+        TRAIN_PRESETS["cpu"],
         collector="ray",
         total_steps=45_000,
         evaluate_every=45_000,

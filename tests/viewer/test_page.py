@@ -139,7 +139,6 @@ def test_a_person_drags_the_goal_adds_an_obstacle_and_sees_success(page, browser
     )
     tab.get_by_role("tab", name="Overlays").click()
     tab.get_by_label("Inflated map").check()
-    tab.get_by_label("Window and reconstruction").check()
     tab.get_by_role("tab", name="Run").click()
     tab.get_by_label("Pause").uncheck()
     wait_for(lambda: session.snapshots[0].step > 12)

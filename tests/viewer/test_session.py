@@ -131,7 +131,7 @@ def test_a_command_that_fails_says_why_and_changes_nothing(session) -> None:
     assert session.scene == "slot"
     session.submit(lambda: session.choose_policies("no/such/agent"))
     session.tick()
-    assert "no 'no/such/agent', expected one of" in session.message
+    assert "no 'no/such/agent', expected" in session.message
     assert session.policies == ("agent",)
     lanes = session.lanes
     session.submit(lambda: session.choose_policies("scripted", "no/such/agent"))
@@ -225,16 +225,6 @@ def test_another_object_is_pushed_without_a_new_environment(session, pushed_obje
     session.tick()
     assert session.lanes[0] is lane
     assert session.snapshots[0].scenario.pushed_object == pushed_object
-
-
-def test_the_window_and_its_reconstruction_show_the_obstacles(session) -> None:
-    session.choose_scene(scene="posts", difficulty=1.0)
-    x, y, _ = session.snapshots[0].object_pose
-    session.move_obstacle(0, x - 0.09, y)
-    window, kept = session.snapshots[0].window, session.lanes[0].reconstruction()
-    assert window.shape == kept.shape == (64, 64)
-    assert window.max() > 0.5
-    assert np.abs(kept - window).mean() < 0.05 < kept.max()
 
 
 def test_only_the_obstacle_that_is_hit_turns_red(session) -> None:

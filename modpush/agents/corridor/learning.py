@@ -26,14 +26,11 @@ from modpush.geometry.frames import wrap_angle
 class Stance(NamedTuple):
     """Position of the tool relative to the object and its evaluation, `[B]` each."""
 
+    # Angle between "tool to object" and "object to target" [rad]; 0 is straight behind the object
     alpha: Tensor
-    """Angle between "tool to object" and "object to target" [rad]; 0 is straight behind the object."""
-    alpha_p: Tensor
-    """Preferred angle: mean of the angles of successful pushes [rad]."""
-    push: Tensor
-    """Activation psi_push in [0, 1]."""
-    relocate: Tensor
-    """Activation psi_relocate in [0, 1]."""
+    alpha_p: Tensor  # Preferred angle: mean of the angles of successful pushes [rad]
+    push: Tensor  # Activation psi_push in [0, 1]
+    relocate: Tensor  # Activation psi_relocate in [0, 1]
 
 
 def bessel_ratio(kappa: Tensor) -> Tensor:
@@ -57,18 +54,10 @@ def concentration(ratio: Tensor) -> Tensor:
 
 
 def fit_angles(alphas: Tensor, valid: Tensor, config: CorridorConfig) -> tuple[Tensor, Tensor]:
-    """Posterior mode (mu, kappa) by the conjugate update.
+    """Posterior mode (mu, kappa), `[B]` each, of the angles `[B, N]` [rad] that are `valid`.
 
-    The prior is p(mu, kappa) ~ exp(R0 kappa cos(phi - mu)) / I0(kappa)^c: c pseudo-observations whose
-    unit vectors add up to length R0 in direction phi.
-
-    Args:
-        alphas: Angles of successful pushes, `[B, N]` [rad].
-        valid: Mask of the angles that count, `[B, N]` bool.
-        config: The prior: R0 is `prior_strength`, c `prior_count` and phi `prior_direction`.
-
-    Returns:
-        mu `[B]` [rad] and kappa `[B]`.
+    The conjugate prior is p(mu, kappa) ~ exp(R0 kappa cos(phi - mu)) / I0(kappa)^c: c
+    pseudo-observations whose unit vectors add up to length R0 in direction phi, see `CorridorConfig`.
     """
     strength, direction = config.prior_strength, config.prior_direction
     x = strength * math.cos(direction) + sum_in_order(alphas.cos() * valid)
@@ -91,15 +80,9 @@ def activations(
 ) -> tuple[Tensor, Tensor]:
     """Activations of pushing and of going around the object, `[B]` in [0, 1] each.
 
-    Args:
-        alpha: Present angle of the tool, `[B]` [rad]; 0 is straight behind the object.
-        alpha_p: Preferred angle, `[B]` [rad].
-        mu: `[B]` [rad].
-        kappa: `[B]`.
-        faithful: Measure the deviation as the authors' code does.
-
-    Returns:
-        psi_push, the density relative to its peak, and psi_relocate = sqrt(1 - psi_push^2).
+    psi_push is the density of the tool's angle alpha [rad], 0 straight behind the object, relative to
+    its peak, and psi_relocate = sqrt(1 - psi_push^2). `faithful` measures the deviation as the authors'
+    code does.
     """
     difference = wrap_angle(alpha_p - alpha)
     near = (difference.abs() < math.pi / 8) & (difference.abs() < wrap_angle(alpha).abs())

@@ -130,12 +130,8 @@ def turn_wide_side(heading: Tensor, yaw: Tensor, max_turn: float) -> Tensor:
     """Rotation `[B]` in [-1, 1] that turns the tool's wide side towards the push, the shorter way.
 
     A flat face steadies the push; the object slips off a corner or the narrow side. The tool is
-    symmetric under half a turn.
-
-    Args:
-        heading: Direction of the push, `[B]` [rad].
-        yaw: Orientation of the tool, `[B]` [rad]; at yaw 0 its wide side lies along x.
-        max_turn: Angle of a rotation of 1 [rad].
+    symmetric under half a turn. At yaw 0 its wide side lies along x; a rotation of 1 is `max_turn`
+    [rad].
     """
     twice = 2.0 * (heading + math.pi / 2 - yaw)
     turn = torch.atan2(twice.sin(), twice.cos()) / 2.0

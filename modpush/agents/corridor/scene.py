@@ -18,22 +18,16 @@ from modpush.planners.occupancy import cells_outside
 class CorridorScene(NamedTuple):
     """Observed quantities of `B` scenes; positions (x, y) are in the robot's base frame."""
 
-    camera: Camera
-    """The camera, whose pixels on the table are the cells of the grid."""
+    camera: Camera  # The camera, whose pixels on the table are the cells of the grid
+    # Distance of each cell to the nearest obstacle, for each scene `[H, W]` float32 [cells]
     obstacle_distance: list[NDArray[Any]]
-    """Distance of each cell to the nearest obstacle, for each scene `[H, W]` float32 [cells]."""
-    object_position: Tensor
-    """Position of the object, `[B, 2]` [m]."""
-    object_radius: Tensor
-    """Circumscribed radius of the object, `[B]` [m]."""
-    tool_position: Tensor
-    """Position of the tool, `[B, 2]` [m]."""
-    tool_yaw: Tensor
-    """Orientation of the tool, `[B]` [rad]."""
-    goal: Tensor
-    """Position of the goal, `[B, 2]` [m]."""
+    object_position: Tensor  # Position of the object, `[B, 2]` [m]
+    object_radius: Tensor  # Circumscribed radius of the object, `[B]` [m]
+    tool_position: Tensor  # Position of the tool, `[B, 2]` [m]
+    tool_yaw: Tensor  # Orientation of the tool, `[B]` [rad]
+    goal: Tensor  # Position of the goal, `[B, 2]` [m]
+    # Largest distance from an obstacle at which the object counts as touching it, `[B]` [m]
     touch_radius: Tensor
-    """Largest distance from an obstacle at which the object counts as touching it, `[B]` [m]."""
 
     def select(self, rows: Tensor) -> "CorridorScene":
         """The scenes with the given indices `[N]`."""
@@ -81,15 +75,7 @@ class ObstacleDistances:
         return {**self.__dict__, "_last": {}}
 
     def __call__(self, depth: Tensor, segmentation: Tensor) -> list[NDArray[Any]]:
-        """Compute the distances of a batch.
-
-        Args:
-            depth: `[B, H, W]` float32 [m].
-            segmentation: `[B, H, W]` uint8, labels as in `modpush.geometry`.
-
-        Returns:
-            For each scene `[H, W]` float32 [cells].
-        """
+        """Distances `[H, W]` float32 [cells] for each scene, from depth [m] and labels `[B, H, W]`."""
         blocked, bits = self._occupancy(depth, 0.0, segmentation)
         distances = []
         for scene in range(len(bits)):
@@ -173,11 +159,7 @@ def corridor_cost(
 ) -> Tensor:
     """Cost of each cell by its distance to obstacles, `[B, H, W]` float32.
 
-    Args:
-        distance: `[B, H, W]` [cells].
-        inner: Width of the inner zone, `[B]` [cells].
-        outer: Width of the outer zone, `[B]` [cells].
-        costs: Cost of a cell that is free, in the outer zone, and in the inner zone.
+    The widths of the zones `[B]` and the distance are in cells; `costs` are free, outer and inner.
     """
     inner, outer = inner[:, None, None], outer[:, None, None]
     cost = torch.full_like(distance, costs[0])
@@ -193,16 +175,10 @@ def least_cost_path(
     points: int,
     neighbours: Literal[4, 8] = 8,
 ) -> Tensor:
-    """Path of least cost as equidistant points, `[B, points, 2]` (u, v) [px].
+    """Path of least cost as equidistant points, `[B, points, 2]` (u, v) [px]; else the straight line.
 
-    Where there is no path, it is the straight line.
-
-    Args:
-        distance: Distance to obstacles, `[B, H, W]` [cells]; 0 on obstacles.
-        cost: `[B, H, W]` float32.
-        ends: Start and goal, each `[B, 2]` (u, v) [px].
-        points: Number of points.
-        neighbours: Number of neighbours of a cell, 4 or 8.
+    `distance` to obstacles [cells], 0 on them, and `cost` are `[B, H, W]`; the ends are `[B, 2]` (u, v)
+    [px].
     """
     start, goal = ends
     paths = AStar(neighbours=neighbours).plan_weighted(distance == 0, cost, start, goal)

@@ -24,38 +24,27 @@ CHECKED_AHEAD = 0.05
 class View(NamedTuple):
     """One scene on the grid; positions are `[2]` (u, v) [px]."""
 
-    distance: NDArray[Any]
-    """Distance of each cell to obstacles, `[H, W]` float32 [cells]."""
-    path: NDArray[Any]
-    """Path of the object, `[N, 2]` (u, v) [px], the goal last."""
-    position: NDArray[Any]
-    """Position of the object."""
-    tool: NDArray[Any]
-    """Position of the tool."""
-    previous: NDArray[Any]
-    """Target of the step before."""
-    first: bool
-    """First step of an episode, without a previous target."""
+    distance: NDArray[Any]  # Distance of each cell to obstacles, `[H, W]` float32 [cells]
+    path: NDArray[Any]  # Path of the object, `[N, 2]` (u, v) [px], the goal last
+    position: NDArray[Any]  # Position of the object
+    tool: NDArray[Any]  # Position of the tool
+    previous: NDArray[Any]  # Target of the step before
+    first: bool  # First step of an episode, without a previous target
 
 
 class Limits(NamedTuple):
     """Distances that object and tool keep from obstacles."""
 
+    # Width of the outer zone, in which the tool behind the object may touch the obstacle [cells]
     outer: float
-    """Width of the outer zone, in which the tool behind the object may touch the obstacle [cells]."""
-    inner: float
-    """Width of the inner zone, in which the object may touch the obstacle [cells]."""
-    touch: float
-    """Distance at which the object touches an obstacle [cells]."""
-    tool: float
-    """Clearance of the tool's centre from obstacles [cells]."""
-    behind: float
-    """Distance behind the object from which the tool pushes it [px]."""
+    inner: float  # Width of the inner zone, in which the object may touch the obstacle [cells]
+    touch: float  # Distance at which the object touches an obstacle [cells]
+    tool: float  # Clearance of the tool's centre from obstacles [cells]
+    behind: float  # Distance behind the object from which the tool pushes it [px]
+    # Limits for an object that is closer to an obstacle: True shrinks them to its present distance
+    # and requires room behind it; False leaves no visible point until the object is out
     relative: bool
-    """Limits for an object that is closer to an obstacle: True shrinks them to its present distance
-    and requires room behind it; False leaves no visible point until the object is out."""
-    path_step: int
-    """Lead of the last fallback's target over the object, in points of the path."""
+    path_step: int  # Lead of the last fallback's target over the object, in points of the path
 
 
 @njit(nogil=True)
@@ -178,17 +167,10 @@ def turn_target(
     """Turn the target around the object until the tool has room behind it, (u, v) [px].
 
     An object beside a wall cannot be pushed straight off it; it can be pushed along it and a little
-    outwards. The smallest turn of at most 105 degrees to either side is taken. The target is unchanged
-    if no turn makes room.
-
-    Args:
-        distance: Distance of each cell to obstacles, `[H, W]` float32 [cells].
-        position: Position of the object, `[2]` (u, v) [px].
-        target: `[2]` (u, v) [px].
-        behind: Distance of the tool behind the object [px].
-        tool: Clearance of the tool from obstacles there [cells].
-        ahead: Distance ahead of the object that is checked [px].
-        touch: Clearance of the object from obstacles there, unless it is closer already [cells].
+    outwards. The smallest turn of at most 105 degrees to either side is taken, none if no turn makes
+    room: with `tool` cells of clearance at the distance `behind` the object [px], and `touch`, or what
+    there is, on the next `ahead` pixels before it. `distance` `[H, W]` is that of each cell to obstacles
+    [cells].
     """
     du, dv = target[0] - position[0], target[1] - position[1]
     length = max(np.sqrt(du * du + dv * dv), 1e-9)

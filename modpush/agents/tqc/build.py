@@ -132,16 +132,10 @@ def make_tqc_from_specs(
         action_spec: Spec of one action, `[A]`.
         observation_key: The observation's key in its spec.
         action_key: The action's key in the data.
-        loss: As in `make_tqc`.
-        actor: As in `make_tqc`.
-        critic: As in `make_tqc`.
-        encoder: As in `make_tqc`.
-
-    Returns:
-        The agent's parts.
-
-    Raises:
-        ValueError: As `make_tqc`.
+        loss: This and the following are as in `make_tqc`, as are the result and the errors.
+        actor: See above.
+        critic: See above.
+        encoder: See above.
     """
     if config.device.startswith("cuda"):
         warn_experimental("The learner")

@@ -49,12 +49,7 @@ def encode_images(encoder: nn.Module, images: Tensor) -> Tensor:
 
 
 def make_trained_encoder(encoder: str | nn.Module | Callable[[], nn.Module]) -> nn.Module:
-    """The encoder that a text, a class or function that makes one, or a module stands for.
-
-    Raises:
-        ValueError: If the text is not that of an importable encoder.
-        TypeError: If the result is not a module with an int `latent_dim`.
-    """
+    """The encoder that a text, a class or function that makes one, or a module stands for."""
     module = find_part("encoder", encoder, {})
     if callable(module) and not isinstance(module, nn.Module):
         module = module()

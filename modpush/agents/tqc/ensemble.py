@@ -30,12 +30,7 @@ class AnyFloatMLP(MLP):
     """TorchRL's `MLP`, whose inputs may have another floating dtype than its parameters."""
 
     def forward(self, *inputs: Tensor) -> Tensor:
-        """`[*B, d_i]` each, to `[*B, out_features]`.
-
-        Raises:
-            ValueError: If the inputs have more or fewer values than the network was made for, such as the
-                observation of an environment with another config than the agent's.
-        """
+        """`[*B, d_i]` each, to `[*B, out_features]`; a ValueError if they have more or fewer values."""
         if (width := sum(x.shape[-1] for x in inputs)) != self[0].in_features:
             raise ValueError(
                 f"AnyFloatMLP: expected {self[0].in_features} input values, got {width}. An agent "
@@ -51,15 +46,10 @@ class NotBatchableError(ValueError):
 class BatchedEnsemble:
     """Calls `N` critics at once, in place of TorchRL's `vmap` over the critic.
 
-    Accepts a `TensorDictModule` (or `ValueOperator`) around a `torchrl.modules.MLP`, an
-    `nn.Sequential` or a single `nn.Linear`, made of `Linear`, `LayerNorm` and elementwise
-    activations. Several inputs are concatenated, as `MLP` does.
-
-    Args:
-        critic: One critic of the ensemble. Only its structure is read, never its parameters.
-
-    Raises:
-        NotBatchableError: If the critic holds anything else, or hooks.
+    Accepts a `TensorDictModule` (or `ValueOperator`) around a `torchrl.modules.MLP`, an `nn.Sequential`
+    or a single `nn.Linear`, made of `Linear`, `LayerNorm` and elementwise activations, else raises a
+    NotBatchableError. Several inputs are concatenated, as `MLP` does. Only the critic's structure is
+    read.
     """
 
     def __init__(self, critic: TensorDictModule) -> None:
@@ -84,14 +74,9 @@ class BatchedEnsemble:
         """The output's last dimension."""
 
     def __call__(self, inputs: Sequence[Tensor], params: TensorDictBase) -> Tensor:
-        """Evaluate all critics on the same inputs.
+        """Atoms `[N, *B, n]` of all critics on the same inputs, `[*B, d_i]` each, in `in_keys`' order.
 
-        Args:
-            inputs: The critics' inputs in the order of `in_keys`, each `[*B, d_i]`.
-            params: The critics' parameters, each with a leading dimension `N`.
-
-        Returns:
-            The atoms, `[N, *B, n]`.
+        Each parameter has a leading dimension `N`.
         """
         tensors = [[params.get(path) for path in paths] for _, paths in self._layers]
         weight = next(layer[0] for layer in tensors if layer)

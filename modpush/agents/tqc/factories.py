@@ -145,9 +145,6 @@ def scalar_loss(
     """TorchRL's `TD3Loss` if the config's loss is "td3", else `SACLoss`: critics of one value each.
 
     With TD3 the actor learns in every update, where the publication has it learn in every second one.
-
-    Raises:
-        ValueError: If an image encoder is to be trained, which only the loss "tqc" does.
     Source: Haarnoja et al. (2018), arXiv 1812.05905; Fujimoto et al. (2018), arXiv 1802.09477.
     """
     if specs.encoder is not None:

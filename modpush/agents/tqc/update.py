@@ -2,13 +2,15 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Literal, get_args
+from typing import Literal
 
 import torch
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import CudaGraphModule
 from torchrl.objectives import LossModule
 from torchrl.objectives.utils import TargetNetUpdater
+
+from modpush._validation import checked_arguments
 
 Execution = Literal["eager", "compile", "cudagraph"]
 Precision = Literal["float32", "bfloat16"]
@@ -44,6 +46,7 @@ class TQCUpdate:
             without a CUDA device.
     """
 
+    @checked_arguments
     def __init__(
         self,
         loss: LossModule,
@@ -53,14 +56,6 @@ class TQCUpdate:
         execution: Execution = "eager",
         precision: Precision = "float32",
     ) -> None:
-        if precision not in get_args(Precision):
-            raise ValueError(
-                f"TQCUpdate: precision must be one of {get_args(Precision)}, got {precision!r}."
-            )
-        if execution not in get_args(Execution):
-            raise ValueError(
-                f"TQCUpdate: execution must be one of {get_args(Execution)}, got {execution!r}."
-            )
         device = next(loss.parameters()).device
         if execution == "cudagraph" and device.type != "cuda":
             raise ValueError(

@@ -32,10 +32,9 @@ class DepthVAE(Encoder):
     average pooling after the third. As an encoder it returns the latent's mean; `encode` and `decode`
     give the distributions.
 
-    Widths and strides are ours (the paper gives none), chosen by `benchmarks/bench_encoders.py`: the
-    window is halved early, the last map of the encoder is 4x4 (the authors' is 1x1), and the decoder
-    has few channels where its maps are large. Weights are laid out channels-last, which halves the
-    time on a CPU.
+    Widths and strides are ours (the paper gives none), chosen by their speed: the window is halved early,
+    the last map of the encoder is 4x4 (the authors' is 1x1), and the decoder has few channels where its
+    maps are large. Weights are laid out channels-last, which halves the time on a CPU.
 
     Args:
         latent_dim: Number of values in a latent.

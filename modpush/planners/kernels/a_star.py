@@ -23,17 +23,11 @@ _DY = np.array([0, 0, 1, -1, 1, 1, -1, -1], dtype=np.int64)
 
 
 class Steps(NamedTuple):
-    """Steps between cells and their costs.
+    """Steps between cells and their costs."""
 
-    Attributes:
-        weight: `[H, W]` float32, positive; `[1, 1]` stands for the same everywhere.
-        cheapest: The least weight.
-        neighbours: 4 or 8.
-    """
-
-    weight: NDArray
-    cheapest: float
-    neighbours: int
+    weight: NDArray  # `[H, W]` float32, positive; `[1, 1]` stands for the same everywhere
+    cheapest: float  # The least weight
+    neighbours: int  # 4 or 8
 
 
 @njit(nogil=True)
@@ -49,21 +43,11 @@ def _remaining(dx: int, dy: int, neighbours: int) -> float:
 def search_cells(
     codes: NDArray, steps: Steps, start: int, goal: int, cost: NDArray, parent: NDArray
 ) -> bool:
-    """A* over cells numbered row by row.
+    """A* over cells numbered row by row; True if the goal was reached.
 
     A step costs its length times the mean weight of the two cells. A diagonal one needs both cells
-    beside it free.
-
-    Args:
-        codes: `[H + 1, W + 1]` uint8 from `visibility.vertex_codes`.
-        steps: The steps and their weights.
-        start: Cell to start from, free.
-        goal: Cell to reach, free.
-        cost: `[H * W]` float64, overwritten with the least cost to the cells that were expanded.
-        parent: `[H * W]` int32, overwritten with the cell before; -1 where none.
-
-    Returns:
-        True if the goal was reached.
+    beside it free. `codes` are `visibility.vertex_codes`. `cost` and `parent` `[H * W]` are overwritten
+    with the least cost to the cells that were expanded and with the cell before, -1 where none.
     """
     width = codes.shape[1] - 1
     weight, neighbours = steps.weight, steps.neighbours

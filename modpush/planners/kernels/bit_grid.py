@@ -34,42 +34,26 @@ def _set_cell(bits: NDArray, u: float, v: float, height: int, width: int) -> Non
 
 
 class Views(NamedTuple):
-    """Camera images and settings of a batch.
+    """Camera images and settings of a batch."""
 
-    Attributes:
-        depth: `[B, H, W]` float32 [m]; values that are not positive and finite mean no measurement.
-        segmentation: `[B, H, W]` uint8, or `[B, 0, 0]`: then what is seen within the object's radius
-            around its centre counts as the object.
-        object_uv: `[B, 2]` float32, the object's centre on the table grid [px]; read without a
-            segmentation.
-        object_radius: `[B]` float64 [px], read without a segmentation.
-        inflation: `[B]` float64, by how much blocked cells are inflated [px].
-        previous: `[B, H, ceil(W / 64)]` uint64: what is kept where object or robot hide the view.
-        camera_z: Height of the camera [m].
-        min_height: Lower things do not block [m].
-        upright: Draw each point where it stands on the table, rather than where it is seen.
-    """
-
-    depth: NDArray
+    depth: NDArray  # `[B, H, W]` float32 [m]; values that are not positive and finite mean no measurement
+    # `[B, H, W]` uint8, or `[B, 0, 0]`: then what is seen within the object's radius around its centre
+    # counts as the object
     segmentation: NDArray
+    # `[B, 2]` float32, the object's centre on the table grid [px]; read without a segmentation
     object_uv: NDArray
-    object_radius: NDArray
-    inflation: NDArray
+    object_radius: NDArray  # `[B]` float64 [px], read without a segmentation
+    inflation: NDArray  # `[B]` float64, by how much blocked cells are inflated [px]
+    # `[B, H, ceil(W / 64)]` uint64: what is kept where object or robot hide the view
     previous: NDArray
-    camera_z: float
-    min_height: float
-    upright: bool
+    camera_z: float  # Height of the camera [m]
+    min_height: float  # Lower things do not block [m]
+    upright: bool  # Draw each point where it stands on the table, rather than where it is seen
 
 
 @njit(nogil=True)
 def find_blocked(b: int, views: Views, bits: NDArray) -> None:
-    """Mark the cells below obstacles, that is all that is neither object nor robot.
-
-    Args:
-        b: Scene.
-        views: Images and settings.
-        bits: `[H, ceil(W / 64)]` uint64, overwritten.
-    """
+    """Mark the cells below obstacles, that is all that is neither object nor robot, in `bits`."""
     depth, segmentation, object_uv = views.depth[b], views.segmentation[b], views.object_uv[b]
     object_radius, previous = views.object_radius[b], views.previous[b]
     camera_z, min_height, upright = views.camera_z, views.min_height, views.upright
@@ -124,12 +108,9 @@ def _widen(bits: NDArray) -> None:
 
 @njit(nogil=True)
 def inflate_bits(bits: NDArray, radius: float, inflated: NDArray) -> None:
-    """Block all cells whose centre is within a radius of a blocked cell's centre; exact.
+    """Block all cells whose centre is within a radius [px] of a blocked cell's centre; exact.
 
-    Args:
-        bits: `[H, N]` uint64, overwritten (it serves as scratch).
-        radius: [px], >= 0.
-        inflated: `[H, N]` uint64, overwritten.
+    Both grids are `[H, N]` uint64; `bits` serves as scratch.
     """
     height, words = bits.shape
     reach = int(np.floor(radius + 1e-9))
@@ -179,17 +160,11 @@ def unpack_cells(bits: NDArray, cells: NDArray) -> None:
 
 
 class Inflated(NamedTuple):
-    """Cache of the last inflated grid of each scene of the batch.
+    """Cache of the last inflated grid of each scene of the batch."""
 
-    Attributes:
-        bits: `[B, H, ceil(W / 64)]` uint64, the cells before inflation.
-        radius: `[B]` float64, by how much they were inflated [px]; -1 before the first time.
-        cells: `[B, H, W]` uint8, the cells after inflation.
-    """
-
-    bits: NDArray
-    radius: NDArray
-    cells: NDArray
+    bits: NDArray  # `[B, H, ceil(W / 64)]` uint64, the cells before inflation
+    radius: NDArray  # `[B]` float64, by how much they were inflated [px]; -1 before the first time
+    cells: NDArray  # `[B, H, W]` uint8, the cells after inflation
 
 
 def empty_inflated(batch: int, height: int, width: int) -> Inflated:
@@ -225,13 +200,8 @@ def observe_one(
 ) -> None:
     """Scene b from depth to inflated cells; the cached grid is used where it is still valid.
 
-    Args:
-        b: Scene.
-        views: Images and settings.
-        last: The cells that were inflated last, kept up to date.
-        bits: `[B, H, ceil(W / 64)]` uint64, overwritten with the cells before inflation.
-        changed: `[B]` bool, overwritten: True where the cells were inflated.
-        out: `[B, H, W]` uint8, overwritten with the inflated cells.
+    `bits` `[B, H, ceil(W / 64)]` is overwritten with the cells before inflation, `changed` `[B]` with
+    True where the cells were inflated, and `out` `[B, H, W]` uint8 with the inflated cells.
     """
     find_blocked(b, views, bits[b])
     same = last.radius[b] == views.inflation[b]

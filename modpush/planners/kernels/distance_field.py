@@ -28,19 +28,14 @@ from modpush.planners.kernels.visibility import line_of_sight
 
 
 class Fields(NamedTuple):
-    """Shortest paths from all corners to the goal, for each scene.
+    """Shortest paths from all corners to the goal, for each scene."""
 
-    Attributes:
-        goal: `[B, 2]` int64, the goal in the vertex frame, fixed point; -1 if nothing is built.
-        cost: `[B, MAX_CORNERS + 1]` float64, path length from each corner to the goal [px], goal last.
-        parent: `[B, MAX_CORNERS + 1]` int32, the next corner on it.
-        builds: `[B]` int64, how often a field was built.
-    """
-
+    # `[B, 2]` int64, the goal in the vertex frame, fixed point; -1 if nothing is built
     goal: NDArray
+    # `[B, MAX_CORNERS + 1]` float64, path length from each corner to the goal [px], goal last
     cost: NDArray
-    parent: NDArray
-    builds: NDArray
+    parent: NDArray  # `[B, MAX_CORNERS + 1]` int32, the next corner on it
+    builds: NDArray  # `[B]` int64, how often a field was built
 
 
 def empty_fields(batch: int) -> Fields:
@@ -123,7 +118,9 @@ def plan_one(b: int, maps: Maps, queries: Queries, paths: PathArrays, fields: Fi
 
 
 @BatchKernel
-def plan_all(batch: int, maps: Maps, queries: Queries, paths: PathArrays, fields: Fields) -> None:
+def plan_over_fields(
+    batch: int, maps: Maps, queries: Queries, paths: PathArrays, fields: Fields
+) -> None:
     """Plan all scenes; `paths.sizes` is `TOO_MANY_CORNERS` where a map has more than `MAX_CORNERS`."""
     for b in prange(batch):
         plan_one(b, maps, queries, paths, fields)

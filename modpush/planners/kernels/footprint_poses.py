@@ -17,33 +17,24 @@ _ROUNDING = 1e-6  # [px], so that a side through pixel centres covers them at ev
 class PoseGrid(NamedTuple):
     """Positions on a lattice of pixels, with a border of blocked poses around them.
 
-    Pose (row, column) of layer k has the flat index `(k * (rows + 2) + row + 1) * (columns + 2) +
-    column + 1`, and the yaw k times the scene's yaw step.
-
-    Attributes:
-        first_u: Column of the first position [px].
-        first_v: Row of the first position [px].
-        stride: Distance between neighbouring positions [px].
-        rows: Number of rows of positions.
-        columns: Number of columns of positions.
+    Pose (row, column) of layer k has the flat index `(k * (rows + 2) + row + 1) * (columns + 2) + column
+    + 1`, and the yaw k times the scene's yaw step.
     """
 
-    first_u: int
-    first_v: int
-    stride: int
-    rows: int
-    columns: int
+    first_u: int  # Column of the first position [px]
+    first_v: int  # Row of the first position [px]
+    stride: int  # Distance between neighbouring positions [px]
+    rows: int  # Number of rows of positions
+    columns: int  # Number of columns of positions
 
 
 @njit(nogil=True)
 def _row_spans(reach: NDArray, yaw: float, spans: NDArray) -> None:
-    """Pixels that the footprint covers in each row around its centre.
+    """Write the first and last column that the footprint covers in rows -m to m around its centre.
 
-    Args:
-        reach: `[N]` float64, extent of the footprint in N directions of its own [px].
-        yaw: [rad], from the image's up axis to the left.
-        spans: `[2 * m + 1, 2]` int64, overwritten with the first and last column of rows -m to m
-            relative to the centre; the first is greater than the last in rows without a pixel.
+    `reach` `[N]` is its extent in N directions of its own [px], the yaw [rad] goes from the image's up
+    axis to the left. In rows without a pixel the first of `spans` `[2 * m + 1, 2]` is greater than the
+    last.
     """
     count, middle = len(reach), (len(spans) - 1) // 2
     cosine, sine = np.empty(count), np.empty(count)
@@ -68,12 +59,7 @@ def _row_spans(reach: NDArray, yaw: float, spans: NDArray) -> None:
 
 @njit(nogil=True)
 def _next_blocked(bits: NDArray, following: NDArray) -> None:
-    """Write the first blocked column at or after each pixel; the width where there is none.
-
-    Args:
-        bits: `[H, ceil(W / 64)]` uint64, blocked pixels.
-        following: `[H, W]` int16, overwritten.
-    """
+    """Write the first blocked column at or after each pixel, `[H, W]`; the width where there is none."""
     height, width = following.shape
     for v in range(height):
         nearest = width
@@ -99,15 +85,11 @@ def _covers(following: NDArray, spans: NDArray, u: int, v: int) -> bool:
 def mark_poses(
     bits: NDArray, width: int, reach: NDArray, yaw_step: float, grid: PoseGrid, cost: NDArray
 ) -> None:
-    """Mark each pose as free (infinite cost) or blocked.
+    """Mark each pose as free (infinite cost) or blocked, in `cost` `[K, rows + 2, columns + 2]` float32.
 
-    Args:
-        bits: `[H, ceil(W / 64)]` uint64, blocked pixels; those outside the image are free.
-        width: W.
-        reach: `[N]` float64, N >= 3, extent of the footprint in N directions [px].
-        yaw_step: Yaw between two layers [rad].
-        grid: The positions.
-        cost: `[K, rows + 2, columns + 2]` float32, overwritten.
+    `bits` `[H, ceil(W / 64)]` are the blocked pixels of a map `width` wide, beyond which all is free;
+    `reach` `[N >= 3]` is the extent of the footprint in N directions [px], and `yaw_step` the yaw
+    between two layers [rad].
     """
     height = len(bits)
     farthest = reach.max() / np.cos(np.pi / len(reach))  # of the polygon's corners, or more

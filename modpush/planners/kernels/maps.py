@@ -15,20 +15,13 @@ _UNKNOWN = -1
 
 
 class Maps(NamedTuple):
-    """The last map of each scene of the batch, and quantities computed from it.
+    """The last map of each scene of the batch, and quantities computed from it."""
 
-    Attributes:
-        cells: `[B, H, W]` uint8, the map, 1 where blocked; 255 before the first.
-        codes: `[B, H + 1, W + 1]` uint8, see `visibility.vertex_codes`.
-        corners: `[B, MAX_CORNERS + 2, 4]` int64, see `visibility.convex_corners`; two rows more for
-            a query's ends.
-        corner_counts: `[B]` int64, number of corners, `_UNKNOWN` until asked for.
-    """
-
-    cells: NDArray
-    codes: NDArray
+    cells: NDArray  # `[B, H, W]` uint8, the map, 1 where blocked; 255 before the first
+    codes: NDArray  # `[B, H + 1, W + 1]` uint8, see `visibility.vertex_codes`
+    # `[B, MAX_CORNERS + 2, 4]` int64, see `visibility.convex_corners`; two rows more for a query's ends
     corners: NDArray
-    corner_counts: NDArray
+    corner_counts: NDArray  # `[B]` int64, number of corners, `_UNKNOWN` until asked for
 
 
 def empty_maps(batch: int, height: int, width: int) -> Maps:
@@ -65,39 +58,24 @@ def corner_count(maps: Maps, b: int) -> int:
 
 
 class Queries(NamedTuple):
-    """Maps and ends of a batch of scenes.
+    """Maps and ends of a batch of scenes."""
 
-    Attributes:
-        cells: `[B, H, W]` uint8, 1 where blocked.
-        start: `[B, 2]` float32 (u, v) [px], finite.
-        goal: `[B, 2]` float32 (u, v) [px], finite.
-        scale: Length of a pixel.
-    """
-
-    cells: NDArray
-    start: NDArray
-    goal: NDArray
-    scale: float
+    cells: NDArray  # `[B, H, W]` uint8, 1 where blocked
+    start: NDArray  # `[B, 2]` float32 (u, v) [px], finite
+    goal: NDArray  # `[B, 2]` float32 (u, v) [px], finite
+    scale: float  # Length of a pixel
 
 
 class PathArrays(NamedTuple):
-    """Arrays for a batch of paths; see `modpush.planners.Paths`.
+    """Arrays for a batch of paths; see `modpush.planners.Paths`."""
 
-    Attributes:
-        waypoints: `[B, capacity, 2]` float32 (u, v) [px].
-        sizes: `[B]` int64, the paths' numbers of waypoints, also where they exceed the capacity.
-        length: `[B]` float32.
-        found: `[B]` bool.
-        start_moved: `[B]` bool.
-        goal_moved: `[B]` bool.
-    """
-
-    waypoints: NDArray
+    waypoints: NDArray  # `[B, capacity, 2]` float32 (u, v) [px]
+    # `[B]` int64, the paths' numbers of waypoints, also where they exceed the capacity
     sizes: NDArray
-    length: NDArray
-    found: NDArray
-    start_moved: NDArray
-    goal_moved: NDArray
+    length: NDArray  # `[B]` float32
+    found: NDArray  # `[B]` bool
+    start_moved: NDArray  # `[B]` bool
+    goal_moved: NDArray  # `[B]` bool
 
 
 def empty_paths(batch: int, capacity: int) -> PathArrays:
@@ -116,18 +94,10 @@ def empty_paths(batch: int, capacity: int) -> PathArrays:
 def place_ends(
     maps: Maps, b: int, queries: Queries, x: NDArray, y: NDArray, paths: PathArrays
 ) -> bool:
-    """Put a query's ends into free space and preset the result to "not found".
+    """Put a query's ends into free space, and preset the result to "not found".
 
-    Args:
-        maps: The maps.
-        b: Scene.
-        queries: The ends as asked for.
-        x: `[2]` int64, overwritten with start's and goal's x in the vertex frame, fixed point.
-        y: `[2]` int64, the same for y.
-        paths: Arrays for the result.
-
-    Returns:
-        True if there is something to search: a free cell, and a goal that is not the start.
+    `x` and `y` `[2]` int64 are overwritten with start and goal in the vertex frame, fixed point. Returns
+    True if there is something to search: a free cell, and a goal that is not the start.
     """
     start, goal = queries.start[b], queries.goal[b]
     x[0], y[0], paths.start_moved[b] = place(maps.codes[b], start[0], start[1])
@@ -156,15 +126,7 @@ def _add_waypoint(paths: PathArrays, b: int, u: float, v: float) -> None:
 
 @njit(nogil=True)
 def write_path(paths: PathArrays, b: int, queries: Queries, x: NDArray, y: NDArray) -> None:
-    """Write scene b's path.
-
-    Args:
-        paths: Arrays to write to.
-        b: Scene.
-        queries: The ends as asked for.
-        x: `[N]` int64, N >= 2, the path's x in the vertex frame, fixed point, ends as placed.
-        y: `[N]` int64, its y.
-    """
+    """Write scene b's path, `x` and `y` `[N >= 2]` in the vertex frame, fixed point, ends as placed."""
     start, goal = queries.start[b], queries.goal[b]
     count = x.shape[0]
     paths.found[b] = True

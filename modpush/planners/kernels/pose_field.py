@@ -22,49 +22,28 @@ from modpush.planners.kernels.pose_search import (
 
 
 class PoseQueries(NamedTuple):
-    """Maps, objects and ends of a batch; poses are (row, column, layer) of the grid, not rounded.
+    """Maps, objects and ends of a batch; poses are (row, column, layer) of the grid, not rounded."""
 
-    Attributes:
-        bits: `[B, H, ceil(W / 64)]` uint64, blocked pixels.
-        reach: `[B, N]` float64, extent of the footprint in N directions of its own [px].
-        layers: `[B]` int64, number of yaws K.
-        yaw_step: `[B]` float64, yaw between two layers [rad].
-        turn: `[B]` float64, cost of a turn by one layer [steps].
-        start: `[B, 3]` float64, finite.
-        goal: `[B, 3]` float64, finite.
-        width: W.
-    """
-
-    bits: NDArray
-    reach: NDArray
-    layers: NDArray
-    yaw_step: NDArray
-    turn: NDArray
-    start: NDArray
-    goal: NDArray
-    width: int
+    bits: NDArray  # `[B, H, ceil(W / 64)]` uint64, blocked pixels
+    reach: NDArray  # `[B, N]` float64, extent of the footprint in N directions of its own [px]
+    layers: NDArray  # `[B]` int64, number of yaws K
+    yaw_step: NDArray  # `[B]` float64, yaw between two layers [rad]
+    turn: NDArray  # `[B]` float64, cost of a turn by one layer [steps]
+    start: NDArray  # `[B, 3]` float64, finite
+    goal: NDArray  # `[B, 3]` float64, finite
+    width: int  # W
 
 
 class PoseFields(NamedTuple):
-    """The last field of each scene, and what it was computed from.
+    """The last field of each scene, and what it was computed from."""
 
-    Attributes:
-        bits: As in `PoseQueries`.
-        reach: As in `PoseQueries`.
-        sizes: `[B, 3]` float64, `layers`, `yaw_step` and `turn` of the query; 0 before the first.
-        goal: `[B, 3]` float64, NaN before the first.
-        goal_moved: `[B]` bool.
-        cost: `[B, K, rows + 2, columns + 2]` float32 [steps], see `search_poses`.
-        builds: `[B]` int64, number of fields built.
-    """
-
-    bits: NDArray
-    reach: NDArray
-    sizes: NDArray
-    goal: NDArray
-    goal_moved: NDArray
-    cost: NDArray
-    builds: NDArray
+    bits: NDArray  # As in `PoseQueries`
+    reach: NDArray  # As in `PoseQueries`
+    sizes: NDArray  # `[B, 3]` float64, `layers`, `yaw_step` and `turn` of the query; 0 before the first
+    goal: NDArray  # `[B, 3]` float64, NaN before the first
+    goal_moved: NDArray  # `[B]` bool
+    cost: NDArray  # `[B, K, rows + 2, columns + 2]` float32 [steps], see `search_poses`
+    builds: NDArray  # `[B]` int64, number of fields built
 
 
 def empty_fields(queries: PoseQueries, grid: PoseGrid, layers: int) -> PoseFields:
@@ -144,21 +123,14 @@ def refresh_fields(batch: int, queries: PoseQueries, grid: PoseGrid, fields: Pos
 
 
 class PosePathArrays(NamedTuple):
-    """Arrays for a batch of paths; see `modpush.planners.PosePaths`.
+    """Arrays for a batch of paths; see `modpush.planners.PosePaths`."""
 
-    Attributes:
-        waypoints: `[B, capacity, 3]` float64 (row, column, layer), the layer not wrapped.
-        along: `[B, capacity]` float64, cost from the start to each waypoint [steps].
-        sizes: `[B]` int64, the paths' numbers of waypoints, also where they exceed the capacity.
-        start_moved: `[B]` bool.
-        goal_moved: `[B]` bool.
-    """
-
-    waypoints: NDArray
-    along: NDArray
+    waypoints: NDArray  # `[B, capacity, 3]` float64 (row, column, layer), the layer not wrapped
+    along: NDArray  # `[B, capacity]` float64, cost from the start to each waypoint [steps]
+    # `[B]` int64, the paths' numbers of waypoints, also where they exceed the capacity
     sizes: NDArray
-    start_moved: NDArray
-    goal_moved: NDArray
+    start_moved: NDArray  # `[B]` bool
+    goal_moved: NDArray  # `[B]` bool
 
 
 @njit(nogil=True)
@@ -183,11 +155,7 @@ def _trace(node: NDArray, cost: NDArray, turn: float, start: NDArray, goal: NDAr
 
 @njit(nogil=True)
 def _enter(start: NDArray, cost: NDArray, turn: float, node: NDArray) -> tuple[bool, bool]:
-    """Find the grid's pose by which a path from a start begins.
-
-    Returns:
-        True if there is a path, and True if the start is not free.
-    """
+    """Write the pose of the grid by which a path begins; is there one, and was the start moved?"""
     corners = np.empty((8, 3), dtype=np.int64)
     best, is_free = np.inf, False
     for i in range(corners_around(start, cost, corners)):

@@ -35,15 +35,10 @@ def move_cost(first: NDArray, second: NDArray, turn: float) -> float:
 
 @njit(nogil=True)
 def corners_around(pose: NDArray, cost: NDArray, corners: NDArray) -> int:
-    """List the grid's poses around a pose, of which it may be one itself.
+    """Write the grid's poses around a pose, of which it may be one itself, and return their number.
 
-    Args:
-        pose: `[3]` float64.
-        cost: `[K, rows + 2, columns + 2]`.
-        corners: `[8, 3]` int64, overwritten with (row, column, layer), the layer not wrapped.
-
-    Returns:
-        Their number; 0 for a pose more than half a step outside the grid.
+    They are `[8, 3]` int64 (row, column, layer), the layer not wrapped; none for a pose more than half a
+    step outside the grid.
     """
     layers, height, width = cost.shape
     low, high = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64)
@@ -117,16 +112,12 @@ _QUEUES, _SEEDS = 4, 3
 def search_poses(cost: NDArray, turn: float, seeds: NDArray, seed_costs: NDArray) -> None:
     """Cost of the shortest path from every pose to the goal, by Dijkstra's search.
 
-    A move leads to one of eight neighbouring positions or to a neighbouring yaw. There are three
-    lengths of moves, and poses are taken in the order of their cost: those that are reached by moves of
-    one length are, too. So a queue for each length does for the heap, and one for the seeds.
-
-    Args:
-        cost: `[K, R, C]` float32, contiguous, infinite where free and negative where blocked, as on
-            all of the border; overwritten with the cost [steps].
-        turn: Cost of a turn to the next layer [steps]; a step is the distance between positions.
-        seeds: `[S]` int64, flat indices of free poses beside the goal.
-        seed_costs: `[S]` float64, their costs, in ascending order.
+    A move leads to one of eight neighbouring positions or to a neighbouring yaw. There are three lengths
+    of moves, and poses are taken in the order of their cost: those that are reached by moves of one
+    length are, too. So a queue for each length does for the heap, and one for the seeds. `cost` `[K, R,
+    C]` float32, infinite where free and negative where blocked, as on all of the border, is overwritten
+    [steps]; `turn` is the cost of a turn to the next layer [steps]. The seeds `[S]` are flat indices of
+    free poses beside the goal, in the order of their costs.
     """
     layers, height, width = cost.shape
     layer, last = height * width, (layers - 1) * height * width
@@ -171,16 +162,9 @@ def search_poses(cost: NDArray, turn: float, seeds: NDArray, seed_costs: NDArray
 
 @njit(nogil=True)
 def descend(cost: NDArray, turn: float, pose: NDArray, after: NDArray) -> bool:
-    """The next pose on a shortest path to the goal.
+    """Write the next pose on a shortest path to the goal; False at its end, beside the goal.
 
-    Args:
-        cost: `[K, R, C]` float32 from `search_poses`.
-        turn: Cost of a turn [steps].
-        pose: `[3]` int64 (row, column, layer); the layer is not wrapped.
-        after: `[3]` int64, overwritten with the next one, its layer beside the pose's.
-
-    Returns:
-        False at the path's end, beside the goal.
+    `cost` is of `search_poses`; poses are `[3]` int64 (row, column, layer), the layer not wrapped.
     """
     layers = len(cost)
     row, column, layer = pose[0], pose[1], pose[2]

@@ -40,14 +40,7 @@ def length_of(dx: int, dy: int) -> float:
 
 @njit(nogil=True)
 def touches(dx: int, dy: int, bx: int, by: int) -> bool:
-    """True if a line in direction (dx, dy) through a corner stays out of its blocked cell.
-
-    Args:
-        dx: Direction, x.
-        dy: Direction, y.
-        bx: Direction of the blocked cell from the corner along x, -1 or 1.
-        by: The same for y.
-    """
+    """True if a line in direction (dx, dy) through a corner stays out of its blocked cell in (bx, by)."""
     return (dx * bx) * (dy * by) <= 0
 
 
@@ -55,16 +48,8 @@ def touches(dx: int, dy: int, bx: int, by: int) -> bool:
 def stays_taut(ax: int, ay: int, cx: int, cy: int, bx: int, by: int) -> bool:
     """True if a string that arrives along (ax, ay) and leaves along (cx, cy) bends around a cell.
 
-    Args:
-        ax: Direction in which the string arrives at the corner, x; it `touches`.
-        ay: The same, y.
-        cx: Direction in which it leaves, x.
-        cy: The same, y.
-        bx: Direction of the blocked cell from the corner along x, -1 or 1.
-        by: The same for y.
-
-    Returns:
-        False only if the string would slacken or run through the blocked cell.
+    It touches the cell on arrival. (bx, by) is the direction of the blocked cell from the corner, -1 or
+    1 each. It is False only if the string would slacken or run through the cell.
     """
     if not touches(cx, cy, bx, by) or ax * cx + ay * cy < 0:
         return False
@@ -128,17 +113,12 @@ def taut_search(
     cost: NDArray,
     parent: NDArray,
 ) -> None:
-    """Shortest paths from one node over the corners, exact.
+    """Exact shortest paths from one node over the corners.
 
-    Args:
-        codes: `[H + 1, W + 1]` uint8 from `visibility.vertex_codes`.
-        nodes: `[N, 4]` int64, rows as from `visibility.convex_corners`; the root and the target are
-            among them, with (0, 0) for the blocked cell's direction.
-        root: Node to start from.
-        target: Stop when this node's path is known. -1: continue until all are.
-        cost: `[N]` float64, overwritten with the paths' lengths [cells], inf where none is known.
-        parent: `[N]` int32, overwritten with the node before on the path, the root's itself, -1
-            where no path is known.
+    `nodes` `[N, 4]` are rows of `visibility.convex_corners`, and the root and the target with (0, 0) for
+    the blocked cell's direction. The search stops when the target's path is known, or, with the target
+    -1, when all are. `cost` `[N]` float64 is overwritten with the lengths [cells], inf where none is
+    known, and `parent` `[N]` int32 with the node before, the root's itself, -1 where no path is known.
     """
     count = nodes.shape[0]
     heuristic = np.zeros(count)

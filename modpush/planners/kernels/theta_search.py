@@ -23,42 +23,26 @@ _UNSEEN, _SEEN, _EXPANDED = 0, 1, 2
 
 
 class Query(NamedTuple):
-    """The map and the two ends of a search.
+    """The map and the two ends of a search."""
 
-    Attributes:
-        codes: `[H + 1, W + 1]` uint8 from `visibility.vertex_codes`.
-        x: `[2]` int64, start's and goal's x in the vertex frame, fixed point, inside free cells.
-        y: `[2]` int64, their y.
-        shift: Vertex (x, y) is node `(y << shift) + x`. The start is node `(H + 1) << shift`, the
-            goal the one after it.
-    """
-
-    codes: NDArray
-    x: NDArray
-    y: NDArray
+    codes: NDArray  # `[H + 1, W + 1]` uint8 from `visibility.vertex_codes`
+    x: NDArray  # `[2]` int64, start's and goal's x in the vertex frame, fixed point, inside free cells
+    y: NDArray  # `[2]` int64, their y
+    # Vertex (x, y) is node `(y << shift) + x`. The start is node `(H + 1) << shift`, the goal the one
+    # after it
     shift: int
 
 
 class SearchTree(NamedTuple):
-    """Tree of a search: arrays of N = ((H + 1) << shift) + 2 entries, one for each node.
+    """Tree of a search: arrays of N = ((H + 1) << shift) + 2 entries, one for each node."""
 
-    Attributes:
-        cost: float64, length of the shortest path from the start that is known.
-        heuristic: float64, straight distance to the goal.
-        parent: int32, the node before it on the path; the start's is itself.
-        state: uint8, 0 unseen, 1 seen, 2 expanded.
-        key: float64, for the heap.
-        slot: int32, for the heap.
-        order: int32, for the heap.
-    """
-
-    cost: NDArray
-    heuristic: NDArray
-    parent: NDArray
-    state: NDArray
-    key: NDArray
-    slot: NDArray
-    order: NDArray
+    cost: NDArray  # float64, length of the shortest path from the start that is known
+    heuristic: NDArray  # float64, straight distance to the goal
+    parent: NDArray  # int32, the node before it on the path; the start's is itself
+    state: NDArray  # uint8, 0 unseen, 1 seen, 2 expanded
+    key: NDArray  # float64, for the heap
+    slot: NDArray  # int32, for the heap
+    order: NDArray  # int32, for the heap
 
 
 @njit(nogil=True)
@@ -178,19 +162,13 @@ def _expand(query: Query, tree: SearchTree, size: int, node: int) -> int:
 
 @njit(nogil=True)
 def theta_search(query: Query, tree: SearchTree) -> bool:
-    """Search a path over the vertices of the grid.
+    """Search a path over the vertices of the grid; True if the goal was reached.
 
     A vertex takes its neighbour's parent as its own without a test, and the line of sight is tested
     once, when the vertex is taken from the queue. If it is blocked, the vertex's shortest path over an
     expanded neighbour is longer than that by which it was queued, and it is queued again with the true
     length. The published algorithm expands it at once, out of order, and passes a bad parent on.
-
-    Args:
-        query: Map and ends.
-        tree: Scratch; afterwards it holds the search tree, and the path as the goal's ancestors.
-
-    Returns:
-        True if the goal was reached.
+    Afterwards `tree` holds the path as the goal's ancestors.
     """
     start = query.codes.shape[0] << query.shift
     goal = start + 1

@@ -27,9 +27,8 @@ NW, NE, SW, SE = 1, 2, 4, 8
 def vertex_codes(cells: NDArray, codes: NDArray) -> None:
     """Write the mask of blocked cells at each vertex; the outside counts as blocked.
 
-    Args:
-        cells: `[H, W]` uint8, 1 where blocked and 0 elsewhere.
-        codes: `[H + 1, W + 1]` uint8, overwritten with sums of `NW`, `NE`, `SW`, `SE`.
+    `cells` is `[H, W]` uint8, 1 where blocked; `codes` `[H + 1, W + 1]` uint8 gets sums of `NW`, `NE`,
+    `SW`, `SE`.
     """
     height, width = cells.shape
     for y in range(height + 1):
@@ -57,13 +56,9 @@ def vertex_codes(cells: NDArray, codes: NDArray) -> None:
 def convex_corners(codes: NDArray, corners: NDArray) -> int:
     """List the vertices with exactly one blocked cell, the only ones at which shortest paths bend.
 
-    Args:
-        codes: `[H + 1, W + 1]` uint8 from `vertex_codes`.
-        corners: `[N, 4]` int64, overwritten with rows (x, y, bx, by): the vertex in fixed point
-            and the diagonal direction, each component -1 or 1, in which its blocked cell lies.
-
-    Returns:
-        How many there are. If more than N, only the first N were written.
+    Rows (x, y, bx, by) are written to `corners` `[N, 4]` int64: the vertex in fixed point and the
+    diagonal direction, each component -1 or 1, in which its blocked cell lies. Returns their number,
+    also where it is more than N.
     """
     flat, width = codes.ravel(), codes.shape[1]
     words = flat[: flat.size // 8 * 8].view(np.uint64)
@@ -95,38 +90,18 @@ def convex_corners(codes: NDArray, corners: NDArray) -> int:
 
 
 @njit(nogil=True)
-def _visible_along_row(codes: NDArray, y: int, x0: int, x1: int) -> bool:
-    """Line of sight between (x0, y) and (x1, y), x0 < x1, all in fixed point."""
-    first, last = x0 >> FRACTION_BITS, (x1 - 1) >> FRACTION_BITS
-    row = codes[y >> FRACTION_BITS]
-    if y & (ONE - 1):  # through the inside of one row of cells
-        for x in range(first, last + 1):  # noqa: SIM110 (numba has no `all`)
-            if row[x] & SE:
-                return False
-        return True
-    for x in range(first, last + 1):  # on the line between two rows: one side must be free
-        if row[x] & NE and row[x] & SE:
-            return False
-        if x > first and (row[x] == (NW | SE) or row[x] == (NE | SW)):
-            return False
-    return True
+def _visible_along(codes: NDArray, at: int, side: int, start: int, end: int) -> bool:
+    """Line of sight along a row or column of `codes`, from `start` to `end`, all in fixed point.
 
-
-@njit(nogil=True)
-def _visible_along_column(codes: NDArray, x: int, y0: int, y1: int) -> bool:
-    """Line of sight between (x, y0) and (x, y1), y0 < y1, all in fixed point."""
-    first, last = y0 >> FRACTION_BITS, (y1 - 1) >> FRACTION_BITS
-    column = x >> FRACTION_BITS
-    if x & (ONE - 1):
-        for y in range(first, last + 1):  # noqa: SIM110 (numba has no `all`)
-            if codes[y, column] & SE:
-                return False
-        return True
-    for y in range(first, last + 1):
-        code = codes[y, column]
-        if code & SW and code & SE:
+    `at` is the line's place across it, and `side` the cell that meets `SE` at a line between cells.
+    """
+    first, last = start >> FRACTION_BITS, (end - 1) >> FRACTION_BITS
+    inside = at & (ONE - 1) != 0  # through the inside of one row of cells: it must be free
+    for k in range(first, last + 1):
+        code = codes[k]
+        if code & SE and (inside or code & side):  # between two rows: one side must be free
             return False
-        if y > first and (code == (NW | SE) or code == (NE | SW)):
+        if not inside and k > first and (code == (NW | SE) or code == (NE | SW)):
             return False
     return True
 
@@ -135,20 +110,14 @@ def _visible_along_column(codes: NDArray, x: int, y0: int, y1: int) -> bool:
 def line_of_sight(codes: NDArray, x0: int, y0: int, x1: int, y1: int) -> bool:
     """True if a segment crosses no blocked cell's interior.
 
-    Args:
-        codes: `[H + 1, W + 1]` uint8 from `vertex_codes`.
-        x0: First point, x in the vertex frame, fixed point.
-        y0: Its y.
-        x1: Second point, x.
-        y1: Its y.
-
-    Returns:
-        True if the points see each other. The ends themselves may lie on blocked cells' sides.
+    Its points are in the vertex frame, fixed point; they themselves may lie on blocked cells' sides.
     """
     if y0 == y1:
-        return x0 == x1 or _visible_along_row(codes, y0, min(x0, x1), max(x0, x1))
+        row = codes[y0 >> FRACTION_BITS]
+        return x0 == x1 or _visible_along(row, y0, NE, min(x0, x1), max(x0, x1))
     if x0 == x1:
-        return _visible_along_column(codes, x0, min(y0, y1), max(y0, y1))
+        column = codes[:, x0 >> FRACTION_BITS]
+        return _visible_along(column, x0, SW, min(y0, y1), max(y0, y1))
     adx, ady = abs(x1 - x0), abs(y1 - y0)
     # The cell that the segment starts into, and how far away the next grid lines are.
     if x1 > x0:
@@ -205,15 +174,9 @@ def to_fixed(u: float, side: int) -> int:
 
 @njit(nogil=True)
 def nearest_free_cell(codes: NDArray, x: int, y: int) -> tuple[int, int]:
-    """The free cell whose centre is nearest to a point, (-1, -1) if all are blocked.
+    """Column and row of the free cell whose centre is nearest to a point of the vertex frame.
 
-    Args:
-        codes: `[H + 1, W + 1]` uint8 from `vertex_codes`.
-        x: The point in the vertex frame, fixed point.
-        y: Its y.
-
-    Returns:
-        The cell's column and row. Cells as near as each other: the first in reading order.
+    (-1, -1) if all are blocked. Of cells as near as each other it is the first in reading order.
     """
     height, width = codes.shape[0] - 1, codes.shape[1] - 1
     ci, cj = x >> FRACTION_BITS, y >> FRACTION_BITS
@@ -241,20 +204,12 @@ def nearest_free_cell(codes: NDArray, x: int, y: int) -> tuple[int, int]:
 
 @njit(nogil=True)
 def place(codes: NDArray, u: float, v: float) -> tuple[int, int, bool]:
-    """Move a query point into free space.
+    """Move a query point (u, v) of the pixel frame into free space.
 
-    A point outside the grid or in a blocked cell goes to the centre of the nearest free cell. A
-    point on the line between cells is taken as lying in a free one of them, 2^-16 px inside, so
-    that it has just one cell.
-
-    Args:
-        codes: `[H + 1, W + 1]` uint8 from `vertex_codes`.
-        u: Column of the point in the pixel frame.
-        v: Its row.
-
-    Returns:
-        x and y in the vertex frame, fixed point, and whether the point had to be moved. x is -1 if
-        no cell is free.
+    A point outside the grid or in a blocked cell goes to the centre of the nearest free cell. A point on
+    the line between cells is taken as lying in a free one of them, 2^-16 px inside, so that it has just
+    one cell. Returns x and y in the vertex frame, fixed point, and True if the point had to be moved; x
+    is -1 if no cell is free.
     """
     height, width = codes.shape[0] - 1, codes.shape[1] - 1
     x, y = to_fixed(u, width), to_fixed(v, height)

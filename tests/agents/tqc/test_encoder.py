@@ -9,7 +9,7 @@ from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs import ExplorationType, set_exploration_type
 
 from modpush.agents import TQCConfig, encode_images, make_tqc_from_specs
-from modpush.encoders.networks.conv_encoder import ConvEncoder
+from modpush.encoders.networks import ConvEncoder
 
 SIDE = 16
 CONFIG = TQCConfig(

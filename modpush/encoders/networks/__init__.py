@@ -1,1 +1,0 @@
-"""Encoders other than the variational autoencoder."""
