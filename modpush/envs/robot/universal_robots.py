@@ -111,6 +111,10 @@ class ThreeParallelAxes:
         self, pose: NDArray[np.float64], last: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """See `InverseKinematics`; the solution does not depend on `last`."""
+        if pose.ndim != 2 or pose.shape[1] != 4:
+            raise ValueError(
+                f"ThreeParallelAxes: pose must be [N, 4] (x, y, z, yaw), got {pose.shape}."
+            )
         d1, _, _, d4, d5, d6 = self.d
         return _solve(pose, d1, self.a[1], self.a[2], d4, d5, d6)
 

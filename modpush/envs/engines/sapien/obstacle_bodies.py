@@ -11,10 +11,15 @@ from torch import Tensor
 
 from modpush.envs.engines.sapien import bodies
 from modpush.envs.scenes.obstacle import OBSTACLE_COLOR, OBSTACLE_MASS, Obstacle
-from modpush.geometry.shapes import box
+from modpush.geometry.shapes import Primitive, box
 
 if TYPE_CHECKING:
     from mani_skill.envs.scene import ManiSkillScene
+
+
+def obstacle_part(obstacle: Obstacle) -> Primitive:
+    """The solid of an obstacle, in its own frame."""
+    return box(*obstacle.size, color=OBSTACLE_COLOR)
 
 
 class ObstacleSwapper:
@@ -62,7 +67,7 @@ class ObstacleSwapper:
 
     def _build(self, obstacle: Obstacle, index: int) -> sapien.Entity:
         """An obstacle at its pose, not yet added to the scene."""
-        part = box(*obstacle.size, color=OBSTACLE_COLOR)
+        part = obstacle_part(obstacle)
         mass = None if self._is_fixed(obstacle) else OBSTACLE_MASS
         entity = bodies.rigid_body([part], self._material, mass=mass)
         if obstacle.motion is not None:
