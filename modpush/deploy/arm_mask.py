@@ -25,8 +25,11 @@ Floats = NDArray[np.float64]
 class ArmMask:
     """Finds the pixels that show the arm or its tool, or would if nothing were before them.
 
-    The solids of `robot` must enclose what the real one carries, cables too; they are enlarged by
-    `margin` [m].
+    Args:
+        camera: The camera.
+        robot: The arm; its solids must enclose what the real one carries, cables too.
+        tool: Its tool.
+        margin: Distance by which the solids are enlarged [m].
     """
 
     @checked_arguments

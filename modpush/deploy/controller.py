@@ -137,7 +137,16 @@ class PushController:
         return values
 
     def look(self, depth: NDArray[np.float32], joints: NDArray[np.float64]) -> None:
-        """Take in an image before the first command, while the arm stands aside; otherwise as `act`."""
+        """Take in an image before the first command, while the arm stands aside and hides nothing.
+
+        Args:
+            depth: See `act`.
+            joints: See `act`.
+
+        Raises:
+            Stopped: If it does not show the object.
+            ValueError: If image or joints have another shape.
+        """
         self._see(depth, joints)
 
     def _see(self, depth: NDArray[np.float32], joints: NDArray[np.float64]) -> Perceived:

@@ -79,6 +79,12 @@ class Guard:
 
     Each check that fails stops the arm and raises `Stopped`. It does not replace the robot's own safety
     functions, an emergency stop, or a person who watches.
+
+    Args:
+        arm: The arm.
+        controller: What commands it.
+        camera: The camera of its images.
+        limits: Bounds of motion and perception.
     """
 
     def __init__(
@@ -107,7 +113,12 @@ class Guard:
         raise Stopped(reason, message)
 
     def begin(self) -> None:
-        """Check camera, goal and arm before the first command; call it after the controller's `reset`."""
+        """Check camera, goal and arm before the first command; call it after the controller's `reset`.
+
+        Raises:
+            Stopped: If the camera does not see the workspace, the goal is out of reach, or the tool is
+                not where an episode begins.
+        """
         self._velocity, self._last_found, self._since_found = np.zeros(2), None, 0
         self._check_camera()
         self._check_goal()
@@ -167,7 +178,11 @@ class Guard:
             )
 
     def observe(self) -> RobotState:
-        """The arm's state, checked."""
+        """The arm's state, checked.
+
+        Raises:
+            Stopped: If the connection is lost, or a joint is at its limit.
+        """
         try:
             state = self._state = self.arm.observe()
         except ConnectionError as error:
@@ -191,6 +206,9 @@ class Guard:
 
         Args:
             read_depth: Reads it. A camera that is gone raises a `ConnectionError`.
+
+        Raises:
+            Stopped: If the image is too old or nearly empty, or the camera is gone.
         """
         assert self._state is not None
         try:
@@ -213,7 +231,12 @@ class Guard:
         return image
 
     def check_view(self) -> None:
-        """Check what the controller has seen in the image of its last `act`."""
+        """Check what the controller has seen in the image of its last `act`.
+
+        Raises:
+            Stopped: If the object is lost, or its pose has jumped; at the start, if no way leads to the
+                goal.
+        """
         seen = self.controller.perceived
         assert seen is not None
         first = self._last_found is None
@@ -248,7 +271,12 @@ class Guard:
             )
 
     def command(self, command: Command) -> None:
-        """Check a command and hand it to the arm."""
+        """Check a command and hand it to the arm.
+
+        Raises:
+            Stopped: If it leaves the workspace, is too fast, asks for a joint at its limit, or the
+                connection is lost.
+        """
         limits, state = self.limits, self._state
         assert state is not None
         x, y = command.target[:2].tolist()

@@ -37,9 +37,12 @@ _TALLEST = 0.20
 class HeightMap:
     """Heights over the table on the grid of the policy's camera.
 
-    Each image of `camera` adds what it shows, except for the arm and for what the caller says is the
-    pushed object; cells that are hidden keep what was seen there before. A cell that was never seen
-    counts as the table. The cells are the pixels of `view` projected on the table.
+    Each image adds what it shows, except for the arm and for what the caller says is the pushed object;
+    cells that are hidden keep what was seen there before. A cell that was never seen counts as the table.
+
+    Args:
+        camera: The depth camera.
+        view: The policy's camera; the cells are its pixels projected on the table.
     """
 
     @checked_arguments
@@ -71,7 +74,12 @@ class HeightMap:
         self.shown[:] = False
 
     def look(self, depth: NDArray[np.float32], kind: NDArray[np.uint8]) -> None:
-        """Read the heights in an image `[H, W]` [m] with kinds of `sort_pixels`, without keeping them."""
+        """Read the heights in an image, without keeping them.
+
+        Args:
+            depth: `[H, W]` [m].
+            kind: `[H, W]`, what each pixel is, from `sort_pixels`.
+        """
         cell = self.view.cell_size
         places = self._origin, self.corner, cell, self.latest, self._count
         _collect_heights(depth, kind, self.camera.rays, *places)
@@ -89,7 +97,11 @@ class HeightMap:
         self.latest = cv2.medianBlur(self.latest, 3)
 
     def keep(self, but: NDArray[np.bool_]) -> None:
-        """Keep what the image of the last `look` shows, but for the cells `[H, W]` of the object."""
+        """Keep what the image of the last `look` shows.
+
+        Args:
+            but: `[H, W]`, cells whose height is not that of an obstacle: the object's, and around it.
+        """
         new = self.shown & ~but
         weight = np.where(self.seen, np.float32(_LATEST), np.float32(1.0))
         self.heights += np.where(new, weight * (self.latest - self.heights), np.float32(0.0))

@@ -63,7 +63,12 @@ class Sees(Protocol):
 class Perception:
     """Sees the table, the obstacles and the pushed object through a fixed depth camera.
 
-    `view` is the policy's camera, whose image is computed; the other parts may be given by their names.
+    Args:
+        camera: The depth camera.
+        pushed_object: The object, or its name.
+        robot: The arm, or its name.
+        tool: Its tool, or its name.
+        view: The policy's camera, whose image is computed.
     """
 
     @checked_arguments
@@ -128,7 +133,12 @@ class Perception:
         return self._perceived(estimate, flange)
 
     def hidden_by_arm(self, object_pose: NDArray[np.float64], joints: NDArray[np.float64]) -> float:
-        """Share of the top of the object at a pose that the arm would hide, with these joint angles."""
+        """Share of the object's top that the arm would hide.
+
+        Args:
+            object_pose: x, y, yaw of the object [m, m, rad].
+            joints: Angles of the arm's joints, `[n]` [rad].
+        """
         column, row, _ = self.tracker.pixels_on_top(object_pose)
         return float(self._arm(joints)[row, column].mean()) if len(row) else 1.0
 

@@ -16,9 +16,11 @@ from modpush.recipes.config import PushEnvConfig
 
 
 def load_policy(source: str | Path) -> Agent:
-    """An agent as of `load_agent`; or of a folder with `policy.onnx` and `card.json` of `modpush export`.
+    """Load an agent for `PushController`.
 
-    The graph runs in onnxruntime.
+    Args:
+        source: What `load_agent` takes, or a folder with `policy.onnx` and `card.json`, as
+            `modpush export` writes them. The graph runs in onnxruntime.
 
     Raises:
         ValueError: If there is no such agent, or the card cannot be read.

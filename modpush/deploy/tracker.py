@@ -72,8 +72,12 @@ class ObjectTracker:
 
     Each image is compared with what it would show of the object: pixels on it that show something behind
     it contradict a pose, and so do pixels beside it that show something that is neither table nor a known
-    obstacle. What the arm hides says nothing; there, the pose is predicted from the tool's motion. The
-    object is looked for in the map `heights` of the table.
+    obstacle. What the arm hides says nothing; there, the pose is predicted from the tool's motion.
+
+    Args:
+        item: The object.
+        camera: The camera.
+        heights: The map of the table, in which the object is looked for.
     """
 
     def __init__(self, item: PushedObject, camera: CameraModel, heights: HeightMap) -> None:
@@ -87,7 +91,11 @@ class ObjectTracker:
         self.reset()
 
     def reset(self, guess: Sequence[float] | None = None) -> None:
-        """Forget the object; the next image begins an episode. `guess` is as of `Perception.reset`.
+        """Forget the object; the next image begins an episode.
+
+        Args:
+            guess: Place (x, y) or pose (x, y, yaw) near which the object is [m, m, rad]; None looks
+                everywhere.
 
         Raises:
             ValueError: If the guess has another length, or is not finite.
@@ -103,10 +111,13 @@ class ObjectTracker:
         before: list[Floats],
         after: list[Floats],
     ) -> ObjectEstimate | None:
-        """Take in an image `[H, W]` [m], with its kinds of pixels; `heights.look` has read both.
+        """Take in an image.
 
-        `before` and `after` are the outlines of the tool, from `tool_outlines`, when the image before and
-        this one were taken.
+        Args:
+            depth: `[H, W]` [m].
+            kind: `[H, W]`, what each pixel is, from `sort_pixels`; `heights.look` has read both.
+            before: Outlines of the tool when the image before was taken, from `tool_outlines`.
+            after: The same for this image.
 
         Returns:
             The estimate; None if the object has not been found since the last reset.

@@ -12,7 +12,18 @@ def wrap_angle(angle: Tensor) -> Tensor:
 
 
 def rotate(vectors: Tensor, angle: Tensor) -> Tensor:
-    """Rotate vectors `[..., 2]` counter-clockwise by angles `[..., 1]` [rad]."""
+    """Rotate vectors counter-clockwise.
+
+    Args:
+        vectors: `[..., 2]`.
+        angle: `[..., 1]` [rad].
+
+    Returns:
+        `[..., 2]`.
+
+    Raises:
+        ValueError: If a last dimension differs from the expected one.
+    """
     if vectors.shape[-1:] != (2,) or angle.shape[-1:] != (1,):
         raise ValueError(
             f"rotate: expected vectors [..., 2] and angle [..., 1], got {list(vectors.shape)} and "

@@ -187,9 +187,12 @@ class Curriculum:
 
     @checked_arguments
     def record(self, success: bool, scene: str, *, evaluated: bool = True) -> None:
-        """Take note of an episode of the present stage, in a scene of that name; the next may begin.
+        """Take note of an episode of the present stage; begins the next stage if that was enough.
 
-        It counts towards that only if it was `evaluated`.
+        Args:
+            success: True if the object reached the goal.
+            scene: Name of the episode's scene.
+            evaluated: True if the episode counts towards the next stage.
         """
         self._scene_successes.setdefault(scene, deque(maxlen=_SCENE_WINDOW)).append(success)
         if not evaluated:

@@ -94,7 +94,8 @@ def _find_entry(item: EntryLike | tuple[str, EntryLike]) -> tuple[str, Entry]:
 def latent_entry(encoder: nn.Module) -> Entry:
     """The latent minus the encoder's latent of an empty window, so that free space gives zeros.
 
-    The module maps `[B, 1, S, S]` to `[B, d]`; its `window_size` S is 64 unless it defines another.
+    Args:
+        encoder: Module `[B, 1, S, S] -> [B, d]`; its `window_size` S is 64 unless it defines another.
     """
     latent = ENTRIES["latent"]
     return replace(latent, shift=BlankLatent(encoder))

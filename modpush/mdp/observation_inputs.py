@@ -91,9 +91,14 @@ class ObservationInputs:
     `inputs["my_key"]`, `inputs["group", "my_key"]`. Nothing is read or computed before an entry
     uses it.
 
-    `keys` has the key of each quantity by its default name, and `bounds` the corners of the area in which
-    the object may be, base frame, `[2]` each [m]. `symmetry` is the number of yaw angles at which every
-    object is taken to look the same, instead of each object's own.
+    Args:
+        tensordict: The tensordict to observe.
+        frame: The agent's axes.
+        keys: Key of each quantity, by its default name.
+        bounds: Lower and upper corner of the area in which the object may be, base frame, `[2]`
+            each [m].
+        symmetry: Number of yaw angles at which every object is taken to look the same, instead of
+            each object's own number.
     """
 
     object_pose: Tensor

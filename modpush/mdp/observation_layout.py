@@ -117,9 +117,13 @@ class ReadRecorder:
 
 
 def fingerprint_differences(stored: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """Differences of a stored `PushObservation.fingerprint` and one of now in words; empty if they agree.
+    """Differences between two `PushObservation.fingerprint`s in words; an empty list if they agree.
 
     Numbers agree within 0.1 % or 1e-4, so that rounding on another machine is no difference.
+
+    Args:
+        stored: The fingerprint that an agent was trained with.
+        now: That of the observation that it is to act on.
     """
     found = [
         f"{name}: {stored[name]!r} -> {now[name]!r}"

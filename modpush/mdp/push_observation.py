@@ -200,12 +200,21 @@ def _no_action(source: TensorDictBase | TensorSpec) -> Tensor:
 class MirroredObservation(PushObservation):
     """Writes the observation of the scene mirrored at the x axis of the agent's frame.
 
-    Put it beside a `PushObservation` with the same arguments, for `modpush.replay.MirrorTransitions`. In
-    the path's frame the axis is the line from the object to the sub-goal. The latent is that of the
-    mirrored window, by default from `mirrored_latent`, see `mirrored_key` of `modpush.encoders.Encode`.
+    Put it beside a `PushObservation` with the same frame, entries and settings, for
+    `modpush.replay.MirrorTransitions`. In the path's frame the axis is the line from the object to the
+    sub-goal. The latent is that of the mirrored window, see `mirrored_key` of
+    `modpush.encoders.Encode`.
+
+    Args:
+        frame: The agent's axes, as of `PushObservation`.
+        entries: Entries as of `PushObservation`; each needs a `mirrored` function.
+        keys: Keys that the entries read; by default the latent is read from `mirrored_latent`.
+        observation_key: Written, `[..., n]` float32.
+        **kwargs: Further arguments of `PushObservation`.
 
     Raises:
-        ValueError: If an entry cannot be mirrored, as `joint_position`, and else as `PushObservation`.
+        ValueError: If an entry cannot be mirrored, as `joint_position`, and else as
+            `PushObservation`.
     """
 
     @checked_arguments

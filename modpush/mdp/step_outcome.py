@@ -59,9 +59,14 @@ class StepOutcome:
     indexing: `outcome["my_key"]` after the step, `outcome.before["my_key"]` before it, and
     `outcome["action"]` is the agent's action. Nothing is read or computed before a term asks for it.
 
-    `keys` has the key of each quantity by its default name. `unit` are the path length and the distance
-    from the tool's tip to the object's centre that count as 1, `[..., 2]` [m]; `clip` clips `fractions`
-    there. A tip farther than `window_radius` [m] from the object is outside the window.
+    Args:
+        before: The tensordict before the step, with the action.
+        after: The tensordict after the step.
+        keys: Key of each quantity, by its default name.
+        unit: Path length, and distance from the tool's tip to the object's centre, that count as 1,
+            `[..., 2]` [m].
+        window_radius: Distance of tip and object beyond which the tip is outside the window [m].
+        clip: Clip `fractions` at 1.
     """
 
     object_pose: Tensor

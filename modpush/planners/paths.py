@@ -246,9 +246,19 @@ def lookahead_subgoal(paths: Paths, distance: float) -> Tensor:
 
 
 def points_ahead(paths: Paths, distances: Sequence[float]) -> Tensor:
-    """Points at several distances along each path [px], `[B, n, 2]` [px]; beyond its end, the end.
+    """Points at several distances along each path; beyond its end, the end.
 
     Unlike `lookahead_subgoal` they also lie beyond corners, so that they show where the path turns.
+
+    Args:
+        paths: Paths of B scenes.
+        distances: n distances [px].
+
+    Returns:
+        `[B, n, 2]` [px].
+
+    Raises:
+        ValueError: If a distance is negative or not finite.
     """
     if not all(0 <= distance < math.inf for distance in distances):
         raise ValueError(f"points_ahead: distances must be finite and >= 0, got {distances}.")

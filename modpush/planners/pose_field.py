@@ -128,13 +128,23 @@ class PoseField:
     def cost_to_go(
         self, blocked: Tensor, support: Tensor, goal: Tensor, symmetry: float | Tensor = 1.0
     ) -> Tensor:
-        """Cost of the path to the goal from each pose of the grid; arguments and errors as of `plan`.
+        """Cost of the path to the goal from each pose of the grid.
+
+        Args:
+            blocked: As for `plan`.
+            support: As for `plan`.
+            goal: As for `plan`.
+            symmetry: As for `plan`.
 
         Returns:
             `[B, K, rows, columns]` float32 [m], inf where blocked or without a path. Layer k of a scene
             with n layers, n = ceil(yaws / symmetry), has yaw `2 pi k / (symmetry n)`; K is the largest
             n, and layers beyond a scene's own are inf. The positions are `positions`. Of a goal that is
             not free it is the cost to the nearest free pose.
+
+        Raises:
+            TypeError: As `plan`.
+            ValueError: As `plan`.
         """
         queries, turns = self._queries(blocked, support, goal, goal, symmetry)
         fields = self._refresh(queries)

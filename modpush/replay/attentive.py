@@ -22,9 +22,18 @@ Similarity = Callable[[Tensor, Tensor], Tensor]
 
 
 def cosine(candidates: Tensor, queries: Tensor) -> Tensor:
-    """Cosine of the angle between candidates `[Q, C, D]` and their query `[Q, D]`, `[Q, C]`.
+    """Cosine of the angle between each candidate and its query.
 
-    It is 0 where a vector is zero. A ValueError is raised where the shapes do not belong together.
+    Args:
+        candidates: `[Q, C, D]`.
+        queries: `[Q, D]`.
+
+    Returns:
+        Values in [-1, 1], `[Q, C]`; 0 where a vector is zero.
+
+    Raises:
+        TypeError: If one of them is not a tensor.
+        ValueError: If the shapes do not belong together.
     Source: Sun et al. (2020), "Attentive Experience Replay".
     """
     _check_pairs(candidates, queries)
@@ -36,9 +45,18 @@ def cosine(candidates: Tensor, queries: Tensor) -> Tensor:
 
 
 def negative_l2(candidates: Tensor, queries: Tensor) -> Tensor:
-    """Minus the distance between candidates `[Q, C, D]` and their query `[Q, D]`, `[Q, C]`.
+    """Minus the Euclidean distance between each candidate and its query.
 
-    A ValueError is raised where the shapes do not belong together.
+    Args:
+        candidates: `[Q, C, D]`.
+        queries: `[Q, D]`.
+
+    Returns:
+        Values <= 0, `[Q, C]`.
+
+    Raises:
+        TypeError: If one of them is not a tensor.
+        ValueError: If the shapes do not belong together.
     """
     _check_pairs(candidates, queries)
     return -torch.linalg.vector_norm(candidates - queries.unsqueeze(-2), dim=-1)
@@ -156,7 +174,15 @@ class AttentiveSampler(SavedState, Sampler):
         return len(storage) > 0 and len(storage) >= self.num_candidates(storage, batch_size)
 
     def sample(self, storage: Storage, batch_size: int) -> tuple[Tensor, dict[str, Any]]:
-        """Draw a batch: its index `[batch]`, and the info."""
+        """Draw a batch.
+
+        Args:
+            storage: A storage of tensordicts.
+            batch_size: Number of entries to draw.
+
+        Returns:
+            The index (a tuple of indices for several dimensions) and the info.
+        """
         if len(storage) == 0:
             raise RuntimeError("Cannot sample from an empty storage.")
         needed = self.num_candidates(storage, batch_size)

@@ -51,7 +51,12 @@ Placed = tuple[Solids, NDArray[np.float64], int]
 
 
 class AnalyticDepthCamera(DepthCamera):
-    """Casts rays at the known shapes. Obstacles that cannot move are drawn once per episode."""
+    """Casts rays at the known shapes. Obstacles that cannot move are drawn once per episode.
+
+    Args:
+        scenes: Scenes that the camera sees.
+        arm_in_depth: True if the camera sees the arm.
+    """
 
     def __init__(self, scenes: SceneView, arm_in_depth: bool = False) -> None:
         super().__init__(scenes, arm_in_depth)

@@ -169,8 +169,12 @@ def within_reach(
     """The scenarios that an arm can begin, in their order.
 
     The arm holds its tool at the start's pose there, and neither tool nor links stand in an obstacle. It
-    says nothing of the way to the goal. Arm and tool are given by name, as `"module:name"`, or as
-    objects.
+    says nothing of the way to the goal.
+
+    Args:
+        scenarios: Starts of episodes, an `EvaluationSet` for instance.
+        robot: The arm: by name, as `"module:name"`, or as an object.
+        tool: Its tool, in the same three ways.
 
     Raises:
         TypeError: If something else is among the scenarios.

@@ -56,7 +56,14 @@ class Patrol:
             )
 
     def at(self, time: ArrayLike) -> NDArray[np.float64]:
-        """Displacement (x, y) [m] and velocity (x, y) [m/s] at times since the start [s], `[..., 4]`."""
+        """Displacement from the start (x, y) [m] and velocity (x, y) [m/s] at times.
+
+        Args:
+            time: Times since the episode's start, `[...]` [s].
+
+        Returns:
+            `[..., 4]`.
+        """
         speed, way = math.hypot(*self.velocity), self.ahead + self.behind
         phase = (np.asarray(time, dtype=np.float64) * speed + self.behind) % (2 * way)
         forward = phase < way
@@ -92,7 +99,14 @@ class Obstacle:
             )
 
     def at(self, time: ArrayLike) -> NDArray[np.float64]:
-        """Place (x, y) [m] and velocity (x, y) [m/s] at times since the start [s], `[..., 4]`."""
+        """Place of the centre (x, y) [m] and velocity (x, y) [m/s] at times.
+
+        Args:
+            time: Times since the episode's start, `[...]` [s].
+
+        Returns:
+            `[..., 4]`.
+        """
         if self.motion is None:
             return np.broadcast_to((*self.pose[:2], 0.0, 0.0), (*np.shape(time), 4))
         return self.motion.at(time) + np.array([*self.pose[:2], 0.0, 0.0])
