@@ -28,7 +28,8 @@ class SimulatedRobot(RobotInterface):
 
     Args:
         scenario: Layout, object and goal.
-        robot, tool: The arm and its tool, or their names.
+        robot: The arm, or its name.
+        tool: Its tool, or the name.
         pushed_object: The object, if it is none of the library's.
         aside: Let the arm stand aside at first, where it hides nothing, until `approach`.
         engine: Physics engine.

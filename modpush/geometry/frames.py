@@ -43,8 +43,10 @@ def frame_yaw(frame: Frame, object_pose: Tensor, subgoal: Tensor | None = None) 
     """Angle of a frame's x axis in the robot's base frame, `[..., 1]` [rad].
 
     Args:
-        frame: Name of the frame. object_pose: `[..., 3]` (x, y, yaw) [m, rad]. subgoal: `[..., 2]` [m],
-        base frame; needed for `"path"`, and 0 is returned where the object is there.
+        frame: Name of the frame.
+        object_pose: `[..., 3]` (x, y, yaw) [m, rad].
+        subgoal: `[..., 2]` [m], base frame; needed for `"path"`, and 0 is returned where the object is
+            there.
 
     Raises:
         ValueError: If the frame is unknown or `"path"` without a sub-goal, or the pose has another shape.
