@@ -38,7 +38,8 @@ class ThroughObstacles(Planner):
         camera: The camera on whose grid the maps are; read with bounds only.
 
     Raises:
-        ValueError: If a number is out of its range, or a map is smaller than 4 x 4 pixels.
+        ValueError: If a number is out of its range, or a map is smaller than 4 x 4 pixels or, with
+            bounds, not of the camera's size.
     """
 
     @checked_arguments
@@ -70,8 +71,14 @@ class ThroughObstacles(Planner):
             The paths, all of them found, on the occupancy's device.
         """
         height, width = occupancy.shape[1:]
+        expected = (self.camera.height, self.camera.width)
+        if self.bounds is not None and (height, width) != expected:
+            raise ValueError(
+                f"ThroughObstacles: occupancy must be of the camera's size, {expected[0]} x "
+                f"{expected[1]}, to have bounds, got {height} x {width}."
+            )
         first, last = self._corners if self.bounds is not None else ((0, 0), (width, height))
-        pixels = occupancy[:, first[1] : last[1], first[0] : last[0]]
+        pixels = occupancy.cpu()[:, first[1] : last[1], first[0] : last[0]]
         if min(pixels.shape[1:]) < _CELL:
             raise ValueError(
                 f"ThroughObstacles: occupancy must be at least {_CELL} x {_CELL}, got {height} x {width}."
@@ -80,7 +87,7 @@ class ThroughObstacles(Planner):
         rows, columns = weights.shape[1:]
         origin, size = torch.tensor(first), torch.tensor([columns, rows])
         if self.bounds is not None:
-            weights[:, self._near_edge(rows, columns, origin)] = _EDGE_WEIGHT
+            weights[:, self._near_edge] = _EDGE_WEIGHT
         ends = [((end.cpu() + 0.5 - origin) / _CELL - 0.5) for end in (start, goal)]
         inside = [torch.minimum(end.clamp_min(0), size - 1) for end in ends]
         nothing = torch.zeros_like(weights, dtype=torch.bool)
@@ -88,7 +95,7 @@ class ThroughObstacles(Planner):
         paths = []
         for b in range(len(start)):
             route = routes.waypoints[b, : int(routes.count[b])].numpy()
-            kept = torch.from_numpy(_straightened(route, weights[b].cpu().numpy()))
+            kept = torch.from_numpy(_straightened(route, weights[b].numpy()))
             path = ((kept + 0.5) * _CELL - 0.5 + origin).float().to(start.device)
             path[0], path[-1] = start[b], goal[b]
             paths.append(path)
@@ -102,9 +109,13 @@ class ThroughObstacles(Planner):
         low, high = np.clip(np.round(corners + 0.5), 0, size).astype(int).tolist()
         return (low[0], low[1]), (high[0], high[1])
 
-    def _near_edge(self, rows: int, columns: int, origin: Tensor) -> Tensor:
+    @cached_property
+    def _near_edge(self) -> Tensor:
         """Cells nearer to the workspace's edge than `edge`, `[rows, columns]`."""
         assert self.bounds is not None
+        first, last = self._corners
+        columns, rows = ((last[i] - first[i]) // _CELL for i in range(2))
+        origin = torch.tensor(first)
         v, u = torch.meshgrid(torch.arange(rows), torch.arange(columns), indexing="ij")
         xy = self.camera.unproject((torch.stack([u, v], -1) + 0.5) * _CELL - 0.5 + origin)
         low, high = torch.tensor(self.bounds) + torch.tensor([[self.edge], [-self.edge]])

@@ -71,7 +71,7 @@ def make_planning(
         **_within(group, _MAP_KEYS),
     )
     if planner is None:
-        # The one planner for which the workspace's edge is no obstacle.
+        # It crosses blocked cells, and so has to be told where the workspace ends.
         through = config.planner == "through_obstacles"
         bounds = Rectangle(scenario.low, scenario.high)
         planner = ThroughObstacles(bounds=bounds) if through else config.planner

@@ -108,3 +108,7 @@ def test_wrong_arguments_are_refused():
         ThroughObstacles(weight=0.5)
     with pytest.raises(ValueError, match="occupancy must be at least 4 x 4, got 3 x 80"):
         ThroughObstacles().plan(FREE[:, :3], START, GOAL)
+    with pytest.raises(
+        ValueError, match=r"of the camera's size, 256 x 256, to have bounds, got 64 x 80"
+    ):
+        ThroughObstacles(bounds=Rectangle((0.2, -0.3), (0.7, 0.3))).plan(FREE, START, GOAL)
