@@ -17,7 +17,7 @@ from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 
-UR5 = ROBOTS["ur5"]
+UR5, GRIPPER = ROBOTS["ur5"], TOOLS["2f85"]
 START = Scenario(
     scene="free",
     difficulty=0.0,
@@ -41,9 +41,14 @@ def surface(shape) -> np.ndarray:
     return points @ shape.rotation().T + shape.position
 
 
+SHORT = replace(TOOLS["rod"], name="short", length=0.06)
+
+
+@pytest.mark.parametrize("tool", [TOOLS["2f85"], SHORT], ids=["2f85", "short"])
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("height", [0.02, 0.06, 0.10, 0.12, MAX_HEIGHT])
-def test_the_links_stay_within_the_reach_at_every_pose_of_the_tool(height, name) -> None:
+def test_the_links_stay_within_the_reach_at_every_pose_of_the_tool(height, name, tool) -> None:
+    """With a short tool the wrist comes down to the obstacles."""
     robot, farthest = ROBOTS[name], 0.0
     base = np.array(robot.base)
     rng = np.random.default_rng(0)
@@ -52,7 +57,7 @@ def test_the_links_stay_within_the_reach_at_every_pose_of_the_tool(height, name)
     low, high = np.array([0.08, -0.47]), np.array([0.87, 0.47])
     place = place[((place >= low) & (place <= high)).all(-1)]
     for tip_height in (0.0, 0.02, 0.05):
-        flange = np.full(len(place), tip_height + TOOLS["2f85"].length)
+        flange = np.full(len(place), tip_height + tool.length)
         yaw = rng.uniform(-1.5, 1.5, len(place))
         pose = np.column_stack([place - base[:2], flange - base[2], yaw])
         joints, found = robot.inverse(pose, np.tile(robot.home, (len(pose), 1)))
@@ -65,8 +70,9 @@ def test_the_links_stay_within_the_reach_at_every_pose_of_the_tool(height, name)
             )
             out = np.hypot(x - base[0], y - base[1])
             farthest = max(farthest, out[(z < height) & (x >= base[0])].max(initial=0.0))
-    assert farthest <= arm_reach(robot, height)
-    assert farthest > 0.7 * arm_reach(robot, height) or height < 0.12  # hardly more than there is
+    assert farthest <= arm_reach(robot, tool, height)
+    if height >= 0.12:  # hardly more than there is
+        assert farthest > 0.7 * arm_reach(robot, tool, height)
 
 
 POSES = [
@@ -107,7 +113,7 @@ def test_only_an_obstacle_within_the_reach_is_touched_by_the_simulated_arm(
         away = math.copysign(0.2, -pose[1] or 1.0)
         return replace(START, obstacles=(block,), tool_pose=pose, object_pose=(0.7, away, 0.0))
 
-    assert not any(touched(env, [start(pose, arm_reach(UR5, height) + 0.002) for pose in POSES]))
+    assert not any(touched(env, [start(pose, arm_reach(UR5, TOOLS["2f85"], height) + 0.002) for pose in POSES]))
     for pose in POSES[:1]:
         with pytest.raises(ValueError, match=r"scenarios\[0\]: expected obstacles .* at least 0"):
             touched(env, [start(pose, 0.17)])
@@ -117,7 +123,7 @@ def test_only_an_obstacle_within_the_reach_is_touched_by_the_simulated_arm(
 
 def test_an_arm_can_pass_over_no_obstacle_taller_than_the_tallest() -> None:
     tall = Obstacle((0.05, 0.05, MAX_HEIGHT + 0.01), (0.6, 0.2, 0.0))
-    assert "heights up to 0.15 m" in str(obstacle_in_arm([tall], UR5))
+    assert "heights up to 0.15 m" in str(obstacle_in_arm([tall], UR5, TOOLS["2f85"]))
     with pytest.raises(ValueError, match=r"leaves the arm no room in 100 layouts: .* to 0.15 m"):
         PushEnv(1, depth=None, scene=lambda rng, difficulty: [tall]).reset()
 
@@ -151,7 +157,7 @@ def draw(scene: str, item: str, count: int) -> list[Scenario]:
 def is_free(start: Scenario) -> bool:
     tip_height = get_object(start.pushed_object).tool_height
     touching = tool_touches(start.tool_pose, tip_height, start.obstacles, TOOLS["2f85"])
-    return not touching and obstacle_in_arm(start.obstacles, UR5) is None
+    return not touching and obstacle_in_arm(start.obstacles, UR5, TOOLS["2f85"]) is None
 
 
 @pytest.mark.parametrize("item", OBJECTS)
