@@ -565,5 +565,7 @@ def test_a_path_that_begins_elsewhere_is_refused(mistake):
 def test_a_length_that_is_not_that_of_the_waypoints_is_refused():
     """It would be taken for pixels and put into metres once more."""
     env = make_env(2, planner=Straight("metres"))
-    with pytest.raises(ValueError, match=r"length of scene 0's path .* times the planner's cell_size 1"):
+    with pytest.raises(
+        ValueError, match=r"length of scene 0's path .* times the planner's cell_size 1"
+    ):
         env.reset()

@@ -113,7 +113,9 @@ def test_only_an_obstacle_within_the_reach_is_touched_by_the_simulated_arm(
         away = math.copysign(0.2, -pose[1] or 1.0)
         return replace(START, obstacles=(block,), tool_pose=pose, object_pose=(0.7, away, 0.0))
 
-    assert not any(touched(env, [start(pose, arm_reach(UR5, TOOLS["2f85"], height) + 0.002) for pose in POSES]))
+    assert not any(
+        touched(env, [start(pose, arm_reach(UR5, TOOLS["2f85"], height) + 0.002) for pose in POSES])
+    )
     for pose in POSES[:1]:
         with pytest.raises(ValueError, match=r"scenarios\[0\]: expected obstacles .* at least 0"):
             touched(env, [start(pose, 0.17)])
