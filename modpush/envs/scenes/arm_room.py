@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modpush._checks import check_instance
-from modpush.envs.robot.control import MotionConfig, start_joints
+from modpush.envs.robot.control import MotionConfig, OutOfReachError, start_joints
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.robot.urdf import extent
@@ -183,16 +183,18 @@ def within_reach(
 
     Raises:
         TypeError: If something else is among the scenarios.
-        ValueError: If there is no such robot or tool.
+        ValueError: If there is no such robot or tool, or the robot's `solve` returns something else than
+            an `InverseKinematics`.
     """
     robot, tool, kept = find_robot(robot), find_tool(tool), []
     for scenario in scenarios:
         check_instance("scenarios", scenario, Scenario)
         height = get_object(scenario.pushed_object).tool_height
-        try:
+        try:  # any other error is a fault of the robot
             start_joints(robot, tool, scenario.tool_pose, height)
-            check_arm_is_free("start", scenario, height, tool, robot)
-        except ValueError:
+        except OutOfReachError:
             continue
-        kept.append(scenario)
+        blocked = obstacle_in_arm(scenario.obstacles, robot, tool) is not None
+        if not (blocked or tool_touches(scenario.tool_pose, height, scenario.obstacles, tool)):
+            kept.append(scenario)
     return kept
