@@ -112,6 +112,7 @@ import tyro
 from modpush._kernels import announce_compiling
 from modpush._types import Count, FilePath
 from modpush._validation import checked, from_plain
+from modpush.cli.command import check_preset
 from modpush.files import parse_yaml, reading
 from modpush.parts import check_allowed
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
@@ -201,9 +202,8 @@ def parse_run(arguments: Sequence[str]) -> RunConfig:
         FileNotFoundError: If there is no such file.
         ValueError: If there is no such preset, or the file does not fit.
     """
-    preset, *options = arguments or [""]
-    if preset not in TRAIN_PRESETS:
-        raise ValueError(f"expected a preset first, one of {[*TRAIN_PRESETS]}, got {preset!r}.")
+    check_preset(arguments)
+    preset, *options = arguments
     # The file decides the defaults of all other options, so that it is read before these are parsed.
     parser = argparse.ArgumentParser(f"modpush train {preset}", add_help=False, allow_abbrev=False)
     parser.add_argument("--config", type=Path)
