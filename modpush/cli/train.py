@@ -109,7 +109,6 @@ from typing import Any, Literal
 import pandas as pd
 import tyro
 
-from modpush._kernels import announce_compiling
 from modpush._types import Count, FilePath
 from modpush._validation import checked, from_plain
 from modpush.cli.command import check_preset
@@ -159,7 +158,6 @@ def train_agent(run: RunConfig) -> dict[str, float]:
     Raises:
         KeyboardInterrupt: After an interrupt, once the checkpoint is written.
     """
-    announce_compiling()
     # Nothing has run in this process yet, so that the worker may share its libraries' memory.
     start_method: Literal["fork", "spawn"] = "fork" if sys.platform == "linux" else "spawn"
     config = run.train
