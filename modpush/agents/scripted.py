@@ -20,7 +20,7 @@ _APPROACH_ANGLE = (
 _PUSH_ANGLE = 0.7  # from that line, at which a tool in contact continues to push at most [rad]
 _STEER_GAIN = 1.5  # correction of the pushing direction, as a multiple of the angle from the line
 _PUSH_SPEED = 0.7  # length of a step while in contact, as a fraction of the largest step
-_MAX_TURN = 0.05  # rotation of the tool by an action of 1 [rad]
+_MAX_TURN = 0.05  # `MotionConfig.max_turn`, of a package that agents do not import [rad]
 
 
 def scripted_push(

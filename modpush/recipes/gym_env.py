@@ -51,7 +51,7 @@ class PushGymEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         ValueError: For `num_envs`, an unknown preset, and values out of range.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 15}  # noqa: RUF012 (Gymnasium's form)
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012 (Gymnasium's form)
 
     def __init__(
         self,
@@ -77,6 +77,7 @@ class PushGymEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             )
         self.env = make_push_env(config, num_envs=1, **options)
         self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": self.simulator.simulation.control_freq}
         width = self.env.observation_spec["observation"].shape[-1]
         space = spaces.Box(-_BOUND, _BOUND, (width,), dtype=np.float32)
         self.observation_space = space

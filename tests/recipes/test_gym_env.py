@@ -120,6 +120,13 @@ def test_options_are_obeyed_or_refused() -> None:
         PushGymEnv(render_mode="human")
 
 
+def test_a_video_has_as_many_pictures_per_second_as_there_are_steps() -> None:
+    for options, rate in (({}, 15), ({"control_freq": 10}, 10)):
+        env = gym.make("modpush/Push-v0", scene="free", encoder="none", **options)
+        assert env.metadata == {"render_modes": ["rgb_array"], "render_fps": rate}
+        env.close()
+
+
 @pytest.mark.parametrize("preset", ["paper", "authors", "cpu"])
 def test_a_preset_whose_fields_are_all_given_is_that_of_make_push_env(preset) -> None:
     config = PushEnvConfig.preset(preset, num_envs=1, encoder="none")
