@@ -27,14 +27,15 @@ MAX_HEIGHT = 0.15
 """Height of the tallest obstacles [m]. With a shipped arm and tool, forearm and wrist stay above it."""
 _FLANGE_HEIGHT = 0.175  # with a shipped tool and its tip as low as it gets [m]
 _TOOL_LENGTH = 0.16  # of the shortest shipped tool; the flange of a shorter one is lower [m]
-_ROOM = 0.01  # added to what was measured at some poses of the tool [m]
+_SAFETY_MARGIN = 0.01  # added to what was measured at some poses of the tool [m]
 _STEP = 0.005  # between the places at which a moving obstacle is looked at [m]
 
 
-def arm_reach(robot: Robot, tool: Tool, height: float) -> float:
-    """Distance from the robot's axis up to which links come down to a height over the table [m].
+def keep_out_radius(robot: Robot, tool: Tool, height: float) -> float:
+    """Distance that obstacles of a height keep from the robot's axis [m].
 
-    For some pose of the tool in its workspace (`MotionConfig`). An upper bound, up to `MAX_HEIGHT`.
+    Nearer to it links come down to that height at some pose of the tool in its workspace
+    (`MotionConfig`). An upper bound, up to `MAX_HEIGHT`.
     """
     lower = max(0.0, _TOOL_LENGTH - tool.length)
     given = None if robot.room is None else robot.room.distance(height)
@@ -70,7 +71,10 @@ def _measured_room(
     ahead = x >= base[0]
     distance, z = np.hypot(x - base[0], y - base[1])[ahead], z[ahead]
     heights = np.linspace(0.0, MAX_HEIGHT, 16)
-    room = [distance[z <= height + _ROOM].max(initial=0.0) + _ROOM for height in heights]
+    room = [
+        distance[z <= height + _SAFETY_MARGIN].max(initial=0.0) + _SAFETY_MARGIN
+        for height in heights
+    ]
     return heights, np.array(room)
 
 
@@ -89,7 +93,7 @@ def _surface(shape: Primitive) -> NDArray[np.float64]:
     return points.reshape(-1, 3) @ shape.rotation().T + shape.position
 
 
-def obstacle_in_arm(obstacles: Sequence[Obstacle], robot: Robot, tool: Tool) -> str | None:
+def obstacle_near_arm(obstacles: Sequence[Obstacle], robot: Robot, tool: Tool) -> str | None:
     """The first obstacle that stands where the arm's links turn, in words; None if none does.
 
     One that moves is looked at wherever it comes.
@@ -105,9 +109,9 @@ def obstacle_in_arm(obstacles: Sequence[Obstacle], robot: Robot, tool: Tool) -> 
             return (
                 f"expected heights up to {MAX_HEIGHT} m, over which the arm passes, got {height:g}"
             )
-        if distance < (reach := arm_reach(robot, tool, height)):
+        if distance < (least := keep_out_radius(robot, tool, height)):
             return (
-                f"expected obstacles {height:g} m high at least {reach:.3f} m from the "
+                f"expected obstacles {height:g} m high at least {least:.3f} m from the "
                 f"robot's axis, within which its links come down to them, got {distance:.3f} m for "
                 f"the one at ({x:.3f}, {y:.3f})"
             )
@@ -158,7 +162,7 @@ def check_arm_is_free(
 
     `tip_height` is `PushedObject.tool_height` [m]; `name` begins the ValueError.
     """
-    if (why := obstacle_in_arm(scenario.obstacles, robot, tool)) is not None:
+    if (why := obstacle_near_arm(scenario.obstacles, robot, tool)) is not None:
         raise ValueError(f"{name}: {why}.")
     if tool_touches(scenario.tool_pose, tip_height, scenario.obstacles, tool):
         x, y, yaw = scenario.tool_pose
@@ -194,7 +198,7 @@ def within_reach(
             start_joints(robot, tool, scenario.tool_pose, height)
         except OutOfReachError:
             continue
-        blocked = obstacle_in_arm(scenario.obstacles, robot, tool) is not None
+        blocked = obstacle_near_arm(scenario.obstacles, robot, tool) is not None
         if not (blocked or tool_touches(scenario.tool_pose, height, scenario.obstacles, tool)):
             kept.append(scenario)
     return kept

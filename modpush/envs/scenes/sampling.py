@@ -13,7 +13,7 @@ from modpush._kernels import njit
 from modpush.envs.outcome import Goal
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.robot.robot import Robot, Tool
-from modpush.envs.scenes.arm_room import obstacle_in_arm, tool_touches
+from modpush.envs.scenes.arm_room import obstacle_near_arm, tool_touches
 from modpush.envs.scenes.layouts import TIGHT_SCENES, SceneFn
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
@@ -220,7 +220,7 @@ def _draw_layout(
                 f"scene: {name!r} must return a list of at most {MAX_OBSTACLES} Obstacle, got "
                 f"{obstacles!r}."
             )
-        why = obstacle_in_arm(obstacles, robot, tool)
+        why = obstacle_near_arm(obstacles, robot, tool)
         if why is None:
             return list(obstacles)
     raise ValueError(f"scene: {name!r} leaves the arm no room in {_REDRAWS} layouts: {why}.")

@@ -10,7 +10,12 @@ import torch
 
 from modpush.envs import PushEnv
 from modpush.envs.robot.named import ROBOTS, TOOLS
-from modpush.envs.scenes.arm_room import MAX_HEIGHT, arm_reach, obstacle_in_arm, tool_touches
+from modpush.envs.scenes.arm_room import (
+    MAX_HEIGHT,
+    keep_out_radius,
+    obstacle_near_arm,
+    tool_touches,
+)
 from modpush.envs.scenes.layouts import SCENES, TIGHT_SCENES
 from modpush.envs.scenes.objects import OBJECTS, get_object
 from modpush.envs.scenes.obstacle import Obstacle
@@ -44,7 +49,7 @@ def surface(shape) -> np.ndarray:
 SHORT = replace(TOOLS["rod"], name="short", length=0.06)
 
 
-@pytest.mark.parametrize("tool", [TOOLS["2f85"], SHORT], ids=["2f85", "short"])
+@pytest.mark.parametrize("tool", [GRIPPER, SHORT], ids=["2f85", "short"])
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("height", [0.02, 0.06, 0.10, 0.12, MAX_HEIGHT])
 def test_the_links_stay_within_the_reach_at_every_pose_of_the_tool(height, name, tool) -> None:
@@ -70,9 +75,9 @@ def test_the_links_stay_within_the_reach_at_every_pose_of_the_tool(height, name,
             )
             out = np.hypot(x - base[0], y - base[1])
             farthest = max(farthest, out[(z < height) & (x >= base[0])].max(initial=0.0))
-    assert farthest <= arm_reach(robot, tool, height)
+    assert farthest <= keep_out_radius(robot, tool, height)
     if height >= 0.12:  # hardly more than there is
-        assert farthest > 0.7 * arm_reach(robot, tool, height)
+        assert farthest > 0.7 * keep_out_radius(robot, tool, height)
 
 
 POSES = [
@@ -114,7 +119,10 @@ def test_only_an_obstacle_within_the_reach_is_touched_by_the_simulated_arm(
         return replace(START, obstacles=(block,), tool_pose=pose, object_pose=(0.7, away, 0.0))
 
     assert not any(
-        touched(env, [start(pose, arm_reach(UR5, TOOLS["2f85"], height) + 0.002) for pose in POSES])
+        touched(
+            env,
+            [start(pose, keep_out_radius(UR5, GRIPPER, height) + 0.002) for pose in POSES],
+        )
     )
     for pose in POSES[:1]:
         with pytest.raises(ValueError, match=r"scenarios\[0\]: expected obstacles .* at least 0"):
@@ -125,7 +133,7 @@ def test_only_an_obstacle_within_the_reach_is_touched_by_the_simulated_arm(
 
 def test_an_arm_can_pass_over_no_obstacle_taller_than_the_tallest() -> None:
     tall = Obstacle((0.05, 0.05, MAX_HEIGHT + 0.01), (0.6, 0.2, 0.0))
-    assert "heights up to 0.15 m" in str(obstacle_in_arm([tall], UR5, TOOLS["2f85"]))
+    assert "heights up to 0.15 m" in str(obstacle_near_arm([tall], UR5, GRIPPER))
     with pytest.raises(ValueError, match=r"leaves the arm no room in 100 layouts: .* to 0.15 m"):
         PushEnv(1, depth=None, scene=lambda rng, difficulty: [tall]).reset()
 
@@ -134,8 +142,8 @@ def test_a_tool_s_upper_part_counts_where_an_obstacle_is_tall_enough() -> None:
     """The gripper's linkage, 6.2 cm to each side, begins 4.5 cm over its tip."""
     bar = Obstacle((0.3, 0.06, 0.06), (0.585, 0.0, math.pi / 2))  # from 5.5 cm beside the tool on
     for tip_height, touches in ((0.0145, True), (0.0152, False)):
-        assert tool_touches((0.5, 0.0, 0.0), tip_height, [bar], TOOLS["2f85"]) == touches
-    assert not tool_touches((0.5, 0.0, math.pi / 2), 0.0145, [bar], TOOLS["2f85"])
+        assert tool_touches((0.5, 0.0, 0.0), tip_height, [bar], GRIPPER) == touches
+    assert not tool_touches((0.5, 0.0, math.pi / 2), 0.0145, [bar], GRIPPER)
     assert not tool_touches((0.5, 0.0, 0.0), 0.0145, [bar], TOOLS["rod"])
     assert tool_touches((0.555, 0.0, 0.0), 0.02, [bar], TOOLS["rod"])
 
@@ -158,8 +166,8 @@ def draw(scene: str, item: str, count: int) -> list[Scenario]:
 
 def is_free(start: Scenario) -> bool:
     tip_height = get_object(start.pushed_object).tool_height
-    touching = tool_touches(start.tool_pose, tip_height, start.obstacles, TOOLS["2f85"])
-    return not touching and obstacle_in_arm(start.obstacles, UR5, TOOLS["2f85"]) is None
+    touching = tool_touches(start.tool_pose, tip_height, start.obstacles, GRIPPER)
+    return not touching and obstacle_near_arm(start.obstacles, UR5, GRIPPER) is None
 
 
 @pytest.mark.parametrize("item", OBJECTS)
