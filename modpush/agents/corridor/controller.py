@@ -24,11 +24,11 @@ from modpush.agents.corridor.motion import (
 from modpush.agents.corridor.scene import (
     CorridorScene,
     ObstacleDistances,
-    direction_of,
     plan_object_path,
 )
 from modpush.agents.corridor.target import choose_targets
 from modpush.geometry import Camera
+from modpush.geometry.frames import direction_of
 from modpush.planners import LazyThetaStar
 
 _SMALL_CUBE_RADIUS = 0.025 * math.sqrt(2.0)  # [m]
