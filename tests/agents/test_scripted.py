@@ -5,8 +5,8 @@ import torch
 from tensordict import TensorDict
 
 from modpush.agents import ScriptedPusher
-from modpush.agents.scripted import _MARGIN, _MAX_TURN, _STEER_GAIN, _TOOL_RADIUS, scripted_push
 from modpush.agents.corridor.config import CorridorConfig
+from modpush.agents.scripted import _MARGIN, _MAX_TURN, _STEER_GAIN, _TOOL_RADIUS, scripted_push
 from modpush.envs import PushEnv
 from modpush.envs.robot.control import MotionConfig
 
