@@ -20,7 +20,6 @@ from typing import Any, Generic, TypeVar
 import numba
 import numpy as np
 import torch
-from numba.core import event
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCacheLocator
 from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
@@ -42,22 +41,9 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     return compiled
 
 
-class _CompilingAnnouncement(event.Listener):
-    _made = False
-
-    def on_start(self, event: Any) -> None:
-        if not self._made:
-            tqdm.write("Compiling kernels, once on this machine, for about a minute.", sys.stderr)
-            self._made = True
-
-    def on_end(self, event: Any) -> None:
-        pass
-
-
 @cache
-def announce_compiling() -> None:
-    """Say so on the terminal when a kernel has to be compiled, in this process or one that it forks."""
-    event.register("numba:compile", _CompilingAnnouncement())
+def _announce_compiling() -> None:
+    tqdm.write("Compiling kernels, once on this machine, for a minute or two.", sys.stderr)
 
 
 class _BesideSource(InTreeCacheLocator):
@@ -89,6 +75,7 @@ class _Cache(FunctionCache):
                 seal, kernel = content[:32], content[32:]
                 if seal == self._seal(sig, target_context.codegen(), kernel):
                     return self._impl.rebuild(target_context, pickle.loads(kernel))
+        _announce_compiling()  # which numba does next
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:

@@ -24,7 +24,7 @@ ANY_PYTHON = re.compile(
 )
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.S | re.M)
 COMMAND = re.compile(r"^ *(?:\.venv/bin/|python -m )?modpush (?P<rest>[a-z].*)$", re.M)
-QUICK = ("README.md", "docs/get_started.md")
+QUICK = ("README.md", "docs/get_started.md", "docs/howto/bring_your_robot.md")
 """Pages whose blocks run among the quick tests."""
 PRINTED = {
     "planners.md": ["tensor([True]) tensor([0.65", "[True]"],

@@ -9,18 +9,17 @@ from torch import Tensor
 
 from modpush._checks import check_dtype, check_finite, read_key
 from modpush._validation import checked_arguments
-from modpush.geometry.frames import wrap_angle
+from modpush.geometry.frames import direction_of, wrap_angle
 
 # Tuned by hand in free space.
 _TOOL_RADIUS = 0.034  # circumscribed, of the tool's tip [m]
 _MARGIN = 0.012  # between tool and object while the tool goes around it [m]
-_APPROACH_ANGLE = (
-    0.15  # from the line through target and object, at which the tool approaches at most [rad]
-)
-_PUSH_ANGLE = 0.7  # from that line, at which a tool in contact continues to push at most [rad]
+# Largest angles from the line through target and object [rad]
+_APPROACH_ANGLE = 0.15  # at which the tool approaches the object
+_PUSH_ANGLE = 0.7  # at which a tool in contact continues to push
 _STEER_GAIN = 1.5  # correction of the pushing direction, as a multiple of the angle from the line
 _PUSH_SPEED = 0.7  # length of a step while in contact, as a fraction of the largest step
-_MAX_TURN = 0.05  # rotation of the tool by an action of 1 [rad]
+_MAX_TURN = 0.05  # `MotionConfig.max_turn`, of a package that agents do not import [rad]
 
 
 def scripted_push(
@@ -38,18 +37,18 @@ def scripted_push(
     to_object = object_position - ee_pose[:, :2]
     to_target = target - object_position
     distance = torch.linalg.vector_norm(to_object, dim=-1)
-    bearing, heading = _angle(to_object), _angle(to_target)
+    bearing, heading = direction_of(to_object), direction_of(to_target)
     off = wrap_angle(bearing - heading)  # 0: the tool is right behind the object
     behind = off.abs() < torch.where(contact[:, 0], _PUSH_ANGLE, _APPROACH_ANGLE)
 
-    push = _unit(heading + (1 + _STEER_GAIN) * off)
+    push = _towards(heading + (1 + _STEER_GAIN) * off)
     push = push * torch.where(contact[:, 0], _PUSH_SPEED, 1.0).to(push)[:, None]
 
     # Around the object on a circle, the shorter way; far from the circle, towards it.
     circle = object_radius[:, 0] + _TOOL_RADIUS + _MARGIN
     side = torch.where(off > 0, 1.0, -1.0).to(off)
     inwards = ((distance - circle) / 0.02).clamp(-1.2, 1.2)
-    around = _unit(bearing + side * (math.pi / 2 - inwards))
+    around = _towards(bearing + side * (math.pi / 2 - inwards))
 
     move = torch.where(behind[:, None], push, around)
     # The wide side of the gripper faces the pushing direction; half a turn makes no difference.
@@ -58,11 +57,8 @@ def scripted_push(
     return action.clamp(-1.0, 1.0)
 
 
-def _angle(vector: Tensor) -> Tensor:
-    return torch.atan2(vector[..., 1], vector[..., 0])
-
-
-def _unit(angle: Tensor) -> Tensor:
+def _towards(angle: Tensor) -> Tensor:
+    """Vectors of length 1, `[..., 2]`."""
     return torch.stack([torch.cos(angle), torch.sin(angle)], -1)
 
 

@@ -5,13 +5,14 @@ import difflib
 import importlib
 import io
 import os
+import re
 import select
 import signal
 import sys
 import textwrap
 import traceback
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import modpush
@@ -91,6 +92,8 @@ def _run(name: str, arguments: Sequence[str]) -> None:
     if {"-h", "--help"} & {*arguments}:
         print(_help(name))
     else:
+        if name == "train":
+            check_preset(arguments)
         importlib.import_module(f"modpush.cli.{name}").main(arguments)
     sys.stdout.flush()
 
@@ -100,6 +103,19 @@ def _help(name: str) -> str:
     source = Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8")
     usage = f"usage: modpush {name} {_POSITIONAL.get(name, '')}[OPTIONS]"
     return f"{usage}\n\n{ast.get_docstring(ast.parse(source))}"
+
+
+def check_preset(arguments: Sequence[str]) -> None:
+    """Refuse arguments of `modpush train` that do not begin with a preset, without importing torch.
+
+    Raises:
+        ValueError: With the presets that there are, and the nearest of them.
+    """
+    section = _help("train").partition("\nPresets:\n")[2].partition("\n\n")[0]
+    presets = re.findall(r"^  (\w+)", section, re.M)
+    if not arguments or arguments[0] not in presets:
+        got = f"{arguments[0]!r}.{_hint(arguments[0], presets)}" if arguments else "nothing."
+        raise ValueError(f"expected a preset first, one of {', '.join(presets)}, got {got}")
 
 
 def _output_is_closed() -> bool:
@@ -138,9 +154,13 @@ def _overview() -> str:
 
 
 def _unknown(name: str) -> str:
-    close = difflib.get_close_matches(name, SUBCOMMANDS, n=1)
-    hint = f" Did you mean {close[0]!r}?" if close else ""
-    return f"modpush: no subcommand {name!r}, there are {', '.join(SUBCOMMANDS)}.{hint}"
+    known = ", ".join(SUBCOMMANDS)
+    return f"modpush: no subcommand {name!r}, there are {known}.{_hint(name, SUBCOMMANDS)}"
+
+
+def _hint(name: str, known: Iterable[str]) -> str:
+    close = difflib.get_close_matches(name, known, n=1)
+    return f" Did you mean {close[0]!r}?" if close else ""
 
 
 def _is_ours(error: BaseException) -> bool:

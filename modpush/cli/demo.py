@@ -50,7 +50,6 @@ from torchrl.envs import EnvBase
 from tqdm import tqdm
 
 from modpush._atomic import make_folder
-from modpush._kernels import announce_compiling
 from modpush._types import Count, FilePath, Fraction, Name, Seed, Several
 from modpush._validation import checked
 from modpush.envs import (
@@ -138,7 +137,6 @@ def show_demo(config: DemoConfig) -> str:
     find_tool(config.tool)
     blind = config.engine == "sapien" and config.rendered and find_render_device() is None
     rendered = config.rendered and not blind
-    announce_compiling()
     scenarios = _draw_scenarios(config)
     runs: dict[str, list[Episode]] = {}
     arm: Frames = {}

@@ -38,8 +38,8 @@ Presets:
                      higher weights for collisions.
   smoke              A run of a few seconds that does everything once and learns nothing.
 
-The defaults of the options that begin with `--train.` are the preset's. NAME may be "module:name",
-for a part of your own.
+The defaults of the options that begin with `--train.` are the preset's; those of `cpu` stand in
+brackets. NAME may be "module:name", for a part of your own.
 
 Run:
   --out FOLDER                        Folder of the run; by default runs/train_PRESET.
@@ -50,50 +50,58 @@ Run:
   --init-from AGENT                   Start from the weights of a shipped agent, an agent's file, a
                                       run's folder or a checkpoint.
   --minutes X                         Training time after which the run ends like a completed one.
-  --train.total-steps N               Environment steps after which the run ends.
-  --train.seed N                      Seed of everything that is drawn at random.
-  --threads N                         Number of torch's threads in the learner's process.
-  --collector {local,ray}             With "ray" the scenes act on a Ray cluster,
-  --num-collectors N                  in so many collectors.
-  --train.evaluate-every N            Environment steps between evaluations on held-out episodes.
-  --train.loggers csv tensorboard     TorchRL loggers that are written to.
+  --train.total-steps N               Environment steps after which the run ends [500000].
+  --train.seed N                      Seed of everything that is drawn at random [0].
+  --threads N                         Number of torch's threads in the learner's process [1].
+  --collector {local,ray}             Where the scenes act: in a process of this machine, or on a Ray
+                                      cluster [local].
+  --num-collectors N                  Number of collectors on the Ray cluster [1].
+  --train.evaluate-every N            Environment steps between evaluations on held-out episodes
+                                      [50000].
+  --train.loggers csv tensorboard     TorchRL loggers that are written to [csv].
 
 Environment:
-  --train.env.num-envs N              Number of scenes stepped together.
+  --train.env.num-envs N              Number of scenes stepped together [16].
   --train.env.scenario.scene NAME ... Scene families, one of which is drawn for each episode.
-  --train.env.scenario.pushed-object NAME ...  Objects, one of which is drawn for each episode;
-                                      random_7 has a random shape.
-  --train.env.scenario.randomize-dynamics  Draw the object's mass, friction and centre of mass.
-  --train.env.simulation.engine NAME  Physics engine: sapien, mujoco, or module:name.
-  --train.env.simulation.robot NAME  Arm: ur5, ur10, ... or module:name.
-  --train.env.simulation.tool NAME  Tool of the arm: 2f85 (the closed gripper), rod, or module:name.
+  --train.env.scenario.pushed-object NAME ...
+                                      Objects, one of which is drawn for each episode; random_7 has a
+                                      random shape [small_cube].
+  --train.env.scenario.randomize-dynamics
+                                      Draw the object's mass, friction and centre of mass.
+  --train.env.simulation.engine NAME  Physics engine: sapien, mujoco, or module:name [sapien].
+  --train.env.simulation.robot NAME   Arm: ur5, ur10, ... or module:name [ur5].
+  --train.env.simulation.tool NAME    Tool of the arm: 2f85 (the closed gripper), rod, or module:name
+                                      [2f85].
   --train.env.planner NAME            distance_field, lazy_theta_star_grid, lazy_theta_star, a_star,
-                                      straight_line or through_obstacles.
+                                      straight_line or through_obstacles [distance_field].
   --train.env.inflation INFLATION     How far obstacles are inflated for planning: circumscribed,
-                                      inscribed, widest, or a distance [m].
+                                      inscribed, widest, or a distance in metres [widest].
   --train.env.encoder NAME            Encoder of the local window: vae, rays, none, end_to_end (trained
-                                      with the agent), or a file of a DepthVAE.
-  --train.env.frame {base,object,path}  Axes of the observation and of the local window.
+                                      with the agent), or a file of a DepthVAE [vae].
+  --train.env.frame {base,object,path}
+                                      Axes of the observation and of the local window [path].
   --train.env.add NAME ...            Entries to add to the observation.
   --train.env.leave-out NAME ...      Entries to leave out of it.
   --reward-term NAME WEIGHT ...       Your own reward terms, with their weights.
   --train.env.reward.weights.TERM X   Weight of one of the preset's reward terms.
 
 Learner (TQC) and replay buffer:
-  --train.tqc.loss NAME               tqc, sac or td3.
-  --train.tqc.hidden-sizes N ...      Widths of the hidden layers of the actor and of each critic.
+  --train.tqc.loss NAME               tqc, sac or td3 [tqc].
+  --train.tqc.hidden-sizes N ...      Widths of the hidden layers of the actor and of each critic
+                                      [256 256].
   --train.tqc.actor-lr X              Learning rate of the actor; also --train.tqc.critic-lr and
-                                      --train.tqc.alpha-lr.
-  --train.tqc.gamma X                 Discount factor per step.
-  --train.tqc.batch-size N            Number of transitions in each update; set it together with
-  --train.replay.batch-size N         the number of transitions in each sample.
-  --train.tqc.updates-per-step X      Number of updates per environment step.
-  --train.tqc.learning-starts N       Environment steps before the first update.
-  --train.replay.sampler NAME         attentive, uniform or prioritized.
-  --train.replay.n-steps N            Number of steps whose rewards are summed before bootstrapping.
-  --train.replay.capacity N           Number of transitions that the buffer holds.
+                                      --train.tqc.alpha-lr [0.0003].
+  --train.tqc.gamma X                 Discount factor per step [0.98].
+  --train.tqc.batch-size N            Number of transitions in each update, the same as the next [256].
+  --train.replay.batch-size N         Number of transitions in each sample, the same as the last [256].
+  --train.tqc.updates-per-step X      Number of updates per environment step [0.0833].
+  --train.tqc.learning-starts N       Environment steps before the first update [10000].
+  --train.replay.sampler NAME         attentive, uniform or prioritized [attentive].
+  --train.replay.n-steps N            Number of steps whose rewards are summed before bootstrapping [3].
+  --train.replay.capacity N           Number of transitions that the buffer holds [1000000].
   --train.no-mirror                   Do not learn from mirror images.
-  --train.curriculum.promotion {success,off}  When the next stage of the curriculum begins.
+  --train.curriculum.promotion {success,off}
+                                      When the next stage of the curriculum begins [off].
 
 Every other field of `TrainConfig` is an option in the same way, such as `--train.tqc.tau 0.01`.
 docs/train_options.md lists all of them with their defaults, and the settings of each preset.
@@ -109,9 +117,9 @@ from typing import Any, Literal
 import pandas as pd
 import tyro
 
-from modpush._kernels import announce_compiling
 from modpush._types import Count, FilePath
 from modpush._validation import checked, from_plain
+from modpush.cli.command import check_preset
 from modpush.files import parse_yaml, reading
 from modpush.parts import check_allowed
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
@@ -158,7 +166,6 @@ def train_agent(run: RunConfig) -> dict[str, float]:
     Raises:
         KeyboardInterrupt: After an interrupt, once the checkpoint is written.
     """
-    announce_compiling()
     # Nothing has run in this process yet, so that the worker may share its libraries' memory.
     start_method: Literal["fork", "spawn"] = "fork" if sys.platform == "linux" else "spawn"
     config = run.train
@@ -201,9 +208,8 @@ def parse_run(arguments: Sequence[str]) -> RunConfig:
         FileNotFoundError: If there is no such file.
         ValueError: If there is no such preset, or the file does not fit.
     """
-    preset, *options = arguments or [""]
-    if preset not in TRAIN_PRESETS:
-        raise ValueError(f"expected a preset first, one of {[*TRAIN_PRESETS]}, got {preset!r}.")
+    check_preset(arguments)
+    preset, *options = arguments
     # The file decides the defaults of all other options, so that it is read before these are parsed.
     parser = argparse.ArgumentParser(f"modpush train {preset}", add_help=False, allow_abbrev=False)
     parser.add_argument("--config", type=Path)

@@ -16,7 +16,7 @@ if "modpush/Push-v0" not in registry:
     gymnasium.register(
         "modpush/Push-v0",
         # A name, which Gymnasium imports when the environment is made: this package knows no recipe.
-        entry_point="modpush.recipes.gym_env:PaperGymEnv",
+        entry_point="modpush.recipes.gym_env:PushGymEnv",
         # Gymnasium's TimeLimit alone ends episodes, after as many steps as `gymnasium.make` is told.
         max_episode_steps=200,
         kwargs={"max_episode_steps": None},

@@ -35,7 +35,8 @@ from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.scene_batch import SceneBatch
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
-from modpush.envs.simulation_config import SimulationConfig, set_fields
+from modpush.envs.set_fields import set_fields
+from modpush.envs.simulation_config import SimulationConfig
 from modpush.envs.specs import make_specs, state_entries
 from modpush.geometry.workspace import Rectangle
 

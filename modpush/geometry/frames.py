@@ -11,6 +11,11 @@ def wrap_angle(angle: Tensor) -> Tensor:
     return torch.remainder(angle + torch.pi, 2 * torch.pi) - torch.pi
 
 
+def direction_of(vector: Tensor) -> Tensor:
+    """Heading of vectors `[..., 2]`, `[...]` in [-pi, pi] [rad]."""
+    return torch.atan2(vector[..., 1], vector[..., 0])
+
+
 def rotate(vectors: Tensor, angle: Tensor) -> Tensor:
     """Rotate vectors counter-clockwise.
 

@@ -56,7 +56,8 @@ class RewardConfig:
     approach_distance: Length = 0.15
     """Distance from tool to object that counts as 1 with the normalisation "constant" [m]."""
     window_radius: Length = 0.114
-    """Distance from the object beyond which the tool is outside the window: half its side [m]."""
+    """Distance from the object beyond which the tool is outside the window: half the side of one of 64
+    pixels of 3.56 mm [m]. Set it for an encoder of other windows."""
 
 
 class PushReward(DescribedTransform):

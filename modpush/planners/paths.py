@@ -15,6 +15,8 @@ from modpush._validation import check_value
 
 _NEAR = 2.0
 """Tolerance of a path's ends along each axis [px], since planners round."""
+_LENGTH_TOLERANCE = 0.01
+"""Tolerance of a path's length beside `_NEAR`, as a fraction of it."""
 _DTYPES = {
     "count": torch.int64,
     "length": torch.float32,
@@ -59,7 +61,8 @@ class Paths:
         Args:
             paths: For each scene its waypoints `[P_b, 2]` [px], P_b >= 2, or None if there is no path.
             start: `[B, 2]` [px], the waypoints where there is no path.
-            cell_size: Metres per pixel, or 1 for lengths in pixels.
+            cell_size: The planner's attribute `cell_size`, which lengths are multiplied with; 1, for
+                lengths in pixels, if it has none.
 
         Raises:
             TypeError: If a path is not a tensor.
@@ -111,6 +114,7 @@ def check_paths(
     batch: int,
     start: Tensor | None = None,
     goal: Tensor | None = None,
+    cell_size: float | None = None,
 ) -> Paths:
     """Check the result of a planner.
 
@@ -119,11 +123,13 @@ def check_paths(
         batch: Expected number of scenes.
         start: Requested starts, `[B, 2]` (u, v) [px]; None to leave them unchecked.
         goal: Requested goals, the same.
+        cell_size: The planner's, which lengths are compared with; None to leave them unchecked.
 
     Raises:
         TypeError: If it is not a `Paths`, or a field has another dtype.
         ValueError: If a field has another shape, a waypoint or the length of a path that was found is
-            not finite, or such a path begins or ends elsewhere although its end is not marked as moved.
+            not finite, such a path begins or ends elsewhere although its end is not marked as moved, or
+            its length is not that of its waypoints.
     """
     if not isinstance(paths, Paths):
         raise TypeError(f"plan must return modpush.planners.Paths, got {type(paths)}.")
@@ -152,6 +158,17 @@ def check_paths(
             raise ValueError(
                 f"the path of scene {b} must {name} at (u, v) = {asked[b].tolist()} px, got "
                 f"{given[b].tolist()}; are u, along a row, and v exchanged, or is it reversed?"
+            )
+    if cell_size is not None:
+        legs = (paths.waypoints[:, 1:] - paths.waypoints[:, :-1]).norm(dim=-1).sum(-1)
+        away = (paths.length / cell_size - legs).abs()
+        wrong = paths.found & (away > _NEAR + _LENGTH_TOLERANCE * legs)
+        if wrong.any():
+            b = int(wrong.nonzero()[0])
+            raise ValueError(
+                f"the length of scene {b}'s path must be that of its waypoints, {legs[b]:.4g} px, times "
+                f"the planner's cell_size {cell_size:g}, got {paths.length[b]:.4g}; pass the planner's "
+                "cell_size, 1 if it has none, to Paths.from_waypoints."
             )
     return paths
 

@@ -151,8 +151,8 @@ class PlannerSubgoals(PlanTransform):
         self._planner_name = planner if isinstance(planner, str) else own_name
         self.camera = camera or Camera()
         # Planners without a `cell_size` give lengths in pixels.
-        cell_size = float(getattr(self.planner, "cell_size", 1.0))
-        self._metres_per_length = self.camera.cell_size / cell_size
+        self._cell_size = float(getattr(self.planner, "cell_size", 1.0))
+        self._metres_per_length = self.camera.cell_size / self._cell_size
         self.mode = mode
         self.fraction = fraction
         self.lookahead = lookahead
@@ -196,7 +196,7 @@ class PlannerSubgoals(PlanTransform):
             check_finite(repr(self.goal_position_key), goal)
             raise
         if not isinstance(self.planner, GridPlanner):
-            check_paths(paths, len(start), start, end)
+            check_paths(paths, len(start), start, end, self._cell_size)
         return paths, position, goal
 
     def _subgoal(self, paths: Paths) -> Tensor:

@@ -6,7 +6,7 @@ from .agent_file import (
 )
 from .config import PushEnvConfig as PushEnvConfig
 from .fingerprint import environment_fingerprint as environment_fingerprint
-from .gym_env import PaperGymEnv as PaperGymEnv
+from .gym_env import PaperGymEnv as PaperGymEnv, PushGymEnv as PushGymEnv
 from .make_env import make_push_env as make_push_env
 from .methods import (
     METHODS as METHODS,

@@ -25,7 +25,8 @@ from modpush.envs.scenes.conditions import SensingConfig
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES
 from modpush.envs.scenes.objects import Circle
 from modpush.envs.scenes.scenario import ScenarioConfig
-from modpush.envs.simulation_config import SimulationConfig, set_fields
+from modpush.envs.set_fields import set_fields
+from modpush.envs.simulation_config import SimulationConfig
 from modpush.geometry.frames import Frame
 from modpush.mdp.observation_entries import PATH_AHEAD_ENTRIES
 from modpush.mdp.push_reward import RewardConfig

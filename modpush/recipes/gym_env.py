@@ -1,4 +1,4 @@
-"""The paper's observation and reward as a plain Gymnasium environment."""
+"""The stack of `make_push_env` on one scene as a plain Gymnasium environment."""
 
 from collections.abc import Mapping
 from typing import Any, Literal
@@ -30,17 +30,17 @@ _INFO_KEYS = (
 )
 
 
-class PaperGymEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
+class PushGymEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     """One scene with planner, encoder, observation and reward: `gymnasium.make("modpush/Push-v0")`.
 
     The observation is that of `make_push_env`, `[n]` float32 of order 1, clipped at 100; `columns` says
     where each entry stands in it. The action is `[3]` float32 in [-1, 1] in the agent's frame; the reward
-    is the paper's weighted sum. `info` has `success` (also as `is_success`), `out_of_bounds` and the
+    is the preset's (`RewardConfig`). `info` has `success` (also as `is_success`), `out_of_bounds` and the
     contacts as Python bools.
 
     Args:
-        preset: `"cpu"`, on which the shipped agents' are based, `"paper"` or `"authors"`, see
-            `PushEnvConfig.preset`.
+        preset: `"cpu"`, on which the configurations of the shipped agents are based, `"paper"` or
+            `"authors"`, see `PushEnvConfig.preset`.
         config: The whole configuration instead of a preset; also as plain data, as an EnvSpec holds it.
         render_mode: None, or `"rgb_array"` for a drawn top view, which needs no renderer.
         **options: Further arguments of `make_push_env`: fields to set differently (`scene="slot"`,
@@ -51,7 +51,7 @@ class PaperGymEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         ValueError: For `num_envs`, an unknown preset, and values out of range.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 15}  # noqa: RUF012 (Gymnasium's form)
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}  # noqa: RUF012 (Gymnasium's form)
 
     def __init__(
         self,
@@ -72,11 +72,12 @@ class PaperGymEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         config = config or PushEnvConfig.preset(preset)
         if options.get("encoder", config.encoder) == END_TO_END:
             raise ValueError(
-                f"PaperGymEnv: encoder={END_TO_END!r} has an image beside the observation, which "
+                f"PushGymEnv: encoder={END_TO_END!r} has an image beside the observation, which "
                 "one flat space cannot hold; use make_push_env."
             )
         self.env = make_push_env(config, num_envs=1, **options)
         self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": self.simulator.simulation.control_freq}
         width = self.env.observation_spec["observation"].shape[-1]
         space = spaces.Box(-_BOUND, _BOUND, (width,), dtype=np.float32)
         self.observation_space = space
@@ -147,6 +148,10 @@ class PaperGymEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         """The columns of each entry in the observation, by name."""
         (observation,) = [t for t in self.env.transform if isinstance(t, PushObservation)]
         return observation.columns
+
+
+PaperGymEnv = PushGymEnv
+"""The class by its former name, which stored `EnvSpec`s hold."""
 
 
 def _observation(state: TensorDictBase) -> NDArray[np.float32]:

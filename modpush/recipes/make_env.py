@@ -1,4 +1,4 @@
-"""The paper's stack of transforms on a `PushEnv`, in one call."""
+"""The stack of transforms on a `PushEnv` that a configuration describes, in one call."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -85,7 +85,7 @@ def make_push_env(
     device: torch.device | str = "cpu",
     **fields: Any,
 ) -> EnvBase:
-    """The paper's stack of transforms on a `PushEnv`, batch size `[num_envs]`.
+    """The stack of transforms on a `PushEnv` that a configuration describes, batch size `[num_envs]`.
 
     It emits what `PushEnv` does, without the images, and `path_length`, `subgoal`, `subgoal_past`,
     `path_found` (see `PlannerSubgoals`), `latent` `[B, d]`, `observation` `[B, n]` float32,

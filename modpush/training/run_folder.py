@@ -42,7 +42,7 @@ class RunFolder:
         self.checkpoints = Checkpoints(self.path / "checkpoints", keep_checkpoints)
 
     def has_results(self) -> bool:
-        """True if the folder has more in it than a run leaves that was killed before its first result."""
+        """True if it holds results: more than the files that a run writes at its start."""
         names = {path.name for path in self.path.iterdir()} if self.path.exists() else set()
         if self.checkpoints.latest() or self.best_agent.exists() or self.last_agent.exists():
             return True
@@ -57,7 +57,8 @@ class RunFolder:
     def stored_config(self) -> TrainConfig:
         """Inverse of `write_config`, to compare it with another config.
 
-        Its parts may be in any modules, so do not make them; `modpush train --config` checks that.
+        Its parts may be in any modules: do not import the parts it names; `modpush train --config` checks
+        them.
 
         Raises:
             ValueError: If the file is damaged or not a run's config; the message names it.

@@ -16,7 +16,6 @@ from urllib.parse import urlsplit
 import torch
 
 from modpush._extras import require_extra
-from modpush._kernels import announce_compiling
 from modpush.viewer.config import CONTROL_FREQ, PlayConfig
 from modpush.viewer.controls import Controls
 from modpush.viewer.lane_view import LaneView
@@ -220,7 +219,6 @@ def play(config: PlayConfig | None = None) -> None:
     config = config or PlayConfig()
     warnings.filterwarnings("ignore", message="Failed to find system libvulkan")
     torch.set_num_threads(1)  # the networks are small: threads would only wait for each other
-    announce_compiling()
     page = Page(config)
     if config.port and page.server.get_port() != config.port:
         print(f"Port {config.port} is taken.")

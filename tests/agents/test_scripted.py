@@ -5,8 +5,10 @@ import torch
 from tensordict import TensorDict
 
 from modpush.agents import ScriptedPusher
-from modpush.agents.scripted import _MARGIN, _STEER_GAIN, _TOOL_RADIUS, scripted_push
+from modpush.agents.corridor.config import CorridorConfig
+from modpush.agents.scripted import _MARGIN, _MAX_TURN, _STEER_GAIN, _TOOL_RADIUS, scripted_push
 from modpush.envs import PushEnv
+from modpush.envs.robot.control import MotionConfig
 
 
 def push(obj, target, ee, contact=False):
@@ -18,6 +20,10 @@ def test_right_behind_it_goes_straight_on() -> None:
     # Tool at x = 0.4, object at 0.5, target at 0.7; the wide side already across.
     action = push([0.5, 0.0], [0.7, 0.0], [0.4, 0.0, math.pi / 2])
     assert action.tolist() == pytest.approx([1.0, 0.0, 0.0], abs=1e-5)
+
+
+def test_an_action_is_scaled_to_the_largest_turn_of_the_environment() -> None:
+    assert _MAX_TURN == CorridorConfig().max_turn == MotionConfig().max_turn
 
 
 def test_in_front_of_it_it_goes_round_and_not_through() -> None:

@@ -58,6 +58,25 @@ def test_the_help_names_every_option_and_its_default(module: ModuleType, config:
                 assert str(value) in listed[option], option
 
 
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (["cpuu"], r"one of cpu, .* smoke, got 'cpuu'\. Did you mean 'cpu'\?"),
+        ([], r"expected a preset first, .* got nothing\."),
+        (["--train.seed", "1"], r"expected a preset first, .* got '--train\.seed'\."),
+    ],
+)
+def test_a_wrong_preset_is_refused_before_torch_is_imported(given: list[str], message: str) -> None:
+    script = (
+        "import sys\nfrom modpush.cli.command import run_command\n"
+        f"status = run_command(['train', *{given}])\nsys.exit(status + ('torch' in sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.stderr.startswith("modpush train: expected a preset first")
+    assert re.search(message, done.stderr)
+    assert done.returncode == 2
+
+
 def test_the_library_s_own_errors_come_without_a_traceback(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

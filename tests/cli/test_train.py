@@ -67,6 +67,23 @@ def test_the_help_names_every_preset_and_only_options_that_exist() -> None:
     assert words >= {*ENCODERS} - {"conv"}
 
 
+def test_the_help_shows_the_defaults_of_cpu() -> None:
+    config = RunConfig(train=TRAIN_PRESETS["cpu"])
+    options = re.split(r"^  --", train.__doc__, flags=re.M)[1:]
+    shown = {
+        text.split()[0]: match[1] for text in options if (match := re.search(r"\[(.+)\]\.", text))
+    }
+    assert len(shown) > 25
+    for name, default in shown.items():
+        value = config
+        long = train.SHORT_FORMS.get(f"--{name}", f"--{name}").removeprefix("--")
+        for part in long.replace("-", "_").split("."):
+            value = getattr(value, part)
+        values = value if isinstance(value, tuple) else (value,)
+        texts = [f"{v:.3g}" if isinstance(v, float) else str(v) for v in values]
+        assert default == " ".join(texts), name
+
+
 def option_names(config: object) -> set[str]:
     """Options of a configuration without the dashes in front."""
     names = set()

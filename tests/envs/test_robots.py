@@ -226,6 +226,17 @@ def test_the_episodes_that_an_arm_can_begin_run_and_the_others_are_told_by_numbe
     env.close()
 
 
+def test_an_error_in_a_robot_s_own_solve_is_not_taken_for_a_place_out_of_reach() -> None:
+    def broken(pose, last):
+        raise ValueError("a mistake in solve")
+
+    start = load_set("obstacles/small_cube").first(1)
+    with pytest.raises(ValueError, match="a mistake in solve"):
+        within_reach(start, replace(ROBOTS["ur5"], solve=broken))
+    with pytest.raises(ValueError, match="solve must return finite joints"):
+        within_reach(start, replace(ROBOTS["ur5"], solve=lambda pose, last: (last, False)))
+
+
 def test_solids_that_a_urdf_does_not_know_are_refused() -> None:
     from modpush.geometry import prism
 

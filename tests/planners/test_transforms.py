@@ -549,7 +549,8 @@ class Straight:
             ends = ends.flip(1)
         if self.mistake == "exchanged":
             ends = ends.flip(2)
-        return Paths.from_waypoints(list(ends), start)
+        scale = SMALL.cell_size if self.mistake == "metres" else 1.0
+        return Paths.from_waypoints(list(ends), start, scale)
 
 
 @pytest.mark.parametrize("mistake", ["reversed", "exchanged"])
@@ -558,4 +559,13 @@ def test_a_path_that_begins_elsewhere_is_refused(mistake):
     assert env.reset()["path_found"].all()
     env = make_env(2, planner=Straight(mistake))
     with pytest.raises(ValueError, match=r"the path of scene 0 must begin at \(u, v\) = "):
+        env.reset()
+
+
+def test_a_length_that_is_not_that_of_the_waypoints_is_refused():
+    """It would be taken for pixels and put into metres once more."""
+    env = make_env(2, planner=Straight("metres"))
+    with pytest.raises(
+        ValueError, match=r"length of scene 0's path .* times the planner's cell_size 1"
+    ):
         env.reset()

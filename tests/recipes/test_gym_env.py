@@ -1,4 +1,4 @@
-"""`modpush/Push-v0`: the paper's observation and reward through Gymnasium's front door."""
+"""`modpush/Push-v0`: the stack of `make_push_env` through Gymnasium's front door."""
 
 import gymnasium as gym
 import numpy as np
@@ -15,7 +15,7 @@ import modpush.envs  # noqa: F401  # registers the environment
 from modpush.data import CollectConfig
 from modpush.encoders import RayScan
 from modpush.planners import OccupancyGrid
-from modpush.recipes import PaperGymEnv, PushEnvConfig, load_agent, make_push_env
+from modpush.recipes import PaperGymEnv, PushEnvConfig, PushGymEnv, load_agent, make_push_env
 from tests.envs.engines.sapien.test_agent import scenario
 
 
@@ -47,7 +47,7 @@ def test_torchrls_gym_env_takes_it() -> None:
 
 
 def test_a_given_scenario_and_its_end() -> None:
-    env = PaperGymEnv("paper", encoder="none", render_mode="rgb_array")  # acts in the base frame
+    env = PushGymEnv("paper", encoder="none", render_mode="rgb_array")  # acts in the base frame
     where = scenario((0.40, 0.0, np.pi / 2), (0.50, 0.0, 0.0), goal_position=(0.60, 0.0))
     env.reset(options={"scenario": where})
     assert env.simulator.scenarios == [where]
@@ -63,7 +63,7 @@ def test_a_given_scenario_and_its_end() -> None:
 
 
 def test_observation_and_reward_are_make_push_env_s() -> None:
-    task = PaperGymEnv("paper", encoder="rays", scene="slot", difficulty=0.5)
+    task = PushGymEnv("paper", encoder="rays", scene="slot", difficulty=0.5)
     config = PushEnvConfig.preset("paper", num_envs=1, encoder="rays")
     env = make_push_env(config, scene="slot", difficulty=0.5)
     observation, _ = task.reset(seed=3)
@@ -99,7 +99,7 @@ def test_the_shipped_agent_pushes_through_it() -> None:
 
 
 def test_options_are_obeyed_or_refused() -> None:
-    env = PaperGymEnv(
+    env = PushGymEnv(
         encoder=RayScan(num_rays=8), leave_out=("edges",), pushed_object="large_cube", seed=0
     )
     assert env.columns["latent"] == slice(0, 8)
@@ -108,16 +108,23 @@ def test_options_are_obeyed_or_refused() -> None:
     assert env.simulator.scenarios[0].pushed_object == "large_cube"
     env.close()
     with pytest.raises(TypeError, match=r"unexpected keyword argument 'scnee'; expected some of"):
-        PaperGymEnv(scnee="slot")
+        PushGymEnv(scnee="slot")
     with pytest.raises(ValueError, match=r"one scene, got num_envs=4; for several use .*make_vec"):
         gym.make("modpush/Push-v0", num_envs=4)
     known = r"\['authors', 'cpu', 'paper'\]"
     with pytest.raises(ValueError, match=f"preset must be one of {known}, got 'gpu'"):
-        PaperGymEnv("gpu")
+        PushGymEnv("gpu")
     with pytest.raises(ValueError, match="'end_to_end' has an image beside the observation"):
-        PaperGymEnv(encoder="end_to_end")
+        PushGymEnv(encoder="end_to_end")
     with pytest.raises(ValueError, match="render_mode must be None or 'rgb_array', got 'human'"):
-        PaperGymEnv(render_mode="human")
+        PushGymEnv(render_mode="human")
+
+
+def test_a_video_has_as_many_pictures_per_second_as_there_are_steps() -> None:
+    for options, rate in (({}, 15), ({"control_freq": 10}, 10)):
+        env = gym.make("modpush/Push-v0", scene="free", encoder="none", **options)
+        assert env.metadata == {"render_modes": ["rgb_array"], "render_fps": rate}
+        env.close()
 
 
 @pytest.mark.parametrize("preset", ["paper", "authors", "cpu"])
@@ -135,3 +142,7 @@ def test_a_preset_whose_fields_are_all_given_is_that_of_make_push_env(preset) ->
     assert grids[0].margins == grids[1].margins
     env.close()
     expected.close()
+
+
+def test_the_former_name_is_the_same_class() -> None:
+    assert PaperGymEnv is PushGymEnv

@@ -24,11 +24,11 @@ from modpush.agents.corridor.motion import (
 from modpush.agents.corridor.scene import (
     CorridorScene,
     ObstacleDistances,
-    direction_of,
     plan_object_path,
 )
 from modpush.agents.corridor.target import choose_targets
 from modpush.geometry import Camera
+from modpush.geometry.frames import direction_of
 from modpush.planners import LazyThetaStar
 
 _SMALL_CUBE_RADIUS = 0.025 * math.sqrt(2.0)  # [m]
@@ -39,9 +39,9 @@ class PushingCorridorController(TensorDictModuleBase):
 
     At the first step of an episode a path of least cost is planned once. At every step the target is
     the furthest point of the path that is visible from the object. The tool goes around the object to
-    get behind it with respect to the target, and pushes the harder, the better its position is. Which
-    position is good is learned within the episode; the controller steers against deviations of the
-    object.
+    get behind it with respect to the target, and pushes faster the better it stands behind the object.
+    Which position is good is learned within the episode; the controller steers against deviations of
+    the object.
 
     The state of an episode is in the tensordict under `state_key`; a state of zeros means a new episode.
     An episode begins if `is_init_key` says so, if the state is missing or zero, or if the goal has
@@ -161,23 +161,23 @@ class PushingCorridorController(TensorDictModuleBase):
         tensordict.set(self._next_state_key, state.clone())
         return tensordict
 
-    def _observe(self, tensordict: TensorDictBase, scenes: int) -> CorridorScene:
+    def _observe(self, tensordict: TensorDictBase, num_scenes: int) -> CorridorScene:
         """The observed scenes, on the CPU and with one batch dimension."""
         size = (self.camera.height, self.camera.width)
         depth, segmentation = (
-            read_key(tensordict, key, *size).reshape(scenes, *size) for key in self.image_keys
+            read_key(tensordict, key, *size).reshape(num_scenes, *size) for key in self.image_keys
         )
         poses = [
-            read_key(tensordict, key, width).detach().cpu().reshape(scenes, width).float()
+            read_key(tensordict, key, width).detach().cpu().reshape(num_scenes, width).float()
             for key, width in zip(self.pose_keys, (3, 3, 2), strict=True)
         ]
         for key, value in zip(self.pose_keys, poses, strict=True):
             check_finite(repr(key), value)
         object_pose, ee_pose, goal = poses
         radius, touch = (
-            torch.full((scenes,), default, device="cpu")
+            torch.full((num_scenes,), default, device="cpu")
             if (value := tensordict.get(key, None)) is None
-            else value.detach().cpu().reshape(scenes)
+            else value.detach().cpu().reshape(num_scenes)
             for key, default in (
                 (self.object_radius_key, self.object_radius),
                 (self.touch_radius_key, math.inf),

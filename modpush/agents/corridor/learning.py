@@ -19,8 +19,7 @@ from torch import Tensor
 from modpush._kernels import sum_in_order
 from modpush.agents.corridor import authors_code
 from modpush.agents.corridor.config import CorridorConfig
-from modpush.agents.corridor.scene import direction_of
-from modpush.geometry.frames import wrap_angle
+from modpush.geometry.frames import direction_of, wrap_angle
 
 
 class Stance(NamedTuple):

@@ -133,6 +133,7 @@ def turn_wide_side(heading: Tensor, yaw: Tensor, max_turn: float) -> Tensor:
     symmetric under half a turn. At yaw 0 its wide side lies along x; a rotation of 1 is `max_turn`
     [rad].
     """
+    # Not by `wrap_angle`, which rounds differently: episodes would not be those of the published tables.
     twice = 2.0 * (heading + math.pi / 2 - yaw)
     turn = torch.atan2(twice.sin(), twice.cos()) / 2.0
     return (turn / max_turn).clamp(-1.0, 1.0)

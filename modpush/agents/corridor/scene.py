@@ -38,11 +38,6 @@ class CorridorScene(NamedTuple):
         )
 
 
-def direction_of(vector: Tensor) -> Tensor:
-    """Heading of vectors `[..., 2]`, `[...]` [rad]."""
-    return torch.atan2(vector[..., 1], vector[..., 0])
-
-
 def unit(vector: Tensor) -> Tensor:
     """Vectors `[..., 2]` scaled to length 1; vectors of length 0 are unchanged."""
     return vector / vector.norm(dim=-1, keepdim=True).clamp_min(1e-9)

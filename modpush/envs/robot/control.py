@@ -49,6 +49,10 @@ class MotionConfig:
             raise ValueError(f"MotionConfig: low must be < high, got {self.low} and {self.high}.")
 
 
+class OutOfReachError(ValueError):
+    """The arm cannot reach the pose of its tool."""
+
+
 class PlannedMotion(NamedTuple):
     """Commands of one control step."""
 
@@ -180,8 +184,8 @@ def start_joints(
     over the table [m].
 
     Raises:
-        ValueError: If the arm cannot reach the pose, or its inverse kinematics returns something else
-            than an `InverseKinematics`.
+        OutOfReachError: If the arm cannot reach the pose.
+        ValueError: If its inverse kinematics returns something else than an `InverseKinematics`.
     """
     (x, y, yaw), n, home = tool_pose, len(robot.joints), np.array(robot.home)
     place = np.array([x, y, tip_height + tool.length]) - robot.base
@@ -197,7 +201,7 @@ def start_joints(
             robot, np.column_stack([np.tile(place, (len(turns), 1)), yaw + turns])
         )
     if not found.any():
-        raise ValueError(
+        raise OutOfReachError(
             f"Scenario: tool_pose must not be out of the arm's reach, got {tuple(tool_pose)} with robot "
             f"{robot.name!r}, whose inverse kinematics finds nothing there. modpush.envs.within_reach "
             "leaves such episodes out."

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modpush._checks import check_instance
-from modpush.envs.robot.control import MotionConfig, start_joints
+from modpush.envs.robot.control import MotionConfig, OutOfReachError, start_joints
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.robot.robot import Robot, Tool
 from modpush.envs.robot.urdf import extent
@@ -24,28 +24,34 @@ from modpush.envs.scenes.scenario import Scenario
 from modpush.geometry.shapes import Primitive
 
 MAX_HEIGHT = 0.15
-"""Height of the tallest obstacles [m]. Forearm and wrist stay above it wherever the tool is."""
-_FLANGE_HEIGHT = 0.175  # with the tip as low as it gets and a tool of the usual length [m]
-_ROOM = 0.01  # added to what was measured at some poses of the tool [m]
+"""Height of the tallest obstacles [m]. With a shipped arm and tool, forearm and wrist stay above it."""
+_FLANGE_HEIGHT = 0.175  # with a shipped tool and its tip as low as it gets [m]
+_TOOL_LENGTH = 0.16  # of the shortest shipped tool; the flange of a shorter one is lower [m]
+_SAFETY_MARGIN = 0.01  # added to what was measured at some poses of the tool [m]
 _STEP = 0.005  # between the places at which a moving obstacle is looked at [m]
 
 
-def arm_reach(robot: Robot, height: float) -> float:
-    """Distance from the robot's axis up to which links come down to a height over the table [m].
+def keep_out_radius(robot: Robot, tool: Tool, height: float) -> float:
+    """Distance that obstacles of a height keep from the robot's axis [m].
 
-    For some pose of the tool in its workspace (`MotionConfig`). An upper bound, up to `MAX_HEIGHT`.
+    Nearer to it links come down to that height at some pose of the tool in its workspace
+    (`MotionConfig`). An upper bound, up to `MAX_HEIGHT`.
     """
-    if robot.room is not None:
-        return robot.room.distance(height)
-    heights, distances = _measured_room(robot)
-    return float(np.interp(height, heights, distances))
+    lower = max(0.0, _TOOL_LENGTH - tool.length)
+    given = None if robot.room is None else robot.room.distance(height)
+    if given is not None and lower == 0:
+        return given
+    heights, distances = _measured_room(robot, _FLANGE_HEIGHT - lower)
+    return max(float(np.interp(height, heights, distances)), given or 0.0)
 
 
 @functools.lru_cache(maxsize=64)
-def _measured_room(robot: Robot) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _measured_room(
+    robot: Robot, flange_height: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Heights `[n]`, and how far ahead the links come down to each of them, `[n]` [m].
 
-    The links are those of the poses of a grid over the tool's workspace, with the tip as low as it gets.
+    The links are those of the poses of a grid over the tool's workspace.
     """
     motion, base = MotionConfig(), np.array(robot.base)
     sides = (np.linspace(motion.low[i], motion.high[i], 17) - base[i] for i in (0, 1))
@@ -53,7 +59,7 @@ def _measured_room(robot: Robot) -> tuple[NDArray[np.float64], NDArray[np.float6
     radius = np.linalg.norm(places, axis=1)
     places = places[(radius >= robot.reach[0]) & (radius <= robot.reach[1])]
     n = len(places)
-    pose = np.column_stack([places, np.full(n, _FLANGE_HEIGHT - base[2]), np.zeros(n)])
+    pose = np.column_stack([places, np.full(n, flange_height - base[2]), np.zeros(n)])
     joints, found = robot.inverse(pose, np.tile(robot.home, (n, 1)))
     transforms = robot.link_transforms(joints[found])[:, :-1]
     points = [
@@ -65,7 +71,10 @@ def _measured_room(robot: Robot) -> tuple[NDArray[np.float64], NDArray[np.float6
     ahead = x >= base[0]
     distance, z = np.hypot(x - base[0], y - base[1])[ahead], z[ahead]
     heights = np.linspace(0.0, MAX_HEIGHT, 16)
-    room = [distance[z <= height + _ROOM].max(initial=0.0) + _ROOM for height in heights]
+    room = [
+        distance[z <= height + _SAFETY_MARGIN].max(initial=0.0) + _SAFETY_MARGIN
+        for height in heights
+    ]
     return heights, np.array(room)
 
 
@@ -84,7 +93,7 @@ def _surface(shape: Primitive) -> NDArray[np.float64]:
     return points.reshape(-1, 3) @ shape.rotation().T + shape.position
 
 
-def obstacle_in_arm(obstacles: Sequence[Obstacle], robot: Robot) -> str | None:
+def obstacle_near_arm(obstacles: Sequence[Obstacle], robot: Robot, tool: Tool) -> str | None:
     """The first obstacle that stands where the arm's links turn, in words; None if none does.
 
     One that moves is looked at wherever it comes.
@@ -100,10 +109,10 @@ def obstacle_in_arm(obstacles: Sequence[Obstacle], robot: Robot) -> str | None:
             return (
                 f"expected heights up to {MAX_HEIGHT} m, over which the arm passes, got {height:g}"
             )
-        if distance < (reach := arm_reach(robot, height)):
+        if distance < (least := keep_out_radius(robot, tool, height)):
             return (
-                f"expected obstacles {height:g} m high at least {reach:.3f} m from the "
-                f"robot's axis, within which its shoulder and upper arm turn, got {distance:.3f} m for "
+                f"expected obstacles {height:g} m high at least {least:.3f} m from the "
+                f"robot's axis, within which its links come down to them, got {distance:.3f} m for "
                 f"the one at ({x:.3f}, {y:.3f})"
             )
     return None
@@ -153,7 +162,7 @@ def check_arm_is_free(
 
     `tip_height` is `PushedObject.tool_height` [m]; `name` begins the ValueError.
     """
-    if (why := obstacle_in_arm(scenario.obstacles, robot)) is not None:
+    if (why := obstacle_near_arm(scenario.obstacles, robot, tool)) is not None:
         raise ValueError(f"{name}: {why}.")
     if tool_touches(scenario.tool_pose, tip_height, scenario.obstacles, tool):
         x, y, yaw = scenario.tool_pose
@@ -178,16 +187,18 @@ def within_reach(
 
     Raises:
         TypeError: If something else is among the scenarios.
-        ValueError: If there is no such robot or tool.
+        ValueError: If there is no such robot or tool, or the robot's `solve` returns something else than
+            an `InverseKinematics`.
     """
     robot, tool, kept = find_robot(robot), find_tool(tool), []
     for scenario in scenarios:
         check_instance("scenarios", scenario, Scenario)
         height = get_object(scenario.pushed_object).tool_height
-        try:
+        try:  # any other error is a fault of the robot
             start_joints(robot, tool, scenario.tool_pose, height)
-            check_arm_is_free("start", scenario, height, tool, robot)
-        except ValueError:
+        except OutOfReachError:
             continue
-        kept.append(scenario)
+        blocked = obstacle_near_arm(scenario.obstacles, robot, tool) is not None
+        if not (blocked or tool_touches(scenario.tool_pose, height, scenario.obstacles, tool)):
+            kept.append(scenario)
     return kept

@@ -13,7 +13,7 @@ from modpush._kernels import njit
 from modpush.envs.outcome import Goal
 from modpush.envs.robot.named import find_robot, find_tool
 from modpush.envs.robot.robot import Robot, Tool
-from modpush.envs.scenes.arm_room import obstacle_in_arm, tool_touches
+from modpush.envs.scenes.arm_room import obstacle_near_arm, tool_touches
 from modpush.envs.scenes.layouts import TIGHT_SCENES, SceneFn
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.obstacle import MAX_OBSTACLES, Obstacle
@@ -148,7 +148,7 @@ def sample_scenario(
         name, scene = scenes[rng.integers(len(scenes))]
         item = objects[rng.integers(len(objects))]
         difficulty = float(rng.uniform(*config.difficulty))
-        obstacles = _draw_layout(rng, name, scene, difficulty, robot)
+        obstacles = _draw_layout(rng, name, scene, difficulty, robot, tool)
         start = _draw_start(rng, config, distance, item, tool, robot, obstacles, failed)
         if start is not None:
             return Scenario(
@@ -203,7 +203,12 @@ def _draw_start(
 
 
 def _draw_layout(
-    rng: np.random.Generator, name: str, scene: SceneFn, difficulty: float, robot: Robot
+    rng: np.random.Generator,
+    name: str,
+    scene: SceneFn,
+    difficulty: float,
+    robot: Robot,
+    tool: Tool,
 ) -> list[Obstacle]:
     """The first layout in which the arm has room."""
     why: str | None = ""
@@ -215,7 +220,7 @@ def _draw_layout(
                 f"scene: {name!r} must return a list of at most {MAX_OBSTACLES} Obstacle, got "
                 f"{obstacles!r}."
             )
-        why = obstacle_in_arm(obstacles, robot)
+        why = obstacle_near_arm(obstacles, robot, tool)
         if why is None:
             return list(obstacles)
     raise ValueError(f"scene: {name!r} leaves the arm no room in {_REDRAWS} layouts: {why}.")

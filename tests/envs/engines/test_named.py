@@ -19,7 +19,8 @@ from modpush.envs.engines.mujoco.engine import MujocoEngine
 from modpush.envs.engines.sapien.engine import SapienEngine
 from modpush.envs.push_state import PushState
 from modpush.envs.scenes.conditions import EpisodeConditions
-from modpush.envs.simulation_config import SimulationConfig, set_fields
+from modpush.envs.set_fields import set_fields
+from modpush.envs.simulation_config import SimulationConfig
 from modpush.evaluation import load_set, run_episodes
 from modpush.recipes import environment_fingerprint
 from modpush.recipes.fingerprint import fingerprint_differences

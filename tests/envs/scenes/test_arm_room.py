@@ -10,14 +10,19 @@ import torch
 
 from modpush.envs import PushEnv
 from modpush.envs.robot.named import ROBOTS, TOOLS
-from modpush.envs.scenes.arm_room import MAX_HEIGHT, arm_reach, obstacle_in_arm, tool_touches
+from modpush.envs.scenes.arm_room import (
+    MAX_HEIGHT,
+    keep_out_radius,
+    obstacle_near_arm,
+    tool_touches,
+)
 from modpush.envs.scenes.layouts import SCENES, TIGHT_SCENES
 from modpush.envs.scenes.objects import OBJECTS, get_object
 from modpush.envs.scenes.obstacle import Obstacle
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
 
-UR5 = ROBOTS["ur5"]
+UR5, GRIPPER = ROBOTS["ur5"], TOOLS["2f85"]
 START = Scenario(
     scene="free",
     difficulty=0.0,
@@ -41,9 +46,14 @@ def surface(shape) -> np.ndarray:
     return points @ shape.rotation().T + shape.position
 
 
+SHORT = replace(TOOLS["rod"], name="short", length=0.06)
+
+
+@pytest.mark.parametrize("tool", [GRIPPER, SHORT], ids=["2f85", "short"])
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("height", [0.02, 0.06, 0.10, 0.12, MAX_HEIGHT])
-def test_the_links_stay_within_the_reach_at_every_pose_of_the_tool(height, name) -> None:
+def test_the_links_stay_within_the_reach_at_every_pose_of_the_tool(height, name, tool) -> None:
+    """With a short tool the wrist comes down to the obstacles."""
     robot, farthest = ROBOTS[name], 0.0
     base = np.array(robot.base)
     rng = np.random.default_rng(0)
@@ -52,7 +62,7 @@ def test_the_links_stay_within_the_reach_at_every_pose_of_the_tool(height, name)
     low, high = np.array([0.08, -0.47]), np.array([0.87, 0.47])
     place = place[((place >= low) & (place <= high)).all(-1)]
     for tip_height in (0.0, 0.02, 0.05):
-        flange = np.full(len(place), tip_height + TOOLS["2f85"].length)
+        flange = np.full(len(place), tip_height + tool.length)
         yaw = rng.uniform(-1.5, 1.5, len(place))
         pose = np.column_stack([place - base[:2], flange - base[2], yaw])
         joints, found = robot.inverse(pose, np.tile(robot.home, (len(pose), 1)))
@@ -65,8 +75,9 @@ def test_the_links_stay_within_the_reach_at_every_pose_of_the_tool(height, name)
             )
             out = np.hypot(x - base[0], y - base[1])
             farthest = max(farthest, out[(z < height) & (x >= base[0])].max(initial=0.0))
-    assert farthest <= arm_reach(robot, height)
-    assert farthest > 0.7 * arm_reach(robot, height) or height < 0.12  # hardly more than there is
+    assert farthest <= keep_out_radius(robot, tool, height)
+    if height >= 0.12:  # hardly more than there is
+        assert farthest > 0.7 * keep_out_radius(robot, tool, height)
 
 
 POSES = [
@@ -107,7 +118,12 @@ def test_only_an_obstacle_within_the_reach_is_touched_by_the_simulated_arm(
         away = math.copysign(0.2, -pose[1] or 1.0)
         return replace(START, obstacles=(block,), tool_pose=pose, object_pose=(0.7, away, 0.0))
 
-    assert not any(touched(env, [start(pose, arm_reach(UR5, height) + 0.002) for pose in POSES]))
+    assert not any(
+        touched(
+            env,
+            [start(pose, keep_out_radius(UR5, GRIPPER, height) + 0.002) for pose in POSES],
+        )
+    )
     for pose in POSES[:1]:
         with pytest.raises(ValueError, match=r"scenarios\[0\]: expected obstacles .* at least 0"):
             touched(env, [start(pose, 0.17)])
@@ -117,7 +133,7 @@ def test_only_an_obstacle_within_the_reach_is_touched_by_the_simulated_arm(
 
 def test_an_arm_can_pass_over_no_obstacle_taller_than_the_tallest() -> None:
     tall = Obstacle((0.05, 0.05, MAX_HEIGHT + 0.01), (0.6, 0.2, 0.0))
-    assert "heights up to 0.15 m" in str(obstacle_in_arm([tall], UR5))
+    assert "heights up to 0.15 m" in str(obstacle_near_arm([tall], UR5, GRIPPER))
     with pytest.raises(ValueError, match=r"leaves the arm no room in 100 layouts: .* to 0.15 m"):
         PushEnv(1, depth=None, scene=lambda rng, difficulty: [tall]).reset()
 
@@ -126,8 +142,8 @@ def test_a_tool_s_upper_part_counts_where_an_obstacle_is_tall_enough() -> None:
     """The gripper's linkage, 6.2 cm to each side, begins 4.5 cm over its tip."""
     bar = Obstacle((0.3, 0.06, 0.06), (0.585, 0.0, math.pi / 2))  # from 5.5 cm beside the tool on
     for tip_height, touches in ((0.0145, True), (0.0152, False)):
-        assert tool_touches((0.5, 0.0, 0.0), tip_height, [bar], TOOLS["2f85"]) == touches
-    assert not tool_touches((0.5, 0.0, math.pi / 2), 0.0145, [bar], TOOLS["2f85"])
+        assert tool_touches((0.5, 0.0, 0.0), tip_height, [bar], GRIPPER) == touches
+    assert not tool_touches((0.5, 0.0, math.pi / 2), 0.0145, [bar], GRIPPER)
     assert not tool_touches((0.5, 0.0, 0.0), 0.0145, [bar], TOOLS["rod"])
     assert tool_touches((0.555, 0.0, 0.0), 0.02, [bar], TOOLS["rod"])
 
@@ -150,8 +166,8 @@ def draw(scene: str, item: str, count: int) -> list[Scenario]:
 
 def is_free(start: Scenario) -> bool:
     tip_height = get_object(start.pushed_object).tool_height
-    touching = tool_touches(start.tool_pose, tip_height, start.obstacles, TOOLS["2f85"])
-    return not touching and obstacle_in_arm(start.obstacles, UR5) is None
+    touching = tool_touches(start.tool_pose, tip_height, start.obstacles, GRIPPER)
+    return not touching and obstacle_near_arm(start.obstacles, UR5, GRIPPER) is None
 
 
 @pytest.mark.parametrize("item", OBJECTS)

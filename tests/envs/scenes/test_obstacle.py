@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from modpush.envs import Obstacle, Patrol, Scenario
-from modpush.envs.robot.named import ROBOTS
-from modpush.envs.scenes.arm_room import obstacle_in_arm
+from modpush.envs.robot.named import ROBOTS, TOOLS
+from modpush.envs.scenes.arm_room import obstacle_near_arm
 from tests.envs.engines.sapien.test_agent import scenario
 
-UR5 = ROBOTS["ur5"]
+UR5, GRIPPER = ROBOTS["ur5"], TOOLS["2f85"]
 BAR = (0.20, 0.06, 0.06)
 PATROL = Patrol(velocity=(-0.06, 0.08), ahead=0.10, behind=0.05)
 MOVING = Obstacle(BAR, (0.5, 0.0, 0.3), PATROL)
@@ -89,11 +89,13 @@ def test_a_patrol_out_of_the_workspace_is_refused() -> None:
 
 def test_a_patrol_into_the_arm_is_found() -> None:
     far = Obstacle(BAR, (0.4, 0.0, 0.0))
-    assert obstacle_in_arm([far], UR5) is None
+    assert obstacle_near_arm([far], UR5, GRIPPER) is None
     towards = Patrol(velocity=(-0.1, 0.0), ahead=0.2, behind=0.0)
-    assert "robot's axis" in obstacle_in_arm([Obstacle(far.size, far.pose, towards)], UR5)
+    assert "robot's axis" in obstacle_near_arm(
+        [Obstacle(far.size, far.pose, towards)], UR5, GRIPPER
+    )
     # Not at its ends, but between them.
     aside = Obstacle((0.06, 0.06, 0.06), (0.16, -0.3, 0.0))
     past = Patrol(velocity=(0.0, 0.1), ahead=0.6, behind=0.0)
-    assert obstacle_in_arm([aside, Obstacle(aside.size, (0.16, 0.3, 0.0))], UR5) is None
-    assert obstacle_in_arm([Obstacle(aside.size, aside.pose, past)], UR5) is not None
+    assert obstacle_near_arm([aside, Obstacle(aside.size, (0.16, 0.3, 0.0))], UR5, GRIPPER) is None
+    assert obstacle_near_arm([Obstacle(aside.size, aside.pose, past)], UR5, GRIPPER) is not None

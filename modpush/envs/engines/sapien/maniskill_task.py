@@ -24,7 +24,7 @@ from modpush.envs.scenes.arm_room import check_arm_is_free
 from modpush.envs.scenes.objects import get_object_of
 from modpush.envs.scenes.sampling import sample_scenario
 from modpush.envs.scenes.scenario import Scenario, ScenarioConfig
-from modpush.envs.simulation_config import set_fields
+from modpush.envs.set_fields import set_fields
 from modpush.geometry.workspace import BOUNDS_MARGIN
 
 
