@@ -18,8 +18,9 @@ $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet -c constraints.txt torch==$$(sed -n 's/^torch==//p' constraints.txt)
 	$(BIN)/pip install --quiet -c constraints.txt -e '.[dev]'
-	# Numba compiles here, so that the first command moves at once.
-	$(BIN)/python -W ignore -c "import modpush as m; a = m.load_agent('any_object'); a.make_env(2).rollout(2, a.policy)"
+	# Numba compiles here, on two cores, so that the first command moves at once.
+	$(BIN)/python -W ignore -c "from modpush.planners import warmup; warmup()" & \
+	$(BIN)/python -W ignore -c "import modpush as m; a = m.load_agent('pose'); a.make_env(2).rollout(2, a.policy)" && wait $$!
 	touch $@
 
 train: setup

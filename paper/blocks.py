@@ -80,7 +80,7 @@ def success_table() -> str:
             printed = (row.figures["success"] for row in printed_rows(name)[:2])
             cells = [number(value) for value in (ours, *printed)]
             if "hard200" in name:
-                cells[1:] = [f"{cell} of 50" for cell in cells[1:]]
+                cells[1:] = [f"{cell} (50 episodes)" for cell in cells[1:]]
             lines.append((label, *cells))
     return _markdown(lines)
 
@@ -109,7 +109,7 @@ def _beside(metric: str, name: str) -> str:
     if theirs is None:
         printed = "–"
     else:
-        printed = number(theirs) + (" of 50" if "hard200" in name else "")
+        printed = number(theirs) + (" (50 episodes)" if "hard200" in name else "")
     retrained = figures.get(AGENT_RETRAINED)
     return " / ".join([*cells, printed]) + (f", retrained {retrained:.3f}" if retrained else "")
 

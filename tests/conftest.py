@@ -16,22 +16,7 @@ def pytest_configure() -> None:
 
 
 def pytest_collection_finish() -> None:
-    compile_a_half(os.environ.get("PYTEST_XDIST_WORKER", ""))
     freeze()
-
-
-def compile_a_half(worker: str) -> None:
-    """Compile what most tests need, a half in each of two workers, which else compile all of it twice."""
-    if worker == "gw0":
-        from modpush.planners import warmup
-
-        warmup()
-    elif worker == "gw1":
-        from modpush import load_agent
-
-        env = load_agent("pose").make_env(1)  # the simulator's first, then those of its planners
-        env.rollout(2)
-        env.close()
 
 
 @pytest.fixture(scope="module", autouse=True)

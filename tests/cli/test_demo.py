@@ -34,9 +34,9 @@ def test_the_demo_runs_with_another_engine_robot_and_tool(tmp_path, capsys, monk
         return run_episodes(env, *given, **options)
 
     monkeypatch.setattr(demo, "run_episodes", run)
-    parts = {"engine": "mujoco", "robot": "panda", "tool": "rod"}
+    parts = {"engine": "mujoco", "robot": "ur10", "tool": "rod"}
     show_demo(DemoConfig(policy=("scripted",), scenes=("free",), episodes=1, out=tmp_path, **parts))
-    assert used == [("mujoco", "panda", "rod")]
+    assert used == [("mujoco", "ur10", "rod")]
     assert f"({tmp_path / 'arm.mp4'}, from the side), table.md" in capsys.readouterr().out
     found, frame = cv2.VideoCapture(str(tmp_path / "arm.mp4")).read()
     assert found

@@ -78,15 +78,15 @@ def draw(
     depth: NDArray[np.float32],
     segmentation: NDArray[np.uint8],
     solids: Solids,
-    poses: NDArray[np.float64],
+    poses: NDArray[np.floating],
     label: int,
     camera: Camera | None = None,
 ) -> None:
     """Draw solids into an image, in place: depth `[H, W]` float32 [m] and labels `[H, W]` uint8.
 
     `poses` are those of the body that all solids belong to, `[1, 7]`, or of each one's own, `[n, 7]`
-    float64: position [m] and quaternion (w, x, y, z) in the base frame. The camera is by default that of
-    `PushEnv`.
+    float32 or float64: position [m] and quaternion (w, x, y, z) in the base frame. The camera is by
+    default that of `PushEnv`.
     """
     pinhole = _PINHOLE if camera is None else _pinhole(camera)
     draw_solids(depth, segmentation, *solids, poses, int(label), pinhole)
@@ -96,5 +96,6 @@ def warmup() -> None:
     """Compile (or load from the cache) every kernel, so that no first call is slow."""
     solids = Solids.of([Primitive(kind="box", size=(0.01, 0.01, 0.01))])
     depth, segmentation = blank_image()
-    pose = np.array([[0.5, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]])
+    # SAPIEN's poses are float32; the kernel for float64 is compiled where it is used.
+    pose = np.array([[0.5, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]], dtype=np.float32)
     draw(depth, segmentation, solids, pose, Label.OBJECT)

@@ -54,7 +54,8 @@ def _build(b: int, maps: Maps, fields: Fields, x: int, y: int, count: int) -> No
     nodes[count, 0], nodes[count, 1] = x, y
     nodes[count, 2] = nodes[count, 3] = 0
     cost, parent = fields.cost[b, : count + 1], fields.parent[b, : count + 1]
-    taut_search(maps.codes[b], nodes, count, -1, cost, parent)
+    everything = np.int64(-1)  # a literal would compile the search a second time
+    taut_search(maps.codes[b], nodes, count, everything, cost, parent)
     fields.goal[b, 0], fields.goal[b, 1] = x, y
     fields.builds[b] += 1
 

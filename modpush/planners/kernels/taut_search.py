@@ -130,7 +130,7 @@ def taut_search(
             heuristic[v] = length_of(dx, dy)
     key = np.empty(_FIRST_EDGES)
     ends = np.empty((_FIRST_EDGES, 2), dtype=np.int32)
-    size = 0
+    size = np.int64(0)  # a literal 0 would compile each function that takes it once more
     node, came_from = root, root
     cost[root] = 0.0
     while True:

@@ -146,7 +146,7 @@ def _expand(query: Query, tree: SearchTree, size: int, node: int) -> int:
                 size = _relax(query, tree, size, (vy << query.shift) + vx, start)
         return size
     vx, vy = node & ((1 << query.shift) - 1), node >> query.shift
-    code, parent = query.codes[vy, vx], tree.parent[node]
+    code, parent = query.codes[vy, vx], np.int64(tree.parent[node])
     for k in range(8):
         if code & _SIDES[k] == _SIDES[k]:
             continue
@@ -180,7 +180,8 @@ def theta_search(query: Query, tree: SearchTree) -> bool:
         tree.parent[goal] = start
         tree.cost[goal] = _distance(query, start, goal)
         return True
-    size = _expand(query, tree, 0, start)
+    # A literal 0, and int32 for a parent, would compile `_expand` and `_relax` once more each.
+    size = _expand(query, tree, np.int64(0), start)
     while size > 0:
         node = heap_pop(tree.order, tree.key, tree.slot, size)
         size -= 1

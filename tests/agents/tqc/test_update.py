@@ -11,6 +11,7 @@ from modpush.agents import TQCConfig, TQCLoss, TQCUpdate, make_tqc
 from tests.agents.tqc.tqc_builders import make_batch, make_loss, make_pendulum_batch
 
 
+@pytest.mark.slow
 def test_compiled_update_equals_the_eager_one(monkeypatch):
     results = []
     compile_eagerly = torch.compile

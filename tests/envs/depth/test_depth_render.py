@@ -117,6 +117,7 @@ def test_push_env_with_the_rendered_camera(render_device) -> None:
         env.close()
 
 
+@pytest.mark.slow  # a software device takes half a minute for the first picture with light
 def test_maniskills_own_cameras(render_device) -> None:
     import gymnasium as gym
 

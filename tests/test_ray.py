@@ -1,7 +1,8 @@
-"""Training on a real local Ray cluster of two nodes."""
+"""Training and evaluation sets on a real local Ray cluster of two nodes."""
 
 import copy
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -18,10 +19,14 @@ import psutil
 import pytest
 import torch
 import yaml
-from tensordict import TensorDict
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
 
 import modpush
 from modpush._processes import ray_session
+from modpush.agents import ScriptedPusher
+from modpush.envs import PushEnv
+from modpush.evaluation import EvaluationConfig, EvaluationSet, evaluate, load_set
 from modpush.recipes.agent_file import load_agent
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
 from modpush.training.learner import Learner
@@ -286,3 +291,88 @@ def test_what_the_actors_act_with_is_what_was_learned(trained: Noting) -> None:
     action = torch.from_numpy(last.transitions["action"]).reshape(shape)[:, greedy]
     expected = actor.get_dist(TensorDict({"observation": observation})).deterministic_sample
     torch.testing.assert_close(action, expected)
+
+
+QUIET = EvaluationConfig(num_envs=2, progress=False)
+
+
+def make_env(num_envs: int, objects: tuple[str, ...]) -> PushEnv:
+    return PushEnv(num_envs, pushed_object=objects, depth=None)
+
+
+class NotingPusher(TensorDictModuleBase):
+    """The scripted pusher, which notes the process that it acts in."""
+
+    def __init__(self, folder: Path, *, end_once: bool = False) -> None:
+        super().__init__()
+        self.pusher, self.folder, self.end_once = ScriptedPusher(), folder, end_once
+        self.in_keys, self.out_keys = self.pusher.in_keys, self.pusher.out_keys
+        self.calls = 0
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        (self.folder / str(os.getpid())).touch()
+        self.calls += 1
+        if self.end_once and self.calls == 20 and not (self.folder / "ended").exists():
+            (self.folder / "ended").touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return self.pusher(tensordict)
+
+
+def evaluated(folder: Path, policy: TensorDictModuleBase, workers: Any) -> pd.DataFrame:
+    config = EvaluationConfig(num_envs=2, workers=workers, progress=False)
+    return evaluate(
+        policy, eight_episodes(), folder, make_env=make_env, label="same", config=config
+    )
+
+
+def eight_episodes() -> EvaluationSet:
+    return load_set("free/small_cube").first(8)
+
+
+def test_rows_are_those_of_one_process(cluster: Any, tmp_path: Path) -> None:
+    (tmp_path / "seen").mkdir()
+    rows = evaluated(tmp_path / "ray", NotingPusher(tmp_path / "seen"), "ray")
+    assert len(list((tmp_path / "seen").iterdir())) >= 2, "both CPUs must have worked"
+    assert not (tmp_path / "seen" / str(os.getpid())).exists()
+    expected = evaluated(tmp_path / "here", NotingPusher(tmp_path / "seen"), 1)
+    pd.testing.assert_frame_equal(rows, expected)
+
+
+@pytest.mark.slow
+def test_a_task_that_is_killed_loses_and_doubles_nothing(cluster: Any, tmp_path: Path) -> None:
+    (tmp_path / "seen").mkdir()
+    rows = evaluated(tmp_path / "ray", NotingPusher(tmp_path / "seen", end_once=True), "ray")
+    seen = {path.name for path in (tmp_path / "seen").iterdir()}
+    assert "ended" in seen
+    assert rows["episode"].tolist() == list(range(8))
+    expected = evaluated(tmp_path / "here", NotingPusher(tmp_path / "seen"), 1)
+    pd.testing.assert_frame_equal(rows, expected)
+
+
+@pytest.mark.slow
+def test_a_run_of_one_process_continues_with_ray(cluster: Any, tmp_path: Path) -> None:
+    (tmp_path / "seen").mkdir()
+    policy = NotingPusher(tmp_path / "seen")
+    begun = evaluate(
+        policy,
+        eight_episodes().first(3),
+        tmp_path / "run",
+        make_env=make_env,
+        label="same",
+        config=QUIET,
+    )
+    rows = evaluated(tmp_path / "run", policy, "ray")
+    assert rows["episode"].tolist() == list(range(len(eight_episodes())))
+    pd.testing.assert_frame_equal(rows[:3], begun)
+
+
+@pytest.mark.slow
+def test_an_error_in_a_task_is_shown(cluster: Any, tmp_path: Path) -> None:
+    def broken(num_envs: int, objects: tuple[str, ...]) -> PushEnv:
+        raise ValueError("this environment cannot be made")
+
+    config = EvaluationConfig(num_envs=2, workers="ray", progress=False)
+    with pytest.raises(Exception, match="this environment cannot be made"):
+        evaluate(
+            ScriptedPusher(), eight_episodes(), tmp_path / "run", make_env=broken, config=config
+        )
