@@ -17,6 +17,8 @@ _MARGIN = 0.012  # between tool and object while the tool goes around it [m]
 # Largest angles from the line through target and object [rad]
 _APPROACH_ANGLE = 0.15  # at which the tool approaches the object
 _PUSH_ANGLE = 0.7  # at which a tool in contact continues to push
+_CIRCLE_WIDTH = 0.02  # distance from the circle at which the tool turns towards it by 1 rad [m]
+_MAX_INWARDS = 1.2  # largest such turn [rad]
 _STEER_GAIN = 1.5  # correction of the pushing direction, as a multiple of the angle from the line
 _PUSH_SPEED = 0.7  # length of a step while in contact, as a fraction of the largest step
 _MAX_TURN = 0.05  # `MotionConfig.max_turn`, of a package that agents do not import [rad]
@@ -47,7 +49,7 @@ def scripted_push(
     # Around the object on a circle, the shorter way; far from the circle, towards it.
     circle = object_radius[:, 0] + _TOOL_RADIUS + _MARGIN
     side = torch.where(off > 0, 1.0, -1.0).to(off)
-    inwards = ((distance - circle) / 0.02).clamp(-1.2, 1.2)
+    inwards = ((distance - circle) / _CIRCLE_WIDTH).clamp(-_MAX_INWARDS, _MAX_INWARDS)
     around = _towards(bearing + side * (math.pi / 2 - inwards))
 
     move = torch.where(behind[:, None], push, around)

@@ -108,7 +108,8 @@ def check_reach(robot: Robot, config: ScenarioConfig) -> None:
         raise ValueError(
             f"PushEnv: robot {robot.name!r}, whose base is at {base}, reaches from {least} to {most} m; "
             f"this does not hold the workspace from {config.low} to {config.high}, with starts up to "
-            f"{distance.max():.2f} m from the base. Expected {advice}, or a robot with more reach."
+            f"{distance.max():.2f} m from the base. Expected {advice}, or a robot with more reach; "
+            "modpush evaluate, demo and play have an option for the robot alone."
         )
 
 

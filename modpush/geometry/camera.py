@@ -137,3 +137,8 @@ class Label(IntEnum):
     """An obstacle."""
     ROBOT = 3
     """The robot with its tool."""
+
+
+def unpack_cells(bits: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
+    """Rows of a map packed as bits, `[H, N]`, as cells of 0 and 1, `[H, W]`."""
+    return np.unpackbits(bits, axis=1, bitorder="little")[:, :width]

@@ -12,7 +12,7 @@ from modpush._checks import read_key
 from modpush._transforms import DescribedTransform
 from modpush._types import NonNegative, Positive
 from modpush._validation import checked_arguments
-from modpush.geometry.camera import Camera
+from modpush.geometry.camera import Camera, unpack_cells
 from modpush.geometry.workspace import Rectangle
 from modpush.mdp.predicted_contact import PushedScene, nearest_action, outline
 
@@ -24,8 +24,9 @@ class ContactFilter(DescribedTransform):
     of it. Where that covers the object, the object is pushed out of it on the shortest way, without a
     turn. If then the tool or the pushed object is nearer to an obstacle than `clearance`, or the
     object's centre has been pushed nearer than `edge` to where an episode ends, the nearest of 175 other
-    actions takes its place, with what each still violates as a penalty. An action without such a
-    prediction is not changed. Obstacles that move count where they are and where they will be.
+    actions takes its place, where violations are added to its distance as a cost. An action without such
+    a prediction is only clipped to [-1, 1]. Obstacles that move count where they are and where they will
+    be.
 
     Like `ActionFrame`, it works on the way to the environment, after the action has been turned into
     the base frame: put it before `ActionFrame`. What is stored is the agent's own action. It reads what
@@ -106,7 +107,7 @@ class ContactFilter(DescribedTransform):
         cells = bits.detach().cpu().numpy().reshape(-1, *bits.shape[-2:])
         motion = tensordict.get(self.obstacle_motion_key, None)
         velocities = np.zeros((len(poses), 2)) if motion is None else _rows(motion)[:, 2:]
-        radii, filtered = outline(supports), _rows(action).copy()
+        radii, grid, filtered = outline(supports), self._grid(), _rows(action).copy()
         for i in range(len(poses)):
             scene = PushedScene(
                 object_pose=poses[i],
@@ -115,7 +116,7 @@ class ContactFilter(DescribedTransform):
                 outline=radii[i],
                 tool=self._tool,
                 distances=self._distances(i, cells[i]),
-                grid=self._grid(),
+                grid=grid,
                 drift=velocities[i] * self._step_time,
                 inner=self._inner,
                 motion=self._motion,
@@ -134,7 +135,7 @@ class ContactFilter(DescribedTransform):
         seen = self._seen.get(scene)
         if seen is not None and np.array_equal(seen[0], bits):
             return seen[1]
-        blocked = np.unpackbits(bits, axis=1, bitorder="little")[:, : self.camera.width]
+        blocked = unpack_cells(bits, self.camera.width)
         distances = np.full(blocked.shape, np.inf, dtype=np.float32)
         if blocked.any():
             free = np.ascontiguousarray(1 - blocked)

@@ -13,6 +13,8 @@ from modpush.mdp.step_outcome import StepOutcome
 RewardTerm = Callable[[StepOutcome], Tensor]
 """`StepOutcome -> [..., 1]`, before its weight."""
 
+_NEAR = 0.04  # way to a goal pose that counts as near [m]
+
 
 def goal(outcome: StepOutcome) -> Tensor:
     """1 on reaching the goal. Source: Sec. IV-B, eq. 2."""
@@ -73,13 +75,12 @@ def detour(outcome: StepOutcome) -> Tensor:
 def pose_progress(outcome: StepOutcome) -> Tensor:
     """Progress of the object towards its goal pose [m]; the last 4 cm count three times.
 
-    The way is path and turn, planned together (`PoseSubgoals`) or `pose_length`. Not in the paper.
+    The last corrections of place and yaw are short: without that they would earn little beside the way
+    there. The way is path and turn, planned together (`PoseSubgoals`) or `pose_length`. Not in the paper.
     """
     before, after = outcome.pose_length_before, outcome.pose_length
     return before - after + 2 * (before.clamp_max(_NEAR) - after.clamp_max(_NEAR))
 
-
-_NEAR = 0.04  # way to a goal pose that counts as near [m]
 
 REWARD_TERMS: dict[str, RewardTerm] = {
     "goal": goal,

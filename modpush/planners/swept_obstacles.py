@@ -14,7 +14,7 @@ from modpush._checks import check_spec_has, read_key
 from modpush._transforms import StatelessTransform
 from modpush._types import Positive
 from modpush._validation import checked_arguments
-from modpush.geometry.camera import Camera
+from modpush.geometry.camera import Camera, unpack_cells
 from modpush.planners.occupancy_map import inflate
 
 
@@ -75,7 +75,7 @@ class SweptObstacles(StatelessTransform):
 
     def _swept(self, bits: NDArray[np.uint8], motion: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Cells over which one obstacle comes, `[H, W]`; none where nothing is blocked at its place."""
-        blocked = np.unpackbits(bits, axis=1, bitorder="little")[:, : self.camera.width]
+        blocked = unpack_cells(bits, self.camera.width)
         _, labels = cv2.connectedComponents(blocked, connectivity=8)
         start = self.camera.project(motion[:2])
         u, v = np.clip(np.rint(start).astype(int), 0, (labels.shape[1] - 1, labels.shape[0] - 1))

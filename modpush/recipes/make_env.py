@@ -59,6 +59,9 @@ ENV_PARTS = (
 )
 """Arguments of `make_push_env` that may be given as objects."""
 
+_EXACT = observed_keys(SensingConfig())
+"""Keys of the true values."""
+
 
 def env_parts(config: PushEnvConfig, parts: Mapping[str, Any]) -> dict[str, Any]:
     """The arguments of `make_push_env` among parts; not an encoder that is trained with the agent."""
@@ -94,8 +97,8 @@ def make_push_env(
     emits what `PoseSubgoals` writes as well, with `recovery` what `StuckRecovery` writes, and with the
     entry `history` what `PushHistory` writes.
 
-    With noise or delayed observations (`config.sensing`) the keys of `PushEnv` still hold the truth, of
-    which the reward is, with the path length `("true", "path_length")`. What the policy's
+    With noise or delayed observations (`config.sensing`) the keys of `PushEnv` hold the exact values,
+    from which the reward is computed, with the path length `("true", "path_length")`. What the policy's
     observation, plan, window and recovery are computed from is under `("observed", name)`. An entry of
     your own that reads a key of its choice gets the truth.
 
@@ -148,58 +151,86 @@ def make_push_env(
             device=device,
         )
     module = _make_encoder(config, encoder)
-    true, observed = observed_keys(SensingConfig()), observed_keys(config.sensing)
-    planned = config, base.scenario, planner
-    reward_keys = RewardKeys()
-    if not config.sensing.exact:
-        lengths = {name: (TRUE, name) for name in ("path_length", "pose_path_length")}
-        reward_keys = RewardKeys(**lengths)
     described = _entries(config, entries, module, base.robot)
-    observations = (PushObservation, MirroredObservation) if mirrored else (PushObservation,)
-    transforms: list[Transform] = [
-        InitTracker(),
-        *([CurriculumScenes(curriculum, evaluated_envs=evaluated_envs)] if curriculum else []),
-        *make_sensing(config.sensing),
-        *([] if config.sensing.exact else make_planning(*planned, 0, true, TRUE)),
-        *make_planning(*planned, max_waypoints, observed),
-        *_window(config, module, mirrored, observed),
-        *([_contact_filter(config, base.bounds, observed)] if config.contact_filter else []),
-        ActionFrame(config.acting_frame, object_pose_key=observed["object_pose"]),
-        *([make_history(config.acting_frame, observed)] if "history" in described else []),
-        *(
-            observation(
-                config.frame,
-                entries=described,
-                bounds=base.bounds,
-                symmetry=config.symmetry,
-                raw=config.raw,
-                keys=observation_keys(observed, mirrored=observation is MirroredObservation),
-            )
-            for observation in observations
-        ),
-        PushReward(config.reward, terms=reward_terms, keys=reward_keys),
-        *([make_recovery(config.sensing)] if config.recovery else []),
-    ]
+    observed = observed_keys(config.sensing)
+    transforms: list[Transform] = [InitTracker()]
+    if curriculum:
+        transforms.append(CurriculumScenes(curriculum, evaluated_envs=evaluated_envs))
+    transforms += make_sensing(config.sensing)
+    planned = config, base.scenario, planner
+    if not config.sensing.exact:
+        transforms += make_planning(*planned, 0, _EXACT, TRUE)
+    transforms += make_planning(*planned, max_waypoints, observed)
+    transforms += _window(config, module, mirrored, observed)
+    transforms += _actions(config, base.bounds, "history" in described, observed)
+    transforms += _observations(config, base.bounds, described, mirrored, observed)
+    transforms += _reward(config, reward_terms)
     if not keep_images:
-        images = [keys[name] for keys in (true, observed) for name in ("depth", "segmentation")]
-        maps = ["occupancy"] if config.sensing.exact else ["occupancy", (TRUE, "occupancy")]
-        encoded = ["window"] if module is not None else []
-        transforms.append(ExcludeTransform(*dict.fromkeys(images), *maps, *encoded))
+        transforms.append(_without_images(config, module is not None, observed))
     return TransformedEnv(base, Compose(*transforms))
 
 
-def _contact_filter(
-    config: PushEnvConfig, bounds: Rectangle, read: Mapping[str, NestedKey]
-) -> ContactFilter:
-    return ContactFilter(
-        find_tool(config.simulation.tool).tip_half_extents,
-        bounds,
-        max_step=MotionConfig.max_step,
-        max_turn=MotionConfig.max_turn,
-        step_time=1 / config.simulation.control_freq,
-        object_pose_key=read["object_pose"],
-        ee_pose_key=read["ee_pose"],
-    )
+def _actions(
+    config: PushEnvConfig, bounds: Rectangle, history: bool, read: Mapping[str, NestedKey]
+) -> list[Transform]:
+    """The frame of the actions, the filter before it, and the memory of earlier steps behind it."""
+    transforms: list[Transform] = []
+    if config.contact_filter:
+        guard = ContactFilter(
+            find_tool(config.simulation.tool).tip_half_extents,
+            bounds,
+            max_step=MotionConfig.max_step,
+            max_turn=MotionConfig.max_turn,
+            step_time=1 / config.simulation.control_freq,
+            object_pose_key=read["object_pose"],
+            ee_pose_key=read["ee_pose"],
+        )
+        transforms.append(guard)
+    transforms.append(ActionFrame(config.acting_frame, object_pose_key=read["object_pose"]))
+    if history:
+        transforms.append(make_history(config.acting_frame, read))
+    return transforms
+
+
+def _observations(
+    config: PushEnvConfig,
+    bounds: Rectangle,
+    entries: dict[str, Entry],
+    mirrored: bool,
+    read: Mapping[str, NestedKey],
+) -> list[Transform]:
+    """The observation, and that of the mirrored scene."""
+    kinds = (PushObservation, MirroredObservation) if mirrored else (PushObservation,)
+    return [
+        kind(
+            config.frame,
+            entries=entries,
+            bounds=bounds,
+            symmetry=config.symmetry,
+            raw=config.raw,
+            keys=observation_keys(read, mirrored=kind is MirroredObservation),
+        )
+        for kind in kinds
+    ]
+
+
+def _reward(config: PushEnvConfig, terms: Mapping[str, RewardTerm | str] | None) -> list[Transform]:
+    """The reward, of the true path's length, and the recovery of a tool that is stuck."""
+    keys = RewardKeys()
+    if not config.sensing.exact:
+        lengths = {name: (TRUE, name) for name in ("path_length", "pose_path_length")}
+        keys = RewardKeys(**lengths)
+    reward = PushReward(config.reward, terms=terms, keys=keys)
+    return [reward, make_recovery(config.sensing)] if config.recovery else [reward]
+
+
+def _without_images(
+    config: PushEnvConfig, encoded: bool, read: Mapping[str, NestedKey]
+) -> ExcludeTransform:
+    """Leaves out images and maps, and the window if it has been encoded."""
+    images = [keys[name] for keys in (_EXACT, read) for name in ("depth", "segmentation")]
+    maps = ["occupancy"] if config.sensing.exact else ["occupancy", (TRUE, "occupancy")]
+    return ExcludeTransform(*dict.fromkeys(images), *maps, *(["window"] if encoded else []))
 
 
 def _make_encoder(config: PushEnvConfig, given: Any) -> nn.Module | None:
@@ -252,7 +283,7 @@ def _entries(
 ) -> dict[str, Entry]:
     """The observation's entries, the latent relative to that of an empty window and joints to home.
 
-    Without an encoder the config's have no latent.
+    Without an encoder the default entries leave out `latent`.
     """
     chosen = given if given is not None else config.entries or None
     entries = resolve_entries(config.frame, chosen, leave_out=config.leave_out, add=config.add)

@@ -164,6 +164,14 @@ def test_a_robot_that_does_not_fit_together_is_refused(changes, message) -> None
         replace(UR10, **changes)
 
 
+def test_an_arm_that_is_too_small_is_refused_with_what_each_command_can_do() -> None:
+    message = (
+        "max_start_radius .* of at most 0.51, .* demo and play have an option for the robot alone"
+    )
+    with pytest.raises(ValueError, match=message):
+        PushEnv(1, depth=None, robot="ur3")
+
+
 @pytest.mark.parametrize(
     ("limits", "message"),
     [

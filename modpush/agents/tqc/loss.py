@@ -51,6 +51,8 @@ class TQCLoss(_TorchRLTQCLoss):
     Source: Kuznetsov et al. (2020), arXiv 2005.04269; TorchRL's `TQCLoss` is the reference.
     """
 
+    _warned = False
+
     def _make_vmap(self) -> None:
         # TorchRL's hook for what it calls critics through; the base constructor runs it once the
         # parameters are in place, and `set_vmap_randomness` again.
@@ -59,14 +61,14 @@ class TQCLoss(_TorchRLTQCLoss):
         try:
             self._ensemble = BatchedEnsemble(self.qvalue_network)
         except NotBatchableError as reason:
-            if "_warned" not in self.__dict__:
+            if not self._warned:
                 warnings.warn(
                     f"TQCLoss: these critics cannot be batched ({reason}), so TorchRL's own loss is "
                     "computed: the same, but slower.",
                     UserWarning,
                     stacklevel=4,
                 )
-            self.__dict__["_warned"] = True
+            self._warned = True  # `set_vmap_randomness` comes here again
             return
         if self.top_quantiles_to_drop_per_net >= self._ensemble.num_atoms:
             raise ValueError(
@@ -93,7 +95,7 @@ class TQCLoss(_TorchRLTQCLoss):
                 f"TQCLoss: the value estimator must be TD(0), got {value_type!r}. For n-step "
                 "returns, let the replay buffer sum the rewards (ReplayConfig(n_steps=...))."
             )
-        gamma = hyperparams.get("gamma", 0.0)
+        gamma = hyperparams.get("gamma", 0.0)  # checked alone: where none is given, 0 passes
         if isinstance(gamma, Tensor) and gamma.numel() == 1:
             gamma = gamma.item()
         check_value("gamma", gamma, Fraction)
