@@ -18,9 +18,11 @@ $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet -c constraints.txt torch==$$(sed -n 's/^torch==//p' constraints.txt)
 	$(BIN)/pip install --quiet -c constraints.txt -e '.[dev]'
+	mkdir -p build
 	# Numba compiles here, on two cores, so that the first command moves at once.
 	$(BIN)/python -W ignore -c "from modpush.planners import warmup; warmup()" & \
-	$(BIN)/python -W ignore -c "import modpush as m; a = m.load_agent('pose'); a.make_env(2).rollout(2, a.policy)" && wait $$!
+	$(BIN)/python -W ignore -c "import modpush as m; a = m.load_agent('pose'); a.make_env(2).rollout(2, a.policy)" && \
+	$(BIN)/modpush demo --episodes 1 --scenes free --no-rendered --out build/demo > build/demo.txt && wait $$!
 	touch $@
 
 train: setup

@@ -329,6 +329,7 @@ def eight_episodes() -> EvaluationSet:
     return load_set("free/small_cube").first(8)
 
 
+@pytest.mark.slow
 def test_rows_are_those_of_one_process(cluster: Any, tmp_path: Path) -> None:
     (tmp_path / "seen").mkdir()
     rows = evaluated(tmp_path / "ray", NotingPusher(tmp_path / "seen"), "ray")
