@@ -1,4 +1,4 @@
-"""Which package may import which (docs/architecture.md)."""
+"""Which package may import which (docs/decisions.md)."""
 
 import ast
 import importlib

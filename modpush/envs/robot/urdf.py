@@ -6,6 +6,7 @@ drawn from the same shapes, so that both cameras and the physics see one and the
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -16,6 +17,7 @@ from modpush.geometry.shapes import Primitive
 _ORIGIN = (0.0, 0.0, 0.0)
 
 
+@lru_cache(maxsize=64)  # every scene of a batch asks for the same
 def urdf_text(robot: Robot, tool: Tool) -> str:
     """The URDF; beside the robot's links there are `tool` and `tip`."""
     root = ET.Element("robot", name=f"{robot.name}_{tool.name}")
