@@ -147,9 +147,8 @@ def check_tolerance(config: ScenarioConfig, simulation: SimulationConfig) -> Non
 def _check_home(robot: Robot) -> None:
     """Refuse an arm whose flange does not point down over the table at home, roughly."""
     flange = robot.link_transforms(np.array(robot.home))[-1]
-    checked_solution(
-        robot, np.array([[*(flange[:3, 3] - robot.base), 0.0]])
-    )  # is of the right form
+    # A solver of the user's that returns another form is refused here, before the first step.
+    checked_solution(robot, np.array([[*(flange[:3, 3] - robot.base), 0.0]]))
     (x, y, z), down = flange[:3, 3].round(3).tolist(), -float(flange[2, 2])
     if down < _DOWN or z <= 0:
         raise ValueError(

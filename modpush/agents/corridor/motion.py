@@ -35,8 +35,8 @@ def push_velocity(
     side = torch.where(torch.sin(stance.alpha_p - stance.alpha) < 0, -1.0, 1.0)
     aside = aside * side.to(aside)[..., None]
     far_gain = torch.full_like(stance.push, config.approach_gain)
-    # A tool that has lost contact returns while it circles, at the speed of the activations; the first
-    # approach is straight.
+    # A tool that has lost contact returns while it circles, with speed `stance.push`; the first approach
+    # is straight.
     far_gain = torch.where(has_moved, stance.push, far_gain)
     near = from_tool.norm(dim=-1) < scene.object_radius + config.near_distance
     gain = torch.where(near, -config.retreat_gain * stance.relocate, far_gain)
