@@ -1,11 +1,14 @@
 """Per-episode results on disk: a row as soon as an episode ends, so that a run can continue later."""
 
 import csv
+import functools
+import inspect
 import io
 import os
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
+from types import CodeType
 from typing import Any
 
 import pandas as pd
@@ -40,6 +43,8 @@ OBSTACLE_COLUMNS = ("path_share", "effort", "objects_toppled", "objects_off")
 """Columns about obstacles that can be moved, see `EpisodeMetrics`."""
 DYNAMICS_COLUMNS = ("side_changes", "mass", "friction", "center_of_mass_x", "center_of_mass_y")
 """Changes of the pushed side, see `EpisodeMetrics`, and the object's `Dynamics`."""
+_LIBRARIES = ("modpush", "tensordict", "torch", "torchrl")
+"""Packages whose policies are told apart by their weights and settings."""
 _TEXTS = ("scene", "pushed_object", "policy")
 
 
@@ -201,13 +206,18 @@ def describe_policy(policy: Any, label: str = "") -> dict[str, Any]:
     """Identity of a policy and its settings, as plain data; `label` is further text to tell them apart.
 
     Its class or name counts, the weights and keys of a module, and the `config` of anything that has
-    one. Functions are told apart by their names alone.
+    one. For a function, or an object of a class of your own, so does the source of the module that
+    defines it, but not that of other modules. Arguments of a `functools.partial` do not count.
     """
+    while isinstance(policy, functools.partial):
+        policy = policy.func
     named = policy if hasattr(policy, "__qualname__") else type(policy)  # a function or a class
     described: dict[str, Any] = {
         "class": f"{named.__module__}:{named.__qualname__}",
         "label": label,
     }
+    if named.__module__.partition(".")[0] not in _LIBRARIES:
+        described["source"] = data_hash(_source(named))
     if isinstance(policy, nn.Module) and policy.state_dict():
         described["weights"] = weights_hash(policy)
     if isinstance(policy, TensorDictModuleBase):
@@ -215,6 +225,22 @@ def describe_policy(policy: Any, label: str = "") -> dict[str, Any]:
     if (config := getattr(policy, "config", None)) is not None:
         described["config"] = repr(config)
     return described
+
+
+def _source(named: Any) -> str:
+    """Source of the module of a function or class; where it has none, its own, or else its bytecode."""
+    for part in (inspect.getmodule(named), named):
+        try:
+            return inspect.getsource(part)  # type: ignore[arg-type]  # None is a TypeError
+        except (OSError, TypeError):
+            continue
+    code = getattr(named, "__code__", None)
+    return "" if code is None else repr(_bytecode(code))
+
+
+def _bytecode(code: CodeType) -> tuple[Any, ...]:
+    constants = [_bytecode(c) if isinstance(c, CodeType) else c for c in code.co_consts]
+    return code.co_code, code.co_names, constants
 
 
 def policy_hash(described: Mapping[str, Any]) -> str:

@@ -92,8 +92,8 @@ def evaluate(
     Raises:
         KeyboardInterrupt: After Ctrl-C, with a message that says what is kept.
         ValueError: If the folder holds results of another policy (told by its class, weights, config
-            and label) or another set, there is nothing to make the environment with, or its time
-            limit, tool or physics are not the set's.
+            and label, and your own also by the source of its module) or another set, there is nothing
+            to make the environment with, or its time limit, tool or physics are not the set's.
         RuntimeError: If a worker fails; finished episodes are kept.
         FolderLockedError: If another process writes to the folder; the message says which.
     """

@@ -1,4 +1,6 @@
+import importlib
 import multiprocessing
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -200,6 +202,44 @@ def test_other_weights_of_the_same_policy_are_another_policy(
     evaluate(Linear(0.0), episodes, tmp_path, make_env=fail, config=QUIET)
     with pytest.raises(ValueError, match=r"holds another run.*'weights'"):
         evaluate(Linear(0.1), episodes, tmp_path, make_env=fail, config=QUIET)
+
+
+def test_an_edited_function_is_another_policy(
+    tmp_path: Path, free: EvaluationSet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    module, results = tmp_path / "edited_lab.py", tmp_path / "results"
+    lines = "SPEED = {}\ndef push(td):\n    return td.set('action', SPEED * td['ee_pose'])\n"
+    episodes = free.first(1)
+
+    def policy(speed: float) -> object:
+        """The function as a new process finds it."""
+        module.write_text(lines.format(speed))
+        importlib.invalidate_caches()
+        monkeypatch.delitem(sys.modules, "edited_lab", raising=False)
+        return importlib.import_module("edited_lab").push
+
+    with monkeypatch.context() as patched:
+        patched.setattr("sys.dont_write_bytecode", True)
+        first = policy(0.5)
+        store = ResultStore(results, episodes, describe_policy(first))
+        store.write(make_episode(0, episodes.scenarios[0]))
+        assert len(evaluate(policy(0.5), episodes, results, make_env=fail, config=QUIET)) == 1
+        edited = policy(0.25)
+        with pytest.raises(ValueError, match=r"holds another run.*'source'.*--fresh"):
+            evaluate(edited, episodes, results, make_env=fail, config=QUIET)
+        with pytest.raises(AssertionError, match="nothing is left"):  # it would run
+            evaluate(edited, episodes, results, make_env=fail, config=QUIET, resume=False)
+
+
+def test_functions_without_source_are_told_apart_by_their_bytecode() -> None:
+    made = [
+        eval(f"lambda td: [td + {number} for _ in td]", {"__name__": "nowhere"})
+        for number in (1, 2, 1)
+    ]
+    first, second, same = (describe_policy(function) for function in made)
+    assert first["class"] == second["class"]
+    assert first == same != second
 
 
 def test_another_set_of_the_same_name_and_first_episode_is_refused(
