@@ -149,7 +149,8 @@ def _with_environment(
     elif make_env is None:
         raise ValueError(
             "evaluate: make_env is needed for a policy that is neither an agent of load_agent nor a "
-            f"method of get_method, got {type(policy).__name__}."
+            f"method of get_method, got {type(policy).__name__}. get_method(policy) gives a function an "
+            "environment with a planner."
         )
     else:
         keys = (None, None)

@@ -50,7 +50,7 @@ class Method:
 
 @checked_arguments
 def get_method(
-    policy: str,
+    policy: str | Callable[[TensorDictBase], TensorDictBase],
     *,
     allow: Sequence[str] = (),
     recovery: bool | None = None,
@@ -61,7 +61,8 @@ def get_method(
         policy: A name in `METHODS`, a shipped agent's name, a training run's folder, an agent's file,
             `"http://host:port"` where a policy is served (`ServedPolicy`), or
             `"module:name"` of your own policy: a function of a tensordict that writes `action`, or a
-            `Method`. Others than agents and a `Method` act in the environment of `scripted`.
+            `Method`. The function itself is taken, too. Others than agents and a `Method` act in the
+            environment of `scripted`.
         allow: Modules from which an agent's file may import its author's own parts.
         recovery: Let `StuckRecovery` take over when the policy has come to rest before the goal.
             None: as the agent's config says, and no for other policies. The name of a method shows if it
@@ -71,7 +72,10 @@ def get_method(
         ValueError: If there is no such policy (the known ones are listed), or if the file is not an
             agent or names modules that are not allowed.
     """
-    if policy in METHODS and policy != "agent":
+    if not isinstance(policy, str):
+        name = getattr(policy, "__name__", type(policy).__name__)
+        method, default = _function(name, policy), False
+    elif policy in METHODS and policy != "agent":
         method, default = _hand_written(policy), False
     elif is_served(policy):
         served = ServedPolicy(policy)
@@ -140,8 +144,12 @@ def _own(policy: str) -> Method:
         raise ValueError(
             f"policy: {policy!r} must be a function of a tensordict or a Method, got {found!r}."
         )
-    name = policy.rpartition(":")[2]
-    return replace(_hand_written("scripted"), name=name, make_policy=lambda: found)
+    return _function(policy.rpartition(":")[2], found)
+
+
+def _function(name: str, policy: Callable[[TensorDictBase], TensorDictBase]) -> Method:
+    """A function, in the environment of `scripted`."""
+    return replace(_hand_written("scripted"), name=name, make_policy=lambda: policy)
 
 
 def _trained(policy: str, allow: Sequence[str]) -> tuple[Method, bool]:

@@ -102,6 +102,19 @@ def test_no_server_is_said_so() -> None:
         ServedPolicy("http://x/act")
 
 
+def test_a_function_itself_is_a_method(tmp_path: Path) -> None:
+    method = get_method(push_straight)
+    assert method.name == "push_straight"
+    episodes = load_set("hidden_dynamics").first(1)
+    rows = evaluate(method, episodes, tmp_path, config=QUIET)
+    named = get_method("tests.evaluation.test_benchmarks:push_straight")
+    assert evaluate(named, episodes, tmp_path, config=QUIET).equals(rows)  # of the same policy
+    with pytest.raises(ValueError, match=r"got function. get_method\(policy\) gives a function"):
+        evaluate(push_straight, episodes, tmp_path)
+
+
 def test_a_part_that_is_no_policy_is_refused() -> None:
     with pytest.raises(ValueError, match=r"must be a function of a tensordict or a Method, got 3"):
         get_method("math:pi")
+    with pytest.raises((TypeError, ValueError), match="get_method: policy"):
+        get_method(3)
