@@ -128,7 +128,8 @@ _OVER_SOLVED = (
     "steps",
 )
 METRICS = (*_OVER_ALL, *(name for name in _OVER_SOLVED if name != "steps"))
-"""Metrics that `compare` tests. Success and SPL are over all episodes, the rest over solved ones."""
+"""Metrics that `compare` tests on every set. Success and SPL are over all episodes, the rest over solved
+ones."""
 LEGEND = (
     "`spl` is measured by the exact shortest path inside the workspace. `contact_rate` counts a step in "
     "which any of four looks shows contact, `contact_rate_at_end` one in which the look at its end does. "
@@ -184,6 +185,9 @@ def summarize(rows: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
 def compare(first: pd.DataFrame, second: pd.DataFrame, level: Fraction = 0.05) -> pd.DataFrame:
     """Paired t-tests between two methods over the same episodes.
 
+    Success and SPL are paired over all episodes, and where both have such columns also `path_share`,
+    `effort`, `objects_toppled`, `objects_off` and `side_changes`; the rest over those that both solved.
+
     Args:
         first: Result of `evaluate` for the first method.
         second: Result of `evaluate` for the second method.
@@ -200,9 +204,11 @@ def compare(first: pd.DataFrame, second: pd.DataFrame, level: Fraction = 0.05) -
     rows = {"first": first, "second": second}
     check_rows(rows)
     solved = _solved_by_all(rows)
+    further = [name for name in _FURTHER if name in first and name in second]
+    over_all = [*_OVER_ALL, *further]
     lines = []
-    for name in METRICS:
-        mask = np.ones_like(solved) if name in _OVER_ALL else solved
+    for name in (*over_all, *(name for name in METRICS if name not in _OVER_ALL)):
+        mask = np.ones_like(solved) if name in over_all else solved
         a, b = (frame.loc[mask, name].to_numpy(dtype=float) for frame in (first, second))
         test = paired_t_test(a, b)
         lines.append(

@@ -63,6 +63,14 @@ def test_compare_pairs_the_episodes() -> None:
     assert table.loc["collision_rate", "p"] == 1.0
 
 
+def test_compare_pairs_what_both_have_of_movable_objects_over_all_episodes() -> None:
+    a, b = A.assign(effort=[1.0, 0.9, 0.8, 0.7], side_changes=0), B.assign(effort=0.8)
+    table = compare(a, b)
+    assert table.loc["effort", "count"] == 4  # of which both solved two
+    assert table.loc["effort", "difference"] == pytest.approx(0.05)  # 0.85 - 0.8
+    assert not {"side_changes", "path_share"} & set(table.index)
+
+
 def test_other_episodes_are_not_compared() -> None:
     with pytest.raises(ValueError, match="'first' has 4 and 'second' 3"):
         compare(A, B.head(3))
