@@ -8,7 +8,7 @@ with an obstacle, the shares of episodes in which they touch one or leave the wo
 the solved ones. The episodes are run once, at the smallest tolerance: at a wider one an episode ends
 at its first step within that.
 
-The tuning episodes are those with the numbers 2,000 to 2,019 of the generators of the seven sets with
+The tuning episodes are those with the numbers 2,000 to 2,099 of the generators of the seven sets with
 obstacles, on which settings are chosen. `--set contact_filter False` changes a field of the agent's
 config.
 """
@@ -40,7 +40,7 @@ from modpush.evaluation import (
 )
 
 _SCENES = (*SHAPE_SCENES, "free")
-_TUNING = range(2000, 2020)
+_TUNING = range(2000, 2100)
 
 
 def chosen_set(scene: str, degrees: float, episodes: int, tuning: bool) -> EvaluationSet:

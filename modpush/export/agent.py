@@ -60,13 +60,15 @@ _RECOVERY = (
 _CONTACT_FILTER = (
     "Not in the graphs. An action in the base frame, also of a recovery, is replaced if it is predicted "
     "to bring the tool, or the object that it pushes, nearer to an obstacle than `clearance` [m], or the "
-    "object's centre nearer than `edge` [m] to where an episode ends: modpush.mdp.ContactFilter."
+    "object's centre nearer than `edge` [m] to where an episode ends, or if a moving obstacle is about "
+    "to come against the object: modpush.mdp.ContactFilter."
 )
 _PLANNING = (
     "Arguments of `OccupancyGrid` and `PlannerSubgoals`, lengths in metres. Cells outside `bounds`, made "
     "smaller by `margin` (larger where it is negative), are blocked; of several margins the first that "
     "leaves a way counts. With `widest` obstacles are inflated by the radius of the circumscribed "
-    "circle where that leaves a way, else of the inscribed one."
+    "circle where that leaves a way, else of the inscribed one. The first radius that is tried is larger "
+    "by `clearance`."
 )
 _CONTROL = (
     "The tool points straight down, its tip `tip_height` over the table, which depends on the object. It "

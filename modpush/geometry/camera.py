@@ -5,6 +5,7 @@ from enum import IntEnum
 from functools import cached_property
 from typing import TypeVar
 
+import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -142,3 +143,13 @@ class Label(IntEnum):
 def unpack_cells(bits: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
     """Rows of a map packed as bits, `[H, N]`, as cells of 0 and 1, `[H, W]`."""
     return np.unpackbits(bits, axis=1, bitorder="little")[:, :width]
+
+
+def cells_at(
+    blocked: NDArray[np.uint8], place: NDArray[np.float64], camera: Camera
+) -> NDArray[np.uint8]:
+    """The blocked cells joined to the one at a place (x, y) [m], `[H, W]`; none if that is free."""
+    _, labels = cv2.connectedComponents(blocked, connectivity=8)
+    u, v = np.rint(camera.project(place)).astype(int).tolist()
+    label = labels[min(max(v, 0), labels.shape[0] - 1), min(max(u, 0), labels.shape[1] - 1)]
+    return ((labels == label) & (blocked > 0)).astype(np.uint8)

@@ -1,5 +1,6 @@
 """`ContactFilter`: the nearest action by which nothing is predicted to run into an obstacle."""
 
+import functools
 from typing import Any
 
 import cv2
@@ -7,31 +8,40 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from tensordict import NestedKey, TensorDictBase
+from torchrl.data import TensorSpec
 
-from modpush._checks import read_key
-from modpush._transforms import DescribedTransform
+from modpush._checks import check_spec_has, read_key
+from modpush._transforms import DescribedTransform, add_unbounded
 from modpush._types import NonNegative, Positive
 from modpush._validation import checked_arguments
-from modpush.geometry.camera import Camera, unpack_cells
+from modpush.geometry.camera import Camera, cells_at, unpack_cells
 from modpush.geometry.workspace import Rectangle
-from modpush.mdp.predicted_contact import PushedScene, nearest_action, outline
+from modpush.mdp.predicted_contact import nearest_action
+from modpush.mdp.push_prediction import PushedScene, directions, outline
+
+_FRICTION = 0.5  # between object and table, which nobody measures
+_GRAVITY = 9.81  # [m/s^2]
+_AHEAD = 1.5  # time for which the way of a moving obstacle is looked ahead [s]
 
 
 class ContactFilter(DescribedTransform):
     """Replaces actions after which tool or object are predicted to touch an obstacle, or to leave.
 
-    For every action it predicts the tool's outline after half of the step, all of it, and one and a half
-    of it. Where that covers the object, the object is pushed out of it on the shortest way, without a
-    turn. If then the tool or the pushed object is nearer to an obstacle than `clearance`, or the
-    object's centre has been pushed nearer than `edge` to where an episode ends, the nearest of 175 other
-    actions takes its place, where violations are added to its distance as a cost. An action without such
-    a prediction is only clipped to [-1, 1]. Obstacles that move count where they are and where they will
-    be.
+    For every action it predicts how the tool moves and pushes the object, which turns where it is pushed
+    beside its centre and slides on against friction, until both stand still (Lynch, Maekawa and Tanie
+    1992). If tool or object come nearer to an obstacle than `clearance`, the object by a fifth of its
+    motion more, since so much the prediction may be wrong, or if the object's centre is pushed nearer
+    than `edge` to where an episode ends, the nearest of 175 other actions takes its place, where
+    violations are added to its distance as a cost. An action without such a prediction is only clipped
+    to [-1, 1].
+
+    An obstacle that moves counts where it is and where it will be. If it is about to come against the
+    object within 1.5 s, the nearest action takes the place of the agent's that pushes the object out of
+    its way when it is repeated.
 
     Like `ActionFrame`, it works on the way to the environment, after the action has been turned into
     the base frame: put it before `ActionFrame`. What is stored is the agent's own action. It reads what
-    the agent observes, obstacles from the depth image, and prevents no contact that only comes from an
-    obstacle which moves against a standing object.
+    the agent observes, obstacles from the depth image.
 
     Args:
         tool_half_extents: Half of the sides of the tool's tip along its x and y [m].
@@ -49,6 +59,8 @@ class ContactFilter(DescribedTransform):
         object_support_key: Read, `[..., n]`: how far the object reaches in n directions of its own [m].
         obstacle_motion_key: Read where it is there, `[..., 4]`: place and velocity (x, y) of an obstacle
             [m, m/s].
+        previous_key: Written in each step, and read where it is there, `[..., 3]`: the object's pose
+            before the step (x, y, yaw) [m, rad]. Without it the object is taken to stand still.
 
     Raises:
         ValueError: If a number is out of its range.
@@ -64,7 +76,7 @@ class ContactFilter(DescribedTransform):
         max_step: Positive = 0.02,
         max_turn: Positive = 0.05,
         step_time: Positive = 1 / 15,
-        clearance: NonNegative = 0.006,
+        clearance: NonNegative = 0.005,
         edge: NonNegative = 0.02,
         camera: Camera | None = None,
         action_key: NestedKey = "action",
@@ -73,22 +85,47 @@ class ContactFilter(DescribedTransform):
         ee_pose_key: NestedKey = "ee_pose",
         object_support_key: NestedKey = "object_support",
         obstacle_motion_key: NestedKey = "obstacle_motion",
+        previous_key: NestedKey = "previous_object_pose",
     ) -> None:
-        super().__init__(in_keys_inv=[action_key], out_keys_inv=[action_key])
+        super().__init__(
+            in_keys=[object_pose_key],
+            out_keys=[previous_key],
+            in_keys_inv=[action_key],
+            out_keys_inv=[action_key],
+        )
         self.clearance, self.edge = clearance, edge
         self.camera = camera or Camera()
         self._motion = np.array([max_step, max_step, max_turn])
         self._tool, self._step_time = np.array(tool_half_extents), step_time
+        self._tip = outline(np.abs(directions(48)) @ self._tool)
         (x0, y0), (x1, y1) = bounds
         self._inner = np.array([x0 + edge, y0 + edge, x1 - edge, y1 - edge])
         self.action_key, self.blocked_key = action_key, blocked_key
         self.object_pose_key, self.ee_pose_key = object_pose_key, ee_pose_key
         self.object_support_key, self.obstacle_motion_key = object_support_key, obstacle_motion_key
+        self.previous_key = previous_key
         self._seen: dict[int, tuple[NDArray[np.uint8], NDArray[np.float32]]] = {}
 
     def describe(self) -> dict[str, Any]:
         """Distances that are kept."""
         return {"contact_filter": {"clearance": self.clearance, "edge": self.edge}}
+
+    def _reset(
+        self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
+    ) -> TensorDictBase:
+        # TorchRL puts back the old values of scenes that are not being reset.
+        pose = read_key(tensordict_reset, self.object_pose_key, 3)
+        return tensordict_reset.set(self.previous_key, pose.clone())
+
+    def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
+        pose = read_key(tensordict, self.object_pose_key, 3)
+        return next_tensordict.set(self.previous_key, pose.clone())
+
+    def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
+        """Add the previous pose."""
+        check_spec_has(observation_spec, self.in_keys)
+        add_unbounded(observation_spec, self.previous_key, 3)
+        return observation_spec
 
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
         action = read_key(tensordict, self.action_key, 3)
@@ -101,29 +138,51 @@ class ContactFilter(DescribedTransform):
         Raises:
             KeyError: If a key is missing.
         """
+        filtered = _rows(action).clip(-1.0, 1.0)
+        for i, scene in enumerate(self.scenes(tensordict)):
+            filtered[i] = nearest_action(filtered[i], scene)
+        return torch.as_tensor(filtered, dtype=action.dtype, device=action.device).view_as(action)
+
+    def scenes(self, tensordict: TensorDictBase) -> list[PushedScene]:
+        """Each scene as the functions of `push_prediction` and `predicted_contact` take it.
+
+        Raises:
+            KeyError: If a key is missing.
+        """
         keys = (self.object_pose_key, self.ee_pose_key, self.object_support_key)
         poses, tips, supports = (_rows(read_key(tensordict, key)) for key in keys)
         bits = read_key(tensordict, self.blocked_key)
         cells = bits.detach().cpu().numpy().reshape(-1, *bits.shape[-2:])
         motion = tensordict.get(self.obstacle_motion_key, None)
-        velocities = np.zeros((len(poses), 2)) if motion is None else _rows(motion)[:, 2:]
-        radii, grid, filtered = outline(supports), self._grid(), _rows(action).copy()
-        for i in range(len(poses)):
-            scene = PushedScene(
+        motions = np.zeros((len(poses), 4)) if motion is None else _rows(motion)
+        before = tensordict.get(self.previous_key, None)
+        steps = poses - (poses if before is None else _rows(before))
+        steps[:, 2] = np.remainder(steps[:, 2] + np.pi, 2 * np.pi) - np.pi
+        return [
+            PushedScene(
                 object_pose=poses[i],
+                velocity=steps[i],
                 tip_pose=tips[i],
                 support=supports[i],
-                outline=radii[i],
+                outline=_outline(supports[i].tobytes()),
+                directions=directions(supports.shape[-1]),
+                lever=float(supports[i].max())
+                * 2
+                / 3,  # of a disc with the same pressure everywhere
                 tool=self._tool,
+                tip=self._tip,
                 distances=self._distances(i, cells[i]),
-                grid=grid,
-                drift=velocities[i] * self._step_time,
+                moving=self._moving(cells[i], motions[i]),
+                grid=self._grid(),
+                drift=motions[i, 2:] * self._step_time,
+                ahead=round(_AHEAD / self._step_time),
                 inner=self._inner,
                 motion=self._motion,
+                slowing=_FRICTION * _GRAVITY * self._step_time**2,
                 clearance=self.clearance,
             )
-            filtered[i] = nearest_action(np.clip(filtered[i], -1.0, 1.0), scene)
-        return torch.as_tensor(filtered, dtype=action.dtype, device=action.device).view_as(action)
+            for i in range(len(poses))
+        ]
 
     def _grid(self) -> NDArray[np.float64]:
         """Column and row of the base frame's origin and cells per metre."""
@@ -135,15 +194,30 @@ class ContactFilter(DescribedTransform):
         seen = self._seen.get(scene)
         if seen is not None and np.array_equal(seen[0], bits):
             return seen[1]
-        blocked = unpack_cells(bits, self.camera.width)
-        distances = np.full(blocked.shape, np.inf, dtype=np.float32)
-        if blocked.any():
-            free = np.ascontiguousarray(1 - blocked)
-            distances = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-            distances = (distances * self.camera.cell_size).astype(np.float32)
+        distances = self._away(unpack_cells(bits, self.camera.width))
         self._seen[scene] = bits.copy(), distances
         return distances
+
+    def _moving(self, bits: NDArray[np.uint8], motion: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Distance of each cell from the obstacle that moves, `[H, W]` [m]; `[0, 0]` where none does."""
+        if not motion[2:].any():
+            return np.zeros((0, 0), np.float32)
+        return self._away(cells_at(unpack_cells(bits, self.camera.width), motion[:2], self.camera))
+
+    def _away(self, blocked: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Distance of each cell from the nearest blocked one, `[H, W]` [m]; 1 m where there is none."""
+        if not blocked.any():
+            return np.ones(blocked.shape, np.float32)
+        free = np.ascontiguousarray(1 - blocked)
+        away = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        return (away * self.camera.cell_size).astype(np.float32)
 
 
 def _rows(values: torch.Tensor) -> NDArray[np.float64]:
     return values.detach().double().cpu().numpy().reshape(-1, values.shape[-1])
+
+
+@functools.lru_cache(maxsize=256)
+def _outline(support: bytes) -> NDArray[np.float64]:
+    """Points on the outline of an object with this support function."""
+    return outline(np.frombuffer(support))

@@ -1,150 +1,147 @@
 """Prediction of the next contacts of tool and object with obstacles, compiled."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modpush._kernels import njit
+from modpush.mdp.push_prediction import PARTS, Pose, PushedScene, object_after, start, tip_at
 
-_PARTS = (0.5, 1.0, 1.5)  # of a step, at which contacts are predicted
-_SPACING = 0.008  # of the points on the tool's outline [m]
+_STOP = 4  # parts in which the tool stands still after the step, while the object slides on
+_ERROR = 0.2  # of the prediction, as a share of the object's motion
 _DIRECTIONS = 17  # from straight back on one side to straight back on the other
 _TURN_COST = 0.3  # of another turn, beside 1 for another motion
 _PENALTY = 200.0  # of a violation [1/m]
 
 
-class PushedScene(NamedTuple):
-    """One scene as the prediction needs it, base frame; a compiled function takes it as it is."""
-
-    object_pose: NDArray[np.float64]
-    """x, y, yaw `[3]` [m, m, rad]."""
-    tip_pose: NDArray[np.float64]
-    """x, y, yaw `[3]` [m, m, rad]."""
-    support: NDArray[np.float64]
-    """How far the object reaches in n directions, the first along its own x, `[n]` [m]."""
-    outline: NDArray[np.float64]
-    """Distance of its outline from its centre in these directions, see `outline`, `[n]` [m]."""
-    tool: NDArray[np.float64]
-    """Half of the sides of the tool's tip `[2]` [m]."""
-    distances: NDArray[np.float32]
-    """Distance of each cell from the nearest blocked one, `[H, W]` [m]."""
-    grid: NDArray[np.float64]
-    """u and v of the base frame's origin, and cells per metre, `[3]`."""
-    drift: NDArray[np.float64]
-    """Way of the obstacles in a step `[2]` [m]."""
-    inner: NDArray[np.float64]
-    """x0, y0, x1, y1 of the area into which the object may be pushed `[4]` [m]."""
-    motion: NDArray[np.float64]
-    """Motion and turn of the tool by an action of 1 `[3]` [m, m, rad]."""
-    clearance: float
-    """Smallest distance from obstacles [m]."""
+@njit()
+def _distance(
+    distances: NDArray[np.float32], grid: NDArray[np.float64], x: float, y: float
+) -> float:
+    """Distance of a point from the nearest blocked cell, between the cells' centres interpolated [m]."""
+    height, width = distances.shape
+    u = min(max(grid[0] - y * grid[2], 0.0), width - 1.001)
+    v = min(max(grid[1] - x * grid[2], 0.0), height - 1.001)
+    i, j = int(v), int(u)
+    a, b = v - i, u - j
+    upper = (1 - b) * distances[i, j] + b * distances[i, j + 1]
+    lower = (1 - b) * distances[i + 1, j] + b * distances[i + 1, j + 1]
+    return float((1 - a) * upper + a * lower - 0.5 / grid[2])
 
 
-def outline(support: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distance of a convex outline from the origin in n directions, `[..., n]` [m].
+@njit()
+def _nearest(
+    distances: NDArray[np.float32],
+    grid: NDArray[np.float64],
+    points: NDArray[np.float64],
+    pose: Pose,
+    enough: float,
+) -> float:
+    """Distance of the nearest of some points of a body from a blocked cell; about it beyond `enough` [m].
 
-    `support` says how far it reaches in these directions, around a circle, `[..., n]` [m].
+    The points `[m, 2]` are in the body's axes [m], the first the farthest from its origin.
     """
-    n = support.shape[-1]
-    k = np.arange(n)
-    away = np.cos(2 * np.pi * (k[:, None] - k) / n)
-    # In each direction the first of the lines at which the object ends.
-    lines = np.where(away > 0.1, away, np.nan)
-    return np.asarray(np.nanmin(support[..., None, :] / lines, -1))
-
-
-@njit()
-def _distance(scene: PushedScene, x: float, y: float) -> float:
-    """Distance of a point from the nearest blocked cell [m]."""
-    height, width = scene.distances.shape
-    u = int(round(scene.grid[0] - y * scene.grid[2]))
-    v = int(round(scene.grid[1] - x * scene.grid[2]))
-    return float(scene.distances[min(max(v, 0), height - 1), min(max(u, 0), width - 1)])
-
-
-@njit()
-def _gap(scene: PushedScene, x: float, y: float, part: float) -> float:
-    """The same, from where obstacles are and where they will be."""
-    dx, dy = scene.drift[0] * part, scene.drift[1] * part
-    here = _distance(scene, x, y)
-    return here if dx == 0.0 and dy == 0.0 else min(here, _distance(scene, x - dx, y - dy))
-
-
-@njit()
-def _tool_gap(scene: PushedScene, x: float, y: float, yaw: float, part: float) -> float:
-    """Smallest distance of the outline of a tool from an obstacle [m]."""
-    c, s, least = math.cos(yaw), math.sin(yaw), np.inf
-    for side in range(2):
-        half, other = scene.tool[side], scene.tool[1 - side]
-        count = int(math.ceil(2 * half / _SPACING)) + 1
-        for k in range(count):
-            along = -half + 2 * half * k / (count - 1)
-            for sign in (-1.0, 1.0):
-                a, b = (along, sign * other) if side == 0 else (sign * other, along)
-                least = min(least, _gap(scene, x + c * a - s * b, y + s * a + c * b, part))
+    x, y, yaw = pose
+    least = _distance(distances, grid, x, y)
+    if least - math.hypot(points[0, 0], points[0, 1]) >= enough:
+        return enough
+    c, s = math.cos(yaw), math.sin(yaw)
+    for i in range(len(points)):
+        u, v = x + c * points[i, 0] - s * points[i, 1], y + s * points[i, 0] + c * points[i, 1]
+        least = min(least, _distance(distances, grid, u, v))
     return least
 
 
 @njit()
-def _push(scene: PushedScene, x: float, y: float, yaw: float) -> tuple[float, float]:
-    """How far a tool at a pose pushes the object, on the shortest way out of it [m]."""
-    n, least, px, py = len(scene.support), np.inf, 0.0, 0.0
-    dx, dy = x - scene.object_pose[0], y - scene.object_pose[1]
-    for k in range(n):  # the object's sides
-        angle = scene.object_pose[2] + 2 * math.pi * k / n
-        nx, ny = math.cos(angle), math.sin(angle)
-        reach = scene.tool[0] * abs(math.cos(angle - yaw)) + scene.tool[1] * abs(
-            math.sin(angle - yaw)
-        )
-        depth = scene.support[k] + reach - (dx * nx + dy * ny)
-        if depth < least:
-            least, px, py = depth, -depth * nx, -depth * ny
-    for k in range(4):  # the tool's
-        angle = yaw + 0.5 * math.pi * k
-        nx, ny = math.cos(angle), math.sin(angle)
-        turned = (angle + math.pi - scene.object_pose[2]) / (2 * math.pi) * n
-        low = int(math.floor(turned))
-        part = turned - low
-        # Between two directions a footprint reaches less far than the line between them.
-        reach = (1 - part) * scene.support[low % n] + part * scene.support[(low + 1) % n]
-        depth = scene.tool[k % 2] + reach + dx * nx + dy * ny
-        if depth < least:
-            least, px, py = depth, depth * nx, depth * ny
-    return (px, py) if least > 0 else (0.0, 0.0)
+def _struck(
+    scene: PushedScene, points: NDArray[np.float64], pose: Pose, part: float, clearance: float
+) -> float:
+    """By how much a body is too near to where the moving obstacle will be [m]."""
+    there = (pose[0] - scene.drift[0] * part, pose[1] - scene.drift[1] * part, pose[2])
+    return max(0.0, clearance - _nearest(scene.moving, scene.grid, points, there, clearance))
 
 
 @njit()
-def _object_gap(scene: PushedScene, dx: float, dy: float, part: float) -> float:
-    """Smallest distance of the outline of the object, moved by so much, from an obstacle [m]."""
-    n, least = len(scene.support), np.inf
-    for i in range(n):
-        radius = scene.outline[i]
-        angle = scene.object_pose[2] + 2 * math.pi * i / n
-        x = scene.object_pose[0] + dx + radius * math.cos(angle)
-        y = scene.object_pose[1] + dy + radius * math.sin(angle)
-        least = min(least, _gap(scene, x, y, part))
-    return least
+def _excess(
+    scene: PushedScene, points: NDArray[np.float64], pose: Pose, part: float, clearance: float
+) -> float:
+    """By how much a body is too near to an obstacle, where it is and where it will be [m]."""
+    excess = max(0.0, clearance - _nearest(scene.distances, scene.grid, points, pose, clearance))
+    if len(scene.moving):
+        excess = max(excess, _struck(scene, points, pose, part, clearance))
+    return excess
 
 
 @njit()
-def violation(action: NDArray[np.float64], scene: PushedScene) -> float:
-    """By how much an action `[3]`, base frame, is predicted to come too near to something [m]."""
-    total = 0.0
-    for part in _PARTS:
-        x = scene.tip_pose[0] + action[0] * scene.motion[0] * part
-        y = scene.tip_pose[1] + action[1] * scene.motion[1] * part
-        yaw = scene.tip_pose[2] + action[2] * scene.motion[2] * part
-        total += max(0.0, scene.clearance - _tool_gap(scene, x, y, yaw, part))
-        dx, dy = _push(scene, x, y, yaw)
-        if dx == 0.0 and dy == 0.0:
+def violation(action: NDArray[np.float64], scene: PushedScene, limit: float = np.inf) -> float:
+    """By how much an action `[3]`, base frame, is predicted to come too near to something [m].
+
+    After the action the tool stands still, which is possible at any time. A sum of more than `limit` is
+    not added up to its end.
+    """
+    total, is_pushed = 0.0, False
+    obstacles_move = len(scene.moving) > 0
+    pose, speed, inside = start(scene)
+    fastest, radius = 0.0, math.hypot(scene.outline[0, 0], scene.outline[0, 1])
+    moves = obstacles_move or speed != (0.0, 0.0, 0.0)
+    for i in range(1, PARTS + _STOP + 1):
+        part = i / PARTS
+        tip = tip_at(scene, action, min(part, 1.0))
+        pose, speed, pushed = object_after(scene, pose, speed, tip, inside)
+        is_pushed = is_pushed or pushed
+        fastest = max(fastest, math.hypot(speed[0], speed[1]) + radius * abs(speed[2]))
+        if i % 2:
             continue
-        total += max(0.0, scene.clearance - _object_gap(scene, dx, dy, part))
-        ox, oy = scene.object_pose[0] + dx, scene.object_pose[1] + dy
+        if part <= 1.0 or obstacles_move:
+            total += _excess(scene, scene.tip, tip, part, scene.clearance)
+        if is_pushed or moves:
+            clearance = scene.clearance + _ERROR * fastest
+            total += _excess(scene, scene.outline, pose, part, clearance)
+        if total > limit:
+            return total
+    if is_pushed:
         x0, y0, x1, y1 = scene.inner
-        total += max(0.0, max(x0 - ox, ox - x1), max(y0 - oy, oy - y1))
+        total += max(0.0, max(x0 - pose[0], pose[0] - x1), max(y0 - pose[1], pose[1] - y1))
     return total
+
+
+@njit()
+def strike(action: NDArray[np.float64], scene: PushedScene, limit: float = np.inf) -> float:
+    """By how much the moving obstacle is predicted to come too near to the object [m].
+
+    The action `[3]`, base frame, is taken in all steps that are looked ahead. A sum of more than `limit`
+    is not added up to its end.
+    """
+    total, clearance = 0.0, scene.clearance
+    pose, speed, inside = start(scene)
+    for i in range(1, PARTS * scene.ahead + 1):
+        part = i / PARTS
+        pose, speed, _ = object_after(scene, pose, speed, tip_at(scene, action, part), inside)
+        if i % PARTS == 0:
+            total += _struck(scene, scene.outline, pose, part, clearance)
+        if total > limit:
+            return total
+    return total
+
+
+@njit()
+def _others(action: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The actions that may take another's place, `[n, 3]`, and how different they are, `[n]`."""
+    speed = max(math.hypot(action[0], action[1]), 0.5)
+    heading, count = math.atan2(action[1], action[0]), 2 * _DIRECTIONS + 1
+    others, apart = np.empty((5 * count, 3)), np.empty(5 * count)
+    for i, turn in enumerate((action[2], 0.0, -action[2], 1.0, -1.0)):
+        for k in range(count):
+            length = (0.5 * speed, speed, 0.0)[k // _DIRECTIONS]
+            angle = heading + math.pi * (k % _DIRECTIONS - _DIRECTIONS // 2) / 9
+            x, y = length * math.cos(angle), length * math.sin(angle)
+            largest = max(abs(x), abs(y), 1.0)
+            other = others[i * count + k]
+            other[0], other[1], other[2] = x / largest, y / largest, turn
+            away = math.hypot(other[0] - action[0], other[1] - action[1])
+            apart[i * count + k] = away + _TURN_COST * abs(turn - action[2])
+    return others, apart
 
 
 @njit()
@@ -157,23 +154,20 @@ def nearest_action(action: NDArray[np.float64], scene: PushedScene) -> NDArray[n
     `[3]` in [-1, 1], base frame.
     """
     wrong = violation(action, scene)
+    comes = len(scene.moving) > 0 and strike(np.zeros(3), scene) > 0.0
+    if comes:
+        wrong += strike(action, scene)
     if wrong <= 0.0:
         return action
     best, cost = action.copy(), _PENALTY * wrong
-    speed = max(math.hypot(action[0], action[1]), 0.5)
-    heading, tried = math.atan2(action[1], action[0]), np.empty(3)
-    for turn in (action[2], 0.0, -action[2], 1.0, -1.0):
-        tried[2] = turn
-        for k in range(2 * _DIRECTIONS + 1):
-            length = (0.5 * speed, speed, 0.0)[k // _DIRECTIONS]
-            angle = heading + math.pi * (k % _DIRECTIONS - _DIRECTIONS // 2) / 9
-            tried[0], tried[1] = length * math.cos(angle), length * math.sin(angle)
-            largest = max(abs(tried[0]), abs(tried[1]), 1.0)
-            tried[0], tried[1] = tried[0] / largest, tried[1] / largest
-            apart = math.hypot(tried[0] - action[0], tried[1] - action[1])
-            other = apart + _TURN_COST * abs(turn - action[2])
-            if other < cost:
-                other += _PENALTY * violation(tried, scene)
-                if other < cost:
-                    best[:], cost = tried, other
+    others, apart = _others(action)
+    for i in np.argsort(apart):  # the nearest first, so that most are not looked at
+        if apart[i] >= cost:
+            break
+        allowed = (cost - apart[i]) / _PENALTY
+        wrong = violation(others[i], scene, allowed)
+        if comes and wrong < allowed:
+            wrong += strike(others[i], scene, allowed - wrong)
+        if apart[i] + _PENALTY * wrong < cost:
+            best[:], cost = others[i], apart[i] + _PENALTY * wrong
     return best

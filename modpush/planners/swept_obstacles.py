@@ -14,7 +14,7 @@ from modpush._checks import check_spec_has, read_key
 from modpush._transforms import StatelessTransform
 from modpush._types import Positive
 from modpush._validation import checked_arguments
-from modpush.geometry.camera import Camera, unpack_cells
+from modpush.geometry.camera import Camera, cells_at, unpack_cells
 from modpush.planners.occupancy_map import inflate
 
 
@@ -75,13 +75,8 @@ class SweptObstacles(StatelessTransform):
 
     def _swept(self, bits: NDArray[np.uint8], motion: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Cells over which one obstacle comes, `[H, W]`; none where nothing is blocked at its place."""
-        blocked = unpack_cells(bits, self.camera.width)
-        _, labels = cv2.connectedComponents(blocked, connectivity=8)
+        swept = cells_at(unpack_cells(bits, self.camera.width), motion[:2], self.camera)
         start = self.camera.project(motion[:2])
-        u, v = np.clip(np.rint(start).astype(int), 0, (labels.shape[1] - 1, labels.shape[0] - 1))
-        if not labels[v, u]:
-            return np.zeros(labels.shape, np.bool_)
-        swept = (labels == labels[v, u]).astype(np.uint8)
         way = self.camera.project(motion[:2] + self.seconds * motion[2:]) - start
         length, left = math.hypot(*way), math.hypot(*way)
         shift = 1.0

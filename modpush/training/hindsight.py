@@ -58,7 +58,10 @@ class Hindsight:
         self._frame = ActionFrame(config.env.acting_frame, object_pose_key=pose_key)
         self._workspace = config.env.scenario.bounds(0.0)
         self._engines: list[RecordedEngine] = []
-        env = replace(config.env, num_envs=min(_ENVS, config.env.num_envs), recovery=False)
+        env = replace(config.env, num_envs=min(_ENVS, config.env.num_envs))
+        env = replace(
+            env, recovery=False, contact_filter=False
+        )  # neither changes what was recorded
         # Targets of the drives are computed, and not followed: one for each control step is enough.
         env = env.with_fields(engine=self._make_engine, sim_freq=env.simulation.control_freq)
         parts = {kind: part for kind, part in parts.items() if kind != "engine"}

@@ -15,7 +15,7 @@ from modpush.envs.scenes.objects import get_object
 from modpush.geometry.camera import CAMERA
 from modpush.geometry.workspace import WORKSPACE
 from modpush.mdp import ContactFilter
-from modpush.mdp.predicted_contact import outline
+from modpush.mdp.push_prediction import outline
 
 TIP = (0.032, 0.011)
 BOX = torch.from_numpy(get_object("box").support.astype(np.float32))
@@ -56,17 +56,16 @@ def test_the_tool_stops_or_turns_aside_before_an_obstacle() -> None:
     bits = blocked((0.5, 0.1))  # from y = 0.075 on; the tool's side is at 0.011
     tip = (0.5, 0.05, 0.0)
     action = filtered([0.0, 1.0, 0.0], tip, bits=bits)
-    # After one and a half steps its side would be at 0.05 + 0.011 + 0.03 action.
-    assert 0.05 + 0.011 + 0.03 * float(action[1]) < 0.075 - 0.006 + 0.004  # half a cell is 1.8 mm
+    assert 0.05 + 0.011 + 0.02 * float(action[1]) < 0.075 - 0.006 + 0.004  # half a cell is 1.8 mm
     assert filtered([0.0, -1.0, 0.0], tip, bits=bits).tolist() == [0.0, -1.0, 0.0]
 
 
 def test_a_turn_alone_is_seen() -> None:
-    """The end of a tool of 40 cm moves by 15 mm."""
-    bits = blocked((0.7, 0.01 + 0.014 + 0.025))  # 14 mm beside its end
+    """The end of a tool of 40 cm moves by 10 mm."""
+    bits = blocked((0.7, 0.01 + 0.008 + 0.025))  # 8 mm beside its end
     long_tool = ContactFilter((0.2, 0.01), WORKSPACE.bounds())
     state = scene([0.0, 0.0, 1.0], (0.5, 0.0, 0.0), bits=bits)
-    assert float(long_tool.filter(state, state["action"])[0, 1]) < -0.1  # and it moves away
+    assert float(long_tool.filter(state, state["action"])[0, 2]) <= 0.0
     back = state["action"] * -1.0
     assert torch.equal(long_tool.filter(state, back), back)
 
@@ -101,12 +100,33 @@ def test_an_obstacle_that_comes_near_counts_where_it_will_be() -> None:
     assert float(comes[1]) < 0.0
 
 
-def test_the_outline_of_a_box_is_its_own() -> None:
-    radii = outline(BOX.double().numpy())
-    angle = 2 * math.pi * np.arange(48) / 48
-    with np.errstate(divide="ignore"):
-        expected = np.minimum(0.05 / np.abs(np.cos(angle)), 0.025 / np.abs(np.sin(angle)))
-    np.testing.assert_allclose(radii, expected, atol=1e-6)
+def test_the_object_is_pushed_out_of_the_way_of_an_obstacle_that_comes() -> None:
+    """The obstacle comes from +y, 15 cm a second; the tool is beside the box, which it can push to +x."""
+    tip, thing = (0.45 - 0.037, 0.0, math.pi / 2), (0.45, 0.0, math.pi / 2)
+    bits, rest = blocked((0.42, 0.2)), [0.0, 0.0, 0.0]
+    assert not filtered(rest, tip, thing, bits=bits).any()
+    slow = filtered(rest, tip, thing, bits=bits, obstacle_motion=[0.42, 0.2, 0.0, -0.05])
+    assert not slow.any()  # it is there in more than 1.5 s
+    comes = filtered(rest, tip, thing, bits=bits, obstacle_motion=[0.42, 0.2, 0.0, -0.15])
+    assert float(comes[0]) > 0.1
+    goes = filtered(rest, tip, thing, bits=bits, obstacle_motion=[0.42, 0.2, 0.0, 0.15])
+    assert not goes.any()
+
+
+def test_only_the_obstacle_that_moves_is_looked_ahead() -> None:
+    """Another one, on the other side of the box, stands."""
+    tip, thing = (0.45 - 0.037, 0.0, math.pi / 2), (0.45, 0.0, math.pi / 2)
+    bits, rest = blocked((0.42, 0.3), (0.42, -0.11)), [0.0, 0.0, 0.0]
+    assert not filtered(rest, tip, thing, bits=bits, obstacle_motion=[0.42, 0.3, 0.0, 0.15]).any()
+
+
+def test_the_outline_of_a_box_has_its_corners_and_no_gaps() -> None:
+    points = outline(BOX.double().numpy())
+    np.testing.assert_allclose(np.abs(points).max(0), [0.05, 0.025], atol=1e-6)
+    sides = np.abs(points) - [0.05, 0.025]
+    np.testing.assert_allclose(sides.max(1), 0.0, atol=1e-6)
+    assert np.isclose(sides, 0.0, atol=1e-6).all(1).sum() == 4
+    assert np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1).max() <= 0.008
 
 
 def test_a_map_that_changes_is_read_again_and_the_filter_can_be_pickled() -> None:
