@@ -49,6 +49,8 @@ class OccupancyGrid(DescribedTransform):
             for the object at any yaw. `"inscribed"`: `inscribed_radius`, half the side of a square
             object. `"widest"`: `object_radius` while it leaves a path from the object to its goal, and
             then `inscribed_radius` until the end of the episode. A number: this radius [m].
+        clearance: Distance by which the first of these radii is larger while that leaves a path [m], so
+            that the object does not have to squeeze through.
         bounds: Lower and upper corner (x, y) of the workspace in the robot's base frame [m]; cells
             whose centre lies outside are blocked. By default none are.
         margin: Distance by which `bounds` are shrunk (or, if negative, enlarged) [m]. Of several margins
@@ -63,14 +65,14 @@ class OccupancyGrid(DescribedTransform):
         depth_key: Read, `[..., 1, H, W]` float32 [m].
         segmentation_key: Read, `[..., 1, H, W]` uint8. None: everything within `object_radius` of the
             object's pose counts as the object, and a robot in the image blocks.
-        object_pose_key: Read without a segmentation, for `"widest"` and for several margins,
+        object_pose_key: Read without a segmentation, and for `"widest"`, several margins or a clearance,
             `[..., 3]` (x, y, yaw) [m, rad].
-        goal_position_key: Read for `"widest"` and for several margins, `[..., 2]` [m].
+        goal_position_key: Read for `"widest"`, several margins or a clearance, `[..., 2]` [m].
         occupancy_key: Written, `[..., 1, H, W]` bool, True where blocked.
         blocked_key: Written and read back, `[..., H, 8 * ceil(W / 64)]` uint8: cells before
             inflation, as bits.
-        choice_key: Written and read back for `"widest"` and for several margins, `[..., 1]` uint8:
-            number of maps without a path in this episode, 0 for the first radius and margin.
+        choice_key: Written and read back for `"widest"`, several margins or a clearance, `[..., 1]`
+            uint8: number of maps without a path in this episode, 0 for the first radius and margin.
 
     Raises:
         ValueError: If a radius is negative or not finite, `inflation` is unknown, there is no margin, or
@@ -84,6 +86,7 @@ class OccupancyGrid(DescribedTransform):
         *,
         inscribed_radius: NonNegative = 0.025,
         inflation: Inflation = "circumscribed",
+        clearance: NonNegative = 0.0,
         bounds: Corners | None = None,
         margin: Finite | Sequence[Finite] = 0.0,
         camera: Camera | None = None,
@@ -102,6 +105,7 @@ class OccupancyGrid(DescribedTransform):
     ) -> None:
         self.object_radius, self.inscribed_radius = object_radius, inscribed_radius
         self.inflation = inflation if isinstance(inflation, str) else float(inflation)
+        self.clearance = clearance
         self.object_radius_key = object_radius_key
         self.inscribed_radius_key = inscribed_radius_key
         self.depth_key = depth_key
@@ -117,7 +121,8 @@ class OccupancyGrid(DescribedTransform):
         self.bounds, self.margins = bounds, tuple(float(m) for m in margins)
         self._radii = () if isinstance(self.inflation, float) else _RADII_OF[self.inflation]
         self._margins_tried = len(margins) if bounds is not None else 1
-        self._choices = choices = max(1, len(self._radii)) * self._margins_tried
+        radii = max(1, len(self._radii)) + (clearance > 0)
+        self._choices = choices = radii * self._margins_tried
         read = {
             depth_key: True,
             segmentation_key: True,
@@ -142,8 +147,8 @@ class OccupancyGrid(DescribedTransform):
 
     def describe(self) -> dict[str, Any]:
         """By how much obstacles are inflated, and which cells are blocked beside them."""
-        settings = {"inflation": self.inflation, "bounds": self.bounds, "margin": self.margins}
-        return {"occupancy": settings}
+        settings = {"inflation": self.inflation, "clearance": self.clearance}
+        return {"occupancy": {**settings, "bounds": self.bounds, "margin": self.margins}}
 
     def _radius(self, tensordict: TensorDictBase, name: str) -> float | Tensor:
         """`object_radius` or `inscribed_radius`, one number or `[B]` [m]."""
@@ -197,12 +202,17 @@ class OccupancyGrid(DescribedTransform):
 
     def _chosen_radius(self, tensordict: TensorDictBase, choice: Tensor) -> float | Tensor:
         """Inflation radius of each scene, one number or `[B]` [m]."""
+        radii: list[float | Tensor] = [self._radius(tensordict, name) for name in self._radii]
         if isinstance(self.inflation, float):
-            return self.inflation
-        wide, *tight = (self._radius(tensordict, name) for name in self._radii)
-        if not tight:
-            return wide
-        return torch.where(choice < self._margins_tried, wide, tight[0]).float()
+            radii = [self.inflation]
+        if self.clearance > 0:
+            radii = [radii[0] + self.clearance, *radii]
+        if len(radii) == 1:
+            return radii[0]
+        rows = torch.stack(
+            [torch.as_tensor(r, device=choice.device).expand_as(choice) for r in radii]
+        )
+        return rows.gather(0, choice[None] // self._margins_tried)[0].float()
 
     def _first_map_with_path(
         self,

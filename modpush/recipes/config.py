@@ -112,6 +112,9 @@ class PushEnvConfig:
     The paper inflates by half of the object's diameter, which its authors' code takes as half the
     cube's side, the radius of its inscribed circle. At other yaw angles a corner may then touch an
     obstacle."""
+    planner_clearance: NonNegative = 0.0
+    """Distance by which obstacles are inflated more for planning while that leaves a path [m]. The paper
+    has none."""
     planner_margin: NonNegative | None = None
     """Distance by which planned paths may leave the workspace [m]. Where this leaves no path, the limit
     is `scenario.path_margin`, within which every drawn episode has one. None lets paths lead

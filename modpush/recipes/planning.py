@@ -63,6 +63,7 @@ def make_planning(
         object_radius_key="object_radius",
         inscribed_radius_key="object_inscribed_radius",
         inflation=config.inflation,
+        clearance=config.planner_clearance,
         bounds=None if config.planner_margin is None else (scenario.low, scenario.high),
         margin=tuple(-margin for margin in margins),
         depth_key=read["depth"],

@@ -387,6 +387,22 @@ def test_a_path_that_closes_is_searched_again(monkeypatch):
     assert choices == [(0, 0), (1, 1), (1, 0), (1, 0)]
 
 
+@pytest.mark.parametrize(
+    ("inflation", "gap", "radius"),
+    [
+        ("widest", 0.12, 0.025 * math.sqrt(2.0) + 0.015),  # 10 cm are needed
+        ("widest", 0.09, 0.025 * math.sqrt(2.0)),
+        ("widest", 0.064, 0.025),
+        (0.03, 0.12, 0.045),
+        (0.03, 0.08, 0.03),
+    ],
+)
+def test_a_clearance_is_kept_where_it_leaves_a_path(inflation, gap, radius):
+    td = OccupancyGrid(inflation=inflation, clearance=0.015)(gap_seen(gap))
+    expected = OccupancyGrid(inflation=radius)(gap_seen(gap))
+    assert torch.equal(td["occupancy"], expected["occupancy"])
+
+
 def two_bars(gap: float) -> Scenario:
     """Object and goal on both sides of a wall with a gap, which leaves no other way."""
     bars = [Obstacle((0.5, 0.06, 0.06), (0.5, y * (gap / 2 + 0.25), math.pi / 2)) for y in (-1, 1)]

@@ -75,6 +75,7 @@ PRINTED = {
     "env.recovery": False,
     "env.contact_filter": False,
     "env.motion_ahead": 0.0,
+    "env.planner_clearance": 0.0,
     "replay.n_steps": 1,
     "actor_average": 0.0,
     "first_actions": "random",
