@@ -51,7 +51,12 @@ def test_paper_is_of_the_preset_paper_cpu_and_solves_the_five_families() -> None
 
 def test_pose_is_of_its_preset() -> None:
     config = load_agent("pose").config
-    was = {"planner_margin": 0.02, "motion_ahead": 0.0, "contact_filter": False}  # as the card says
+    was = {  # as the card says
+        "planner_margin": 0.02,
+        "planner_clearance": 0.0,
+        "motion_ahead": 0.0,
+        "contact_filter": False,
+    }
     trained = config.with_fields(sim_freq=None, **was)
     assert trained == TRAIN_PRESETS["refine_pose_obstacles"].env
 
@@ -61,7 +66,10 @@ def test_pose_is_of_its_preset() -> None:
     [
         ({}, 10, 10),
         pytest.param(
-            {"contact_filter": False, "motion_ahead": 0.0}, 12, 10, marks=pytest.mark.slow
+            {"contact_filter": False, "motion_ahead": 0.0, "planner_clearance": 0.0},
+            12,
+            10,
+            marks=pytest.mark.slow,
         ),
     ],
 )
