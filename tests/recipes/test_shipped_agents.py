@@ -64,7 +64,7 @@ def test_pose_is_of_its_preset() -> None:
 @pytest.mark.parametrize(
     ("changes", "least", "least_clean"),
     [
-        ({}, 10, 10),
+        ({}, 13, 13),
         pytest.param(
             {"contact_filter": False, "motion_ahead": 0.0, "planner_clearance": 0.0},
             12,
