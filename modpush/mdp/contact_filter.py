@@ -19,7 +19,7 @@ from modpush.geometry.workspace import Rectangle
 from modpush.mdp.predicted_contact import nearest_action
 from modpush.mdp.push_prediction import PushedScene, directions, outline
 
-_FRICTION = 0.5  # between object and table, which nobody measures
+_FRICTION = 0.5  # between object and table; the usual value, which is not measured
 _GRAVITY = 9.81  # [m/s^2]
 _AHEAD = 1.5  # time for which the way of a moving obstacle is looked ahead [s]
 
@@ -158,6 +158,9 @@ class ContactFilter(DescribedTransform):
         before = tensordict.get(self.previous_key, None)
         steps = poses - (poses if before is None else _rows(before))
         steps[:, 2] = np.remainder(steps[:, 2] + np.pi, 2 * np.pi) - np.pi
+        # Friction turns a disc with the same pressure everywhere as if at two thirds of its radius.
+        levers = supports.max(-1) * 2 / 3
+        around, grid = directions(supports.shape[-1]), self._grid()
         return [
             PushedScene(
                 object_pose=poses[i],
@@ -165,15 +168,13 @@ class ContactFilter(DescribedTransform):
                 tip_pose=tips[i],
                 support=supports[i],
                 outline=_outline(supports[i].tobytes()),
-                directions=directions(supports.shape[-1]),
-                lever=float(supports[i].max())
-                * 2
-                / 3,  # of a disc with the same pressure everywhere
+                directions=around,
+                lever=float(levers[i]),
                 tool=self._tool,
                 tip=self._tip,
                 distances=self._distances(i, cells[i]),
                 moving=self._moving(cells[i], motions[i]),
-                grid=self._grid(),
+                grid=grid,
                 drift=motions[i, 2:] * self._step_time,
                 ahead=round(_AHEAD / self._step_time),
                 inner=self._inner,

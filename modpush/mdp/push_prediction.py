@@ -33,7 +33,7 @@ class PushedScene(NamedTuple):
     tip_pose: NDArray[np.float64]
     """x, y, yaw `[3]` [m, m, rad]."""
     support: NDArray[np.float64]
-    """How far the object reaches in n directions, the first along its own x, `[n]` [m]."""
+    """Reach of the object in n directions, the first along its own x, `[n]` [m]."""
     outline: NDArray[np.float64]
     """Points of its outline in its own axes, see `outline`, `[m, 2]` [m]."""
     directions: NDArray[np.float64]
@@ -135,28 +135,28 @@ def _offset(
     ny: float,
     depth: float,
 ) -> float:
-    """How far beside the object's centre the normal (nx, ny) of a contact passes, to its left [m].
+    """Distance by which the normal (nx, ny) of a contact passes the object's centre on its left [m].
 
     Of two edges that touch along a part of them, it is the point nearest to the centre.
     """
     farthest, low, high = -np.inf, np.inf, -np.inf
-    for turn in range(2):  # find the tool's farthest corner first, then those that are as far
+    for again in (False, True):  # first the tool's farthest corner, then all that are as far
         for k in range(4):
             a = scene.tool[0] if k % 2 else -scene.tool[0]
             b = scene.tool[1] if k // 2 else -scene.tool[1]
             x, y = px + ax * a - ay * b, py + ay * a + ax * b
             along = x * nx + y * ny
-            if turn == 0:
+            if not again:
                 farthest = max(farthest, along)
             elif along >= farthest - depth - _FLAT:
                 aside = y * nx - x * ny
                 low, high = min(low, aside), max(high, aside)
     nearest, left, right = np.inf, -np.inf, np.inf
-    for turn in range(2):  # the same of the object's outline
+    for again in (False, True):  # the same of the object's outline
         for k in range(len(scene.outline)):
             x, y = scene.outline[k, 0], scene.outline[k, 1]
             along = x * nx + y * ny
-            if turn == 0:
+            if not again:
                 nearest = min(nearest, along)
             elif along <= nearest + depth + _FLAT:
                 aside = y * nx - x * ny
