@@ -49,6 +49,17 @@ class Rectangle(_Corners):
             )
         return Rectangle((x0 - margin, y0 - margin), (x1 + margin, y1 + margin))
 
+    def time_to_edge(self, place: NDArray[np.float64], velocity: NDArray[np.float64]) -> float:
+        """Time after which a point that moves is at the edge ahead of it [s].
+
+        It is infinite for a point that stands, or that is outside and moves away. `place` and `velocity`
+        are (x, y), `[2]` [m, m/s].
+        """
+        edges = np.where(velocity > 0, self.high, self.low)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            times = np.where(velocity == 0, np.inf, (edges - place) / velocity)
+        return float(np.where(times < 0, np.inf, times).min())
+
     def corners(self) -> NDArray[np.float64]:
         """The four corners (x, y), counter-clockwise from the lower one, `[4, 2]` [m]."""
         (x0, y0), (x1, y1) = self

@@ -1,6 +1,7 @@
 """`ContactFilter`: the nearest action by which nothing is predicted to run into an obstacle."""
 
 import functools
+import math
 from typing import Any
 
 import cv2
@@ -21,7 +22,8 @@ from modpush.mdp.push_prediction import PushedScene, directions, outline
 
 _FRICTION = 0.5  # between object and table; the usual value, which is not measured
 _GRAVITY = 9.81  # [m/s^2]
-_AHEAD = 1.5  # time for which the way of a moving obstacle is looked ahead [s]
+_AHEAD = 6.0  # time for which the way of a moving obstacle is looked ahead [s]
+_SLACK = 0.5  # time after which the object can still be pushed out of its way [s]
 
 
 class ContactFilter(DescribedTransform):
@@ -35,9 +37,12 @@ class ContactFilter(DescribedTransform):
     violations are added to its distance as a cost. An action without such a prediction is only clipped
     to [-1, 1].
 
-    An obstacle that moves counts where it is and where it will be. If it is about to come against the
-    object within 1.5 s, the nearest action takes the place of the agent's that pushes the object out of
-    its way when it is repeated.
+    An obstacle that moves, the one of `obstacle_motion_key` with what touches it on the map, counts where
+    it is and where it will be. It is taken to move straight on at its speed, and to turn round once, at
+    the edge of `patrol_area`. If it is predicted to come against the object in the next 6 s, the agent
+    acts as long as half a second after its action there still is a way to push the object aside, on
+    which the tool may go round it and which takes 3 s at most. Then the filter takes the quickest such
+    way; if none succeeds, the one on which the obstacle comes last.
 
     Like `ActionFrame`, it works on the way to the environment, after the action has been turned into
     the base frame: put it before `ActionFrame`. What is stored is the agent's own action. It reads what
@@ -46,6 +51,8 @@ class ContactFilter(DescribedTransform):
     Args:
         tool_half_extents: Half of the sides of the tool's tip along its x and y [m].
         bounds: Lower and upper corner (x, y) of the area in which the object's centre may be [m].
+        patrol_area: Area at whose edge the centre of a moving obstacle is taken to turn round [m]; None
+            if it moves straight on.
         max_step: Motion of the tool along each axis by an action of 1 [m].
         max_turn: Turn of the tool by an action of 1 [rad].
         step_time: Duration of a control step [s].
@@ -73,6 +80,7 @@ class ContactFilter(DescribedTransform):
         tool_half_extents: tuple[Positive, Positive],
         bounds: Rectangle,
         *,
+        patrol_area: Rectangle | None = None,
         max_step: Positive = 0.02,
         max_turn: Positive = 0.05,
         step_time: Positive = 1 / 15,
@@ -94,6 +102,7 @@ class ContactFilter(DescribedTransform):
             out_keys_inv=[action_key],
         )
         self.clearance, self.edge = clearance, edge
+        self.patrol_area = patrol_area
         self.camera = camera or Camera()
         self._motion = np.array([max_step, max_step, max_turn])
         self._tool, self._step_time = np.array(tool_half_extents), step_time
@@ -107,8 +116,9 @@ class ContactFilter(DescribedTransform):
         self._seen: dict[int, tuple[NDArray[np.uint8], NDArray[np.float32]]] = {}
 
     def describe(self) -> dict[str, Any]:
-        """Distances that are kept."""
-        return {"contact_filter": {"clearance": self.clearance, "edge": self.edge}}
+        """Distances that are kept, and where moving obstacles turn round."""
+        numbers = {"clearance": self.clearance, "edge": self.edge, "patrol_area": self.patrol_area}
+        return {"contact_filter": numbers}
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
@@ -161,6 +171,7 @@ class ContactFilter(DescribedTransform):
         # Friction turns a disc with the same pressure everywhere as if at two thirds of its radius.
         levers = supports.max(-1) * 2 / 3
         around, grid = directions(supports.shape[-1]), self._grid()
+        distances = [self._distances(i, cells[i], motions[i]) for i in range(len(poses))]
         return [
             PushedScene(
                 object_pose=poses[i],
@@ -172,11 +183,13 @@ class ContactFilter(DescribedTransform):
                 lever=float(levers[i]),
                 tool=self._tool,
                 tip=self._tip,
-                distances=self._distances(i, cells[i]),
-                moving=self._moving(cells[i], motions[i]),
+                distances=distances[i][0],
+                moving=distances[i][1],
                 grid=grid,
                 drift=motions[i, 2:] * self._step_time,
-                ahead=round(_AHEAD / self._step_time),
+                turn=self._time_to_turn(motions[i]) / self._step_time,
+                ahead=math.ceil(_AHEAD / self._step_time),
+                slack=math.ceil(_SLACK / self._step_time),
                 inner=self._inner,
                 motion=self._motion,
                 slowing=_FRICTION * _GRAVITY * self._step_time**2,
@@ -185,25 +198,31 @@ class ContactFilter(DescribedTransform):
             for i in range(len(poses))
         ]
 
+    def _time_to_turn(self, motion: NDArray[np.float64]) -> float:
+        area = self.patrol_area
+        return math.inf if area is None else area.time_to_edge(motion[:2], motion[2:])
+
     def _grid(self) -> NDArray[np.float64]:
         """Column and row of the base frame's origin and cells per metre."""
         u, v = self.camera.project(np.zeros(2))
         return np.array([u, v, 1.0 / self.camera.cell_size])
 
-    def _distances(self, scene: int, bits: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """Distance of each cell from the nearest blocked one, `[H, W]` [m]; kept while none changes."""
-        seen = self._seen.get(scene)
-        if seen is not None and np.array_equal(seen[0], bits):
-            return seen[1]
-        distances = self._away(unpack_cells(bits, self.camera.width))
-        self._seen[scene] = bits.copy(), distances
-        return distances
+    def _distances(
+        self, scene: int, bits: NDArray[np.uint8], motion: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Distance of each cell from what stands, and from the obstacle that moves, `[H, W]` [m].
 
-    def _moving(self, bits: NDArray[np.uint8], motion: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Distance of each cell from the obstacle that moves, `[H, W]` [m]; `[0, 0]` where none does."""
-        if not motion[2:].any():
-            return np.zeros((0, 0), np.float32)
-        return self._away(cells_at(unpack_cells(bits, self.camera.width), motion[:2], self.camera))
+        The second is `[0, 0]` where none moves. The first is kept while nothing of it changes.
+        """
+        standing = unpack_cells(bits, self.camera.width)
+        moving = np.zeros((0, 0), np.float32)
+        if motion[2:].any():
+            cells = cells_at(standing, motion[:2], self.camera)
+            standing, moving = standing & ~cells, self._away(cells)
+        seen = self._seen.get(scene)
+        if seen is None or not np.array_equal(seen[0], standing):
+            seen = self._seen[scene] = standing, self._away(standing)
+        return seen[1], moving
 
     def _away(self, blocked: NDArray[np.uint8]) -> NDArray[np.float32]:
         """Distance of each cell from the nearest blocked one, `[H, W]` [m]; 1 m where there is none."""

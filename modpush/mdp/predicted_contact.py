@@ -6,71 +6,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modpush._kernels import njit
+from modpush.mdp.body_distance import excess, outside, struck
+from modpush.mdp.escape import escape, passes
 from modpush.mdp.push_prediction import PARTS, Pose, PushedScene, object_after, start, tip_at
 
 _STOP = 4  # parts in which the tool stands still after the step, while the object slides on
 _ERROR = 0.2  # of the prediction, as a share of the object's motion
 _DIRECTIONS = 17  # from straight back on one side to straight back on the other
 _TURN_COST = 0.3  # of another turn, beside 1 for another motion
+_ROOM = 0.02  # that is left beside a moving obstacle where that is possible [m]
 _PENALTY = 200.0  # of a violation [1/m]
 
 
 @njit()
-def _distance(
-    distances: NDArray[np.float32], grid: NDArray[np.float64], x: float, y: float
+def _nearness(
+    scene: PushedScene, points: NDArray[np.float64], pose: Pose, steps: float, clearance: float
 ) -> float:
-    """Distance of a point from the nearest blocked cell, between the cells' centres interpolated [m]."""
-    height, width = distances.shape
-    u = min(max(grid[0] - y * grid[2], 0.0), width - 1.001)
-    v = min(max(grid[1] - x * grid[2], 0.0), height - 1.001)
-    i, j = int(v), int(u)
-    a, b = v - i, u - j
-    upper = (1 - b) * distances[i, j] + b * distances[i, j + 1]
-    lower = (1 - b) * distances[i + 1, j] + b * distances[i + 1, j + 1]
-    return float((1 - a) * upper + a * lower - 0.5 / grid[2])
-
-
-@njit()
-def _nearest(
-    distances: NDArray[np.float32],
-    grid: NDArray[np.float64],
-    points: NDArray[np.float64],
-    pose: Pose,
-    enough: float,
-) -> float:
-    """Distance of the nearest of some points of a body from a blocked cell; about it beyond `enough` [m].
-
-    The points `[m, 2]` are in the body's axes [m], the first the farthest from its origin.
-    """
-    x, y, yaw = pose
-    least = _distance(distances, grid, x, y)
-    if least - math.hypot(points[0, 0], points[0, 1]) >= enough:
-        return enough
-    c, s = math.cos(yaw), math.sin(yaw)
-    for i in range(len(points)):
-        u, v = x + c * points[i, 0] - s * points[i, 1], y + s * points[i, 0] + c * points[i, 1]
-        least = min(least, _distance(distances, grid, u, v))
-    return least
-
-
-@njit()
-def _struck(
-    scene: PushedScene, points: NDArray[np.float64], pose: Pose, part: float, clearance: float
-) -> float:
-    """By how much a body is too near to where the moving obstacle will be [m]."""
-    there = (pose[0] - scene.drift[0] * part, pose[1] - scene.drift[1] * part, pose[2])
-    return max(0.0, clearance - _nearest(scene.moving, scene.grid, points, there, clearance))
-
-
-@njit()
-def _excess(
-    scene: PushedScene, points: NDArray[np.float64], pose: Pose, part: float, clearance: float
-) -> float:
-    """By how much a body is too near to an obstacle, where it is and where it will be [m]."""
-    excess = max(0.0, clearance - _nearest(scene.distances, scene.grid, points, pose, clearance))
-    if len(scene.moving):
-        excess = max(excess, _struck(scene, points, pose, part, clearance))
-    return excess
+    """By how much a body is too near to where an obstacle is, or will be after some steps [m]."""
+    most = excess(scene, points, pose, steps, clearance)
+    return max(most, struck(scene, points, pose, 0.0, clearance)) if len(scene.moving) else most
 
 
 @njit()
@@ -94,35 +48,29 @@ def violation(action: NDArray[np.float64], scene: PushedScene, limit: float = np
         if i % 2:
             continue
         if part <= 1.0 or obstacles_move:
-            total += _excess(scene, scene.tip, tip, part, scene.clearance)
+            total += _nearness(scene, scene.tip, tip, part, scene.clearance)
         if is_pushed or moves:
             clearance = scene.clearance + _ERROR * fastest
-            total += _excess(scene, scene.outline, pose, part, clearance)
+            total += _nearness(scene, scene.outline, pose, part, clearance)
         if total > limit:
             return total
-    if is_pushed:
-        x0, y0, x1, y1 = scene.inner
-        total += max(0.0, max(x0 - pose[0], pose[0] - x1), max(y0 - pose[1], pose[1] - y1))
-    return total
+    return total + outside(scene, pose) if is_pushed else total
 
 
 @njit()
-def strike(action: NDArray[np.float64], scene: PushedScene, limit: float = np.inf) -> float:
-    """By how much the moving obstacle is predicted to come too near to the object [m].
-
-    The action `[3]`, base frame, is taken in all steps that are looked ahead. A sum of more than `limit`
-    is not added up to its end.
-    """
-    total, clearance = 0.0, scene.clearance
+def _can_escape(action: NDArray[np.float64], scene: PushedScene) -> bool:
+    """Whether the object is out of a moving obstacle's way after an action, or can be pushed out."""
     pose, speed, inside = start(scene)
-    for i in range(1, PARTS * scene.ahead + 1):
-        part = i / PARTS
-        pose, speed, _ = object_after(scene, pose, speed, tip_at(scene, action, part), inside)
-        if i % PARTS == 0:
-            total += _struck(scene, scene.outline, pose, part, clearance)
-        if total > limit:
-            return total
-    return total
+    for i in range(1, PARTS + 1):
+        tip = tip_at(scene, action, i / PARTS)
+        pose, speed, _ = object_after(scene, pose, speed, tip, inside)
+    if passes(scene, pose, 1, scene.ahead, scene.clearance):
+        return True
+    first = 1 + scene.slack
+    if not passes(scene, pose, 1, first, scene.clearance):
+        return False
+    state = (pose, (0.0, 0.0, 0.0), tip, inside)
+    return escape(scene, state, first, scene.clearance, True)[0] < scene.ahead
 
 
 @njit()
@@ -145,29 +93,45 @@ def _others(action: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
 
 
 @njit()
+def _permitted(action: NDArray[np.float64], scene: PushedScene) -> NDArray[np.float64]:
+    """An action itself if it comes not too near to anything; else the best of 175 others."""
+    wrong = violation(action, scene)
+    best, cost = action.copy(), _PENALTY * wrong
+    if wrong <= 0.0:
+        return best
+    others, apart = _others(action)
+    for i in np.argsort(apart):  # the nearest first, so that most are not looked at
+        if apart[i] >= cost:
+            break
+        wrong = violation(others[i], scene, (cost - apart[i]) / _PENALTY)
+        if apart[i] + _PENALTY * wrong < cost:
+            best[:], cost = others[i], apart[i] + _PENALTY * wrong
+    return best
+
+
+@njit()
 def nearest_action(action: NDArray[np.float64], scene: PushedScene) -> NDArray[np.float64]:
     """An action itself if nothing is predicted to come too near; else the best of 175 others.
 
     They move in 17 directions around the action's, at its speed but at least half of the largest, and at
     half of that, or not at all, and turn as the action does, not, the other way, or as fast as possible
-    either way. The best has the smallest difference from the action and violation, weighted. Actions are
-    `[3]` in [-1, 1], base frame.
+    either way. The best has the smallest difference from the action and violation, weighted.
+
+    If a moving obstacle comes towards the object, and after that action there would soon be no way left
+    to push it aside, the first action of the quickest way takes its place, of those that leave 2 cm more
+    if there is one; if none succeeds, that of the one on which the obstacle comes last. Actions are `[3]`
+    in [-1, 1], base frame.
     """
-    wrong = violation(action, scene)
-    comes = len(scene.moving) > 0 and strike(np.zeros(3), scene) > 0.0
-    if comes:
-        wrong += strike(action, scene)
-    if wrong <= 0.0:
-        return action
-    best, cost = action.copy(), _PENALTY * wrong
-    others, apart = _others(action)
-    for i in np.argsort(apart):  # the nearest first, so that most are not looked at
-        if apart[i] >= cost:
+    best = _permitted(action, scene)
+    if not len(scene.moving) or _can_escape(best, scene):
+        return best
+    pose, speed, inside = start(scene)
+    state = (pose, speed, tip_at(scene, best, 0.0), inside)
+    for clearance in (scene.clearance + _ROOM, scene.clearance):
+        cost, dx, dy = escape(scene, state, 0, clearance, False)
+        if cost < scene.ahead:
             break
-        allowed = (cost - apart[i]) / _PENALTY
-        wrong = violation(others[i], scene, allowed)
-        if comes and wrong < allowed:
-            wrong += strike(others[i], scene, allowed - wrong)
-        if apart[i] + _PENALTY * wrong < cost:
-            best[:], cost = others[i], apart[i] + _PENALTY * wrong
-    return best
+    if cost >= 2 * scene.ahead:  # no way can be begun, or the obstacle comes in the next step
+        return best
+    best[0], best[1], best[2] = dx, dy, 0.0
+    return best if cost > 0.0 else _permitted(best, scene)  # the tool stands still

@@ -45,15 +45,19 @@ class PushedScene(NamedTuple):
     tip: NDArray[np.float64]
     """Points of the tip's outline in its own axes, `[m, 2]` [m]."""
     distances: NDArray[np.float32]
-    """Distance of each cell from the nearest blocked one, `[H, W]` [m]."""
+    """Distance of each cell from the nearest obstacle that stands, `[H, W]` [m]."""
     grid: NDArray[np.float64]
     """u and v of the base frame's origin, and cells per metre, `[3]`."""
     moving: NDArray[np.float32]
     """The same from the obstacle that moves, `[H, W]`; `[0, 0]` where there is none."""
     drift: NDArray[np.float64]
-    """Its way in a step `[2]` [m]."""
+    """Its way in a step `[2]`, until it turns round [m]."""
+    turn: float
+    """Number of steps after which it turns round; infinite if it does not."""
     ahead: int
     """Number of steps for which its way is looked ahead."""
+    slack: int
+    """Number of steps after which the object can still be pushed out of its way."""
     inner: NDArray[np.float64]
     """x0, y0, x1, y1 of the area into which the object may be pushed `[4]` [m]."""
     motion: NDArray[np.float64]

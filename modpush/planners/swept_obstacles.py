@@ -15,6 +15,7 @@ from modpush._transforms import StatelessTransform
 from modpush._types import Positive
 from modpush._validation import checked_arguments
 from modpush.geometry.camera import Camera, cells_at, unpack_cells
+from modpush.geometry.workspace import Rectangle
 from modpush.planners.occupancy_map import inflate
 
 
@@ -23,11 +24,13 @@ class SweptObstacles(StatelessTransform):
 
     Put it behind `OccupancyGrid`: paths then lead past an obstacle that moves by itself on its far side,
     and away from where it is about to come. The obstacle is what is blocked, without a gap, around the
-    place that is read. It is taken to move on as it does. Planners move a start or goal that is blocked
-    to the nearest free cell.
+    place that is read. It is taken to move straight on at its speed, and to turn round once, at the edge
+    of `patrol_area`. Planners move a start or goal that is blocked to the nearest free cell.
 
     Args:
         seconds: Duration for which the motion is looked ahead [s].
+        patrol_area: Area at whose edge the obstacle's centre is taken to turn round [m]; None if it
+            moves straight on.
         camera: The camera and its grid; the same as `OccupancyGrid`'s.
         occupancy_key: Read and written, `[..., 1, H, W]` bool.
         blocked_key: Read, `[..., H, N]` uint8: the cells before inflation, as bits of `OccupancyGrid`.
@@ -44,6 +47,7 @@ class SweptObstacles(StatelessTransform):
         self,
         seconds: Positive,
         *,
+        patrol_area: Rectangle | None = None,
         camera: Camera | None = None,
         occupancy_key: NestedKey = "occupancy",
         blocked_key: NestedKey = "blocked_bits",
@@ -52,12 +56,12 @@ class SweptObstacles(StatelessTransform):
     ) -> None:
         in_keys = [occupancy_key, blocked_key, obstacle_motion_key, object_radius_key]
         super().__init__(in_keys=in_keys, out_keys=[occupancy_key])
-        self.seconds = seconds
+        self.seconds, self.patrol_area = seconds, patrol_area
         self.camera = camera or Camera()
 
     def describe(self) -> dict[str, Any]:
-        """The duration that is looked ahead."""
-        return {"swept_obstacles": {"seconds": self.seconds}}
+        """The duration that is looked ahead, and where obstacles turn round."""
+        return {"swept_obstacles": {"seconds": self.seconds, "patrol_area": self.patrol_area}}
 
     def _call(self, tensordict: TensorDictBase) -> TensorDictBase:
         cells, blocked, motion, radius = (read_key(tensordict, key) for key in self.in_keys)
@@ -75,18 +79,24 @@ class SweptObstacles(StatelessTransform):
 
     def _swept(self, bits: NDArray[np.uint8], motion: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Cells over which one obstacle comes, `[H, W]`; none where nothing is blocked at its place."""
-        swept = cells_at(unpack_cells(bits, self.camera.width), motion[:2], self.camera)
-        start = self.camera.project(motion[:2])
-        way = self.camera.project(motion[:2] + self.seconds * motion[2:]) - start
-        length, left = math.hypot(*way), math.hypot(*way)
+        place, velocity = motion[:2], motion[2:]
+        swept = cells_at(unpack_cells(bits, self.camera.width), place, self.camera)
+        area = self.patrol_area
+        turn = math.inf if area is None else area.time_to_edge(place, velocity)
+        self._spread(swept, min(self.seconds, turn) * velocity)
+        self._spread(swept, -max(self.seconds - 2 * turn, 0.0) * velocity)
+        return swept.astype(np.bool_)
+
+    def _spread(self, cells: NDArray[np.uint8], way: NDArray[np.float64]) -> None:
+        """Set all cells `[H, W]` to which those that are set come on a way (x, y) [m]."""
+        pixels = self.camera.project(way) - self.camera.project(np.zeros(2))
+        length, left = math.hypot(*pixels), math.hypot(*pixels)
         shift = 1.0
         while left > 0:  # twice as far each time, so that no cell on the way is left out
-            step = way / length * min(shift, left)
+            step = pixels / length * min(shift, left)
             matrix = np.array([[1, 0, step[0]], [0, 1, step[1]]], dtype=np.float32)
-            moved = cv2.warpAffine(swept, matrix, swept.shape[::-1], flags=cv2.INTER_NEAREST)
-            swept |= moved
+            cells |= cv2.warpAffine(cells, matrix, cells.shape[::-1], flags=cv2.INTER_NEAREST)
             left, shift = left - shift, 2 * shift
-        return swept.astype(np.bool_)
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Check that what is read is there."""

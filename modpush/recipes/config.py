@@ -121,7 +121,8 @@ class PushEnvConfig:
     wherever the camera sees (the paper), also where an episode ends."""
     motion_ahead: NonNegative = 0.0
     """Duration for which the way of the nearest obstacle that moves by itself counts as blocked for the
-    planner (`SweptObstacles`) [s]; 0 for its place alone. It needs `simulation.obstacle_motion`."""
+    planner (`SweptObstacles`) [s]; 0 for its place alone. The obstacle is expected to turn round at the
+    workspace's edge. It needs `simulation.obstacle_motion`."""
     plan_poses: bool = False
     """Also plan the object's pose to a goal pose, on its footprint (`PoseField`), and emit
     `pose_path_length`, `subgoal_pose`, `pose_path_found` and, at the distances `path_ahead`,
@@ -164,7 +165,8 @@ class PushEnvConfig:
     contact_filter: bool = False
     """Replace actions after which tool or pushed object are predicted to touch an obstacle, or the object
     to leave the workspace, by the nearest ones after which they are not (`ContactFilter`), in training
-    as well. It reads what the agent observes. The paper has nothing like it."""
+    as well. With `simulation.obstacle_motion` it also pushes the object out of a moving obstacle's way in
+    time. It reads what the agent observes. The paper has nothing like it."""
 
     def __post_init__(self) -> None:
         """Check the names of the library's own parts.

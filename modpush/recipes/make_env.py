@@ -179,6 +179,7 @@ def _actions(
         guard = ContactFilter(
             find_tool(config.simulation.tool).tip_half_extents,
             bounds,
+            patrol_area=config.scenario.bounds(0.0),
             max_step=MotionConfig.max_step,
             max_turn=MotionConfig.max_turn,
             step_time=1 / config.simulation.control_freq,

@@ -90,7 +90,8 @@ def make_planning(
     maps: list[Transform] = [occupancy]
     if config.motion_ahead > 0:
         keys = {name: _MAP_KEYS[name] for name in ("occupancy", "blocked")}
-        maps.append(SweptObstacles(config.motion_ahead, **_within(group, keys)))
+        area = scenario.bounds(0.0)
+        maps.append(SweptObstacles(config.motion_ahead, patrol_area=area, **_within(group, keys)))
     if not config.plan_poses:
         return [*maps, subgoals]
     poses = PoseSubgoals(

@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 
@@ -22,3 +24,19 @@ def test_corners_run_counter_clockwise():
     )
     assert (turns > 0).all()
     assert {tuple(corner) for corner in corners.tolist()} == {(0, -1), (2, -1), (2, 3), (0, 3)}
+
+
+@pytest.mark.parametrize(
+    ("place", "velocity", "expected"),
+    [
+        ((0.5, 0.25), (0.0, 0.1), 1.0),
+        ((0.5, 0.25), (0.0, -0.1), 6.0),
+        ((0.7, 0.25), (0.1, 0.1), 0.5),
+        ((0.5, 0.4), (0.0, 0.1), math.inf),
+        ((0.5, 0.4), (0.0, -0.1), 7.5),
+        ((0.5, 0.0), (-0.1, 0.0), 3.0),
+        ((0.5, 0.25), (0.0, 0.0), math.inf),
+    ],
+)
+def test_the_time_to_the_edge_is_that_of_the_nearest_edge_on_the_way(place, velocity, expected):
+    assert WORKSPACE.time_to_edge(np.array(place), np.array(velocity)) == pytest.approx(expected)

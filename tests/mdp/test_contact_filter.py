@@ -10,10 +10,11 @@ from tensordict import TensorDict
 from torchrl.envs import check_env_specs
 from torchrl.envs.utils import step_mdp
 
-from modpush import make_push_env
+from modpush import load_agent, make_push_env
 from modpush.envs.scenes.objects import get_object
+from modpush.evaluation import generate_set
 from modpush.geometry.camera import CAMERA
-from modpush.geometry.workspace import WORKSPACE
+from modpush.geometry.workspace import WORKSPACE, Rectangle
 from modpush.mdp import ContactFilter
 from modpush.mdp.push_prediction import outline
 
@@ -100,17 +101,78 @@ def test_an_obstacle_that_comes_near_counts_where_it_will_be() -> None:
     assert float(comes[1]) < 0.0
 
 
-def test_the_object_is_pushed_out_of_the_way_of_an_obstacle_that_comes() -> None:
+def test_the_object_is_pushed_out_of_the_way_when_there_is_no_more_time() -> None:
     """The obstacle comes from +y, 15 cm a second; the tool is beside the box, which it can push to +x."""
     tip, thing = (0.45 - 0.037, 0.0, math.pi / 2), (0.45, 0.0, math.pi / 2)
-    bits, rest = blocked((0.42, 0.2)), [0.0, 0.0, 0.0]
-    assert not filtered(rest, tip, thing, bits=bits).any()
-    slow = filtered(rest, tip, thing, bits=bits, obstacle_motion=[0.42, 0.2, 0.0, -0.05])
-    assert not slow.any()  # it is there in more than 1.5 s
-    comes = filtered(rest, tip, thing, bits=bits, obstacle_motion=[0.42, 0.2, 0.0, -0.15])
-    assert float(comes[0]) > 0.1
-    goes = filtered(rest, tip, thing, bits=bits, obstacle_motion=[0.42, 0.2, 0.0, 0.15])
-    assert not goes.any()
+    rest = [0.0, 0.0, 0.0]
+    for y, speed, is_pushed in [(0.2, -0.15, False), (0.13, -0.15, True), (0.13, 0.15, False)]:
+        motion = [0.42, y, 0.0, speed]
+        action = filtered(rest, tip, thing, bits=blocked((0.42, y)), obstacle_motion=motion)
+        assert (float(action[0]) > 0.5) == is_pushed
+        assert is_pushed or not action.any()
+
+
+def test_an_obstacle_is_expected_to_turn_round_where_its_area_ends() -> None:
+    """It has passed the box, and comes back before the tool would have to begin to push."""
+    tip, thing = (0.45 - 0.037, 0.1, math.pi / 2), (0.45, 0.1, math.pi / 2)
+    state = scene(
+        [0.0, 0.0, 0.0],
+        tip,
+        thing,
+        bits=blocked((0.42, 0.22)),
+        obstacle_motion=[0.42, 0.22, 0.0, 0.15],
+    )
+    for y1, is_pushed in [(0.23, True), (0.35, False)]:
+        area = Rectangle((0.2, -0.35), (0.75, y1))
+        contact_filter = ContactFilter(TIP, WORKSPACE.bounds(), patrol_area=area)
+        action = contact_filter.filter(state, state["action"])[0]
+        assert (float(action[0]) > 0.5) == is_pushed
+
+
+def test_the_object_is_not_pushed_into_the_way_of_an_obstacle_that_comes() -> None:
+    """The box stands 3 cm beside the obstacle's way, on the other side of the tool."""
+    tip, thing = (0.475 + 0.037, 0.0, math.pi / 2), (0.475, 0.0, math.pi / 2)
+    bits, push = blocked((0.42, 0.14)), [-1.0, 0.0, 0.0]
+    assert filtered(push, tip, thing, bits=bits).tolist() == push
+    action = filtered(push, tip, thing, bits=bits, obstacle_motion=[0.42, 0.14, 0.0, -0.15])
+    assert float(action[0]) > -0.1
+
+
+def test_what_stands_is_kept_and_what_moves_is_not() -> None:
+    contact_filter = ContactFilter(TIP, WORKSPACE.bounds())
+    tip, thing = (0.45 - 0.037, 0.0, math.pi / 2), (0.45, 0.0, math.pi / 2)
+    for y in (0.3, 0.2, 0.13):
+        bits, motion = blocked((0.42, y), (0.6, 0.2)), [0.42, y, 0.0, -0.15]
+        state = scene([0.0, 0.0, 0.0], tip, thing, bits=bits, obstacle_motion=motion)
+        fresh = ContactFilter(TIP, WORKSPACE.bounds())
+        (seen,), (expected,) = contact_filter.scenes(state), fresh.scenes(state)
+        np.testing.assert_array_equal(seen.distances, expected.distances)
+        np.testing.assert_array_equal(seen.moving, expected.moving)
+        assert seen.distances is contact_filter.scenes(state)[0].distances
+
+
+@pytest.mark.parametrize("contact_filter", [False, True])
+def test_a_box_on_the_table_is_kept_from_an_obstacle_that_comes(contact_filter) -> None:
+    """An agent stands still for 8 s of real physics, in which the bar comes in all five episodes."""
+    config = load_agent("pose").config
+    env = make_push_env(
+        config,
+        num_envs=5,
+        encoder="none",
+        entries=("ee_position",),
+        add=(),
+        contact_filter=contact_filter,
+    )
+    episodes = generate_set("pose/moving_bar/box", (5002, 5005, 5008, 5009, 5010))
+    state = env.reset(scenarios=list(episodes.scenarios))
+    struck = torch.zeros(5, 1, dtype=torch.bool)
+    for _ in range(120):
+        state = env.step(state.set("action", torch.zeros(5, 3)))
+        struck |= state["next", "obstacle_contact"] | state["next", "tool_obstacle_contact"]
+        state = step_mdp(state)
+        assert not state["out_of_bounds"].any() or not contact_filter
+    env.close()
+    assert int(struck.sum()) == (0 if contact_filter else 5)
 
 
 def test_only_the_obstacle_that_moves_is_looked_ahead() -> None:

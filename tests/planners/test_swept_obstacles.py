@@ -7,6 +7,7 @@ from tensordict import TensorDict
 
 from modpush import PushEnvConfig, make_push_env
 from modpush.geometry.camera import CAMERA
+from modpush.geometry.workspace import Rectangle
 from modpush.planners import SweptObstacles, inflate
 
 
@@ -20,7 +21,7 @@ def cells_of(*rectangles):
     return cells
 
 
-def swept(cells, motion, radius=0.03, seconds=2.0):
+def swept(cells, motion, radius=0.03, seconds=2.0, patrol_area=None):
     occupancy = inflate(torch.from_numpy(cells)[None], radius / CAMERA.cell_size)
     td = TensorDict(
         {
@@ -31,7 +32,7 @@ def swept(cells, motion, radius=0.03, seconds=2.0):
         },
         [1],
     )
-    after = SweptObstacles(seconds)(td.clone())["occupancy"][0, 0].numpy()
+    after = SweptObstacles(seconds, patrol_area=patrol_area)(td.clone())["occupancy"][0, 0].numpy()
     return occupancy[0].numpy(), after
 
 
@@ -44,6 +45,16 @@ def test_the_way_of_the_next_seconds_is_blocked(velocity) -> None:
     expected = inflate(torch.from_numpy(cells_of(*rectangles))[None], 0.03 / CAMERA.cell_size)
     differ = after != expected[0].numpy()
     assert differ.sum() < 0.02 * after.sum()  # rounded to cells at the way's sides
+
+
+def test_the_way_back_is_blocked_where_the_obstacle_turns_round() -> None:
+    """It is 5 cm from the area's edge, and 10 cm behind where it is after 2 s."""
+    cells = cells_of((0.45, 0.3, 0.05, 0.03))
+    area = Rectangle((0.2, -0.35), (0.75, 0.35))
+    _, after = swept(cells, [0.45, 0.3, 0.0, 0.1], patrol_area=area)
+    expected = cells_of((0.45, 0.275, 0.05, 0.03 + 0.075))  # from y = 0.20 to 0.35
+    expected = inflate(torch.from_numpy(expected)[None], 0.03 / CAMERA.cell_size)[0].numpy()
+    assert (after != expected).sum() < 0.02 * after.sum()
 
 
 def test_only_the_obstacle_that_moves_is_swept() -> None:
