@@ -42,7 +42,7 @@ class ContactFilter(DescribedTransform):
     the edge of `patrol_area`. If it is predicted to come against the object in the next 6 s, the agent
     acts as long as half a second after its action there still is a way to push the object aside, on
     which the tool may go round it and which takes 3 s at most. Then the filter takes the quickest such
-    way; if none succeeds, the one on which the obstacle comes last.
+    way. If there is none any more, the agent acts.
 
     Like `ActionFrame`, it works on the way to the environment, after the action has been turned into
     the base frame: put it before `ActionFrame`. What is stored is the agent's own action. It reads what

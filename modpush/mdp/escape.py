@@ -56,9 +56,9 @@ def _cost(
 ) -> float:
     """Number of steps after which the obstacle passes the object on one of the ways.
 
-    Between `scene.ahead` and twice that where the obstacle comes against the object, the less the later;
-    infinite where the tool comes against an obstacle, the object against one that stands or over the
-    edge, or the way takes more than half of the steps that are looked ahead.
+    Infinite where the obstacle comes against the object, the tool against an obstacle, the object against
+    one that stands or over the edge, or where the way takes more than half of the steps that are looked
+    ahead.
     """
     pose, speed, tip, inside = state
     edge = outside(scene, pose)
@@ -74,7 +74,7 @@ def _cost(
             is_pushed = is_pushed or pushed
         after = float(first + step + 1)
         if struck(scene, scene.outline, pose, after, clearance) > 0.0:
-            return 2.0 * scene.ahead - step
+            return np.inf
         if excess(scene, scene.tip, tip, after, scene.clearance) > 0.0:
             return np.inf
         if is_pushed and outside(scene, pose) > edge:
@@ -91,8 +91,7 @@ def escape(
     """Cost of the best way, or of any that succeeds, and the tool's direction at its beginning (x, y).
 
     `state` counts as the one after `first` steps. The cost is the number of steps: 0 where the obstacle
-    passes anyway, more than `scene.ahead` where no way succeeds, and infinite where something is in the
-    way of all. In the first and the last case the direction is (0, 0).
+    passes anyway, and infinite where no way succeeds. In both cases the direction is (0, 0).
     """
     best, dx, dy = np.inf, 0.0, 0.0
     pose, tip = state[0], state[2]
@@ -106,6 +105,6 @@ def escape(
         if cost < best:
             best = cost
             dx, dy = _heading(scene, pose, tip, angle, side)
-            if any_way and cost < scene.ahead:
+            if any_way:
                 break
     return best, dx, dy

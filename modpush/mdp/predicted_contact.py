@@ -70,7 +70,7 @@ def _can_escape(action: NDArray[np.float64], scene: PushedScene) -> bool:
     if not passes(scene, pose, 1, first, scene.clearance):
         return False
     state = (pose, (0.0, 0.0, 0.0), tip, inside)
-    return escape(scene, state, first, scene.clearance, True)[0] < scene.ahead
+    return escape(scene, state, first, scene.clearance, True)[0] < np.inf
 
 
 @njit()
@@ -119,8 +119,7 @@ def nearest_action(action: NDArray[np.float64], scene: PushedScene) -> NDArray[n
 
     If a moving obstacle comes towards the object, and after that action there would soon be no way left
     to push it aside, the first action of the quickest way takes its place, of those that leave 2 cm more
-    if there is one; if none succeeds, that of the one on which the obstacle comes last. Actions are `[3]`
-    in [-1, 1], base frame.
+    if there is one; if none succeeds, the action stays. Actions are `[3]` in [-1, 1], base frame.
     """
     best = _permitted(action, scene)
     if not len(scene.moving) or _can_escape(best, scene):
@@ -129,9 +128,9 @@ def nearest_action(action: NDArray[np.float64], scene: PushedScene) -> NDArray[n
     state = (pose, speed, tip_at(scene, best, 0.0), inside)
     for clearance in (scene.clearance + _ROOM, scene.clearance):
         cost, dx, dy = escape(scene, state, 0, clearance, False)
-        if cost < scene.ahead:
+        if cost < np.inf:
             break
-    if cost >= 2 * scene.ahead:  # no way can be begun, or the obstacle comes in the next step
+    if cost == np.inf:
         return best
     best[0], best[1], best[2] = dx, dy, 0.0
     return best if cost > 0.0 else _permitted(best, scene)  # the tool stands still
