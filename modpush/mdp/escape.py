@@ -24,7 +24,7 @@ PushState = tuple[Pose, Pose, Pose, float]
 
 @njit()
 def passes(scene: PushedScene, pose: Pose, first: int, last: int, clearance: float) -> bool:
-    """Whether the moving obstacle passes an object that stands at a pose in some steps."""
+    """True if the moving obstacle passes an object that stands at a pose, from a step to another."""
     for step in range(first, last + 1):
         if struck(scene, scene.outline, pose, float(step), clearance) > 0.0:
             return False

@@ -59,7 +59,7 @@ def violation(action: NDArray[np.float64], scene: PushedScene, limit: float = np
 
 @njit()
 def _can_escape(action: NDArray[np.float64], scene: PushedScene) -> bool:
-    """Whether the object is out of a moving obstacle's way after an action, or can be pushed out."""
+    """True if the object is out of a moving obstacle's way after an action, or can be pushed out."""
     pose, speed, inside = start(scene)
     for i in range(1, PARTS + 1):
         tip = tip_at(scene, action, i / PARTS)
