@@ -186,7 +186,7 @@ class OccupancyGrid(DescribedTransform):
         def make_map(choice: Tensor) -> tuple[Tensor, Tensor]:
             radius = self._chosen_radius(tensordict, choice)
             images = depth.reshape(-1, *image), radius, segmentation, position
-            occupancy, blocked = self.map(*images, previous, own)
+            occupancy, blocked = self.map(*images, previous, own, begins)
             if self._outside is not None:
                 occupancy |= self._outside[choice % len(self.margins)]
             return occupancy, blocked
@@ -257,8 +257,7 @@ class OccupancyGrid(DescribedTransform):
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
-        # TorchRL restores the values of scenes that are not reset. Their maps are computed nevertheless,
-        # since the cache of inflated maps has an entry for each scene of the batch.
+        # TorchRL restores the values of scenes that are not reset; until then they have their last map.
         begins = scenes_reset(tensordict, tensordict_reset.batch_size)
         return self._write(tensordict_reset, None, begins)
 

@@ -127,6 +127,7 @@ class OccupancyMap:
         object_position: Tensor | None = None,
         previous: Tensor | None = None,
         object_radius: float | Tensor | None = None,
+        scenes: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         """Compute the cells that are blocked for the object's centre.
 
@@ -139,6 +140,8 @@ class OccupancyMap:
             previous: The second output of the call before: cells that object or robot hide keep their
                 state. It needs a segmentation.
             object_radius: Radius of the object, one number or `[B]` [m]; by default `radius`.
+            scenes: `[B]` bool, scenes whose grids are computed; the others get those of this thread's
+                call before, if it was of as many scenes. By default all.
 
         Returns:
             `[B, H, W]` bool, True where blocked, and `[B, H, 8 * ceil(W / 64)]` uint8: the cells before
@@ -154,6 +157,8 @@ class OccupancyMap:
         height, width = self.camera.height, self.camera.width
         words = words_per_row(width)
         views = self._views(depth, radius, segmentation, object_position, previous, object_radius)
+        if scenes is not None:
+            views = views._replace(keep=~scenes.cpu().numpy())
         last = self._last.value
         if last is None or len(last.radius) != batch:
             last = self._last.value = empty_inflated(batch, height, width)
@@ -201,6 +206,7 @@ class OccupancyMap:
             camera_z=float(self.camera.z),
             min_height=self.min_height,
             upright=self.upright,
+            keep=np.zeros(batch, dtype=np.bool_),
         )
 
     def _without_speckles(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:

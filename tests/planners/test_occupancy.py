@@ -144,6 +144,23 @@ def test_what_stands_nearer_than_it_is_seen_is_remembered_too():
     assert torch.equal(bits_after, bits)
 
 
+def test_scenes_that_are_left_out_keep_their_grid():
+    images = [render([(square(x, 0.1), Label.OBSTACLE)], CAMERA) for x in (0.5, 0.6, 0.7)]
+    depth, segments = (torch.from_numpy(np.stack(of)) for of in zip(*images, strict=True))
+    blocked = OccupancyMap()
+    every = torch.ones(3, dtype=torch.bool)
+    before = blocked(depth, 0.03, segments, scenes=~every)  # nothing to keep yet: computed
+    assert torch.equal(before[0], OccupancyMap()(depth, 0.03, segments)[0])
+    order = [1, 2, 0]
+    only = torch.tensor([False, True, False])
+    after = blocked(depth[order], 0.03, segments[order], scenes=only)
+    for grid, old in zip(after, before, strict=True):
+        assert torch.equal(grid, torch.stack([old[0], old[2], old[2]]))
+    # The grids of the others are still those of their last images.
+    moved = blocked(depth, 0.03, segments, scenes=every)
+    assert all(torch.equal(grid, old) for grid, old in zip(moved, before, strict=True))
+
+
 def test_nothing_is_inflated_again_while_obstacles_stand_still():
     blocked, bits = OccupancyMap(), None
     for k in range(12):

@@ -33,6 +33,15 @@ def _set_cell(bits: NDArray, u: float, v: float, height: int, width: int) -> Non
         bits[j, i >> 6] |= np.uint64(1) << np.uint64(i & 63)
 
 
+@njit(nogil=True)
+def _has_values(row: NDArray, below: float) -> bool:
+    """True if values of a row lie between 0 and `below`; without branches, so that it is vectorised."""
+    found = 0
+    for u in range(row.size):
+        found |= int(row[u] > 0.0) & int(row[u] < below)
+    return found != 0
+
+
 class Views(NamedTuple):
     """Camera images and settings of a batch."""
 
@@ -49,6 +58,7 @@ class Views(NamedTuple):
     camera_z: float  # Height of the camera [m]
     min_height: float  # Lower things do not block [m]
     upright: bool  # Draw each point where it stands on the table, rather than where it is seen
+    keep: NDArray  # `[B]` bool, scenes whose images are not looked at: their last grid is valid
 
 
 @njit(nogil=True)
@@ -65,6 +75,8 @@ def find_blocked(b: int, views: Views, bits: NDArray) -> None:
     deepest = camera_z - min_height
     for v in range(height):
         row = depth[v]
+        if not _has_values(row, deepest):  # most rows of most images
+            continue
         for u in range(width):
             d = row[u]
             if not 0.0 < d < deepest:
@@ -203,6 +215,11 @@ def observe_one(
     `bits` `[B, H, ceil(W / 64)]` is overwritten with the cells before inflation, `changed` `[B]` with
     True where the cells were inflated, and `out` `[B, H, W]` uint8 with the inflated cells.
     """
+    if views.keep[b] and last.radius[b] >= 0.0:
+        bits[b] = last.bits[b]
+        changed[b] = False
+        out[b] = last.cells[b]
+        return
     find_blocked(b, views, bits[b])
     same = last.radius[b] == views.inflation[b]
     for v in range(bits.shape[1]):
