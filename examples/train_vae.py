@@ -60,6 +60,9 @@ class Config:
     """Number of windows between two evaluations, each with a checkpoint."""
     eval_windows: int = 2000
     """Number of held-out windows in an evaluation."""
+    precision: Literal["float32", "bfloat16"] = "float32"
+    """Precision of the networks' layers; "bfloat16" is faster on a processor with AMX or AVX512-BF16.
+    Weights, optimizer and losses are float32 with both."""
     threads: int = 2
     """Number of threads of torch."""
     seed: int = 0
@@ -124,7 +127,10 @@ class Training:
         """One step. What is random in it depends on seed and step only, so that a resume is exact."""
         torch.manual_seed((self.config.seed << 40) + self.step)
         begun = time.perf_counter()
-        losses = self.loss(TensorDict(window=self.batch(data)))
+        batch = TensorDict(window=self.batch(data))
+        reduced = self.config.precision == "bfloat16"
+        with torch.autocast("cpu", torch.bfloat16, enabled=reduced):
+            losses = self.loss(batch)
         total = losses["loss_reconstruction"] + losses["loss_kl"]
         if not total.isfinite():
             raise RuntimeError(f"train_vae: the loss of step {self.step} is {total.item()}.")

@@ -20,6 +20,7 @@ SHARED = {
     "_extras",
     "_kernels",
     "_keys",
+    "_precision",
     "_processes",
     "_state",
     "_transforms",

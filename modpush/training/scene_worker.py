@@ -11,6 +11,7 @@ from tensordict import NestedKey, TensorDict, TensorDictBase
 from torchrl.data import Bounded, Composite
 from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
 
+from modpush._precision import matrix_products
 from modpush.agents.scripted import ScriptedPusher
 from modpush.agents.tqc.build import make_tqc
 from modpush.mdp.action_frame import ActionFrame
@@ -132,6 +133,7 @@ class SceneWorker:
             **learner_parts(config, parts),
         )
         self.actor, self.explore = agent.actor, agent.exploration_policy
+        self._precision = agent.update.precision
         self._held_out = HeldOutEpisodes(config, parts, make_env, progress)
         observed = (
             "observation",
@@ -188,15 +190,16 @@ class SceneWorker:
         if weights is not None:
             self.load_policy(weights)
         td, rows, episodes = self._td, [], []
-        for _ in range(steps):
-            td = self._first_action(td) if random else self._act(td)
-            scenarios = self._simulator.scenarios if self._hindsight is not None else []
-            td, following = self.env.step_and_maybe_reset(td)
-            if self._hindsight is not None:
-                self._hindsight.add(td, scenarios, self._simulator.yaw_tolerance)
-            rows.append(td.select(*self._stored))
-            episodes += self._ended_episodes(td["next"], random)
-            td = following
+        with matrix_products(self._precision):
+            for _ in range(steps):
+                td = self._first_action(td) if random else self._act(td)
+                scenarios = self._simulator.scenarios if self._hindsight is not None else []
+                td, following = self.env.step_and_maybe_reset(td)
+                if self._hindsight is not None:
+                    self._hindsight.add(td, scenarios, self._simulator.yaw_tolerance)
+                rows.append(td.select(*self._stored))
+                episodes += self._ended_episodes(td["next"], random)
+                td = following
         self._td = td
         stacked = TensorDict.stack(rows).reshape(-1)
         return Rollout(

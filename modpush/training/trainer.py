@@ -14,10 +14,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from modpush._atomic import FolderLock
+from modpush._precision import processor_precision
 from modpush._processes import interrupts_noted, interrupts_raised, torch_threads
 from modpush._types import Count
 from modpush._validation import checked_arguments
-from modpush.agents.tqc.update import processor_precision
 from modpush.recipes.make_env import make_push_env
 from modpush.replay.buffer import make_replay_buffer
 from modpush.training.config import TrainConfig, check_parts, check_picklable, replay_parts

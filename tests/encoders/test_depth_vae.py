@@ -137,3 +137,21 @@ def test_turning_and_shifting_the_whole_scene_hardly_moves_the_latent(shipped):
     another = latent((0.60, 0.0), 0.0, [moved(o, (0.0, 0.0), 0.5) for o in obstacles])
     apart = (another - here).norm()
     assert max((z - here).norm() for z in there) < 0.5 * apart
+
+
+def test_the_loss_is_float32_and_close_when_the_layers_compute_in_bfloat16():
+    found = []
+    for reduced in (False, True):
+        torch.manual_seed(0)
+        loss = VAELoss(DepthVAE(4))
+        batch = TensorDict(window=torch.rand(8, 1, 64, 64))
+        with torch.autocast("cpu", torch.bfloat16, enabled=reduced):
+            losses = loss(batch)
+        assert all(value.dtype == torch.float32 for value in losses.values())
+        (losses["loss_reconstruction"] + losses["loss_kl"]).backward()
+        found.append((losses.detach(), torch.cat([p.grad.flatten() for p in loss.parameters()])))
+    (exact, gradient), (rounded, other) = found
+    for key in ("loss_reconstruction", "loss_kl"):
+        torch.testing.assert_close(rounded[key], exact[key], rtol=0.01, atol=0.0)
+    assert torch.cosine_similarity(gradient, other, dim=0) > 0.98
+    assert not torch.equal(gradient, other)

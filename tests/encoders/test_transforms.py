@@ -8,6 +8,7 @@ from torchrl.data import LazyTensorStorage, ReplayBuffer
 from torchrl.envs import Compose, TransformedEnv, check_env_specs
 from torchrl.envs.transforms import RenameTransform
 
+from modpush._precision import matrix_products
 from modpush.encoders import (
     ConvEncoder,
     DepthVAE,
@@ -50,6 +51,22 @@ def push_env():
     env = PushEnv(3, scene="random_clutter", clearance=0.0, seed=0)
     yield env
     env.close()
+
+
+@pytest.mark.parametrize("make_encoder", [DepthVAE.from_pretrained, ConvEncoder])
+def test_latents_of_encoders_in_bfloat16_are_float32_and_close(make_encoder):
+    encoder, seen = Encode(make_encoder()), []
+    encoder.encoder.register_forward_hook(lambda _, __, latent: seen.append(latent.dtype))
+    window = torch.zeros(6, 1, 64, 64)
+    window[:, :, 20:30, 10:40] = torch.rand(6, 1, 1, 1)
+    exact = encoder(TensorDict(window=window))["latent"]
+    with matrix_products("bfloat16"):
+        rounded = encoder(TensorDict(window=window))["latent"]
+    again = encoder(TensorDict(window=window))["latent"]
+    assert seen == [torch.float32, torch.bfloat16, torch.float32]
+    assert rounded.dtype == torch.float32
+    assert torch.equal(again, exact)
+    assert 0 < (rounded - exact).abs().max() < 0.03 * exact.abs().max()
 
 
 @pytest.mark.parametrize("encoder", [DepthVAE, RayScan, ConvEncoder])

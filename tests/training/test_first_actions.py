@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from modpush.training import TRAIN_PRESETS, TrainConfig, Trainer
 from modpush.training.learner import weights_of
@@ -16,6 +17,19 @@ def worker_of(config: TrainConfig) -> SceneWorker:
     worker = SceneWorker(config)
     worker.restart(3)
     return worker
+
+
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+def test_scenes_act_in_the_precision_of_the_updates(precision: str) -> None:
+    worker = worker_of(replace(SMOKE, tqc=replace(SMOKE.tqc, precision=precision)))
+    before, inside = torch.get_float32_matmul_precision(), []
+    worker.actor.register_forward_pre_hook(
+        lambda *_: inside.append(torch.get_float32_matmul_precision())
+    )
+    worker.collect(2, weights_of(worker.actor))
+    worker.close()
+    assert set(inside) == {"medium" if precision == "bfloat16" else before}
+    assert torch.get_float32_matmul_precision() == before
 
 
 @pytest.mark.parametrize("frames", [("path", None), ("object", "base"), ("object", None)])

@@ -15,6 +15,7 @@ from torchrl.modules import AdditiveGaussianModule, ProbabilisticActor
 from torchrl.objectives import LossModule, SoftUpdate
 
 from modpush._extras import warn_experimental
+from modpush._precision import processor_precision
 from modpush._validation import checked_arguments
 from modpush.agents.tqc.config import TQCConfig
 from modpush.agents.tqc.encoder import make_trained_encoder
@@ -27,7 +28,7 @@ from modpush.agents.tqc.factories import (
     LearnerSpecs,
     LossFactory,
 )
-from modpush.agents.tqc.update import TQCUpdate, processor_precision
+from modpush.agents.tqc.update import TQCUpdate
 from modpush.parts import find_part
 
 Encoder = str | nn.Module | Callable[[], nn.Module]

@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from typing import Any, Literal
 
+from modpush._precision import Precision
 from modpush._types import (
     AtLeastOne,
     Count,
@@ -18,7 +19,7 @@ from modpush._types import (
     PositiveFraction,
 )
 from modpush._validation import checked
-from modpush.agents.tqc.update import Execution, Precision
+from modpush.agents.tqc.update import Execution
 
 Preset = Literal["paper", "cpu"]
 

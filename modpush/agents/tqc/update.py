@@ -1,7 +1,6 @@
 """One optimisation step of TQC: losses, gradients, Adam, target networks."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Literal
 
 import torch
@@ -10,17 +9,10 @@ from tensordict.nn import CudaGraphModule
 from torchrl.objectives import LossModule
 from torchrl.objectives.utils import TargetNetUpdater
 
+from modpush._precision import Precision, matrix_products
 from modpush._validation import checked_arguments
 
 Execution = Literal["eager", "compile", "cudagraph"]
-Precision = Literal["float32", "bfloat16"]
-
-
-def processor_precision() -> Precision:
-    """Precision whose matrix products are faster here: bfloat16 with AMX or AVX512-BF16."""
-    capabilities = torch.cpu.get_capabilities()
-    fast = capabilities.get("amx_bf16") or capabilities.get("avx512_bf16")
-    return "bfloat16" if fast else "float32"
 
 
 class TQCUpdate:
@@ -39,7 +31,8 @@ class TQCUpdate:
             copied into the graph's own.
         precision: Of matrix products on the CPU. With `"bfloat16"`, the factors of each product are
             rounded to bfloat16 and summed in float32; weights, gradients, optimizer, targets and losses
-            are float32 with both. Only processors with AMX or AVX512-BF16 gain by it.
+            are float32 with both. An encoder of images computes in bfloat16 as a whole. Only processors
+            with AMX or AVX512-BF16 gain by it.
 
     Raises:
         ValueError: If the execution or the precision is unknown, or the execution is `"cudagraph"`
@@ -85,9 +78,7 @@ class TQCUpdate:
         Raises:
             KeyError: If the loss returns nothing that is named `loss_*`.
         """
-        if self.precision == "float32":
-            return self._step(batch)
-        with _bfloat16_products():
+        with matrix_products(self.precision):
             return self._step(batch)
 
     def step(self, batch: TensorDictBase) -> TensorDict:
@@ -108,13 +99,3 @@ class TQCUpdate:
         key = getattr(self.loss.tensor_keys, "priority", None)
         priority = None if key is None else batch.get(key, None)
         return result if priority is None else result.set(key, priority)
-
-
-@contextmanager
-def _bfloat16_products() -> Iterator[None]:
-    before = torch.get_float32_matmul_precision()
-    torch.set_float32_matmul_precision("medium")
-    try:
-        yield
-    finally:
-        torch.set_float32_matmul_precision(before)

@@ -238,8 +238,9 @@ class VAELoss(LossModule):
         """Both losses of a batch of windows `[B, 1, 64, 64]`."""
         window = read_key(tensordict, self.tensor_keys.window)
         check_window(window, self.vae.window_size, batched=True)
-        mean, std = self.vae.encode(window)
-        logits = self.vae.decode(mean + std * torch.randn_like(std))
+        # In float32 whatever the networks compute in (`torch.autocast`).
+        mean, std = (part.float() for part in self.vae.encode(window))
+        logits = self.vae.decode(mean + std * torch.randn_like(std)).float()
         likelihood = binary_cross_entropy_with_logits(logits, window, reduction="sum")
         kl_per_latent = kl_divergence(mean, std).mean(0)
         kl = kl_per_latent.sum()

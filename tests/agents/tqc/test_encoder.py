@@ -1,6 +1,7 @@
 """Encoders that are trained end to end, on pictures that hold the answer."""
 
 import copy
+from dataclasses import replace
 
 import torch
 from tensordict import TensorDict
@@ -159,3 +160,21 @@ def test_an_encoder_object_stands_in_for_the_config_s():
     encoder = SmallEncoder()
     agent = make_agent(TQCConfig(hidden_sizes=(8,)), encoder=encoder)
     assert encoder_of(agent) is encoder
+
+
+def test_the_encoder_trains_in_bfloat16_with_the_products():
+    found = {}
+    for precision in ("float32", "bfloat16"):
+        agent = make_agent(replace(CONFIG, precision=precision))
+        seen = []
+        encoder_of(agent).register_forward_hook(
+            lambda _, __, latent, seen=seen: seen.append(latent)
+        )
+        torch.manual_seed(1)
+        losses = agent.update(make_batch(0))
+        found[precision] = losses, seen[0].dtype
+        assert all(p.dtype == torch.float32 for p in agent.loss.parameters())
+    assert [dtype for _, dtype in found.values()] == [torch.float32, torch.bfloat16]
+    for key in ("loss_qvalue", "loss_actor"):
+        one, other = (losses[key] for losses, _ in found.values())
+        torch.testing.assert_close(one, other, rtol=0.03, atol=0.01)
