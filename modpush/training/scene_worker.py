@@ -225,7 +225,8 @@ class SceneWorker:
         with set_exploration_type(ExplorationType.RANDOM):
             td = self.explore(td)
         if self.greedy_envs:
-            dist = self.actor.get_dist(td.select(*self.actor.in_keys)[self.greedy_envs])
+            params = td.select(*self.actor.dist_params_keys)[self.greedy_envs]
+            dist = self.actor.build_dist_from_params(params)
             td["action"][self.greedy_envs] = dist.deterministic_sample
         return td
 
