@@ -57,7 +57,7 @@ Run:
                                       cluster [local].
   --num-collectors N                  Number of collectors on the Ray cluster [1].
   --train.evaluate-every N            Environment steps between evaluations on held-out episodes
-                                      [50000].
+                                      [25000].
   --train.loggers csv tensorboard     TorchRL loggers that are written to [csv].
 
 Environment:
@@ -89,12 +89,11 @@ Learner (TQC) and replay buffer:
   --train.tqc.loss NAME               tqc, sac or td3 [tqc].
   --train.tqc.hidden-sizes N ...      Widths of the hidden layers of the actor and of each critic
                                       [256 256].
-  --train.tqc.actor-lr X              Learning rate of the actor; also --train.tqc.critic-lr and
-                                      --train.tqc.alpha-lr [0.0003].
+  --train.tqc.actor-lr X              Learning rate of the actor; also --train.tqc.critic-lr [0.0006].
   --train.tqc.gamma X                 Discount factor per step [0.98].
   --train.tqc.batch-size N            Number of transitions in each update, the same as the next [256].
   --train.replay.batch-size N         Number of transitions in each sample, the same as the last [256].
-  --train.tqc.updates-per-step X      Number of updates per environment step [0.0833].
+  --train.tqc.updates-per-step X      Number of updates per environment step [0.125].
   --train.tqc.learning-starts N       Environment steps before the first update [10000].
   --train.replay.sampler NAME         attentive, uniform or prioritized [attentive].
   --train.replay.n-steps N            Number of steps whose rewards are summed before bootstrapping [3].
