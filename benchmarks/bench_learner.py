@@ -37,6 +37,7 @@ from torchrl.modules import MLP, ProbabilisticActor, TanhNormal, ValueOperator
 from torchrl.objectives import SoftUpdate, TQCLoss as TorchRLTQCLoss
 
 from modpush.agents import TQCConfig, TQCLoss, make_tqc
+from modpush.encoders import ConvEncoder, DepthVAE, Encode, VAELoss
 from modpush.replay import (
     AttentiveSampler,
     PrioritizedSampler,
@@ -275,6 +276,41 @@ def updates(args: Args) -> str:
     return "\n".join(lines)
 
 
+def encoders(args: Args) -> str:
+    """Encoders of images in both precisions, on one thread."""
+    torch.set_num_threads(1)
+    windows = torch.rand(256, 1, 64, 64)
+    encode, trained, losses = Encode(DepthVAE.from_pretrained()), ConvEncoder(), VAELoss(DepthVAE())
+    optimizer = torch.optim.Adam(losses.parameters(), fused=True)
+
+    def train_vae() -> None:
+        found = losses(TensorDict(window=windows))
+        (found["loss_reconstruction"] + found["loss_kl"]).backward()
+        optimizer.step()
+        optimizer.zero_grad()
+
+    work: dict[str, Step] = {
+        "`Encode`, the autoencoder, 32 windows": lambda: encode(TensorDict(window=windows[:32])),
+        "`ConvEncoder`, forward and backward, 256": lambda: trained(windows).sum().backward(),
+        "a step of the autoencoder's training, 256": train_vae,
+    }
+
+    def reduced(step: Step) -> Step:
+        def call() -> None:
+            with torch.autocast("cpu", torch.bfloat16):
+                step()
+
+        return call
+
+    lines = ["| encoders | float32 [ms] | bfloat16 [ms] | float32 / bfloat16 |", "|" + "---|" * 4]
+    for name, step in work.items():
+        times = race({"float32": step, "bfloat16": reduced(step)}, args)
+        cells = [f"{statistics.median(times[n]):.2f} ({min(times[n]):.2f})" for n in times]
+        ratio = factor(times, "float32", "bfloat16")
+        lines.append(f"| {name} | " + " | ".join(cells) + f" | {ratio:.2f} |")
+    return "\n".join(lines)
+
+
 def gpu(args: Args) -> str:
     if not torch.cuda.is_available():
         return "No CUDA device: no GPU rows."
@@ -323,7 +359,7 @@ def replay(args: Args) -> str:
 
 
 def main(args: Args) -> None:
-    tables = [updates(args), gpu(args)]
+    tables = [updates(args), encoders(args), gpu(args)]
     if args.replay:
         tables.append(replay(args))
     header = f"{args.rounds} rounds, {args.clock} time; milliseconds: median (fastest round)."

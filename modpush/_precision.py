@@ -1,7 +1,7 @@
 """bfloat16 on the CPU: matrix products, and the networks that encode images."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Literal
 
 import torch
@@ -31,10 +31,11 @@ def matrix_products(precision: Precision) -> Iterator[None]:
         torch.set_float32_matmul_precision(before)
 
 
-def image_precision(device: torch.device) -> torch.autocast:
+def image_precision(device: torch.device) -> AbstractContextManager[None]:
     """Context in which an encoder of images computes in the precision of the matrix products.
 
     On x86 torch's setting for them does not reach convolutions. Outputs of layers are rounded, too.
     """
-    reduced = device.type == "cpu" and torch.get_float32_matmul_precision() == "medium"
-    return torch.autocast("cpu", torch.bfloat16, enabled=reduced)
+    if device.type == "cpu" and torch.get_float32_matmul_precision() == "medium":
+        return torch.autocast("cpu", torch.bfloat16)
+    return nullcontext()
