@@ -7,7 +7,9 @@ Everything but the update is `modpush train`'s, on two cores: scenes, scripted f
 buffer with its sampler, mirror images and n-step returns, the averaged actor, the held-out episodes.
 All learners of a seed begin with the same weights. A run ends at the first evaluation with the success
 that is asked for. TorchRL's loss has modpush's networks and optimizer, sb3-contrib's `TQC.train` its
-own, and is given each batch. The time of an update is that of the call, without the sample.
+own, and is given each batch. With "ours" updates are in bfloat16 where the processor has it, and scenes
+act in it; the other learners are in float32. The time of an update is that of the call, without the
+sample.
 """
 
 import os
@@ -60,7 +62,7 @@ class CompareConfig:
 
 
 class TimedUpdate:
-    """Calls an update and adds up its time."""
+    """Calls an update and keeps the time of each call, `seconds`."""
 
     def __init__(self, update: Callable[[TensorDictBase], TensorDict]) -> None:
         self.update, self.seconds = update, list[float]()
@@ -96,7 +98,6 @@ class Sb3Update:
         self.model = TQC(
             "MlpPolicy",
             _spaces(observation_dim, agent.actor.spec["action"].shape[-1]),
-            learning_rate=config.critic_lr,
             buffer_size=1,
             gamma=config.gamma,
             tau=config.tau,
@@ -110,7 +111,19 @@ class Sb3Update:
             device="cpu",
         )
         self.model.set_logger(configure(None, []))
+        self._set_learning_rates(config)
         self._start_with_the_agents_weights()
+
+    def _set_learning_rates(self, config: TQCConfig) -> None:
+        """One for each optimizer, where sb3 has a single one and sets it anew in each call."""
+        model = self.model
+        for optimizer, rate in (
+            (model.actor.optimizer, config.actor_lr),
+            (model.critic.optimizer, config.critic_lr),
+            (model.ent_coef_optimizer, config.alpha_lr),
+        ):
+            optimizer.param_groups[0]["lr"] = rate
+        model._update_learning_rate = lambda *_: None
 
     def _start_with_the_agents_weights(self) -> None:
         for layer, mine in zip(self._actor_layers(), _linears(self.agent.actor), strict=True):
@@ -118,9 +131,14 @@ class Sb3Update:
                 rows = given.data.split([len(part) for part in tensor])
                 for part, values in zip(tensor, rows, strict=True):
                     part.data.copy_(values)
-        for critic, mine in zip(self.model.critic.q_networks, self.agent.critics, strict=True):
-            for layer, given in zip(_linears(critic), _linears(mine), strict=True):
-                layer.load_state_dict(given.state_dict())
+        # The loss trains a stacked copy of the agent's critics.
+        stacked = self.agent.loss.qvalue_network_params
+        weights = [value for key, value in sorted(stacked.items(True, True)) if key[-1] == "weight"]
+        biases = [value for key, value in sorted(stacked.items(True, True)) if key[-1] == "bias"]
+        for number, critic in enumerate(self.model.critic.q_networks):
+            for layer, weight, bias in zip(_linears(critic), weights, biases, strict=True):
+                layer.weight.data.copy_(weight.data[number])
+                layer.bias.data.copy_(bias.data[number])
         self.model.critic_target.load_state_dict(self.model.critic.state_dict())
 
     def _actor_layers(self) -> list[tuple[list[nn.Parameter], list[nn.Parameter]]]:
@@ -183,7 +201,7 @@ def install(learner: Learner, trainer: Trainer) -> TimedUpdate:
 
 
 def run(learner: Learner, config: TrainConfig, success: float) -> dict[str, Any]:
-    """Train until the held-out episodes succeed; times, and the evaluations that passed a success."""
+    """Train until the held-out episodes succeed; median time of an update [ms], and all evaluations."""
     precision = "float32" if learner != "ours" else "auto"
     config = replace(config, tqc=replace(config.tqc, precision=precision))
     parts = {"loss": torchrl_loss} if learner == "torchrl" else None
@@ -194,7 +212,8 @@ def run(learner: Learner, config: TrainConfig, success: float) -> dict[str, Any]
 
         def evaluate_and_end() -> None:
             evaluate()
-            trainer.finished |= trainer.best_evaluation()["success"] >= success
+            rows = trainer.log.evaluations
+            trainer.finished |= bool(rows) and rows[-1]["success"] >= success
 
         trainer._evaluate = evaluate_and_end  # type: ignore[method-assign]
         trainer.run()

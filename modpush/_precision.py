@@ -2,11 +2,13 @@
 
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextvars import ContextVar
 from typing import Literal
 
 import torch
 
 Precision = Literal["float32", "bfloat16"]
+_reduced = ContextVar("bfloat16", default=False)
 
 
 def processor_precision() -> Precision:
@@ -22,20 +24,25 @@ def matrix_products(precision: Precision) -> Iterator[None]:
 
     It is torch's setting for the whole process, which is as it was afterwards; "float32" leaves it alone.
     """
+    if precision == "float32":
+        yield
+        return
     before = torch.get_float32_matmul_precision()
-    if precision == "bfloat16":
-        torch.set_float32_matmul_precision("medium")
+    token = _reduced.set(True)
+    torch.set_float32_matmul_precision("medium")
     try:
         yield
     finally:
         torch.set_float32_matmul_precision(before)
+        _reduced.reset(token)
 
 
 def image_precision(device: torch.device) -> AbstractContextManager[None]:
-    """Context in which an encoder of images computes in the precision of the matrix products.
+    """Context for an encoder of images: `torch.autocast` to bfloat16 where matrix products are in it.
 
-    On x86 torch's setting for them does not reach convolutions. Outputs of layers are rounded, too.
+    That is within `matrix_products("bfloat16")` on the CPU, and nothing elsewhere. torch's setting for
+    products does not reach convolutions on x86.
     """
-    if device.type == "cpu" and torch.get_float32_matmul_precision() == "medium":
+    if device.type == "cpu" and _reduced.get():
         return torch.autocast("cpu", torch.bfloat16)
     return nullcontext()

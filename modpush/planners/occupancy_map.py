@@ -140,8 +140,9 @@ class OccupancyMap:
             previous: The second output of the call before: cells that object or robot hide keep their
                 state. It needs a segmentation.
             object_radius: Radius of the object, one number or `[B]` [m]; by default `radius`.
-            scenes: `[B]` bool, scenes whose grids are computed; the others get those of this thread's
-                call before, if it was of as many scenes. By default all.
+            scenes: `[B]` bool, scenes whose grids are computed; by default all. The others get those of
+                this thread's call before, whatever the other arguments say of them, or are computed if that
+                was of another number of scenes.
 
         Returns:
             `[B, H, W]` bool, True where blocked, and `[B, H, 8 * ceil(W / 64)]` uint8: the cells before

@@ -30,7 +30,7 @@ _REFINED_WEIGHTS = {
 
 
 _SHIPPED_TQC = TQCConfig.preset("cpu", updates_per_step=1 / 12, learning_starts=10_000)
-"""Updates with which the shipped agents for positions were trained; `cpu` has since been tuned again."""
+"""Updates a step and learning rates of the shipped agents for positions; `cpu` has been tuned again."""
 
 
 def _cpu() -> TrainConfig:
@@ -61,6 +61,7 @@ def _any_object() -> TrainConfig:
             randomize_dynamics=True,
         ),
         tqc=_SHIPPED_TQC,
+        evaluate_every=50_000,
         evaluation_episodes=144,  # twelve objects, drawn for each episode
     )
 
@@ -78,6 +79,7 @@ def _movable() -> TrainConfig:
         ),
         tqc=_SHIPPED_TQC,
         total_steps=150_000,
+        evaluate_every=50_000,
     )
 
 

@@ -11,7 +11,7 @@ from tensordict import NestedKey, TensorDict, TensorDictBase
 from torchrl.data import Bounded, Composite
 from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
 
-from modpush._precision import matrix_products
+from modpush._precision import matrix_products, processor_precision
 from modpush.agents.scripted import ScriptedPusher
 from modpush.agents.tqc.build import make_tqc
 from modpush.mdp.action_frame import ActionFrame
@@ -134,6 +134,8 @@ class SceneWorker:
         )
         self.actor, self.explore = agent.actor, agent.exploration_policy
         self._precision = agent.update.precision
+        if config.collector == "ray" and processor_precision() == "float32":
+            self._precision = "float32"  # the learner's machine may have another processor
         self._held_out = HeldOutEpisodes(config, parts, make_env, progress)
         observed = (
             "observation",
@@ -190,6 +192,7 @@ class SceneWorker:
         if weights is not None:
             self.load_policy(weights)
         td, rows, episodes = self._td, [], []
+        hindsight: dict[NestedKey, NDArray] = {}
         with matrix_products(self._precision):
             for _ in range(steps):
                 td = self._first_action(td) if random else self._act(td)
@@ -200,6 +203,8 @@ class SceneWorker:
                 rows.append(td.select(*self._stored))
                 episodes += self._ended_episodes(td["next"], random)
                 td = following
+            if self._hindsight is not None:
+                hindsight = self._hindsight.transitions(self._simulator.yaw_tolerance)
         self._td = td
         stacked = TensorDict.stack(rows).reshape(-1)
         return Rollout(
@@ -208,9 +213,7 @@ class SceneWorker:
             episodes=episodes,
             level=self.curriculum.level,
             success_by_family=self.curriculum.scene_success_rates,
-            hindsight=self._hindsight.transitions(self._simulator.yaw_tolerance)
-            if self._hindsight is not None
-            else {},
+            hindsight=hindsight,
         )
 
     @property
@@ -225,8 +228,7 @@ class SceneWorker:
         with set_exploration_type(ExplorationType.RANDOM):
             td = self.explore(td)
         if self.greedy_envs:
-            params = td.select(*self.actor.dist_params_keys)[self.greedy_envs]
-            dist = self.actor.build_dist_from_params(params)
+            dist = self.actor.get_dist(td.select(*self.actor.in_keys)[self.greedy_envs])
             td["action"][self.greedy_envs] = dist.deterministic_sample
         return td
 

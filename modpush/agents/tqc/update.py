@@ -31,8 +31,8 @@ class TQCUpdate:
             copied into the graph's own.
         precision: Of matrix products on the CPU. With `"bfloat16"`, the factors of each product are
             rounded to bfloat16 and summed in float32; weights, gradients, optimizer, targets and losses
-            are float32 with both. An encoder of images computes in bfloat16 as a whole. Only processors
-            with AMX or AVX512-BF16 gain by it.
+            are float32 with both. An encoder of images computes under `torch.autocast`. Only processors
+            with AMX or AVX512-BF16 gain by it. On other devices it has no effect.
 
     Raises:
         ValueError: If the execution or the precision is unknown, or the execution is `"cudagraph"`
@@ -58,6 +58,7 @@ class TQCUpdate:
         self.optimizer = optimizer
         self.target_updater = target_updater
         self.precision = precision
+        self._products: Precision = precision if device.type == "cpu" else "float32"
         self._step: Callable[[TensorDictBase], TensorDict] = self.step
         if execution != "eager":
             self._step = torch.compile(self.step)
@@ -78,7 +79,7 @@ class TQCUpdate:
         Raises:
             KeyError: If the loss returns nothing that is named `loss_*`.
         """
-        with matrix_products(self.precision):
+        with matrix_products(self._products):
             return self._step(batch)
 
     def step(self, batch: TensorDictBase) -> TensorDict:

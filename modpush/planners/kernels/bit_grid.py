@@ -58,7 +58,7 @@ class Views(NamedTuple):
     camera_z: float  # Height of the camera [m]
     min_height: float  # Lower things do not block [m]
     upright: bool  # Draw each point where it stands on the table, rather than where it is seen
-    keep: NDArray  # `[B]` bool, scenes whose images are not looked at: their last grid is valid
+    keep: NDArray  # `[B]` bool, scenes that get their last grid, if there is one, unseen
 
 
 @njit(nogil=True)
@@ -210,7 +210,7 @@ def inflate_all(batch: int, cells: NDArray, radius: NDArray, out: NDArray) -> No
 def observe_one(
     b: int, views: Views, last: Inflated, bits: NDArray, changed: NDArray, out: NDArray
 ) -> None:
-    """Scene b from depth to inflated cells; the cached grid is used where it is still valid.
+    """Scene b from depth to inflated cells; the cached grid is used where it is valid or to be kept.
 
     `bits` `[B, H, ceil(W / 64)]` is overwritten with the cells before inflation, `changed` `[B]` with
     True where the cells were inflated, and `out` `[B, H, W]` uint8 with the inflated cells.
