@@ -33,6 +33,7 @@ from tensordict import TensorDict
 from torchrl.envs import Compose, ExplorationType, set_exploration_type
 from torchrl.envs.utils import step_mdp
 
+from modpush._precision import matrix_products
 from modpush._processes import torch_threads
 from modpush.agents import make_tqc
 from modpush.recipes import load_agent, make_push_env
@@ -116,14 +117,16 @@ def acting(config: TrainConfig) -> list[tuple[str, float]]:
     # The parts, on the very states that the loop is in.
     env, td = worker.env, worker._td
     assert td is not None
-    policy = median_ms(lambda: worker._act(td.clone(False))) / scenes
-    with timed(env) as spent:
-        for _ in range(100):
-            td, following = env.step_and_maybe_reset(worker._act(td))
-            td = following
+    with matrix_products(worker._precision):
+        policy = median_ms(lambda: worker._act(td.clone(False))) / scenes
+        with timed(env) as spent:
+            for _ in range(100):
+                td, following = env.step_and_maybe_reset(worker._act(td))
+                td = following
+        reset = resetting(worker, td) / scenes
     rows = [(name, 1e3 * statistics.median(times) / scenes) for name, times in spent.items()]
     rows = [(name, ms) for name, ms in rows if ms > 0.0005]
-    rows += [("policy with exploration", policy), ("resets", resetting(worker, td) / scenes)]
+    rows += [("policy with exploration", policy), ("resets", reset)]
     total = sum(ms for _, ms in rows)
     worker.close()
     return [*rows, ("sum of the parts", total), ("acting, all together", loop)]

@@ -141,8 +141,8 @@ class OccupancyMap:
                 state. It needs a segmentation.
             object_radius: Radius of the object, one number or `[B]` [m]; by default `radius`.
             scenes: `[B]` bool, scenes whose grids are computed; by default all. The others get those of
-                this thread's call before, whatever the other arguments say of them, or are computed if that
-                was of another number of scenes.
+                this thread's call before, whatever the other arguments say of them, or are computed if
+                that was of another number of scenes.
 
         Returns:
             `[B, H, W]` bool, True where blocked, and `[B, H, 8 * ceil(W / 64)]` uint8: the cells before

@@ -110,6 +110,21 @@ def test_a_scene_s_reset_leaves_the_others_alone():
     assert torch.equal(stepped["subgoal_history"][0, 1:], before["subgoal_history"][0, :-1])
 
 
+def test_a_reset_looks_at_the_images_of_the_scenes_that_are_reset_alone():
+    env = make_env(3)
+    grid, before = env.transform[0], env.reset()
+    images = before.select(*grid.in_keys).clone()
+    images["depth"][:] = 0.9  # a wall over all of the table
+    images["segmentation"][:] = int(Label.OBSTACLE)
+    mask = torch.tensor([[False], [True], [False]])
+    after = grid._reset(TensorDict({"_reset": mask}, [3]), images.clone())
+    assert after["occupancy"][1].float().mean() > 0.6
+    for key in ("occupancy", "blocked_bits"):
+        assert torch.equal(after[key][[0, 2]], before[key][[0, 2]]), key
+    every = grid._reset(TensorDict({}, [3]), images)
+    assert torch.equal(every["occupancy"], after["occupancy"][[1, 1, 1]])
+
+
 def test_automatic_resets_begin_new_histories():
     # Pushed sideways, an episode ends after 14 steps or fewer; histories must not cross over.
     env = make_env(2)

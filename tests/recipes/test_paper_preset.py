@@ -3,6 +3,8 @@
 from dataclasses import asdict, fields
 from functools import reduce
 
+import pytest
+
 from modpush.agents import TQCConfig
 from modpush.encoders.vae.model import DepthVAE
 from modpush.envs.scenes.layouts import OBSTACLE_SCENES
@@ -178,3 +180,9 @@ def test_all_in_which_the_cpu_preset_departs_from_the_paper():
         "total_steps": 500_000,
         "greedy_envs": 4,
     }
+
+
+@pytest.mark.parametrize("name", ["refine", "any_object", "refine_any_object", "movable"])
+def test_presets_with_published_figures_keep_their_updates(name: str) -> None:
+    tqc = TRAIN_PRESETS[name].tqc
+    assert (tqc.updates_per_step, tqc.actor_lr, tqc.critic_lr) == (1 / 12, 3e-4, 3e-4)

@@ -32,6 +32,17 @@ def test_scenes_act_in_the_precision_of_the_updates(precision: str) -> None:
     assert torch.get_float32_matmul_precision() == before
 
 
+def test_a_collector_elsewhere_acts_in_a_precision_that_its_processor_has(monkeypatch) -> None:
+    tqc = replace(SMOKE.tqc, precision="bfloat16")
+    found = {}
+    for capability in ("avx512_bf16", "avx2"):
+        monkeypatch.setattr(torch.cpu, "get_capabilities", lambda c=capability: {c: True})
+        worker = SceneWorker(replace(SMOKE, tqc=tqc, collector="ray", async_collection=True))
+        found[capability] = worker._precision
+        worker.close()
+    assert found == {"avx512_bf16": "bfloat16", "avx2": "float32"}
+
+
 @pytest.mark.parametrize("frames", [("path", None), ("object", "base"), ("object", None)])
 def test_the_scripted_pusher_solves_episodes_in_the_agents_own_frame(frames) -> None:
     frame, action_frame = frames
