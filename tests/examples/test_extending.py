@@ -21,7 +21,7 @@ def run(name: str, folder: Path):
 
 
 def test_encoder(tmp_path: Path) -> None:
-    assert run("encoder", tmp_path) == {"latent": 16, "updates": 2}
+    assert run("encoder", tmp_path) == {"latent": 16, "updates": 4}
 
 
 def test_planner(tmp_path: Path) -> None:
@@ -66,7 +66,7 @@ def test_similarity(tmp_path: Path) -> None:
 
 
 def test_loss(tmp_path: Path) -> None:
-    assert run("loss", tmp_path) == 2
+    assert run("loss", tmp_path) == 4
 
 
 def test_every_example_of_a_part_is_tested_and_short() -> None:

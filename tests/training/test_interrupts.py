@@ -54,7 +54,7 @@ def test_an_interrupted_run_continues_from_its_checkpoint(tmp_path):
         assert checkpoints.step(checkpoints.latest()) == steps
     train(folder, resume=True)
     assert pd.read_csv(folder / "evaluations.csv")["step"].tolist() == [96, 192]
-    assert pd.read_csv(folder / "log.csv")["updates"].iloc[-1] == 10
+    assert pd.read_csv(folder / "log.csv")["updates"].iloc[-1] == 16
 
 
 def test_a_resumed_run_keeps_its_precision_on_another_processor(tmp_path, monkeypatch):

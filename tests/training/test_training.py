@@ -112,7 +112,7 @@ def test_a_run_leaves_config_logs_agents_and_checkpoints(unbroken):
     assert stored["tqc"]["hidden_sizes"] == [16]
     log = pd.read_csv(unbroken / "log.csv")
     assert log["step"].iloc[-1] == 192
-    assert log["updates"].iloc[-1] == 10  # (192 - 64) / 12
+    assert log["updates"].iloc[-1] == 16  # (192 - 64) / 8
     assert {"learner/loss_qvalue", "noisy/success", "curriculum/level", "speed/steps"} <= set(log)
     assert log["learner/similarity"].dropna().between(-1, 1).all()
     evaluations = pd.read_csv(unbroken / "evaluations.csv")
@@ -496,7 +496,7 @@ def test_returns_over_several_steps_and_other_samplers(tmp_path, sampler, n_step
     batch = trainer.learner.buffer.sample()
     if n_steps == 3:
         assert batch["steps_to_next_obs"].max() == 3
-    assert trainer.learner.updates == 2
+    assert trainer.learner.updates == 4
 
 
 @pytest.mark.parametrize("n_steps", [1, 3])
