@@ -103,12 +103,12 @@ class HeldOutEpisodes:
         it was.
         """
         self._progress.ended.value = 0
-        if self._env is None:
-            few = min(self._config.env.num_envs, _ENVS)  # each takes memory
-            env_config = replace(self._config.env, recovery=False, num_envs=few)
-            self._env = self._make_env(env_config, **self._parts)
         chosen = range(len(self._scenarios)) if numbers is None else numbers
         with torch.random.fork_rng(devices=[]):
+            if self._env is None:
+                few = min(self._config.env.num_envs, _ENVS)  # each takes memory
+                env_config = replace(self._config.env, recovery=False, num_envs=few)
+                self._env = self._make_env(env_config, **self._parts)
             episodes = run_episodes(
                 self._env,
                 policy,
