@@ -94,7 +94,7 @@ class Sb3Update:
 
     def __init__(self, agent: TQCAgent, observation_dim: int) -> None:
         config = agent.config
-        self.agent, self.gamma, self.batch_size = agent, config.gamma, config.batch_size
+        self.agent, self.gamma = agent, config.gamma
         self.model = TQC(
             "MlpPolicy",
             _spaces(observation_dim, agent.actor.spec["action"].shape[-1]),
