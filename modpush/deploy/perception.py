@@ -41,7 +41,7 @@ class Perceived(NamedTuple):
 
 
 class Sees(Protocol):
-    """What a controller needs of perception; `Perception` has it."""
+    """The part of perception that a controller needs; `Perception` has it."""
 
     item: PushedObject
     robot: Robot

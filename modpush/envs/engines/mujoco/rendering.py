@@ -181,7 +181,7 @@ def _cast(
     start: NDArray[np.float64],
     rays: NDArray[np.float64],
 ) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
-    """What rays from one point meet first: geoms (-1: none), distance [m] and surface's normal."""
+    """First hits of rays from one point: geoms (-1: none), distance [m] and surface's normal."""
     n, farthest = len(rays), _FARTHEST
     geoms, distance, normals = np.empty(n, np.int32), np.empty(n), np.zeros(3 * n)
     mujoco.mj_multiRay(
