@@ -33,7 +33,7 @@ from tensordict import TensorDict
 from torchrl.envs import Compose, ExplorationType, set_exploration_type
 from torchrl.envs.utils import step_mdp
 
-from modpush._precision import matrix_products
+from modpush._precision import networks_in
 from modpush._processes import torch_threads
 from modpush.agents import make_tqc
 from modpush.recipes import load_agent, make_push_env
@@ -117,7 +117,7 @@ def acting(config: TrainConfig) -> list[tuple[str, float]]:
     # The parts, on the very states that the loop is in.
     env, td = worker.env, worker._td
     assert td is not None
-    with matrix_products(worker._precision):
+    with networks_in(worker._precision):
         policy = median_ms(lambda: worker._act(td.clone(False))) / scenes
         with timed(env) as spent:
             for _ in range(100):

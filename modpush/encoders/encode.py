@@ -10,7 +10,7 @@ from torch import nn
 from torchrl.data import TensorSpec
 
 from modpush._checks import check_spec_has, read_key
-from modpush._precision import image_precision
+from modpush._precision import autocast
 from modpush._state import weights_hash
 from modpush._transforms import StatelessTransform, add_unbounded, write_scenes_reset
 from modpush._validation import checked_arguments
@@ -73,7 +73,7 @@ class Encode(StatelessTransform):
         # In eval mode, since a latent must not depend on the other scenes of the batch.
         with (
             evaluating(self.encoder),
-            image_precision(batch.device),
+            autocast(batch.device),
             torch.set_grad_enabled(self.grad and torch.is_grad_enabled()),
         ):
             latent = self.encoder(batch).to(batch.dtype)

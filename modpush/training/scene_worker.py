@@ -11,7 +11,7 @@ from tensordict import NestedKey, TensorDict, TensorDictBase
 from torchrl.data import Bounded, Composite
 from torchrl.envs import EnvBase, ExplorationType, set_exploration_type
 
-from modpush._precision import matrix_products, processor_precision
+from modpush._precision import networks_in, processor_precision
 from modpush.agents.scripted import ScriptedPusher
 from modpush.agents.tqc.build import make_tqc
 from modpush.mdp.action_frame import ActionFrame
@@ -193,7 +193,7 @@ class SceneWorker:
             self.load_policy(weights)
         td, rows, episodes = self._td, [], []
         hindsight: dict[NestedKey, NDArray] = {}
-        with matrix_products(self._precision):
+        with networks_in(self._precision):
             for _ in range(steps):
                 td = self._first_action(td) if random else self._act(td)
                 scenarios = self._simulator.scenarios if self._hindsight is not None else []

@@ -8,7 +8,7 @@ from torchrl.data import LazyTensorStorage, ReplayBuffer
 from torchrl.envs import Compose, TransformedEnv, check_env_specs
 from torchrl.envs.transforms import RenameTransform
 
-from modpush._precision import matrix_products
+from modpush._precision import networks_in
 from modpush.encoders import (
     ConvEncoder,
     DepthVAE,
@@ -60,7 +60,7 @@ def test_latents_of_encoders_in_bfloat16_are_float32_and_close(make_encoder):
     window = torch.zeros(6, 1, 64, 64)
     window[:, :, 20:30, 10:40] = torch.rand(6, 1, 1, 1)
     exact = encoder(TensorDict(window=window))["latent"]
-    with matrix_products("bfloat16"):
+    with networks_in("bfloat16"):
         rounded = encoder(TensorDict(window=window))["latent"]
     again = encoder(TensorDict(window=window))["latent"]
     assert seen == [torch.float32, torch.bfloat16, torch.float32]

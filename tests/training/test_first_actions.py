@@ -22,14 +22,15 @@ def worker_of(config: TrainConfig) -> SceneWorker:
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
 def test_scenes_act_in_the_precision_of_the_updates(precision: str) -> None:
     worker = worker_of(replace(SMOKE, tqc=replace(SMOKE.tqc, precision=precision)))
-    before, inside = torch.get_float32_matmul_precision(), []
-    worker.actor.register_forward_pre_hook(
-        lambda *_: inside.append(torch.get_float32_matmul_precision())
-    )
+    seen, actions = [], []
+    for layer in worker.actor.modules():
+        if isinstance(layer, torch.nn.Linear):
+            layer.register_forward_hook(lambda _, __, output: seen.append(output.dtype))
+    worker.actor.register_forward_hook(lambda _, __, output: actions.append(output["action"].dtype))
     worker.collect(2, weights_of(worker.actor))
     worker.close()
-    assert set(inside) == {"medium" if precision == "bfloat16" else before}
-    assert torch.get_float32_matmul_precision() == before
+    assert {*seen} == {getattr(torch, precision)}
+    assert {*actions} == {torch.float32}
 
 
 def test_a_collector_elsewhere_acts_in_a_precision_that_its_processor_has(monkeypatch) -> None:

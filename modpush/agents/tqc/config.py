@@ -93,9 +93,9 @@ class TQCConfig:
     `TQCUpdate`."""
 
     precision: Precision | Literal["auto"] = "float32"
-    """Precision of the matrix products on the CPU, of updates and of the scenes that act in a run:
-    "float32"; "bfloat16", whose factors are rounded to bfloat16 and summed in float32; or "auto", the one
-    that is faster on this processor."""
+    """Precision of the networks on the CPU, in updates and in the scenes that act in a run: "float32";
+    "bfloat16", for their layers alone, with sums in float32; or "auto", the one that is faster on this
+    processor."""
 
     def __post_init__(self) -> None:
         """Check what depends on several fields."""

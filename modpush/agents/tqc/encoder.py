@@ -14,7 +14,7 @@ from tensordict.utils import NestedKey, unravel_key
 from torch import Tensor, nn
 
 from modpush._checks import check_instance, read_key
-from modpush._precision import image_precision
+from modpush._precision import autocast
 from modpush.agents.tqc.loss import TQCLoss
 from modpush.parts import find_part
 
@@ -45,7 +45,7 @@ def encode_images(encoder: nn.Module, images: Tensor) -> Tensor:
         raise TypeError(
             f"encode_images: images must be uint8 or floating point, got {images.dtype}."
         )
-    with image_precision(images.device):
+    with autocast(images.device):
         latent = encoder(images.reshape(-1, *images.shape[-3:])).to(images.dtype)
     return latent.reshape(*images.shape[:-3], latent.shape[-1])
 

@@ -8,6 +8,8 @@ from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torchrl.modules import MLP, ValueOperator
 
+from modpush._precision import autocast
+
 _ELEMENTWISE = (
     nn.CELU,
     nn.ELU,
@@ -36,7 +38,9 @@ class AnyFloatMLP(MLP):
                 f"AnyFloatMLP: expected {self[0].in_features} input values, got {width}. An agent "
                 "needs the observation of its own environment, Agent.make_env."
             )
-        return super().forward(*(x.to(self[0].weight.dtype) for x in inputs))
+        weight = self[0].weight
+        with autocast(weight.device):
+            return super().forward(*(x.to(weight.dtype) for x in inputs)).to(weight.dtype)
 
 
 class NotBatchableError(ValueError):
@@ -80,12 +84,12 @@ class BatchedEnsemble:
         """
         tensors = [[params.get(path) for path in paths] for _, paths in self._layers]
         weight = next(layer[0] for layer in tensors if layer)
-        # Features before rows, `[N, d, P]`: the weights' gradients then come out in the weights' layout.
-        flat = torch.cat([x.reshape(-1, x.shape[-1]) for x in inputs], -1).to(weight.dtype).mT
+        flat = torch.cat([x.reshape(-1, x.shape[-1]) for x in inputs], -1).to(weight.dtype)
         x = flat.expand(len(weight), *flat.shape)
-        for (layer, _), parameters in zip(self._layers, tensors, strict=True):
-            x = _apply(layer, x, *parameters)
-        return x.mT.reshape(len(weight), *inputs[0].shape[:-1], self.num_atoms)
+        with autocast(weight.device):
+            for (layer, _), parameters in zip(self._layers, tensors, strict=True):
+                x = _apply(layer, x, *parameters)
+        return x.to(weight.dtype).reshape(len(weight), *inputs[0].shape[:-1], self.num_atoms)
 
 
 def _layers(part: nn.Module, path: _Path) -> Iterator[tuple[nn.Module, list[_Path]]]:
@@ -104,14 +108,15 @@ def _layers(part: nn.Module, path: _Path) -> Iterator[tuple[nn.Module, list[_Pat
 def _apply(
     layer: nn.Module, x: Tensor, weight: Tensor | None = None, bias: Tensor | None = None
 ) -> Tensor:
-    """One layer of all critics, `[N, d, P]` to `[N, e, P]`."""
-    if weight is None:
-        if isinstance(layer, nn.LayerNorm):
-            return nn.functional.layer_norm(x.mT, layer.normalized_shape, eps=layer.eps).mT
-        return layer(x)
+    """One layer of all critics, `[N, P, d]` to `[N, P, e]`."""
     if isinstance(layer, nn.LayerNorm):
-        x = _apply(layer, x) * weight.unsqueeze(-1)
-        return x if bias is None else x + bias.unsqueeze(-1)
+        x = nn.functional.layer_norm(x, layer.normalized_shape, eps=layer.eps)
+        if weight is None:
+            return x
+        weight = weight.unsqueeze(1)
+        return x * weight if bias is None else torch.addcmul(bias.unsqueeze(1), x, weight)
+    if weight is None:
+        return layer(x)
     if bias is None:
-        return torch.bmm(weight, x)
-    return torch.baddbmm(bias.unsqueeze(-1), weight, x)
+        return torch.bmm(x, weight.mT)
+    return torch.baddbmm(bias.unsqueeze(1), x, weight.mT)

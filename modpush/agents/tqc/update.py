@@ -9,7 +9,7 @@ from tensordict.nn import CudaGraphModule
 from torchrl.objectives import LossModule
 from torchrl.objectives.utils import TargetNetUpdater
 
-from modpush._precision import Precision, matrix_products
+from modpush._precision import Precision, networks_in
 from modpush._validation import checked_arguments
 
 Execution = Literal["eager", "compile", "cudagraph"]
@@ -29,10 +29,10 @@ class TQCUpdate:
         execution: `"eager"`; `"compile"` with `torch.compile`; `"cudagraph"` (experimental), compiled and
             recorded as one CUDA graph: batches must keep their shape, and a batch's tensors are
             copied into the graph's own.
-        precision: Of matrix products on the CPU. With `"bfloat16"`, the factors of each product are
-            rounded to bfloat16 and summed in float32; weights, gradients, optimizer, targets and losses
-            are float32 with both. An encoder of images computes under `torch.autocast`. Only processors
-            with AMX or AVX512-BF16 gain by it. On other devices it has no effect.
+        precision: Of the library's networks on the CPU. With `"bfloat16"` their layers compute under
+            `torch.autocast`, and sums within a product are float32; weights, their gradients,
+            optimizer, targets and losses are float32 with both. Only processors with AMX or
+            AVX512-BF16 gain by it. It has no effect on other devices.
 
     Raises:
         ValueError: If the execution or the precision is unknown, or the execution is `"cudagraph"`
@@ -58,7 +58,6 @@ class TQCUpdate:
         self.optimizer = optimizer
         self.target_updater = target_updater
         self.precision = precision
-        self._products: Precision = precision if device.type == "cpu" else "float32"
         self._step: Callable[[TensorDictBase], TensorDict] = self.step
         if execution != "eager":
             self._step = torch.compile(self.step)
@@ -79,7 +78,7 @@ class TQCUpdate:
         Raises:
             KeyError: If the loss returns nothing that is named `loss_*`.
         """
-        with matrix_products(self._products):
+        with networks_in(self.precision):
             return self._step(batch)
 
     def step(self, batch: TensorDictBase) -> TensorDict:
