@@ -24,6 +24,10 @@ _FRICTION = 0.5  # between object and table; the usual value, which is not measu
 _GRAVITY = 9.81  # [m/s^2]
 _AHEAD = 6.0  # time for which the way of a moving obstacle is looked ahead [s]
 _SLACK = 0.5  # time after which the object can still be pushed out of its way [s]
+_STAYS = 0.01  # motion of the object up to which it is still in its place [m]
+_BESIDE = 0.01  # gap between object and tool up to which the tool is beside it [m]
+_PATIENCE = 1.0  # time with the tool beside an object that stays, after which less distance is kept [s]
+_RELEASE = 2.0  # time after which none is kept any more, after that [s]
 
 
 class ContactFilter(DescribedTransform):
@@ -36,6 +40,10 @@ class ContactFilter(DescribedTransform):
     than `edge` to where an episode ends, the nearest of 175 other actions takes its place, where
     violations are added to its distance as a cost. An action without such a prediction is only clipped
     to [-1, 1].
+
+    A policy that is kept from the only push that it knows would wait for ever. So where the tool has been
+    beside an object for 1 s that has not moved by more than 1 cm, the object's distance from obstacles is
+    kept less and less, and after 3 s only what is predicted to touch is refused.
 
     An obstacle that moves, the one of `obstacle_motion_key` with what touches it on the map, counts where
     it is and where it will be. It is taken to move straight on at its speed, and to turn round once, at
@@ -68,6 +76,8 @@ class ContactFilter(DescribedTransform):
             [m, m/s].
         previous_key: Written in each step, and read where it is there, `[..., 3]`: the object's pose
             before the step (x, y, yaw) [m, rad]. Without it the object is taken to stand still.
+        stalled_key: Written in each step, and read where it is there, `[..., 3]` float32: the place where
+            the object stays (x, y) [m], and the number of steps there with the tool beside it.
 
     Raises:
         ValueError: If a number is out of its range.
@@ -94,10 +104,11 @@ class ContactFilter(DescribedTransform):
         object_support_key: NestedKey = "object_support",
         obstacle_motion_key: NestedKey = "obstacle_motion",
         previous_key: NestedKey = "previous_object_pose",
+        stalled_key: NestedKey = "stalled",
     ) -> None:
         super().__init__(
             in_keys=[object_pose_key],
-            out_keys=[previous_key],
+            out_keys=[previous_key, stalled_key],
             in_keys_inv=[action_key],
             out_keys_inv=[action_key],
         )
@@ -112,7 +123,7 @@ class ContactFilter(DescribedTransform):
         self.action_key, self.blocked_key = action_key, blocked_key
         self.object_pose_key, self.ee_pose_key = object_pose_key, ee_pose_key
         self.object_support_key, self.obstacle_motion_key = object_support_key, obstacle_motion_key
-        self.previous_key = previous_key
+        self.previous_key, self.stalled_key = previous_key, stalled_key
         self._seen: dict[int, tuple[NDArray[np.uint8], NDArray[np.float32]]] = {}
 
     def describe(self) -> dict[str, Any]:
@@ -125,16 +136,32 @@ class ContactFilter(DescribedTransform):
     ) -> TensorDictBase:
         # TorchRL puts back the old values of scenes that are not being reset.
         pose = read_key(tensordict_reset, self.object_pose_key, 3)
+        tensordict_reset.set(self.stalled_key, _at_rest(pose[..., :2]))
         return tensordict_reset.set(self.previous_key, pose.clone())
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
         pose = read_key(tensordict, self.object_pose_key, 3)
+        next_tensordict.set(self.stalled_key, self._stalled(tensordict, next_tensordict))
         return next_tensordict.set(self.previous_key, pose.clone())
+
+    def _stalled(
+        self, tensordict: TensorDictBase, next_tensordict: TensorDictBase
+    ) -> torch.Tensor:
+        """Place where the object stays, and the number of steps with the tool beside it, `[..., 3]`."""
+        place, steps = read_key(tensordict, self.stalled_key, 3).split([2, 1], -1)
+        here = read_key(next_tensordict, self.object_pose_key, 3)[..., :2]
+        tip = read_key(next_tensordict, self.ee_pose_key, 3)[..., :2]
+        reach = read_key(next_tensordict, self.object_support_key).amax(-1, keepdim=True)
+        reach = reach + math.hypot(*self._tool) + _BESIDE
+        stays = (here - place).norm(dim=-1, keepdim=True) <= _STAYS
+        steps = steps + ((here - tip).norm(dim=-1, keepdim=True) <= reach)
+        return torch.where(stays, torch.cat([place, steps], -1), _at_rest(here))
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Add the previous pose."""
         check_spec_has(observation_spec, self.in_keys)
         add_unbounded(observation_spec, self.previous_key, 3)
+        add_unbounded(observation_spec, self.stalled_key, 3)
         return observation_spec
 
     def _inv_call(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -168,6 +195,9 @@ class ContactFilter(DescribedTransform):
         before = tensordict.get(self.previous_key, None)
         steps = poses - (poses if before is None else _rows(before))
         steps[:, 2] = np.remainder(steps[:, 2] + np.pi, 2 * np.pi) - np.pi
+        stalled = tensordict.get(self.stalled_key, None)
+        waited = np.zeros(len(poses)) if stalled is None else _rows(stalled)[:, 2] * self._step_time
+        caution = 1.0 - np.clip((waited - _PATIENCE) / _RELEASE, 0.0, 1.0)
         # Friction turns a disc with the same pressure everywhere as if at two thirds of its radius.
         levers = supports.max(-1) * 2 / 3
         around, grid = directions(supports.shape[-1]), self._grid()
@@ -194,6 +224,7 @@ class ContactFilter(DescribedTransform):
                 motion=self._motion,
                 slowing=_FRICTION * _GRAVITY * self._step_time**2,
                 clearance=self.clearance,
+                caution=float(caution[i]),
             )
             for i in range(len(poses))
         ]
@@ -231,6 +262,11 @@ class ContactFilter(DescribedTransform):
         free = np.ascontiguousarray(1 - blocked)
         away = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         return (away * self.camera.cell_size).astype(np.float32)
+
+
+def _at_rest(place: torch.Tensor) -> torch.Tensor:
+    """A place `[..., 2]`, and no steps there, `[..., 3]`."""
+    return torch.cat([place, torch.zeros_like(place[..., :1])], -1)
 
 
 def _rows(values: torch.Tensor) -> NDArray[np.float64]:

@@ -66,6 +66,8 @@ class PushedScene(NamedTuple):
     """Speed that friction takes from the object in a step [m per step]."""
     clearance: float
     """Smallest distance from obstacles [m]."""
+    caution: float
+    """Share that is kept of the object's distance from them, in [0, 1]."""
 
 
 def directions(count: int) -> NDArray[np.float64]:
