@@ -33,9 +33,6 @@ Presets:
                      each episode.
   pose_obstacles     Goals with orientation past one or two obstacles that stand or move, for the same
                      box.
-  refine_pose_obstacles
-                     Further training of a run of `pose_obstacles`, with an obstacle in the way and
-                     higher weights for collisions.
   smoke              A run of a few seconds that does everything once and learns nothing.
 
 The defaults of the options that begin with `--train.` are the preset's; those of `cpu` stand in

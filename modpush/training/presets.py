@@ -193,10 +193,6 @@ def _pose_any_object() -> TrainConfig:
     )
 
 
-_PAST_OBSTACLES = (0.35, 0.6)
-"""Distances to the goal with room for an obstacle in the straight way [m]."""
-
-
 def _pose_obstacles() -> TrainConfig:
     """Goal poses past one or two obstacles that stand or move, and in free space, from the beginning."""
     pose = _pose()
@@ -217,27 +213,6 @@ def _pose_obstacles() -> TrainConfig:
         total_steps=300_000,
         evaluate_every=50_000,
         evaluation_episodes=96,
-    )
-
-
-def _refine_pose_obstacles() -> TrainConfig:
-    """Further training of a run of `pose_obstacles`, with an obstacle in the way and dearer contacts."""
-    first = _pose_obstacles()
-    weights = {**first.env.reward.weights, "object_collision": 10.0, "tool_collision": 10.0}
-    return replace(
-        first,
-        env=first.env.with_fields(
-            # The two in which most episodes fail come twice as often.
-            scene=("free", *SHAPE_SCENES, "two_rectangles", "moving_bar"),
-            obstacle_between=True,
-            distance=_PAST_OBSTACLES,
-            reward=replace(first.env.reward, weights=weights),
-        ),
-        curriculum=CurriculumConfig(promotion="off", final_distance=_PAST_OBSTACLES),
-        tqc=replace(first.tqc, learning_starts=25_000),
-        init_from="runs/train_pose_obstacles",
-        total_steps=500_000,
-        evaluation_episodes=100,
     )
 
 
@@ -279,7 +254,6 @@ TRAIN_PRESETS: dict[str, TrainConfig] = {
     "pose": _pose(),
     "pose_any_object": _pose_any_object(),
     "pose_obstacles": _pose_obstacles(),
-    "refine_pose_obstacles": _refine_pose_obstacles(),
     "smoke": _smoke(),
 }
 """Configuration of each preset by name; `modpush train --help` says what each is for."""

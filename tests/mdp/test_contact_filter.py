@@ -79,6 +79,37 @@ def test_the_object_is_not_pushed_against_an_obstacle() -> None:
     assert float(action[1]) < 0.5
 
 
+def test_a_push_that_was_refused_for_long_is_allowed_unless_something_would_touch() -> None:
+    """A box is pushed along an obstacle, 4 mm beside it, or against it."""
+    bits = blocked((0.5, 0.025 + 0.004 + 0.025))
+    along, against = (0.5 - 0.088, 0.0, 0.0), (0.5, -0.036, 0.0)
+    for steps, is_allowed in [(0.0, False), (15.0, False), (45.0, True)]:
+        stalled = [0.5, 0.0, steps]
+        action = filtered([1.0, 0.0, 0.0], along, (0.5, 0.0, 0.0), bits=bits, stalled=stalled)
+        assert (action.tolist() == [1.0, 0.0, 0.0]) == is_allowed
+        action = filtered([0.0, 1.0, 0.0], against, (0.5, 0.0, 0.0), bits=bits, stalled=stalled)
+        assert float(action[1]) < 0.5
+
+
+def test_steps_count_with_the_tool_beside_an_object_that_stays() -> None:
+    contact_filter = ContactFilter(TIP, WORKSPACE.bounds())
+    place, beside, away = (0.5, 0.0, 0.0), (0.5, -0.04, 0.0), (0.5, -0.2, 0.0)
+    state, counts = contact_filter._reset(None, scene([0.0] * 3, beside, place)), []
+    ways = [
+        (place, beside),
+        (place, away),
+        (place, beside),
+        ((0.508, 0.0, 0.0), beside),  # it has not moved by more than 1 cm
+        ((0.516, 0.0, 0.0), beside),
+        ((0.516, 0.0, 0.0), beside),
+    ]
+    for thing, tip in ways:
+        state = contact_filter._step(state, scene([0.0] * 3, tip, thing))
+        counts.append(float(state["stalled"][0, 2]))
+    assert counts == [1.0, 1.0, 2.0, 3.0, 0.0, 1.0]
+    assert state["stalled"][0, :2].tolist() == pytest.approx([0.516, 0.0])
+
+
 def test_the_object_is_not_pushed_over_the_edge_but_back() -> None:
     x = 0.75 + 0.05 - 0.02  # where an episode ends, less 2 cm
     over = filtered([1.0, 0.0, 0.0], (x - 0.036, 0.0, math.pi / 2), (x, 0.0, math.pi / 2))

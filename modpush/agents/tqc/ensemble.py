@@ -113,8 +113,8 @@ def _apply(
         x = nn.functional.layer_norm(x, layer.normalized_shape, eps=layer.eps)
         if weight is None:
             return x
-        weight = weight.unsqueeze(1)
-        return x * weight if bias is None else torch.addcmul(bias.unsqueeze(1), x, weight)
+        weight = weight.to(x.dtype).unsqueeze(1)
+        return x * weight if bias is None else torch.addcmul(bias.to(x.dtype).unsqueeze(1), x, weight)
     if weight is None:
         return layer(x)
     if bias is None:
