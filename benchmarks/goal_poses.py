@@ -44,9 +44,18 @@ _TUNING = range(2000, 2100)
 
 
 def chosen_set(scene: str, degrees: float, episodes: int, tuning: bool) -> EvaluationSet:
-    """The first episodes of a scene's set, or its tuning episodes, at a tolerance of the yaw."""
+    """The first episodes of a scene's set, or its tuning episodes, at a tolerance of the yaw.
+
+    More than the set holds are drawn as its own are.
+    """
     name = f"pose/{scene}/box"
-    found = generate_set(name, _TUNING) if tuning else load_set(name).first(episodes)
+    found = load_set(name)
+    if tuning:
+        found = generate_set(name, _TUNING)
+    elif episodes > len(found):
+        found = generate_set(name, range(episodes))
+    else:
+        found = found.first(episodes)
     conditions = replace(found.conditions, yaw_tolerance=math.radians(degrees))
     return replace(found, name=f"{name}/{degrees:g}deg", conditions=conditions)
 
