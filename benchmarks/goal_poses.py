@@ -52,6 +52,10 @@ def chosen_set(scene: str, degrees: float, episodes: int, tuning: bool) -> Evalu
     found = load_set(name)
     if tuning:
         found = generate_set(name, _TUNING)
+    elif episodes > _TUNING.start:
+        raise ValueError(
+            f"goal_poses: episodes must be <= {_TUNING.start}, where tuning begins, got {episodes}."
+        )
     elif episodes > len(found):
         found = generate_set(name, range(episodes))
     else:

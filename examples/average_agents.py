@@ -1,12 +1,12 @@
 """One agent whose weights are the mean of several: of a run's checkpoints, or of agents' files.
 
-    python examples/average_agents.py runs/B --steps 250112 300032 350080 400000 --out pose.safetensors
+    python examples/average_agents.py runs/pose_obstacles --steps 275072 300032 --out mean.safetensors
     python examples/average_agents.py a.safetensors b.safetensors --out mean.safetensors
     python examples/average_agents.py a.safetensors --set planner_margin 0.0 --out changed.safetensors
 
-Late policies of one run lie near each other, and their mean is often better than each of them
-(docs/results/poses.md). A run keeps its two newest checkpoints unless `--train.keep-checkpoints` says
-otherwise. `--set` changes fields of the agent's config, such as those of its planner.
+Late policies of one run lie near each other, and their mean may be better than each of them. A run keeps
+its two newest checkpoints unless `--train.keep-checkpoints` says otherwise. `--set` changes fields of the
+agent's config, such as those of its planner.
 """
 
 import argparse

@@ -2,13 +2,12 @@
 
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from contextvars import ContextVar
 from typing import Literal
 
 import torch
 
 Precision = Literal["float32", "bfloat16"]
-_reduced = ContextVar("bfloat16", default=False)
+_reduced = False  # a plain value, which `torch.compile` can follow
 
 
 def processor_precision() -> Precision:
@@ -20,12 +19,16 @@ def processor_precision() -> Precision:
 
 @contextmanager
 def networks_in(precision: Precision) -> Iterator[None]:
-    """Context in which the library's networks compute in a precision on the CPU, see `autocast`."""
-    token = _reduced.set(precision == "bfloat16")
+    """Context in which the library's networks compute in a precision on the CPU, see `autocast`.
+
+    It holds for all threads of the process.
+    """
+    global _reduced
+    before, _reduced = _reduced, precision == "bfloat16"
     try:
         yield
     finally:
-        _reduced.reset(token)
+        _reduced = before
 
 
 def autocast(device: torch.device) -> AbstractContextManager[None]:
@@ -33,6 +36,6 @@ def autocast(device: torch.device) -> AbstractContextManager[None]:
 
     Losses, geometry and all that is not a network stay as they are. Nothing changes on other devices.
     """
-    if device.type == "cpu" and _reduced.get():
+    if device.type == "cpu" and _reduced:
         return torch.autocast("cpu", torch.bfloat16)
     return nullcontext()

@@ -25,9 +25,13 @@ _GRAVITY = 9.81  # [m/s^2]
 _AHEAD = 6.0  # time for which the way of a moving obstacle is looked ahead [s]
 _SLACK = 0.5  # time after which the object can still be pushed out of its way [s]
 _STAYS = 0.01  # motion of the object up to which it is still in its place [m]
-_BESIDE = 0.01  # gap between object and tool up to which the tool is beside it [m]
-_PATIENCE = 1.0  # time with the tool beside an object that stays, after which less distance is kept [s]
-_RELEASE = 2.0  # time after which none is kept any more, after that [s]
+_BESIDE = (
+    0.01  # gap between the circles around object and tool up to which they are side by side [m]
+)
+_PATIENCE = (
+    1.0  # time with the tool beside an object that stays, after which less distance is kept [s]
+)
+_RELEASE = 2.0  # further time in which the distance that is kept falls to none [s]
 
 
 class ContactFilter(DescribedTransform):
@@ -41,9 +45,11 @@ class ContactFilter(DescribedTransform):
     violations are added to its distance as a cost. An action without such a prediction is only clipped
     to [-1, 1].
 
-    A policy that is kept from the only push that it knows would wait for ever. So where the tool has been
-    beside an object for 1 s that has not moved by more than 1 cm, the object's distance from obstacles is
-    kept less and less, and after 3 s only what is predicted to touch is refused.
+    A policy that is kept from the only push that it knows would wait for ever. So the steps are counted
+    in which the tool is beside the object, the circles around both within 1 cm, while the object stays
+    within 1 cm. After 1 s altogether the object's distance from obstacles falls, and after 3 s it is only
+    kept from touching them. The tool's distance, the edge, and the ways out of a moving obstacle's way
+    stay as they are.
 
     An obstacle that moves, the one of `obstacle_motion_key` with what touches it on the map, counts where
     it is and where it will be. It is taken to move straight on at its speed, and to turn round once, at
@@ -77,7 +83,8 @@ class ContactFilter(DescribedTransform):
         previous_key: Written in each step, and read where it is there, `[..., 3]`: the object's pose
             before the step (x, y, yaw) [m, rad]. Without it the object is taken to stand still.
         stalled_key: Written in each step, and read where it is there, `[..., 3]` float32: the place where
-            the object stays (x, y) [m], and the number of steps there with the tool beside it.
+            the object stays (x, y) [m], and the number of steps there with the tool beside it. Without it
+            they are counted from this step on.
 
     Raises:
         ValueError: If a number is out of its range.
@@ -144,11 +151,12 @@ class ContactFilter(DescribedTransform):
         next_tensordict.set(self.stalled_key, self._stalled(tensordict, next_tensordict))
         return next_tensordict.set(self.previous_key, pose.clone())
 
-    def _stalled(
-        self, tensordict: TensorDictBase, next_tensordict: TensorDictBase
-    ) -> torch.Tensor:
+    def _stalled(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> torch.Tensor:
         """Place where the object stays, and the number of steps with the tool beside it, `[..., 3]`."""
-        place, steps = read_key(tensordict, self.stalled_key, 3).split([2, 1], -1)
+        before = tensordict.get(self.stalled_key, None)
+        if before is None:
+            before = _at_rest(read_key(tensordict, self.object_pose_key, 3)[..., :2])
+        place, steps = before.split([2, 1], -1)
         here = read_key(next_tensordict, self.object_pose_key, 3)[..., :2]
         tip = read_key(next_tensordict, self.ee_pose_key, 3)[..., :2]
         reach = read_key(next_tensordict, self.object_support_key).amax(-1, keepdim=True)
@@ -158,7 +166,7 @@ class ContactFilter(DescribedTransform):
         return torch.where(stays, torch.cat([place, steps], -1), _at_rest(here))
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
-        """Add the previous pose."""
+        """Add the previous pose, and where the object stays."""
         check_spec_has(observation_spec, self.in_keys)
         add_unbounded(observation_spec, self.previous_key, 3)
         add_unbounded(observation_spec, self.stalled_key, 3)

@@ -114,7 +114,9 @@ def _apply(
         if weight is None:
             return x
         weight = weight.to(x.dtype).unsqueeze(1)
-        return x * weight if bias is None else torch.addcmul(bias.to(x.dtype).unsqueeze(1), x, weight)
+        return (
+            x * weight if bias is None else torch.addcmul(bias.to(x.dtype).unsqueeze(1), x, weight)
+        )
     if weight is None:
         return layer(x)
     if bias is None:

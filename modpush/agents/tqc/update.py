@@ -31,8 +31,8 @@ class TQCUpdate:
             copied into the graph's own.
         precision: Of the library's networks on the CPU. With `"bfloat16"` their layers compute under
             `torch.autocast`, and sums within a product are float32; weights, their gradients,
-            optimizer, targets and losses are float32 with both. Only processors with AMX or
-            AVX512-BF16 gain by it. It has no effect on other devices.
+            optimizer, targets and losses are float32 with both, as are actors of your own. Only
+            processors with AMX or AVX512-BF16 gain by it. It has no effect on other devices.
 
     Raises:
         ValueError: If the execution or the precision is unknown, or the execution is `"cudagraph"`

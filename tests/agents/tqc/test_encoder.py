@@ -162,7 +162,7 @@ def test_an_encoder_object_stands_in_for_the_config_s():
     assert encoder_of(agent) is encoder
 
 
-def test_the_encoder_trains_in_bfloat16_with_the_products():
+def test_the_encoder_trains_in_bfloat16_with_the_other_networks():
     found = {}
     for precision in ("float32", "bfloat16"):
         agent = make_agent(replace(CONFIG, precision=precision))

@@ -4,10 +4,14 @@ import warnings
 
 import pytest
 import torch
+from tensordict import TensorDict
 from torchrl.envs import GymEnv
 from torchrl.objectives import SoftUpdate
 
+from modpush._precision import networks_in
 from modpush.agents import TQCConfig, TQCLoss, TQCUpdate, make_tqc
+from modpush.agents.tqc.ensemble import BatchedEnsemble
+from modpush.agents.tqc.networks import make_critic
 from tests.agents.tqc.tqc_builders import make_batch, make_loss, make_pendulum_batch
 
 
@@ -48,7 +52,7 @@ def test_an_update_in_bfloat16_is_close_to_one_in_float32():
         torch.testing.assert_close(
             losses["bfloat16"][key], losses["float32"][key], rtol=0.02, atol=0.01
         )
-    # bfloat16 has 8 digits, so that what was rounded is further apart than other orders of a sum are.
+    # bfloat16 has 8 binary digits: rounding does more than another order of a sum.
     step = (weights["bfloat16"] - weights["float32"]).abs().max()
     assert step > 1e-5
 
@@ -70,6 +74,38 @@ def test_bfloat16_stays_inside_of_the_networks():
     layers.clear()
     agent.actor(batch)
     assert {*layers} == {torch.float32}
+
+
+@pytest.mark.parametrize("layer_norm", [False, True])
+def test_critics_in_bfloat16_are_close_and_those_of_doubles_stay(layer_norm, monkeypatch):
+    products, product = [], torch.baddbmm
+
+    def note(*args):
+        products.append(product(*args))
+        return products[-1]
+
+    monkeypatch.setattr(torch, "baddbmm", note)
+    found = {}
+    for dtype in (torch.float32, torch.float64):
+        critic = make_critic(6, 2, 7, (16, 12), layer_norm=layer_norm).to(dtype)
+        ensemble = BatchedEnsemble(critic)
+        torch.manual_seed(0)
+        params = TensorDict.from_module(critic).apply(
+            lambda p: torch.randn(3, *p.shape, dtype=p.dtype), batch_size=[3]
+        )
+        inputs = [torch.randn(5, 6, dtype=dtype), torch.randn(5, 2, dtype=dtype)]
+        exact = ensemble(inputs, params)
+        products.clear()
+        with networks_in("bfloat16"):
+            found[dtype] = ensemble(inputs, params)
+        assert found[dtype].dtype == dtype
+        assert {value.dtype for value in products} == {
+            torch.bfloat16 if dtype == torch.float32 else torch.float64
+        }
+        if dtype == torch.float64:
+            assert torch.equal(found[dtype], exact)
+        else:
+            torch.testing.assert_close(found[dtype], exact, rtol=0.05, atol=0.5)
 
 
 def test_auto_is_the_precision_that_the_processor_has_instructions_for(monkeypatch):
