@@ -23,6 +23,7 @@ from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 
 import modpush
+from modpush._precision import networks_in
 from modpush._processes import ray_session
 from modpush.agents import ScriptedPusher
 from modpush.envs import PushEnv
@@ -289,7 +290,8 @@ def test_what_the_actors_act_with_is_what_was_learned(trained: Noting) -> None:
     shape = (config.rollout_length, config.env.num_envs, -1)
     observation = torch.from_numpy(last.transitions["observation"]).reshape(shape)[:, greedy]
     action = torch.from_numpy(last.transitions["action"]).reshape(shape)[:, greedy]
-    expected = actor.get_dist(TensorDict({"observation": observation})).deterministic_sample
+    with networks_in(trained.learner.agent.update.precision):
+        expected = actor.get_dist(TensorDict({"observation": observation})).deterministic_sample
     torch.testing.assert_close(action, expected)
 
 
