@@ -25,13 +25,9 @@ _GRAVITY = 9.81  # [m/s^2]
 _AHEAD = 6.0  # time for which the way of a moving obstacle is looked ahead [s]
 _SLACK = 0.5  # time after which the object can still be pushed out of its way [s]
 _STAYS = 0.01  # motion of the object up to which it is still in its place [m]
-_BESIDE = (
-    0.01  # gap between the circles around object and tool up to which they are side by side [m]
-)
-_PATIENCE = (
-    1.0  # time with the tool beside an object that stays, after which less distance is kept [s]
-)
-_RELEASE = 2.0  # further time in which the distance that is kept falls to none [s]
+_BESIDE = 0.01  # gap between the circles around tool and object while it is beside it [m]
+_PATIENCE = 1.0  # time beside an object that stays, after which less distance is kept [s]
+_RELEASE = 2.0  # further time in which that distance falls to none [s]
 
 
 class ContactFilter(DescribedTransform):
