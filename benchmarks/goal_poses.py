@@ -49,17 +49,16 @@ def chosen_set(scene: str, degrees: float, episodes: int, tuning: bool) -> Evalu
     More than the set holds are drawn as its own are.
     """
     name = f"pose/{scene}/box"
-    found = load_set(name)
     if tuning:
         found = generate_set(name, _TUNING)
     elif episodes > _TUNING.start:
         raise ValueError(
             f"goal_poses: episodes must be <= {_TUNING.start}, where tuning begins, got {episodes}."
         )
-    elif episodes > len(found):
-        found = generate_set(name, range(episodes))
     else:
-        found = found.first(episodes)
+        found = load_set(name)
+        more = episodes > len(found)
+        found = generate_set(name, range(episodes)) if more else found.first(episodes)
     conditions = replace(found.conditions, yaw_tolerance=math.radians(degrees))
     return replace(found, name=f"{name}/{degrees:g}deg", conditions=conditions)
 
