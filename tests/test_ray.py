@@ -109,7 +109,10 @@ def test_two_collectors_train(trained: Noting) -> None:
         levels = [r.level for r in rollouts if r.source == source]
         assert levels == sorted(levels)
     table = pd.read_csv(folder.log)
-    assert table["collector/behind"].max() >= 1
+    # While the second collector made its first rollout, the first one had delivered and got newer weights.
+    assert max(r.behind for r in rollouts) >= 1
+    # A row is a mean over its rollouts, which one collector may have made by turns with the other or alone.
+    assert table["collector/behind"].max() > 0
     assert table["speed/waiting"].between(0, 1).all()
     assert len(pd.read_csv(folder.evaluations)) == 2
     # Ray ends a killed actor's process some moments after it has answered.
