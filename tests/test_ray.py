@@ -109,9 +109,9 @@ def test_two_collectors_train(trained: Noting) -> None:
         levels = [r.level for r in rollouts if r.source == source]
         assert levels == sorted(levels)
     table = pd.read_csv(folder.log)
-    # While the second collector made its first rollout, the first one had delivered and got newer weights.
+    # While the second collector made its first rollout, the first one delivered and got newer weights.
     assert max(r.behind for r in rollouts) >= 1
-    # A row is a mean over its rollouts, which one collector may have made by turns with the other or alone.
+    # A row is a mean over its rollouts, some of which may be of one collector twice in a row.
     assert table["collector/behind"].max() > 0
     assert table["speed/waiting"].between(0, 1).all()
     assert len(pd.read_csv(folder.evaluations)) == 2
