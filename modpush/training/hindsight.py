@@ -26,6 +26,7 @@ from modpush.training.config import TrainConfig
 
 _STATE = ("object_pose", "ee_pose", "joint_position", *CONTACT_KEYS)
 _ENVS = 16  # episodes that are played together
+_GROUPS = 4  # of such episodes, which are formed by length: a group takes as long as its longest
 
 
 @dataclass(frozen=True)
@@ -131,13 +132,14 @@ class Hindsight:
         They have n-step returns if the run has them.
         """
         count = len(self._engines)
-        found: list[TensorDictBase] = []
-        while len(self._waiting) >= count:
-            episodes, self._waiting = self._waiting[:count], self._waiting[count:]
-            self._env.base_env.yaw_tolerance = yaw_tolerance
-            found += self._play(episodes)
-        if not found:
+        if len(self._waiting) < _GROUPS * count:
             return {}
+        episodes = sorted(self._waiting, key=lambda episode: len(episode.actions))
+        self._waiting = episodes[: len(episodes) % count]
+        self._env.base_env.yaw_tolerance = yaw_tolerance
+        found: list[TensorDictBase] = []
+        for first in range(len(self._waiting), len(episodes), count):
+            found += self._play(episodes[first : first + count])
         rows: Any = torch.cat(found)
         return {key: value.numpy() for key, value in rows.items(True, True)}
 

@@ -1,6 +1,7 @@
 """Hindsight goals: what is stored is what the same course would have given with the other goal."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -105,13 +106,31 @@ def test_with_its_last_pose_as_the_goal_an_episode_succeeds(recorded) -> None:
     assert waiting[0].scenario.goal_position == (x, y)
     assert waiting[0].scenario.goal_yaw == yaw
     assert len(waiting[0].actions) == 12 > len(waiting[1].actions)
+    longer, shorter = waiting
+    hindsight._waiting = [longer, shorter] * 4 + [shorter]
     found = hindsight.transitions(TURNED)
+    assert hindsight._waiting == [shorter], "an odd one waits for another"
     hindsight._waiting = waiting
     ends = np.flatnonzero(found["next", "terminated"])
     assert len(ends) >= 2  # with three-step returns the last three transitions end in the goal
     assert found["next", "reward"].max() > 4.0  # that of the goal, 50 times 0.1
     assert set(found) == {*KEYS, "steps_to_next_obs"}
     assert len({len(values) for values in found.values()}) == 1
+
+
+def test_episodes_of_like_length_are_played_together(recorded, monkeypatch) -> None:
+    """A group takes as many steps as its longest episode."""
+    _, _, hindsight = recorded
+    longer, shorter = hindsight._waiting
+    groups = []
+    monkeypatch.setattr(hindsight, "_play", lambda group: groups.append(group) or play(group))
+    play = partial(Hindsight._play, hindsight)
+    hindsight._waiting = [longer, shorter] * 3 + [longer]
+    assert hindsight.transitions(TURNED) == {}
+    hindsight._waiting.append(shorter)
+    assert hindsight.transitions(TURNED)
+    assert groups == [[shorter, shorter]] * 2 + [[longer, longer]] * 2
+    hindsight._waiting = [longer, shorter]
 
 
 def test_episodes_that_teach_nothing_are_dropped() -> None:
@@ -164,13 +183,13 @@ def test_a_run_learns_from_them_and_resumes_to_the_last_bit(tmp_path) -> None:
     tolerances = (1.5, POSE.env.simulation.yaw_tolerance)
     short = replace(
         SMALL,
-        tqc=replace(SMALL.tqc, hidden_sizes=(16,), batch_size=16, learning_starts=64),
+        tqc=replace(SMALL.tqc, hidden_sizes=(16,), batch_size=16, learning_starts=320),
         replay=replace(SMALL.replay, batch_size=16, capacity=10_000),
         curriculum=CurriculumConfig(promotion="off", yaw_tolerances=tolerances, window=4),
-        total_steps=192,
-        evaluate_every=192,
+        total_steps=768,
+        evaluate_every=768,
         evaluation_episodes=2,
-        checkpoint_every=96,
+        checkpoint_every=384,
         log_every=48,
         async_collection=False,
         progress=False,
@@ -178,8 +197,8 @@ def test_a_run_learns_from_them_and_resumes_to_the_last_bit(tmp_path) -> None:
     trainer = Trainer(short, tmp_path / "whole")
     trainer.run()
     stored = len(trainer.learner.buffer)
-    assert stored > 192  # more than were taken
-    half = replace(short, total_steps=96)
+    assert stored > 768  # more than were taken
+    half = replace(short, total_steps=384)
     Trainer(half, tmp_path / "parts").run()
     resumed = Trainer(short, tmp_path / "parts", resume=True)
     resumed.run()
