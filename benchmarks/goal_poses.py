@@ -1,16 +1,17 @@
-"""An agent for goal poses on the sets of the eight scenes, or on episodes that no set holds.
+"""An agent for goal poses on the sets of the eight scenes and of other objects, or on tuning episodes.
 
     python benchmarks/goal_poses.py pose --out runs/goal_poses
     python benchmarks/goal_poses.py pose --tuning --out runs/tuning
 
 Prints success at 1.5 cm and each tolerance of the yaw, success without a contact of object, tool or arm
 with an obstacle, the shares of episodes in which they touch one or leave the workspace, and the steps of
-the solved ones. The episodes are run once, at the smallest tolerance: at a wider one an episode ends
-at its first step within that.
+the solved ones, and the same for each object and each kind of obstacle of the sets of several objects.
+The episodes are run once, at the smallest tolerance: at a wider one an episode ends at its first step
+within that.
 
 The tuning episodes are those with the numbers 2,000 to 2,099 of the generators of the seven sets with
-obstacles, on which settings are chosen. `--set contact_filter False` changes a field of the agent's
-config.
+obstacles and the box, and the set `tuning/pose/objects`. Settings are chosen on them.
+`--set contact_filter False` changes a field of the agent's config.
 """
 
 import argparse
@@ -30,6 +31,7 @@ from modpush.envs.scenes.objects import get_object
 from modpush.envs.scenes.scenario import Scenario
 from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
 from modpush.evaluation import (
+    TUNING_SETS,
     EvaluationConfig,
     EvaluationSet,
     Trajectory,
@@ -39,17 +41,20 @@ from modpush.evaluation import (
     load_set,
 )
 
-_SCENES = (*SHAPE_SCENES, "free")
+_BOX_SETS = tuple(f"pose/{scene}/box" for scene in SHAPE_SCENES)
 _TUNING = range(2000, 2100)
+_SETS = (*_BOX_SETS, "pose/free/box", "pose/objects", "pose/unseen_objects")
+_TUNING_SETS = (*_BOX_SETS, "tuning/pose/objects")
 
 
-def chosen_set(scene: str, degrees: float, episodes: int, tuning: bool) -> EvaluationSet:
-    """The first episodes of a scene's set, or its tuning episodes, at a tolerance of the yaw.
+def chosen_set(name: str, degrees: float, episodes: int, tuning: bool) -> EvaluationSet:
+    """The first episodes of a set, or those for tuning, at a tolerance of the yaw.
 
     More than the set holds are drawn as its own are.
     """
-    name = f"pose/{scene}/box"
-    if tuning:
+    if name in TUNING_SETS:
+        found = load_set(name)
+    elif tuning:
         found = generate_set(name, _TUNING)
     elif episodes > _TUNING.start:
         raise ValueError(
@@ -91,17 +96,15 @@ def main(
     tuning: bool,
     out: Path,
     changes: Sequence[Sequence[str]],
-    scenes: Sequence[str],
+    sets: Sequence[str] | None,
 ) -> pd.DataFrame:
-    """Run the agent, and print a table with a line for each scene and tolerance."""
+    """Run the agent, and print a table with a line for each set and tolerance."""
     loaded = load_agent(agent)
     fields: dict[str, Any] = {name: ast.literal_eval(value) for name, value in changes}
     loaded = replace(loaded, config=loaded.config.with_fields(**fields))
     lines = []
-    for scene in scenes:
-        if tuning and scene == "free":
-            continue
-        chosen = chosen_set(scene, min(degrees), episodes, tuning)
+    for name in sets or (_TUNING_SETS if tuning else _SETS):
+        chosen = chosen_set(name, min(degrees), episodes, tuning)
         folder = out / Path(agent).stem / chosen.name
         found = evaluate(loaded, chosen, folder, config=EvaluationConfig(progress=False))
         tolerance = chosen.conditions.position_tolerance
@@ -111,8 +114,13 @@ def main(
                 [row(*episode, angle, tolerance) for episode in zip(chosen, runs, strict=True)]
             )
             assert angle > min(degrees) or rows["success"].sum() == found["success"].sum()
-            lines.append({"scene": scene, "degrees": angle, **rows.mean()})
+            lines.append({"set": name, "degrees": angle, **rows.mean()})
             print({k: v if isinstance(v, str) else round(v, 3) for k, v in lines[-1].items()})
+            if len(chosen.objects) > 1:
+                rows["object"] = [scenario.pushed_object for scenario in chosen]
+                rows["scene"] = [scenario.scene for scenario in chosen]
+                for kind in ("object", "scene"):
+                    print(rows.groupby(kind).mean(numeric_only=True).round(3).to_string())
     table = pd.DataFrame(lines)
     print(format_table(table.groupby("degrees").mean(numeric_only=True)))
     return table
@@ -127,7 +135,7 @@ if __name__ == "__main__":
     parser.add_argument("--episodes", type=int, default=100, help="of each set")
     parser.add_argument("--tuning", action="store_true", help="the tuning episodes instead")
     parser.add_argument("--out", type=Path, default=Path("runs/goal_poses"))
-    parser.add_argument("--scenes", nargs="+", default=_SCENES, choices=_SCENES)
+    parser.add_argument("--sets", nargs="+", help="names of sets with goal poses; default: all")
     parser.add_argument(
         "--set", nargs=2, action="append", default=[], dest="changes", metavar=("FIELD", "VALUE")
     )

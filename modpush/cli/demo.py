@@ -22,7 +22,8 @@ Options:
   --episodes N              Number of episodes of each family; the first one is shown in the video; by
                             default 4.
   --pushed-object NAME ...  Objects that are pushed, one after the other; by default small_cube,
-                            large_cube, small_cylinder and fragment, for poses box.
+                            large_cube, small_cylinder and fragment, for poses box, fragment,
+                            large_cube and small_cube.
   --difficulty X            Difficulty of the scenes, 0 to 1; by default 0.3.
   --goal {position,pose}    Positions of the object's centre as goals, or poses, at 1.5 cm and 10 degrees.
   --robot NAME              Arm: ur5, ur10, panda, ... or module:name; by default ur5.
@@ -84,6 +85,9 @@ _DISTANCE = (0.2, 0.35)
 _POSE_DISTANCE = (0.35, 0.5)
 """Distances from start to goal pose, with room for an obstacle in the straight way [m]."""
 
+_POSE_OBJECTS = ("box", "fragment", "large_cube", "small_cube")
+"""Objects that are pushed to goal poses: those of which one sees the yaw."""
+
 _POSITION_TOLERANCE = 0.015
 """Distance from a goal pose at which an episode succeeds [m]."""
 
@@ -119,7 +123,7 @@ class DemoConfig:
             self,
             policy=self.policy or (("pose",) if poses else ("any_object", "corridor")),
             scenes=self.scenes or (("free", *SHAPE_SCENES) if poses else tuple(SCENES)),
-            pushed_object=self.pushed_object or (("box",) if poses else PAPER_OBJECTS),
+            pushed_object=self.pushed_object or (_POSE_OBJECTS if poses else PAPER_OBJECTS),
         )
 
 

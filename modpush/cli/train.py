@@ -31,8 +31,8 @@ Presets:
                      minutes of one core.
   pose_any_object    The same for eight shapes, whose mass, friction and centre of mass are drawn for
                      each episode.
-  pose_obstacles     Goals with orientation past one or two obstacles that stand or move, for the same
-                     box.
+  pose_obstacles     Goals with orientation past one or two obstacles that stand or move, for nine
+                     objects.
   smoke              A run of a few seconds that does everything once and learns nothing.
 
 The defaults of the options that begin with `--train.` are the preset's; those of `cpu` stand in

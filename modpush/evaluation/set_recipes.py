@@ -30,6 +30,9 @@ HIDDEN_SHAPES = (
 )
 """Shapes: two cuboids, the box of the pose sets, the shard with a notch, and prisms with 3, 4, 5 and 6
 corners."""
+POSE_OBJECTS = ("small_cylinder", *HIDDEN_SHAPES)
+"""Objects pushed to goal poses past obstacles: those, and a cylinder, whose yaw does not matter."""
+_UNSEEN_OBJECTS = tuple(f"random_{k}" for k in range(101, 109))
 _MASSES = (0.25, 0.5, 1.0, 2.0, 4.0)  # [kg]
 _FRICTIONS = (0.1, 0.3, 0.5, 0.7, 0.9)  # of the object's material
 _CENTERS = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))  # in quarters of the object's sides
@@ -108,6 +111,20 @@ def _track(seed: int, scene: str, count: int = 128) -> SetRecipe:
     )
 
 
+def _past_obstacles(
+    seed: int, scenes: tuple[str, ...], objects: tuple[str, ...], count: int
+) -> SetRecipe:
+    return SetRecipe(
+        seed=seed,
+        count=count,
+        scenes=scenes,
+        objects=objects,
+        distance=(0.35, 0.6),
+        obstacle_between=True,
+        conditions=_SUCCESSOR,
+    )
+
+
 def _hidden(seed: int, conditions: EpisodeConditions, count: int = NUM_CELLS) -> SetRecipe:
     return SetRecipe(
         seed=seed,
@@ -148,17 +165,11 @@ _RECIPES = {
         conditions=EpisodeConditions(goal="pose", position_tolerance=0.015),
     ),
     **{
-        f"pose/{scene}/box": SetRecipe(
-            seed=10 + k,
-            count=500,
-            scenes=(scene,),
-            objects=("box",),
-            distance=(0.35, 0.6),
-            obstacle_between=True,
-            conditions=_SUCCESSOR,
-        )
+        f"pose/{scene}/box": _past_obstacles(10 + k, (scene,), ("box",), 500)
         for k, scene in enumerate(SHAPE_SCENES)
     },
+    "pose/objects": _past_obstacles(22, tuple(SHAPE_SCENES), POSE_OBJECTS, 1008),
+    "pose/unseen_objects": _past_obstacles(23, tuple(SHAPE_SCENES), _UNSEEN_OBJECTS, 1008),
     "moving/small_cube": SetRecipe(
         seed=17,
         count=200,
@@ -171,6 +182,7 @@ _RECIPES = {
     "hidden_dynamics_fine": _hidden(21, _FINE),
     **{f"tuning/tracks/{n}": _track(104 + k, f"movable_{n}", 64) for k, n in enumerate(_TRACKS)},
     "tuning/hidden_dynamics": _hidden(107, _COARSE, 200),
+    "tuning/pose/objects": _past_obstacles(108, tuple(SHAPE_SCENES), POSE_OBJECTS, 252),
     "tuning/hard": SetRecipe(seed=103, count=100, scenes=HARD_TUNING_SCENES, conditions=_TIGHT),
 }
 _PAPER_SETS = ("free/", "obstacles/", "hard/", "hard200/")

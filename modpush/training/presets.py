@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from modpush.agents.tqc.config import TQCConfig
 from modpush.envs.scenes.shape_layouts import SHAPE_SCENES
-from modpush.evaluation.set_recipes import HIDDEN_SHAPES
+from modpush.evaluation.set_recipes import HIDDEN_SHAPES, POSE_OBJECTS
 from modpush.mdp.curriculum import CurriculumConfig, Phase
 from modpush.mdp.observation_entries import PAPER_ENTRIES, POSE_ENTRIES
 from modpush.recipes.config import PushEnvConfig
@@ -201,6 +201,8 @@ def _pose_obstacles() -> TrainConfig:
         pose,
         env=pose.env.with_fields(
             scene=("free", *SHAPE_SCENES),
+            pushed_object=POSE_OBJECTS,
+            entries=(*POSE_ENTRIES, "object_support", "object_symmetry"),
             obstacle_motion=True,
             add=("obstacle_motion",),
             contact_filter=True,

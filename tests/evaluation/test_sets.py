@@ -26,6 +26,7 @@ from modpush.evaluation.sets import (
 )
 from modpush.evaluation.shortest import shortest_path
 from modpush.files import write_packed_json
+from modpush.training import TRAIN_PRESETS
 
 ROOT = Path(__file__).parents[2]
 load_set = cache(read_set)  # nothing changes a set, and most are read by six tests
@@ -47,6 +48,8 @@ COUNTS = {
     "pose/one_l/box": 500,
     "pose/two_rectangles/box": 500,
     "pose/moving_bar/box": 500,
+    "pose/objects": 1008,
+    "pose/unseen_objects": 1008,
     "moving/small_cube": 200,
     "tracks/4": 128,
     "tracks/8": 128,
@@ -59,6 +62,7 @@ COUNTS = {
     "tuning/hidden_dynamics": 200,
     "tuning/small_cube": 200,
     "tuning/all_objects": 200,
+    "tuning/pose/objects": 252,
     "tuning/hard": 100,
     "behind/free/small_cube": 500,
     "behind/obstacles/small_cube": 1000,
@@ -69,7 +73,8 @@ COUNTS = {
     "behind/hard200/small_cube": 200,
 }
 HIDDEN = tuple(name for name in SET_NAMES if "hidden_dynamics" in name)
-SEVERAL_OBJECTS = ("smoke", "tuning/all_objects", *HIDDEN)
+OBJECTS_PAST_OBSTACLES = ("pose/objects", "pose/unseen_objects", "tuning/pose/objects")
+SEVERAL_OBJECTS = ("smoke", "tuning/all_objects", *OBJECTS_PAST_OBSTACLES, *HIDDEN)
 DIGESTS = {
     "tracks/4": "90e91f6b9ada",
     "tracks/8": "5e3c430781d0",
@@ -142,7 +147,19 @@ def test_an_obstacle_always_stands_between_object_and_goal(name: str) -> None:
         ends = np.array([s.object_pose[:2], s.goal_position])
         way = ends[0] + np.linspace(0, 1, 601)[:, None] * (ends[1] - ends[0])
         assert obstacle_distance(way, s.obstacles).min() < 1e-3
-    assert generate_set(name, [1999]).scenarios[0].scene == s.scene  # more can be drawn
+    more = generate_set(name, [1999]).scenarios[0]  # than the set holds can be drawn
+    assert more.scene == RECIPES[name].scenes[1999 % len(RECIPES[name].scenes)]
+
+
+@pytest.mark.parametrize("name", OBJECTS_PAST_OBSTACLES)
+def test_every_object_is_pushed_past_every_kind_of_obstacle_equally_often(name: str) -> None:
+    loaded = load_set(name)
+    pairs = Counter((s.scene, s.pushed_object) for s in loaded)
+    assert len(pairs) == len({s for s, _ in pairs}) * len({o for _, o in pairs})
+    assert len({*pairs.values()}) == 1
+    trained = {*TRAIN_PRESETS["pose_obstacles"].env.scenario.pushed_object}
+    assert trained.isdisjoint(loaded.objects) == (name == "pose/unseen_objects")
+    assert load_set("pose/one_t/box").conditions == loaded.conditions
 
 
 def test_a_set_says_under_which_conditions_it_is_run(tmp_path: Path) -> None:
@@ -178,7 +195,7 @@ def test_nothing_that_is_tuned_on_is_evaluated_on() -> None:
     assert {*EVALUATION_SETS, *BEHIND_SETS} <= set(SET_NAMES) - set(TUNING_SETS)
     evaluated = sorted(set(SET_NAMES) - {*TUNING_SETS, "smoke"})
     tuned = {(s.object_pose, s.goal_position) for name in TUNING_SETS for s in load_set(name)}
-    assert len(tuned) == 500 + 3 * 64 + 8 * 5
+    assert len(tuned) == 500 + 3 * 64 + 8 * 5 + 252
     hard = set()
     for name in evaluated:
         episodes = load_set(name)

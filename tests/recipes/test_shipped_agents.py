@@ -85,6 +85,20 @@ def test_pose_solves_poses_past_every_kind_of_obstacle(
     assert len(clean) >= least_clean
 
 
+def test_pose_pushes_all_its_objects_past_every_kind_of_obstacle() -> None:
+    """An episode of each object and each kind of obstacle that no set holds."""
+    agent = load_agent("pose")
+    scenarios = generate_set("pose/objects", range(5040, 5103)).scenarios
+    assert len({(s.pushed_object, s.scene) for s in scenarios}) == len(scenarios) == 63
+    assert {s.pushed_object for s in scenarios} == {*agent.config.scenario.pushed_object}
+    env = agent.make_env(8)
+    episodes = list(run_episodes(env, agent.policy, enumerate(scenarios)))
+    env.close()
+    solved = [episode for episode in episodes if episode.metrics.success]
+    assert len(solved) >= 59
+    assert sum(not e.trajectory.contacts[:, 1:].any() for e in solved) >= 58
+
+
 def test_any_object_pushes_shapes_it_never_saw() -> None:
     """Random shapes of other seeds than those of its training, in free space."""
     agent = load_agent("any_object")
