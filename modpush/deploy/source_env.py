@@ -14,13 +14,16 @@ from torchrl.envs import EnvBase
 from modpush.deploy.perception import Perceived
 from modpush.envs.engines.base import CONTACT_KEYS
 from modpush.envs.outcome import episode_status, is_at_goal, pose_errors
+from modpush.envs.robot.named import find_tool
 from modpush.envs.robot.robot import Robot
-from modpush.envs.scene_batch import object_entries
+from modpush.envs.scene_batch import episode_entries
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.scenario import ScenarioConfig
 from modpush.envs.simulation_config import SimulationConfig
 from modpush.envs.specs import make_specs
 from modpush.geometry.workspace import Rectangle
+
+_OBSTACLE_HEIGHT = 0.06  # of the obstacles that the shipped agent for poses was trained with [m]
 
 
 class SourceEnv(EnvBase):
@@ -53,7 +56,8 @@ class SourceEnv(EnvBase):
         specs = make_specs(1, self.device, len(robot.joints), self._simulation)
         for name, spec in specs.items():
             setattr(self, name, spec)
-        about = object_entries(item, simulation.full_circle)
+        tool = find_tool(simulation.tool)
+        about = episode_entries(item, tool, _OBSTACLE_HEIGHT, simulation.full_circle)
         self._constant = {key: value[None] for key, value in about.items()}
         self.entries: Mapping[str, Tensor] = {}
         """Next emitted entries, by the keys of `PushEnv`."""

@@ -39,6 +39,7 @@ def make_specs(
         "object_inscribed_radius": 1,
         "object_symmetry": 1,
         "object_support": SUPPORT_DIRECTIONS,
+        "tool_half_extents": 2,
         **({"goal_pose": 3, "pose_error": 2} if simulation.goal == "pose" else {}),
         **({"obstacle_displacement": MAX_OBSTACLES} if simulation.dynamic_obstacles else {}),
         **({"obstacle_motion": 4} if simulation.obstacle_motion else {}),
@@ -93,7 +94,7 @@ def state_entries(
         "goal_position": batch.goal_pose[:, :2],
         "ee_pose": measured.ee_pose,
         "joint_position": measured.joint_position,
-        **batch.about_object,
+        **batch.about_episode,
     }
     if pose_error is not None:
         numbers |= {"goal_pose": batch.goal_pose, "pose_error": pose_error}

@@ -59,7 +59,7 @@ class ContactFilter(DescribedTransform):
     the agent observes, obstacles from the depth image.
 
     Args:
-        tool_half_extents: Half of the sides of the tool's tip along its x and y [m].
+        tip_half_extents: Half of the sides of the tool's tip along its x and y, with which it pushes [m].
         bounds: Lower and upper corner (x, y) of the area in which the object's centre may be [m].
         patrol_area: Area at whose edge the centre of a moving obstacle is taken to turn round [m]; None
             if it moves straight on.
@@ -74,6 +74,8 @@ class ContactFilter(DescribedTransform):
         object_pose_key: Read, `[..., 3]` (x, y, yaw) [m, rad].
         ee_pose_key: Read, `[..., 3]` (x, y, yaw) of the tool's tip [m, rad].
         object_support_key: Read, `[..., n]`: how far the object reaches in n directions of its own [m].
+        tool_key: Read where it is there, `[..., 2]`: half of the sides of what the tool has at the height
+            of obstacles [m]. Without it that is the tip.
         obstacle_motion_key: Read where it is there, `[..., 4]`: place and velocity (x, y) of an obstacle
             [m, m/s].
         previous_key: Written in each step, and read where it is there, `[..., 3]`: the object's pose
@@ -90,7 +92,7 @@ class ContactFilter(DescribedTransform):
     @checked_arguments
     def __init__(
         self,
-        tool_half_extents: tuple[Positive, Positive],
+        tip_half_extents: tuple[Positive, Positive],
         bounds: Rectangle,
         *,
         patrol_area: Rectangle | None = None,
@@ -105,6 +107,7 @@ class ContactFilter(DescribedTransform):
         object_pose_key: NestedKey = "object_pose",
         ee_pose_key: NestedKey = "ee_pose",
         object_support_key: NestedKey = "object_support",
+        tool_key: NestedKey = "tool_half_extents",
         obstacle_motion_key: NestedKey = "obstacle_motion",
         previous_key: NestedKey = "previous_object_pose",
         stalled_key: NestedKey = "stalled",
@@ -119,13 +122,13 @@ class ContactFilter(DescribedTransform):
         self.patrol_area = patrol_area
         self.camera = camera or Camera()
         self._motion = np.array([max_step, max_step, max_turn])
-        self._tool, self._step_time = np.array(tool_half_extents), step_time
-        self._tip = outline(np.abs(directions(48)) @ self._tool)
+        self._tool, self._step_time = np.array(tip_half_extents), step_time
         (x0, y0), (x1, y1) = bounds
         self._inner = np.array([x0 + edge, y0 + edge, x1 - edge, y1 - edge])
         self.action_key, self.blocked_key = action_key, blocked_key
         self.object_pose_key, self.ee_pose_key = object_pose_key, ee_pose_key
         self.object_support_key, self.obstacle_motion_key = object_support_key, obstacle_motion_key
+        self.tool_key = tool_key
         self.previous_key, self.stalled_key = previous_key, stalled_key
         self._seen: dict[int, tuple[NDArray[np.uint8], NDArray[np.float32]]] = {}
 
@@ -204,6 +207,8 @@ class ContactFilter(DescribedTransform):
         caution = 1.0 - np.clip((waited - _PATIENCE) / _RELEASE, 0.0, 1.0)
         # Friction turns a disc with the same pressure everywhere as if at two thirds of its radius.
         levers = supports.max(-1) * 2 / 3
+        low = tensordict.get(self.tool_key, None)
+        tools = np.tile(self._tool, (len(poses), 1)) if low is None else _rows(low)
         around, grid = directions(supports.shape[-1]), self._grid()
         distances = [self._distances(i, cells[i], motions[i]) for i in range(len(poses))]
         return [
@@ -216,7 +221,7 @@ class ContactFilter(DescribedTransform):
                 directions=around,
                 lever=float(levers[i]),
                 tool=self._tool,
-                tip=self._tip,
+                low_tool=_rectangle(*tools[i].tolist()),
                 distances=distances[i][0],
                 moving=distances[i][1],
                 grid=grid,
@@ -275,6 +280,12 @@ def _at_rest(place: torch.Tensor) -> torch.Tensor:
 
 def _rows(values: torch.Tensor) -> NDArray[np.float64]:
     return values.detach().double().cpu().numpy().reshape(-1, values.shape[-1])
+
+
+@functools.lru_cache(maxsize=256)
+def _rectangle(half_length: float, half_width: float) -> NDArray[np.float64]:
+    """Points on the outline of a rectangle."""
+    return outline(np.abs(directions(48)) @ np.array([half_length, half_width]))
 
 
 @functools.lru_cache(maxsize=256)

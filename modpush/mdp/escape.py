@@ -75,7 +75,7 @@ def _cost(
         after = float(first + step + 1)
         if struck(scene, scene.outline, pose, after, clearance) > 0.0:
             return np.inf
-        if excess(scene, scene.tip, tip, after, scene.clearance) > 0.0:
+        if excess(scene, scene.low_tool, tip, after, scene.clearance) > 0.0:
             return np.inf
         if is_pushed and outside(scene, pose) > edge:
             return np.inf

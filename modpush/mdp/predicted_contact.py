@@ -48,7 +48,7 @@ def violation(action: NDArray[np.float64], scene: PushedScene, limit: float = np
         if i % 2:
             continue
         if part <= 1.0 or obstacles_move:
-            total += _nearness(scene, scene.tip, tip, part, scene.clearance)
+            total += _nearness(scene, scene.low_tool, tip, part, scene.clearance)
         if is_pushed or moves:
             clearance = scene.caution * (scene.clearance + _ERROR * fastest)
             total += _nearness(scene, scene.outline, pose, part, clearance)

@@ -42,8 +42,8 @@ class PushedScene(NamedTuple):
     """Ratio of the torque that turns the object on the table to the force that moves it [m]."""
     tool: NDArray[np.float64]
     """Half of the sides of the tool's tip `[2]` [m]."""
-    tip: NDArray[np.float64]
-    """Points of the tip's outline in its own axes, `[m, 2]` [m]."""
+    low_tool: NDArray[np.float64]
+    """Points of the outline of what the tool has at the obstacles' height, in its axes, `[m, 2]` [m]."""
     distances: NDArray[np.float32]
     """Distance of each cell from the nearest obstacle that stands, `[H, W]` [m]."""
     grid: NDArray[np.float64]

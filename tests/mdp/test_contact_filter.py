@@ -61,6 +61,17 @@ def test_the_tool_stops_or_turns_aside_before_an_obstacle() -> None:
     assert filtered([0.0, -1.0, 0.0], tip, bits=bits).tolist() == [0.0, -1.0, 0.0]
 
 
+def test_parts_of_the_tool_at_the_obstacles_height_keep_their_distance() -> None:
+    """The linkage of the gripper over a flat object reaches 3 cm farther along x than its tip."""
+    bits = blocked((0.5, 0.1))  # from y = 0.075 on
+    tip = (0.5, 0.02, math.pi / 2)  # its long side along y
+    free = filtered([0.0, 1.0, 0.0], tip, bits=bits, tool_half_extents=list(TIP))
+    assert free.tolist() == filtered([0.0, 1.0, 0.0], tip, bits=bits).tolist()
+    near = filtered([0.0, 1.0, 0.0], tip, bits=bits, tool_half_extents=[0.062, 0.0135])
+    assert 0.02 + 0.032 + 0.02 * float(free[1]) > 0.07 > 0.02 + 0.032 + 0.02 * float(near[1])
+    assert float(near[1]) < 0.0  # it is over the obstacle's edge already
+
+
 def test_a_turn_alone_is_seen() -> None:
     """The end of a tool of 40 cm moves by 10 mm."""
     bits = blocked((0.7, 0.01 + 0.008 + 0.025))  # 8 mm beside its end

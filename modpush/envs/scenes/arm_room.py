@@ -27,6 +27,7 @@ MAX_HEIGHT = 0.15
 """Height of the tallest obstacles [m]. With a shipped arm and tool, forearm and wrist stay above it."""
 _FLANGE_HEIGHT = 0.175  # with a shipped tool and its tip as low as it gets [m]
 _TOOL_LENGTH = 0.16  # of the shortest shipped tool; the flange of a shorter one is lower [m]
+_HEIGHT_ERROR = 0.002  # up to which the arm holds the tool's height [m]
 _SAFETY_MARGIN = 0.01  # added to what was measured at some poses of the tool [m]
 _STEP = 0.005  # between the places at which a moving obstacle is looked at [m]
 
@@ -153,6 +154,19 @@ def tool_touches(
         if len(tall) and rectangles_touch(row, tall, gap):
             return True
     return False
+
+
+def tool_half_extents(tool: Tool, tip_height: float, height: float) -> NDArray[np.float64]:
+    """Half of the sides along its x and y of what a tool has below a height over the table, `[2]` [m].
+
+    Its tip is at `tip_height` [m]. The tip itself always counts.
+    """
+    found = np.array(tool.tip_half_extents)
+    for shape in tool.shapes:
+        sides, place = np.array(extent(shape)), np.array(shape.position)
+        if tip_height + tool.length - place[2] - sides[2] / 2 < height + _HEIGHT_ERROR:
+            found = np.maximum(found, np.abs(place[:2]) + sides[:2] / 2)
+    return found
 
 
 def check_arm_is_free(

@@ -14,6 +14,7 @@ from modpush.envs.scenes.arm_room import (
     MAX_HEIGHT,
     keep_out_radius,
     obstacle_near_arm,
+    tool_half_extents,
     tool_touches,
 )
 from modpush.envs.scenes.layouts import SCENES, TIGHT_SCENES
@@ -136,6 +137,20 @@ def test_an_arm_can_pass_over_no_obstacle_taller_than_the_tallest() -> None:
     assert "heights up to 0.15 m" in str(obstacle_near_arm([tall], UR5, GRIPPER))
     with pytest.raises(ValueError, match=r"leaves the arm no room in 100 layouts: .* to 0.15 m"):
         PushEnv(1, depth=None, scene=lambda rng, difficulty: [tall]).reset()
+
+
+def test_a_tool_is_wider_where_obstacles_reach_its_upper_part() -> None:
+    """The gripper's linkage is 4.5 cm over the tip, its body 7.3 cm."""
+    tool = TOOLS["2f85"]
+    for tip_height, height, expected in (
+        (0.02, 0.0, (0.032, 0.011)),
+        (0.02, 0.06, (0.032, 0.011)),
+        (0.0145, 0.06, (0.062, 0.0135)),  # over the fragment
+        (0.02, 0.09, (0.062, 0.0135)),
+        (0.02, 0.15, (0.062, 0.038)),
+    ):
+        assert tool_half_extents(tool, tip_height, height).tolist() == list(expected)
+    assert tool_half_extents(TOOLS["rod"], 0.02, 0.15).tolist() == [0.01, 0.01]
 
 
 def test_a_tool_s_upper_part_counts_where_an_obstacle_is_tall_enough() -> None:
