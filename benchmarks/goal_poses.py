@@ -122,7 +122,7 @@ def main(
                 for kind in ("object", "scene"):
                     print(rows.groupby(kind).mean(numeric_only=True).round(3).to_string())
     table = pd.DataFrame(lines)
-    print(format_table(table.groupby("degrees").mean(numeric_only=True)))
+    print(format_table(table.set_index("set")))
     return table
 
 
@@ -132,7 +132,9 @@ if __name__ == "__main__":
     parser.add_argument(
         "--degrees", type=float, nargs="+", default=[30.0, 10.0], help="tolerances of the yaw"
     )
-    parser.add_argument("--episodes", type=int, default=100, help="of each set")
+    parser.add_argument(
+        "--episodes", type=int, default=100, help="of each set; tuning sets are whole"
+    )
     parser.add_argument("--tuning", action="store_true", help="the tuning episodes instead")
     parser.add_argument("--out", type=Path, default=Path("runs/goal_poses"))
     parser.add_argument("--sets", nargs="+", help="names of sets with goal poses; default: all")

@@ -86,7 +86,7 @@ _POSE_DISTANCE = (0.35, 0.5)
 """Distances from start to goal pose, with room for an obstacle in the straight way [m]."""
 
 _POSE_OBJECTS = ("box", "fragment", "large_cube", "small_cube")
-"""Objects that are pushed to goal poses: those of which one sees the yaw."""
+"""Objects that are pushed to goal poses, of those that the shipped agent knows."""
 
 _POSITION_TOLERANCE = 0.015
 """Distance from a goal pose at which an episode succeeds [m]."""

@@ -89,7 +89,14 @@ class PushController:
             max(0.0, config.simulation.position_tolerance - _MARGINS[0]),
             max(0.0, config.simulation.yaw_tolerance - _MARGINS[1]),
         )
-        self._source = SourceEnv(item, perception.robot, config.scenario, config.simulation)
+        self._source = SourceEnv(
+            item,
+            perception.robot,
+            perception.tool,
+            self.tip_height,
+            config.scenario,
+            config.simulation,
+        )
         self._env = self.agent.make_env(1, base=self._source, sensing=SensingConfig())
         self._policy = self.agent.policy
         self._planner = MotionPlanner(perception.robot, self.motion, 1, self.rate)

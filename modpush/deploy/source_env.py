@@ -14,16 +14,15 @@ from torchrl.envs import EnvBase
 from modpush.deploy.perception import Perceived
 from modpush.envs.engines.base import CONTACT_KEYS
 from modpush.envs.outcome import episode_status, is_at_goal, pose_errors
-from modpush.envs.robot.named import find_tool
-from modpush.envs.robot.robot import Robot
-from modpush.envs.scene_batch import episode_entries
+from modpush.envs.robot.robot import Robot, Tool
+from modpush.envs.scene_batch import object_entries
+from modpush.envs.scenes.arm_room import tool_half_extents
 from modpush.envs.scenes.objects import PushedObject
 from modpush.envs.scenes.scenario import ScenarioConfig
 from modpush.envs.simulation_config import SimulationConfig
 from modpush.envs.specs import make_specs
+from modpush.geometry.camera import CAMERA, Label
 from modpush.geometry.workspace import Rectangle
-
-_OBSTACLE_HEIGHT = 0.06  # of the obstacles that the shipped agent for poses was trained with [m]
 
 
 class SourceEnv(EnvBase):
@@ -34,6 +33,8 @@ class SourceEnv(EnvBase):
     Args:
         item: The pushed object.
         robot: The arm.
+        tool: Its tool.
+        tip_height: Height of the tool's tip over the table [m].
         scenario: Settings of the workspace, of which `low`, `high` and `path_margin` are read.
         simulation: Kind of the goal, ends of episodes and optional entries.
     """
@@ -44,6 +45,8 @@ class SourceEnv(EnvBase):
         self,
         item: PushedObject,
         robot: Robot,
+        tool: Tool,
+        tip_height: float,
         scenario: ScenarioConfig,
         simulation: SimulationConfig,
     ) -> None:
@@ -52,12 +55,12 @@ class SourceEnv(EnvBase):
             device=torch.device("cpu"), batch_size=torch.Size([1]), allow_done_after_reset=True
         )
         self.robot, self.scenario = robot, scenario
+        self._tool, self._tip_height = tool, tip_height
         self._simulation = replace(simulation, depth="analytic")
         specs = make_specs(1, self.device, len(robot.joints), self._simulation)
         for name, spec in specs.items():
             setattr(self, name, spec)
-        tool = find_tool(simulation.tool)
-        about = episode_entries(item, tool, _OBSTACLE_HEIGHT, simulation.full_circle)
+        about = object_entries(item, simulation.full_circle)
         self._constant = {key: value[None] for key, value in about.items()}
         self.entries: Mapping[str, Tensor] = {}
         """Next emitted entries, by the keys of `PushEnv`."""
@@ -85,8 +88,11 @@ class SourceEnv(EnvBase):
         """
         config, pose, target = self._simulation, np.array([seen.object.pose]), np.array([goal])
         at_goal = is_at_goal(pose[:, :2], target[:, :2], tolerances[0])
+        above = CAMERA.z - seen.depth[seen.segmentation == Label.OBSTACLE]
+        half_extents = tool_half_extents(self._tool, self._tip_height, above.max(initial=0.0))
         numbers = {
             **self._constant,
+            "tool_half_extents": half_extents[None],
             "object_pose": pose,
             "goal_position": target[:, :2],
             "ee_pose": np.array([seen.tip_pose]),

@@ -75,9 +75,9 @@ class PushEnv(EnvBase):
                                                     same: 4 for a square footprint, 0 for a disc
     object_support               `[B, 48]` float32  how far the footprint reaches from the object's
                                                     centre in 48 directions, the first along its own x
-    tool_half_extents            `[B, 2]` float32   half of the sides along its x and y of what the tool
-                                                    has below the highest obstacle's top; its tip alone
-                                                    where that is low
+    tool_half_extents            `[B, 2]` float32   half of the sides, along its x and y, of the tool's
+                                                    parts that reach below the top of the highest
+                                                    obstacle, or less than 2 mm above; at least its tip's
     object_contact               `[B, 1]` bool      tool or arm touched the object during the step
     obstacle_contact             `[B, 1]` bool      the object touched an obstacle during the step
     tool_obstacle_contact        `[B, 1]` bool      tool or arm touched an obstacle during the step
@@ -272,7 +272,7 @@ class PushEnv(EnvBase):
         position = measured.object_pose[:, :2]
         at_goal = is_at_goal(position, batch.goal_pose[:, :2], config.position_tolerance)
         if config.goal == "pose":
-            symmetry = batch.about_episode["object_symmetry"][:, 0]
+            symmetry = batch.about_object["object_symmetry"][:, 0]
             pose_error = pose_errors(measured.object_pose, batch.goal_pose, symmetry)
             at_goal &= np.abs(pose_error[:, 1]) <= self.yaw_tolerance
         steps_at_goal = np.maximum(self._steps_at_goal + after_step, 1)

@@ -16,7 +16,6 @@ from modpush.envs.engines.base import CONTACT_KEYS, Engine, EngineFactory, Scene
 from modpush.envs.moving_obstacles import MovingObstacles
 from modpush.envs.push_state import SceneState
 from modpush.envs.robot.control import MotionConfig, MotionPlanner, PlannedMotion, start_joints
-from modpush.envs.robot.robot import Tool
 from modpush.envs.scenes.arm_room import check_arm_is_free, tool_half_extents
 from modpush.envs.scenes.drawing import draw_top_view
 from modpush.envs.scenes.objects import PushedObject, get_object_of
@@ -47,9 +46,10 @@ class SceneBatch:
     (`MultiSyncCollector`).
 
     What stays the same throughout an episode is kept in `goal_pose` `[B, 3]` [m, m, rad], whose yaw is 0
-    where the goal is a position, and `about_episode`, the entries of `episode_entries` by key. `moving`
-    has the obstacles that move by themselves. A batch is the `SceneView` of its cameras. With
-    `full_circle` yaw angles count as different at which an object looks the same.
+    where the goal is a position, `about_object`, the entries of `object_entries` by key, and
+    `tool_half_extents` `[B, 2]` [m]. `moving` has the obstacles that move by themselves. A batch is the
+    `SceneView` of its cameras. With `full_circle` yaw angles count as different at which an object looks
+    the same.
     """
 
     def __init__(
@@ -68,8 +68,9 @@ class SceneBatch:
         self.goal_pose = np.zeros((num_envs, 3))
         self.robot, self.tool, self.pushed_objects = spec.robot, spec.tool, spec.objects
         self.dynamic_obstacles = spec.dynamic_obstacles
-        usual = episode_entries(spec.objects[0], spec.tool, 0.0, full_circle)
-        self.about_episode = {k: np.tile(v, (num_envs, 1)) for k, v in usual.items()}
+        usual = object_entries(spec.objects[0], full_circle)
+        self.about_object = {k: np.tile(v, (num_envs, 1)) for k, v in usual.items()}
+        self.tool_half_extents = np.zeros((num_envs, 2))
         self._images = ImageMemory(num_envs)
         self._camera = None if depth is None else self._make_camera(depth, arm_in_depth)
         substeps = spec.sim_freq // spec.control_freq
@@ -120,10 +121,10 @@ class SceneBatch:
         self.moving.begin(i, scenario.obstacles)
         item = get_object_of(self._spec.objects, scenario.pushed_object)
         self.goal_pose[i] = (*scenario.goal_position, scenario.goal_yaw or 0.0)
+        for key, value in object_entries(item, self._full_circle).items():
+            self.about_object[key][i] = value
         height = max((obstacle.size[2] for obstacle in scenario.obstacles), default=0.0)
-        entries = episode_entries(item, self._spec.tool, height, self._full_circle)
-        for key, value in entries.items():
-            self.about_episode[key][i] = value
+        self.tool_half_extents[i] = tool_half_extents(self.tool, item.tool_height, height)
         self._target[i] = target
         self._flange_height[i] = item.tool_height + self._spec.tool.length
         self._ee_pose[i] = planar_poses(self.engines[i].link_transforms(("tip",)))[0]
@@ -266,20 +267,16 @@ class SceneBatch:
         gc.collect()
 
 
-def episode_entries(
-    item: PushedObject, tool: Tool, height: float, full_circle: bool
-) -> dict[str, NDArray[np.float64]]:
-    """The entries of `PushEnv` that stay the same throughout an episode, by key, `[n]` each.
+def object_entries(item: PushedObject, full_circle: bool) -> dict[str, NDArray[np.float64]]:
+    """The entries of `PushEnv` that describe an object, by key, `[n]` each.
 
-    `height` is that of the highest obstacle [m]. With `full_circle` yaw angles count as different at
-    which the object looks the same.
+    With `full_circle` yaw angles count as different at which it looks the same.
     """
     return {
         "object_radius": np.array([item.radius]),
         "object_inscribed_radius": np.array([item.inscribed_radius]),
         "object_symmetry": np.array([1.0 if full_circle else float(item.symmetry)]),
         "object_support": np.asarray(item.support),
-        "tool_half_extents": tool_half_extents(tool, item.tool_height, height),
     }
 
 

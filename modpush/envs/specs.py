@@ -94,7 +94,8 @@ def state_entries(
         "goal_position": batch.goal_pose[:, :2],
         "ee_pose": measured.ee_pose,
         "joint_position": measured.joint_position,
-        **batch.about_episode,
+        **batch.about_object,
+        "tool_half_extents": batch.tool_half_extents,
     }
     if pose_error is not None:
         numbers |= {"goal_pose": batch.goal_pose, "pose_error": pose_error}

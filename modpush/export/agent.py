@@ -59,7 +59,8 @@ _RECOVERY = (
 )
 _CONTACT_FILTER = (
     "Not in the graphs. An action in the base frame, also of a recovery, is replaced if it is predicted "
-    "to bring the tool, or the object that it pushes, nearer to an obstacle than `clearance` [m], or the "
+    "to bring the tool, of which what is lower than the obstacles counts, or the object that it pushes, "
+    "nearer to an obstacle than `clearance` [m], or the "
     "object's centre nearer than `edge` [m] to where an episode ends, or if there would soon be no way "
     "left to push the object aside for a moving obstacle. Of `clearance` less and less is kept for the "
     "object where it has not moved for some time with the tool beside it: modpush.mdp.ContactFilter."

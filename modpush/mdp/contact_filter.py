@@ -207,8 +207,9 @@ class ContactFilter(DescribedTransform):
         caution = 1.0 - np.clip((waited - _PATIENCE) / _RELEASE, 0.0, 1.0)
         # Friction turns a disc with the same pressure everywhere as if at two thirds of its radius.
         levers = supports.max(-1) * 2 / 3
-        low = tensordict.get(self.tool_key, None)
-        tools = np.tile(self._tool, (len(poses), 1)) if low is None else _rows(low)
+        tools = np.tile(self._tool, (len(poses), 1))
+        if tensordict.get(self.tool_key, None) is not None:
+            tools = _rows(read_key(tensordict, self.tool_key, 2))
         around, grid = directions(supports.shape[-1]), self._grid()
         distances = [self._distances(i, cells[i], motions[i]) for i in range(len(poses))]
         return [

@@ -26,7 +26,9 @@ from modpush.training.config import TrainConfig
 
 _STATE = ("object_pose", "ee_pose", "joint_position", *CONTACT_KEYS)
 _ENVS = 16  # episodes that are played together
-_GROUPS = 4  # of such episodes, which are formed by length: a group takes as long as its longest
+_GROUPS = (
+    4  # groups that are played at once, by length, since each takes as long as its longest episode
+)
 
 
 @dataclass(frozen=True)
@@ -134,11 +136,12 @@ class Hindsight:
         count = len(self._engines)
         if len(self._waiting) < _GROUPS * count:
             return {}
-        episodes = sorted(self._waiting, key=lambda episode: len(episode.actions))
-        self._waiting = episodes[: len(episodes) % count]
+        last = len(self._waiting) // count * count
+        episodes, self._waiting = self._waiting[:last], self._waiting[last:]
+        episodes.sort(key=lambda episode: len(episode.actions))
         self._env.base_env.yaw_tolerance = yaw_tolerance
         found: list[TensorDictBase] = []
-        for first in range(len(self._waiting), len(episodes), count):
+        for first in range(0, last, count):
             found += self._play(episodes[first : first + count])
         rows: Any = torch.cat(found)
         return {key: value.numpy() for key, value in rows.items(True, True)}

@@ -12,6 +12,7 @@ from modpush.deploy import PushController, Stopped, load_policy
 from modpush.deploy.source_env import SourceEnv
 from modpush.evaluation import load_set
 from modpush.export import export_agent
+from modpush.geometry.camera import CAMERA, Label
 from modpush.training.scene_worker import FirstActions
 from tests.deploy.conftest import Rig, straight_push
 
@@ -187,7 +188,8 @@ def test_it_observes_goal_poses_as_the_environment_does(pose_agent) -> None:
     step(rig)
     ours = rig.controller._state
     assert not ours["obstacle_motion"].any()
-    for key in ("pose_error", "goal_pose", "object_symmetry", "obstacle_motion", "observation"):
+    keys = ("pose_error", "goal_pose", "object_symmetry", "obstacle_motion", "tool_half_extents")
+    for key in (*keys, "observation"):
         assert ours[key].numpy() == pytest.approx(state[key].numpy(), abs=2e-3), key
     env.close()
 
@@ -216,7 +218,9 @@ def test_steps_are_shortened_where_a_joint_would_be_too_fast(agent) -> None:
 def test_the_source_has_the_keys_of_the_environment(agent, rig) -> None:
     rig.controller.reset((0.6, 0.05))
     step(rig)
-    source = SourceEnv(rig.arm.item, rig.arm.robot, agent.config.scenario, agent.config.simulation)
+    arm, config = rig.arm, agent.config
+    parts = (arm.item, arm.robot, arm.tool, arm.item.tool_height)
+    source = SourceEnv(*parts, config.scenario, config.simulation)
     source.entries = rig.controller._source.entries
     env = agent.make_env(1, engine="mujoco", scene="free", keep_images=True)
     theirs = env.base_env.reset()
@@ -225,6 +229,23 @@ def test_the_source_has_the_keys_of_the_environment(agent, rig) -> None:
         if key != "reward":
             assert (value.shape, value.dtype) == (theirs[key].shape, theirs[key].dtype), key
     env.close()
+
+
+def test_obstacles_in_the_image_say_how_wide_the_tool_is(rig) -> None:
+    rig.controller.reset((0.6, 0.05))
+    step(rig)
+    seen, source = rig.controller.perceived, rig.controller._source
+    for height, expected in (
+        (0.0, (0.032, 0.011)),
+        (0.06, (0.032, 0.011)),
+        (0.09, (0.062, 0.0135)),
+    ):
+        depth, segmentation = seen.depth.copy(), seen.segmentation.copy()
+        if height:
+            depth[:20, :20], segmentation[:20, :20] = CAMERA.z - height, Label.OBSTACLE
+        there = seen._replace(depth=depth, segmentation=segmentation)
+        source.show(there, rig.arm.observe().joints, (0.6, 0.05), False, (0.05, 0.1))
+        assert source.entries["tool_half_extents"][0].tolist() == pytest.approx(expected)
 
 
 def test_an_object_at_its_goal_is_not_pushed(rig) -> None:

@@ -157,9 +157,10 @@ def tool_touches(
 
 
 def tool_half_extents(tool: Tool, tip_height: float, height: float) -> NDArray[np.float64]:
-    """Half of the sides along its x and y of what a tool has below a height over the table, `[2]` [m].
+    """Half of the sides, along its x and y, of a tool's parts that are lower than a height, `[2]` [m].
 
-    Its tip is at `tip_height` [m]. The tip itself always counts.
+    Parts less than 2 mm above it count, and so does the tip, which is at `tip_height`, all over the table
+    [m].
     """
     found = np.array(tool.tip_half_extents)
     for shape in tool.shapes:
