@@ -82,10 +82,9 @@ def test_each_scene_emits_the_radii_and_the_symmetry_of_its_own_object() -> None
     wide = env.reset(scenarios=starts)["tool_half_extents"]
     expected = torch.tensor([[0.032, 0.011]] * 3 + [[0.062, 0.0135]])  # the fragment is flat
     assert torch.equal(wide, expected)
-    flat = env.get_state([3])
+    flat, cylinder = env.get_state([3]), env.get_state([2])
     env.reset(scenarios=[scenario((0.4, 0.1, 0.0))] * len(PAPER_OBJECTS))
     assert torch.equal(env.set_state(flat, [1])["tool_half_extents"], expected[[0, 3, 0, 0]])
-    cylinder = env.get_state([2])
     env.reset(scenarios=[scenario((0.4, 0.1, 0.0))] * len(PAPER_OBJECTS))
     symmetry = env.set_state(cylinder, [1])["object_symmetry"]
     assert symmetry.tolist() == [[4.0], [0.0], [4.0], [4.0]]
