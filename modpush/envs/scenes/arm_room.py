@@ -27,7 +27,7 @@ MAX_HEIGHT = 0.15
 """Height of the tallest obstacles [m]. With a shipped arm and tool, forearm and wrist stay above it."""
 _FLANGE_HEIGHT = 0.175  # with a shipped tool and its tip as low as it gets [m]
 _TOOL_LENGTH = 0.16  # of the shortest shipped tool; the flange of a shorter one is lower [m]
-_HEIGHT_ERROR = 0.002  # up to which the arm holds the tool's height [m]
+_HEIGHT_ERROR = 0.002  # allowed for the height at which an arm holds its tool [m]
 _SAFETY_MARGIN = 0.01  # added to what was measured at some poses of the tool [m]
 _STEP = 0.005  # between the places at which a moving obstacle is looked at [m]
 
