@@ -58,8 +58,8 @@ class TrainConfig:
     hindsight: bool = False
     """Learn from hindsight goals as well: each episode that has ended is stored once more, with the
     object's last pose as its goal. What the agent observes is computed again for this goal, from
-    recorded poses, for 64 episodes at once, which takes a third to a half of the time that they
-    took. Those that wait for it at a checkpoint are dropped."""
+    recorded poses, for up to 64 episodes at once, which takes about a third of the time of acting.
+    Those that wait for it at a checkpoint are dropped."""
     init_from: Name | None = None
     """Start from trained weights, and act with them from the first step. A shipped agent, given by
     its name, or an agent's file provides the weights of the actor. A run's folder or one of its

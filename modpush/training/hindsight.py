@@ -26,7 +26,7 @@ from modpush.training.config import TrainConfig
 
 _STATE = ("object_pose", "ee_pose", "joint_position", *CONTACT_KEYS)
 _ENVS = 16  # episodes that are played together
-_GROUPS = 4  # that are formed by length, since each takes as long as its longest episode
+_GROUPS = 4  # played at once, the episodes sorted by length: a group takes as long as its longest
 
 
 @dataclass(frozen=True)

@@ -143,9 +143,8 @@ def tool_touches(
     rows = rectangles(obstacles)
     heights = np.array([obstacle.size[2] for obstacle in obstacles])
     for shape in tool.shapes:
-        length, width, height = extent(shape)
-        bottom = tip_height + tool.length - shape.position[2] - height / 2
-        tall = rows[heights + gap > bottom]
+        length, width, _ = extent(shape)
+        tall = rows[heights + gap > _bottom(shape, tool, tip_height)]
         # The tool's y axis is turned over, since its z axis points down.
         aside, ahead = shape.position[0], -shape.position[1]
         center_x = x + aside * math.cos(yaw) - ahead * math.sin(yaw)
@@ -164,10 +163,15 @@ def tool_half_extents(tool: Tool, tip_height: float, height: float) -> NDArray[n
     """
     found = np.array(tool.tip_half_extents)
     for shape in tool.shapes:
-        sides, place = np.array(extent(shape)), np.array(shape.position)
-        if tip_height + tool.length - place[2] - sides[2] / 2 < height + _HEIGHT_ERROR:
+        if _bottom(shape, tool, tip_height) < height + _HEIGHT_ERROR:
+            sides, place = np.array(extent(shape)), np.array(shape.position)
             found = np.maximum(found, np.abs(place[:2]) + sides[:2] / 2)
     return found
+
+
+def _bottom(shape: Primitive, tool: Tool, tip_height: float) -> float:
+    """Height over the table of the lowest point of a part of a tool, whose tip is at `tip_height` [m]."""
+    return tip_height + tool.length - shape.position[2] - extent(shape)[2] / 2
 
 
 def check_arm_is_free(
