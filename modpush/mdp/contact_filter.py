@@ -35,17 +35,17 @@ class ContactFilter(DescribedTransform):
 
     For every action it predicts how the tool moves and pushes the object, which turns where it is pushed
     beside its centre and slides on against friction, until both stand still (Lynch, Maekawa and Tanie
-    1992). If tool or object come nearer to an obstacle than `clearance`, the object by a fifth of its
-    motion more, since so much the prediction may be wrong, or if the object's centre is pushed nearer
-    than `edge` to where an episode ends, the nearest of 175 other actions takes its place, where
-    violations are added to its distance as a cost. An action without such a prediction is only clipped
-    to [-1, 1].
+    1992). If the tool comes nearer to an obstacle than `clearance`, the object nearer than
+    `object_clearance` and a fifth of its motion, since so much the prediction may be wrong, or if the
+    object's centre is pushed nearer than `edge` to where an episode ends, the nearest of 175 other
+    actions takes its place, where violations are added to its distance as a cost. An object that is
+    nearer than `edge` already can be pushed along it. An action without such a prediction is only
+    clipped to [-1, 1].
 
     A policy that is kept from the only push that it knows would wait for ever. So the steps are counted
     in which the tool is beside the object, the circles around both within 1 cm, while the object stays
-    within 1 cm. After 1 s altogether the object's distance from obstacles falls, and after 3 s it is only
-    kept from touching them. The tool's distance, the edge, and the ways out of a moving obstacle's way
-    stay as they are.
+    within 1 cm. After 1 s altogether `object_clearance` falls, and after 3 s only the fifth of its motion
+    is left. The tool's distance, the edge, and the ways out of a moving obstacle's way stay as they are.
 
     An obstacle that moves, the one of `obstacle_motion_key` with what touches it on the map, counts where
     it is and where it will be. It is taken to move straight on at its speed, and to turn round once, at
@@ -66,7 +66,9 @@ class ContactFilter(DescribedTransform):
         max_step: Motion of the tool along each axis by an action of 1 [m].
         max_turn: Turn of the tool by an action of 1 [rad].
         step_time: Duration of a control step [s].
-        clearance: Smallest predicted distance of tool and object from obstacles [m].
+        clearance: Smallest predicted distance of the tool from obstacles, and of the object from one that
+            moves where a way out of its way is looked for [m].
+        object_clearance: Smallest predicted distance of the object from obstacles [m].
         edge: Smallest predicted distance of a pushed object's centre from the edge of `bounds` [m].
         camera: The camera whose grid the blocked cells are on.
         action_key: Read and replaced on its way, `[..., 3]` (dx, dy, dyaw) in [-1, 1], base frame.
@@ -100,6 +102,7 @@ class ContactFilter(DescribedTransform):
         max_turn: Positive = 0.05,
         step_time: Positive = 1 / 15,
         clearance: NonNegative = 0.005,
+        object_clearance: NonNegative = 0.01,
         edge: NonNegative = 0.02,
         camera: Camera | None = None,
         action_key: NestedKey = "action",
@@ -118,7 +121,7 @@ class ContactFilter(DescribedTransform):
             in_keys_inv=[action_key],
             out_keys_inv=[action_key],
         )
-        self.clearance, self.edge = clearance, edge
+        self.clearance, self.object_clearance, self.edge = clearance, object_clearance, edge
         self.patrol_area = patrol_area
         self.camera = camera or Camera()
         self._motion = np.array([max_step, max_step, max_turn])
@@ -134,8 +137,8 @@ class ContactFilter(DescribedTransform):
 
     def describe(self) -> dict[str, Any]:
         """Distances that are kept, and where moving obstacles turn round."""
-        numbers = {"clearance": self.clearance, "edge": self.edge, "patrol_area": self.patrol_area}
-        return {"contact_filter": numbers}
+        names = ("clearance", "object_clearance", "edge", "patrol_area")
+        return {"contact_filter": {name: getattr(self, name) for name in names}}
 
     def _reset(
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
@@ -204,7 +207,7 @@ class ContactFilter(DescribedTransform):
         steps[:, 2] = np.remainder(steps[:, 2] + np.pi, 2 * np.pi) - np.pi
         stalled = tensordict.get(self.stalled_key, None)
         waited = np.zeros(len(poses)) if stalled is None else _rows(stalled)[:, 2] * self._step_time
-        caution = 1.0 - np.clip((waited - _PATIENCE) / _RELEASE, 0.0, 1.0)
+        kept = 1.0 - np.clip((waited - _PATIENCE) / _RELEASE, 0.0, 1.0)
         # Friction turns a disc with the same pressure everywhere as if at two thirds of its radius.
         levers = supports.max(-1) * 2 / 3
         tools = np.tile(self._tool, (len(poses), 1))
@@ -234,7 +237,7 @@ class ContactFilter(DescribedTransform):
                 motion=self._motion,
                 slowing=_FRICTION * _GRAVITY * self._step_time**2,
                 clearance=self.clearance,
-                caution=float(caution[i]),
+                object_clearance=self.object_clearance * float(kept[i]),
             )
             for i in range(len(poses))
         ]

@@ -11,9 +11,10 @@ import numpy as np
 
 from modpush._kernels import njit
 from modpush.mdp.body_distance import excess, outside, struck
-from modpush.mdp.push_prediction import PARTS, Pose, PushedScene, object_after
+from modpush.mdp.push_prediction import Pose, PushedScene, object_after
 
 _DIRECTIONS = 12  # in which the object is pushed
+_PARTS = 4  # of a step; of whole ways there are many to predict
 _GAP = 0.01  # between tool and object on the way round [m]
 _BEHIND = 0.35  # angle from straight behind the object up to which the tool pushes [rad]
 _ASIDE = 0.02  # distance of the tool from the line of the push that is corrected as fast as it pushes [m]
@@ -66,11 +67,11 @@ def _cost(
         if passes(scene, pose, first + step, scene.ahead, clearance):
             return float(step)
         dx, dy = _heading(scene, pose, tip, angle, side)
-        dx, dy = dx * scene.motion[0] / PARTS, dy * scene.motion[1] / PARTS
+        dx, dy = dx * scene.motion[0] / _PARTS, dy * scene.motion[1] / _PARTS
         is_pushed = False
-        for _ in range(PARTS):
+        for _ in range(_PARTS):
             tip = (tip[0] + dx, tip[1] + dy, tip[2])
-            pose, speed, pushed = object_after(scene, pose, speed, tip, inside)
+            pose, speed, pushed = object_after(scene, pose, speed, tip, inside, _PARTS)
             is_pushed = is_pushed or pushed
         after = float(first + step + 1)
         if struck(scene, scene.outline, pose, after, clearance) > 0.0:

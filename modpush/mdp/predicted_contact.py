@@ -10,12 +10,12 @@ from modpush.mdp.body_distance import excess, outside, struck
 from modpush.mdp.escape import escape, passes
 from modpush.mdp.push_prediction import PARTS, Pose, PushedScene, object_after, start, tip_at
 
-_STOP = 4  # parts in which the tool stands still after the step, while the object slides on
+_LOOKED_AT = PARTS // 2  # parts after which distances are looked at
 _ERROR = 0.2  # of the prediction, as a share of the object's motion
 _DIRECTIONS = 17  # from straight back on one side to straight back on the other
 _TURN_COST = 0.3  # of another turn, beside 1 for another motion
 _ROOM = 0.02  # that is left beside a moving obstacle where that is possible [m]
-_PENALTY = 200.0  # of a violation [1/m]
+_PENALTY = 1000.0  # of a violation [1/m]
 
 
 @njit()
@@ -31,30 +31,32 @@ def _nearness(
 def violation(action: NDArray[np.float64], scene: PushedScene, limit: float = np.inf) -> float:
     """By how much an action `[3]`, base frame, is predicted to come too near to something [m].
 
-    After the action the tool stands still, which is possible at any time. A sum of more than `limit` is
-    not added up to its end.
+    After the action the tool stands still for a step, which is possible at any time. Of an object that is
+    at the edge already, only its way further out counts. A sum of more than `limit` is not added up to its
+    end.
     """
     total, is_pushed = 0.0, False
     obstacles_move = len(scene.moving) > 0
     pose, speed, inside = start(scene)
+    edge = outside(scene, pose)
     fastest, radius = 0.0, math.hypot(scene.outline[0, 0], scene.outline[0, 1])
     moves = obstacles_move or speed != (0.0, 0.0, 0.0)
-    for i in range(1, PARTS + _STOP + 1):
+    for i in range(1, 2 * PARTS + 1):
         part = i / PARTS
         tip = tip_at(scene, action, min(part, 1.0))
-        pose, speed, pushed = object_after(scene, pose, speed, tip, inside)
+        pose, speed, pushed = object_after(scene, pose, speed, tip, inside, PARTS)
         is_pushed = is_pushed or pushed
         fastest = max(fastest, math.hypot(speed[0], speed[1]) + radius * abs(speed[2]))
-        if i % 2:
+        if i % _LOOKED_AT:
             continue
         if part <= 1.0 or obstacles_move:
             total += _nearness(scene, scene.low_tool, tip, part, scene.clearance)
         if is_pushed or moves:
-            clearance = scene.caution * (scene.clearance + _ERROR * fastest)
+            clearance = scene.object_clearance + _ERROR * fastest
             total += _nearness(scene, scene.outline, pose, part, clearance)
         if total > limit:
             return total
-    return total + outside(scene, pose) if is_pushed else total
+    return total + max(0.0, outside(scene, pose) - edge) if is_pushed else total
 
 
 @njit()
@@ -63,7 +65,7 @@ def _can_escape(action: NDArray[np.float64], scene: PushedScene) -> bool:
     pose, speed, inside = start(scene)
     for i in range(1, PARTS + 1):
         tip = tip_at(scene, action, i / PARTS)
-        pose, speed, _ = object_after(scene, pose, speed, tip, inside)
+        pose, speed, _ = object_after(scene, pose, speed, tip, inside, PARTS)
     if passes(scene, pose, 1, scene.ahead, scene.clearance):
         return True
     first = 1 + scene.slack

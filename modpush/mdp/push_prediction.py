@@ -13,8 +13,11 @@ from numpy.typing import NDArray
 
 from modpush._kernels import njit
 
-PARTS = 4
-"""Number of parts of a step in which the motion is predicted."""
+PARTS = 16
+"""Number of parts of a step in which the motion is predicted.
+
+With longer ones a tool that meets a corner can be predicted to push the wrong side of the object.
+"""
 
 _SPACING = 0.008  # of the points on outlines [m]
 _FLAT = 0.001  # by which points of an edge that touches may be farther away [m]
@@ -65,9 +68,9 @@ class PushedScene(NamedTuple):
     slowing: float
     """Speed that friction takes from the object in a step [m per step]."""
     clearance: float
-    """Smallest distance from obstacles [m]."""
-    caution: float
-    """Share that is kept of the object's distance from them, in [0, 1]."""
+    """Smallest distance of the tool from obstacles [m]."""
+    object_clearance: float
+    """The same of the object, beside what its motion adds [m]."""
 
 
 def directions(count: int) -> NDArray[np.float64]:
@@ -214,14 +217,14 @@ def tip_at(scene: PushedScene, action: NDArray[np.float64], acted: float) -> Pos
 
 @njit()
 def object_after(
-    scene: PushedScene, pose: Pose, speed: Pose, tip: Pose, inside: float
+    scene: PushedScene, pose: Pose, speed: Pose, tip: Pose, inside: float, parts: int
 ) -> tuple[Pose, Pose, bool]:
-    """Pose and motion per step of the object after one of the parts, and whether the tool pushed it."""
+    """Pose and motion per step of the object after one of its parts, and whether the tool pushed it."""
     vx, vy, turn = speed
     whole = math.hypot(vx, vy) + scene.lever * abs(turn)
-    kept = 1.0 - min(1.0, scene.slowing / (PARTS * whole)) if whole > 0.0 else 0.0
+    kept = 1.0 - min(1.0, scene.slowing / (parts * whole)) if whole > 0.0 else 0.0
     vx, vy, turn = kept * vx, kept * vy, kept * turn
-    slid = (pose[0] + vx / PARTS, pose[1] + vy / PARTS, pose[2] + turn / PARTS)
+    slid = (pose[0] + vx / parts, pose[1] + vy / parts, pose[2] + turn / parts)
     after = _pushed(scene, slid, tip, inside)
     if after == slid:
         return slid, (vx, vy, turn), False
@@ -229,7 +232,7 @@ def object_after(
     x, y, yaw = pose
     return (
         after,
-        ((after[0] - x) * PARTS, (after[1] - y) * PARTS, (after[2] - yaw) * PARTS),
+        ((after[0] - x) * parts, (after[1] - y) * parts, (after[2] - yaw) * parts),
         True,
     )
 
@@ -252,5 +255,7 @@ def pose_after(action: NDArray[np.float64], scene: PushedScene) -> Pose:
     """Predicted pose of the object after a step with an action `[3]`, base frame [m, m, rad]."""
     pose, speed, inside = start(scene)
     for i in range(1, PARTS + 1):
-        pose, speed, _ = object_after(scene, pose, speed, tip_at(scene, action, i / PARTS), inside)
+        pose, speed, _ = object_after(
+            scene, pose, speed, tip_at(scene, action, i / PARTS), inside, PARTS
+        )
     return pose
