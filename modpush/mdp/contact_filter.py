@@ -25,8 +25,7 @@ _GRAVITY = 9.81  # [m/s^2]
 _AHEAD = 6.0  # time for which the way of a moving obstacle is looked ahead [s]
 _SLACK = 0.5  # time after which the object can still be pushed out of its way [s]
 _STAYS = 0.01  # motion of the object up to which it is still in its place [m]
-_BESIDE = 0.01  # gap between the circles around tool and object while it is beside it [m]
-_PATIENCE = 1.0  # time beside an object that stays, after which less distance is kept [s]
+_PATIENCE = 2.0  # time in which the object stays, after which less distance is kept [s]
 _RELEASE = 2.0  # further time in which that distance falls to none [s]
 
 
@@ -42,10 +41,9 @@ class ContactFilter(DescribedTransform):
     nearer than `edge` already can be pushed along it. An action without such a prediction is only
     clipped to [-1, 1].
 
-    A policy that is kept from the only push that it knows would wait for ever. So the steps are counted
-    in which the tool is beside the object, the circles around both within 1 cm, while the object stays
-    within 1 cm. After 1 s altogether `object_clearance` falls, and after 3 s only the fifth of its motion
-    is left. The tool's distance, the edge, and the ways out of a moving obstacle's way stay as they are.
+    A policy that is kept from the only push that it knows would wait for ever. Where the object has
+    stayed within 1 cm for 2 s, `object_clearance` and `edge` fall, and after 4 s only the fifth of its
+    motion is left. The tool's distance, and the ways out of a moving obstacle's way, stay as they are.
 
     An obstacle that moves, the one of `obstacle_motion_key` with what touches it on the map, counts where
     it is and where it will be. It is taken to move straight on at its speed, and to turn round once, at
@@ -83,8 +81,8 @@ class ContactFilter(DescribedTransform):
         previous_key: Written in each step, and read where it is there, `[..., 3]`: the object's pose
             before the step (x, y, yaw) [m, rad]. Without it the object is taken to stand still.
         stalled_key: Written in each step, and read where it is there, `[..., 3]` float32: the place where
-            the object stays (x, y) [m], and the number of steps there with the tool beside it. Without it
-            they are counted from this step on.
+            the object stays (x, y) [m], and the number of steps there. Without it they are counted from
+            this step on.
 
     Raises:
         ValueError: If a number is out of its range.
@@ -126,8 +124,7 @@ class ContactFilter(DescribedTransform):
         self.camera = camera or Camera()
         self._motion = np.array([max_step, max_step, max_turn])
         self._tool, self._step_time = np.array(tip_half_extents), step_time
-        (x0, y0), (x1, y1) = bounds
-        self._inner = np.array([x0 + edge, y0 + edge, x1 - edge, y1 - edge])
+        self._bounds = np.array([*bounds[0], *bounds[1]])
         self.action_key, self.blocked_key = action_key, blocked_key
         self.object_pose_key, self.ee_pose_key = object_pose_key, ee_pose_key
         self.object_support_key, self.obstacle_motion_key = object_support_key, obstacle_motion_key
@@ -154,18 +151,14 @@ class ContactFilter(DescribedTransform):
         return next_tensordict.set(self.previous_key, pose.clone())
 
     def _stalled(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> torch.Tensor:
-        """Place where the object stays, and the number of steps with the tool beside it, `[..., 3]`."""
+        """Place where the object stays, and the number of steps there, `[..., 3]`."""
         before = tensordict.get(self.stalled_key, None)
         if before is None:
             before = _at_rest(read_key(tensordict, self.object_pose_key, 3)[..., :2])
         place, steps = before.split([2, 1], -1)
         here = read_key(next_tensordict, self.object_pose_key, 3)[..., :2]
-        tip = read_key(next_tensordict, self.ee_pose_key, 3)[..., :2]
-        reach = read_key(next_tensordict, self.object_support_key).amax(-1, keepdim=True)
-        reach = reach + math.hypot(*self._tool) + _BESIDE
         stays = (here - place).norm(dim=-1, keepdim=True) <= _STAYS
-        steps = steps + ((here - tip).norm(dim=-1, keepdim=True) <= reach)
-        return torch.where(stays, torch.cat([place, steps], -1), _at_rest(here))
+        return torch.where(stays, torch.cat([place, steps + 1], -1), _at_rest(here))
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Add the previous pose, and where the object stays."""
@@ -207,6 +200,7 @@ class ContactFilter(DescribedTransform):
         steps[:, 2] = np.remainder(steps[:, 2] + np.pi, 2 * np.pi) - np.pi
         stalled = tensordict.get(self.stalled_key, None)
         waited = np.zeros(len(poses)) if stalled is None else _rows(stalled)[:, 2] * self._step_time
+        inward = np.array([1.0, 1.0, -1.0, -1.0])
         kept = 1.0 - np.clip((waited - _PATIENCE) / _RELEASE, 0.0, 1.0)
         # Friction turns a disc with the same pressure everywhere as if at two thirds of its radius.
         levers = supports.max(-1) * 2 / 3
@@ -233,7 +227,7 @@ class ContactFilter(DescribedTransform):
                 turn=self._time_to_turn(motions[i]) / self._step_time,
                 ahead=math.ceil(_AHEAD / self._step_time),
                 slack=math.ceil(_SLACK / self._step_time),
-                inner=self._inner,
+                inner=self._bounds + self.edge * kept[i] * inward,
                 motion=self._motion,
                 slowing=_FRICTION * _GRAVITY * self._step_time**2,
                 clearance=self.clearance,
