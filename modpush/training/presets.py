@@ -212,7 +212,7 @@ def _pose_obstacles() -> TrainConfig:
         ),
         tqc=replace(pose.tqc, hidden_sizes=(256, 256), layer_norm=True),
         actor_average=0.9998,
-        total_steps=300_000,
+        total_steps=500_000,
         evaluate_every=50_000,
         evaluation_episodes=96,
     )

@@ -19,8 +19,11 @@ def turned(angle: np.ndarray) -> np.ndarray:
     return np.remainder(angle + np.pi, 2 * np.pi) - np.pi
 
 
-def pushes(thing: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Poses before and after steps in which the tool pushes, and the predicted ones, `[n, 3]`."""
+def pushes(thing: str, farthest: float = 0.04) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Poses before and after steps in which the tool pushes, and the predicted ones, `[n, 3]`.
+
+    It pushes up to `farthest` beside the object's centre [m].
+    """
     env = make_push_env(
         num_envs=8, scene="free", pushed_object=thing, encoder="none", contact_filter=True, seed=3
     )
@@ -30,7 +33,7 @@ def pushes(thing: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     for k in range(120):
         if k % 20 == 0:  # another speed, and another place beside the object's centre
             state = env.reset()
-            aside, speed = generator.uniform((-0.04, 0.3), (0.04, 1.0), (8, 2)).T
+            aside, speed = generator.uniform((-farthest, 0.3), (farthest, 1.0), (8, 2)).T
         way = (state["object_pose"] - state["ee_pose"])[:, :2].numpy()
         way /= np.linalg.norm(way, axis=1, keepdims=True)
         way = way + np.stack([-way[:, 1], way[:, 0]], -1) * aside[:, None] / 0.04
@@ -63,3 +66,13 @@ def test_one_step_is_predicted_to_some_millimetres_and_degrees(thing: str) -> No
         spun, off = turned((after - before)[:, 2]), turned((predicted - after)[:, 2])
         assert np.quantile(np.abs(off), 0.9) < math.radians(6)
         assert np.square(off).sum() < 0.35 * np.square(spun).sum()
+
+
+@pytest.mark.parametrize("thing", ["box", "large_cube"])
+def test_a_tool_that_meets_a_corner_is_predicted_to_push_the_right_side(thing: str) -> None:
+    """With 4 parts of a step 1 of 100 steps is wrong by 5.9 and 6.7 mm."""
+    _, after, predicted = pushes(thing, farthest=0.12)
+    wrong = np.linalg.norm((predicted - after)[:, :2], axis=1)
+    assert len(wrong) > 500
+    assert np.quantile(wrong, 0.5) < 0.0016
+    assert np.quantile(wrong, 0.99) < 0.0054
