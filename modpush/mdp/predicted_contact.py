@@ -32,8 +32,7 @@ def violation(action: NDArray[np.float64], scene: PushedScene, limit: float = np
     """By how much an action `[3]`, base frame, is predicted to come too near to something [m].
 
     After the action the tool stands still for a step, which is possible at any time. Of an object that is
-    at the edge already, only its way further out counts. A sum of more than `limit` is not added up to its
-    end.
+    at the edge already, only its way further out counts. A sum of more than `limit` is not completed.
     """
     total, is_pushed = 0.0, False
     obstacles_move = len(scene.moving) > 0
