@@ -25,8 +25,8 @@ _GRAVITY = 9.81  # [m/s^2]
 _AHEAD = 6.0  # time for which the way of a moving obstacle is looked ahead [s]
 _SLACK = 0.5  # time after which the object can still be pushed out of its way [s]
 _STAYS = 0.01  # motion of the object up to which it is still in its place [m]
-_PATIENCE = 2.0  # time in which the object stays, after which less distance is kept [s]
-_RELEASE = 2.0  # further time in which that distance falls to none [s]
+_PATIENCE = 2.0  # time in which the object stays, after which less distance from obstacles and edge is kept [s]
+_RELEASE = 2.0  # further time in which those distances fall to none [s]
 
 
 class ContactFilter(DescribedTransform):
@@ -42,8 +42,9 @@ class ContactFilter(DescribedTransform):
     clipped to [-1, 1].
 
     A policy that is kept from the only push that it knows would wait for ever. Where the object has
-    stayed within 1 cm for 2 s, `object_clearance` and `edge` fall, and after 4 s only the fifth of its
-    motion is left. The tool's distance, and the ways out of a moving obstacle's way, stay as they are.
+    stayed within 1 cm for 2 s, the tool's way to it included, `object_clearance` and `edge` fall, and
+    after 4 s nothing is left but the fifth of the object's motion. The tool's distance stays, and so do
+    the distances from obstacles on ways out of a moving obstacle's way.
 
     An obstacle that moves, the one of `obstacle_motion_key` with what touches it on the map, counts where
     it is and where it will be. It is taken to move straight on at its speed, and to turn round once, at
@@ -64,9 +65,9 @@ class ContactFilter(DescribedTransform):
         max_step: Motion of the tool along each axis by an action of 1 [m].
         max_turn: Turn of the tool by an action of 1 [rad].
         step_time: Duration of a control step [s].
-        clearance: Smallest predicted distance of the tool from obstacles, and of the object from one that
-            moves where a way out of its way is looked for [m].
-        object_clearance: Smallest predicted distance of the object from obstacles [m].
+        clearance: Smallest predicted distance of the tool from obstacles, and of the object on ways out of
+            a moving obstacle's way [m].
+        object_clearance: Smallest predicted distance of the object from obstacles elsewhere [m].
         edge: Smallest predicted distance of a pushed object's centre from the edge of `bounds` [m].
         camera: The camera whose grid the blocked cells are on.
         action_key: Read and replaced on its way, `[..., 3]` (dx, dy, dyaw) in [-1, 1], base frame.

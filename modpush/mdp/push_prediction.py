@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from modpush._kernels import njit
 
 PARTS = 16
-"""Number of parts of a step in which the motion is predicted.
+"""Number of parts of a step in which the motion by one action is predicted.
 
 With longer ones a tool that meets a corner can be predicted to push the wrong side of the object.
 """
@@ -68,9 +68,9 @@ class PushedScene(NamedTuple):
     slowing: float
     """Speed that friction takes from the object in a step [m per step]."""
     clearance: float
-    """Smallest distance of the tool from obstacles [m]."""
+    """Smallest distance of the tool from obstacles, and of the object on ways out of their way [m]."""
     object_clearance: float
-    """The same of the object, beside what its motion adds [m]."""
+    """Smallest distance of the object from obstacles elsewhere, beside what its motion adds [m]."""
 
 
 def directions(count: int) -> NDArray[np.float64]:
@@ -219,7 +219,7 @@ def tip_at(scene: PushedScene, action: NDArray[np.float64], acted: float) -> Pos
 def object_after(
     scene: PushedScene, pose: Pose, speed: Pose, tip: Pose, inside: float, parts: int
 ) -> tuple[Pose, Pose, bool]:
-    """Pose and motion per step of the object after one of its parts, and whether the tool pushed it."""
+    """Pose and motion per step of the object after one of `parts` of a step; True if the tool pushed it."""
     vx, vy, turn = speed
     whole = math.hypot(vx, vy) + scene.lever * abs(turn)
     kept = 1.0 - min(1.0, scene.slowing / (parts * whole)) if whole > 0.0 else 0.0

@@ -68,7 +68,7 @@ def test_parts_of_the_tool_at_the_obstacles_height_keep_their_distance() -> None
     free = filtered([0.0, 1.0, 0.0], tip, bits=bits, tool_half_extents=list(TIP))
     assert free.tolist() == filtered([0.0, 1.0, 0.0], tip, bits=bits).tolist()
     near = filtered([0.0, 1.0, 0.0], tip, bits=bits, tool_half_extents=[0.062, 0.0135])
-    assert 0.06 < 0.02 + 0.032 + 0.02 * float(free[1]) <= 0.07
+    assert free.tolist() == pytest.approx([0.0, 0.5, 0.0])  # at full speed it would come to 3 mm
     assert float(near[1]) < 0.0  # it is over the obstacle's edge already
 
 
@@ -104,7 +104,7 @@ def test_a_push_that_was_refused_for_long_is_allowed_unless_something_would_touc
         action = filtered([1.0, 0.0, 0.0], along, (0.5, 0.0, 0.0), bits=bits, stalled=stalled)
         assert action.tolist() == [share, 0.0, 0.0] if share else float(action[1]) < 0.0
         action = filtered([0.0, 1.0, 0.0], against, (0.5, 0.0, 0.0), bits=bits, stalled=stalled)
-        assert float(action[1]) < 0.5
+        assert 0.02 * float(action[1]) < gap
 
 
 def test_steps_count_in_which_the_object_stays() -> None:
@@ -131,7 +131,9 @@ def test_an_object_near_the_edge_is_pushed_along_it_and_no_further() -> None:
     assert along.tolist() == [0.0, 1.0, 0.0]
     push, behind = [0.25, 0.0, 0.0], (x - 0.036, 0.0, math.pi / 2)
     assert float(filtered(push, behind, thing)[0]) <= 0.0
-    assert filtered(push, behind, thing, stalled=[x, 0.0, 60.0]).tolist() == push
+    stalled = [x, 0.0, 60.0]
+    assert filtered(push, behind, thing, stalled=stalled).tolist() == push
+    assert 0.02 * float(filtered([1.0, 0.0, 0.0], behind, thing, stalled=stalled)[0]) < 0.01
 
 
 def test_a_tool_in_contact_may_leave() -> None:

@@ -22,7 +22,7 @@ def turned(angle: np.ndarray) -> np.ndarray:
 def pushes(thing: str, farthest: float = 0.04) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Poses before and after steps in which the tool pushes, and the predicted ones, `[n, 3]`.
 
-    It pushes up to `farthest` beside the object's centre [m].
+    It heads for the object's centre, or past it by an angle of up to atan(`farthest` / 4 cm).
     """
     env = make_push_env(
         num_envs=8, scene="free", pushed_object=thing, encoder="none", contact_filter=True, seed=3
