@@ -62,8 +62,8 @@ _CONTACT_FILTER = (
     "to bring the tool, of which what is lower than the obstacles counts, nearer to an obstacle than "
     "`clearance` [m], or the object that it pushes nearer than `object_clearance` [m] and a fifth of its "
     "motion, or the object's centre nearer than `edge` [m] to where an episode ends, or if there would "
-    "soon be no way left to push the object aside for a moving obstacle. Of `object_clearance` and `edge` "
-    "less and less is kept where the object has not moved for 2 s: modpush.mdp.ContactFilter."
+    "soon be no way left to push the object aside for a moving obstacle. Of `object_clearance` and "
+    "`edge` less and less is kept where the object has not moved for 2 s: modpush.mdp.ContactFilter."
 )
 _PLANNING = (
     "Arguments of `OccupancyGrid` and `PlannerSubgoals`, lengths in metres. Cells outside `bounds`, made "

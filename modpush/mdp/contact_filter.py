@@ -25,7 +25,7 @@ _GRAVITY = 9.81  # [m/s^2]
 _AHEAD = 6.0  # time for which the way of a moving obstacle is looked ahead [s]
 _SLACK = 0.5  # time after which the object can still be pushed out of its way [s]
 _STAYS = 0.01  # motion of the object up to which it is still in its place [m]
-_PATIENCE = 2.0  # time in which the object stays, after which less distance from obstacles and edge is kept [s]
+_PATIENCE = 2.0  # time in which the object stays, after which less and less distance is kept [s]
 _RELEASE = 2.0  # further time in which those distances fall to none [s]
 
 
@@ -65,8 +65,8 @@ class ContactFilter(DescribedTransform):
         max_step: Motion of the tool along each axis by an action of 1 [m].
         max_turn: Turn of the tool by an action of 1 [rad].
         step_time: Duration of a control step [s].
-        clearance: Smallest predicted distance of the tool from obstacles, and of the object on ways out of
-            a moving obstacle's way [m].
+        clearance: Smallest predicted distance of the tool from obstacles, and of the object on ways out
+            of a moving obstacle's way [m].
         object_clearance: Smallest predicted distance of the object from obstacles elsewhere [m].
         edge: Smallest predicted distance of a pushed object's centre from the edge of `bounds` [m].
         camera: The camera whose grid the blocked cells are on.

@@ -219,7 +219,7 @@ def tip_at(scene: PushedScene, action: NDArray[np.float64], acted: float) -> Pos
 def object_after(
     scene: PushedScene, pose: Pose, speed: Pose, tip: Pose, inside: float, parts: int
 ) -> tuple[Pose, Pose, bool]:
-    """Pose and motion per step of the object after one of `parts` of a step; True if the tool pushed it."""
+    """Pose and motion per step of the object after one of `parts` of a step, and if it was pushed."""
     vx, vy, turn = speed
     whole = math.hypot(vx, vy) + scene.lever * abs(turn)
     kept = 1.0 - min(1.0, scene.slowing / (parts * whole)) if whole > 0.0 else 0.0
