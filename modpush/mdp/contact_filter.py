@@ -126,6 +126,7 @@ class ContactFilter(DescribedTransform):
         self._motion = np.array([max_step, max_step, max_turn])
         self._tool, self._step_time = np.array(tip_half_extents), step_time
         self._bounds = np.array([*bounds[0], *bounds[1]])
+        self._inward = np.array([edge, edge, -edge, -edge])
         self.action_key, self.blocked_key = action_key, blocked_key
         self.object_pose_key, self.ee_pose_key = object_pose_key, ee_pose_key
         self.object_support_key, self.obstacle_motion_key = object_support_key, obstacle_motion_key
@@ -201,7 +202,6 @@ class ContactFilter(DescribedTransform):
         steps[:, 2] = np.remainder(steps[:, 2] + np.pi, 2 * np.pi) - np.pi
         stalled = tensordict.get(self.stalled_key, None)
         waited = np.zeros(len(poses)) if stalled is None else _rows(stalled)[:, 2] * self._step_time
-        inward = np.array([1.0, 1.0, -1.0, -1.0])
         kept = 1.0 - np.clip((waited - _PATIENCE) / _RELEASE, 0.0, 1.0)
         # Friction turns a disc with the same pressure everywhere as if at two thirds of its radius.
         levers = supports.max(-1) * 2 / 3
@@ -228,7 +228,7 @@ class ContactFilter(DescribedTransform):
                 turn=self._time_to_turn(motions[i]) / self._step_time,
                 ahead=math.ceil(_AHEAD / self._step_time),
                 slack=math.ceil(_SLACK / self._step_time),
-                inner=self._bounds + self.edge * kept[i] * inward,
+                inner=self._bounds + kept[i] * self._inward,
                 motion=self._motion,
                 slowing=_FRICTION * _GRAVITY * self._step_time**2,
                 clearance=self.clearance,

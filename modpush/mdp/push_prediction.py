@@ -68,7 +68,7 @@ class PushedScene(NamedTuple):
     slowing: float
     """Speed that friction takes from the object in a step [m per step]."""
     clearance: float
-    """Smallest distance of the tool from obstacles, and of the object on ways out of their way [m]."""
+    """Smallest distance of the tool from obstacles, and of the object while it is pushed aside [m]."""
     object_clearance: float
     """Smallest distance of the object from obstacles elsewhere, beside what its motion adds [m]."""
 
