@@ -11,10 +11,9 @@ import numpy as np
 
 from modpush._kernels import njit
 from modpush.mdp.body_distance import excess, outside, struck
-from modpush.mdp.push_prediction import Pose, PushedScene, object_after
+from modpush.mdp.push_prediction import PARTS, Pose, PushedScene, object_after
 
-_DIRECTIONS = 12  # in which the object is pushed
-_PARTS = 4  # of a step; of whole ways there are many to predict
+_DIRECTIONS = 24  # in which the object is pushed
 _GAP = 0.01  # between tool and object on the way round [m]
 _BEHIND = 0.35  # angle from straight behind the object up to which the tool pushes [rad]
 _ASIDE = 0.02  # distance of the tool from the line of the push that is corrected as fast as it pushes [m]
@@ -57,9 +56,9 @@ def _cost(
 ) -> float:
     """Number of steps after which the obstacle passes the object on one of the ways.
 
-    Infinite where the obstacle comes against the object, the tool against an obstacle, the object against
-    one that stands or over the edge, or where the way takes more than half of the steps that are looked
-    ahead.
+    Infinite where the tool comes nearer than `clearance` to an obstacle, or the object, unless it is near
+    one already that stands and is not pushed; where the object is pushed over the edge, or the way takes
+    more than half of the steps that are looked ahead.
     """
     pose, speed, tip, inside = state
     edge = outside(scene, pose)
@@ -67,20 +66,20 @@ def _cost(
         if passes(scene, pose, first + step, scene.ahead, clearance):
             return float(step)
         dx, dy = _heading(scene, pose, tip, angle, side)
-        dx, dy = dx * scene.motion[0] / _PARTS, dy * scene.motion[1] / _PARTS
+        dx, dy = dx * scene.motion[0] / PARTS, dy * scene.motion[1] / PARTS
         is_pushed = False
-        for _ in range(_PARTS):
+        for _ in range(PARTS):
             tip = (tip[0] + dx, tip[1] + dy, tip[2])
-            pose, speed, pushed = object_after(scene, pose, speed, tip, inside, _PARTS)
+            pose, speed, pushed = object_after(scene, pose, speed, tip, inside, PARTS)
             is_pushed = is_pushed or pushed
         after = float(first + step + 1)
         if struck(scene, scene.outline, pose, after, clearance) > 0.0:
             return np.inf
-        if excess(scene, scene.low_tool, tip, after, scene.clearance) > 0.0:
+        if excess(scene, scene.low_tool, tip, after, clearance) > 0.0:
             return np.inf
         if is_pushed and outside(scene, pose) > edge:
             return np.inf
-        if is_pushed and excess(scene, scene.outline, pose, after, scene.clearance) > 0.0:
+        if is_pushed and excess(scene, scene.outline, pose, after, clearance) > 0.0:
             return np.inf
     return np.inf
 
@@ -99,9 +98,10 @@ def escape(
     if passes(scene, pose, first, scene.ahead, clearance):
         return 0.0, 0.0, 0.0
     from_tool = math.atan2(pose[1] - tip[1], pose[0] - tip[0])
-    for k in range(1, 2 * _DIRECTIONS):  # straight on, then the shortest ways round first
+    # Straight on, and always the same directions: a way that has been begun is there in the next step.
+    for k in range(2 * _DIRECTIONS + 1):
         side = 1.0 if k % 2 else -1.0
-        angle = from_tool + side * (k // 2) * 2 * math.pi / _DIRECTIONS
+        angle = from_tool if k == 0 else (k - 1) // 2 * 2 * math.pi / _DIRECTIONS
         cost = _cost(scene, state, first, angle, side, clearance)
         if cost < best:
             best = cost

@@ -60,18 +60,24 @@ def violation(action: NDArray[np.float64], scene: PushedScene, limit: float = np
 
 @njit()
 def _can_escape(action: NDArray[np.float64], scene: PushedScene) -> bool:
-    """True if the object is out of a moving obstacle's way after an action, or can be pushed out."""
+    """True if the object is out of a moving obstacle's way after an action, or can be pushed out.
+
+    After the action the tool stands still for a step, in which the object slides on.
+    """
     pose, speed, inside = start(scene)
-    for i in range(1, PARTS + 1):
-        tip = tip_at(scene, action, i / PARTS)
+    fastest, radius = 0.0, math.hypot(scene.outline[0, 0], scene.outline[0, 1])
+    for i in range(1, 2 * PARTS + 1):
+        tip = tip_at(scene, action, min(i / PARTS, 1.0))
         pose, speed, _ = object_after(scene, pose, speed, tip, inside, PARTS)
-    if passes(scene, pose, 1, scene.ahead, scene.clearance):
+        fastest = max(fastest, math.hypot(speed[0], speed[1]) + radius * abs(speed[2]))
+    clearance = scene.clearance + _ERROR * fastest
+    if passes(scene, pose, 1, scene.ahead, clearance):
         return True
     first = 1 + scene.slack
-    if not passes(scene, pose, 1, first, scene.clearance):
+    if not passes(scene, pose, 1, first, clearance):
         return False
     state = (pose, (0.0, 0.0, 0.0), tip, inside)
-    return escape(scene, state, first, scene.clearance, True)[0] < np.inf
+    return escape(scene, state, first, clearance, True)[0] < np.inf
 
 
 @njit()
