@@ -16,7 +16,8 @@ from modpush.evaluation import generate_set
 from modpush.geometry.camera import CAMERA
 from modpush.geometry.workspace import WORKSPACE, Rectangle
 from modpush.mdp import ContactFilter
-from modpush.mdp.push_prediction import outline
+from modpush.mdp.escape import escape
+from modpush.mdp.push_prediction import PARTS, object_after, outline, start, tip_at
 
 TIP = (0.032, 0.011)
 BOX = torch.from_numpy(get_object("box").support.astype(np.float32))
@@ -185,6 +186,38 @@ def test_the_object_is_not_pushed_into_the_way_of_an_obstacle_that_comes() -> No
     assert filtered(push, tip, thing, bits=bits).tolist() == push
     action = filtered(push, tip, thing, bits=bits, obstacle_motion=[0.42, 0.14, 0.0, -0.15])
     assert float(action[0]) > -0.1
+
+
+def test_a_way_out_that_has_been_begun_is_there_in_the_next_step() -> None:
+    """Otherwise the tool goes to and fro between ways: with directions that turn with it, in 1 of 5."""
+    rng, contact_filter, begun = np.random.default_rng(0), ContactFilter(TIP, WORKSPACE.bounds()), 0
+    for _ in range(80):
+        around, away, yaw, y = rng.uniform((-3.1, 0.07, -3.1, 0.12), (3.1, 0.13, 3.1, 0.3))
+        tip = (0.45 + away * math.cos(around), away * math.sin(around), 0.0)
+        bits, motion = blocked((0.42, y)), [0.42, y, 0.0, -0.1]
+        still = scene([0.0] * 3, tip, (0.45, 0.0, yaw), bits=bits, obstacle_motion=motion)
+        (pushed,) = contact_filter.scenes(still)
+        pose, speed, inside = start(pushed)
+        before, dx, dy = escape(pushed, (pose, speed, tip, inside), 0, 0.005, False)
+        if not 1.0 < before < math.inf:
+            continue
+        for part in range(1, PARTS + 1):
+            there = tip_at(pushed, np.array([dx, dy, 0.0]), part / PARTS)
+            pose, speed, _ = object_after(pushed, pose, speed, there, inside, PARTS)
+        after = escape(pushed, (pose, speed, there, inside), 1, 0.005, False)[0]
+        assert after <= before - 1.0
+        begun += 1
+    assert begun > 50
+
+
+def test_an_object_that_slides_on_counts_where_it_stops() -> None:
+    """A push at full speed ends beside the obstacle's way, and 9 mm further the box is in it."""
+    bits, motion, push = blocked((0.42, 0.14)), [0.42, 0.14, 0.0, -0.15], [-1.0, 0.0, 0.0]
+    for x, is_allowed in [(0.5, False), (0.51, True)]:
+        tip, thing = (x + 0.037, 0.0, math.pi / 2), (x, 0.0, math.pi / 2)
+        pushed = {"previous_object_pose": [x + 0.02, 0.0, math.pi / 2], "obstacle_motion": motion}
+        action = filtered(push, tip, thing, bits=bits, **pushed)
+        assert action.tolist() == (push if is_allowed else [0.0, 0.0, 0.0])
 
 
 def test_what_stands_is_kept_and_what_moves_is_not() -> None:
