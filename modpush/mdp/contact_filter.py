@@ -38,8 +38,9 @@ class ContactFilter(DescribedTransform):
     `object_clearance` and a fifth of its motion, since so much the prediction may be wrong, or if the
     object's centre is pushed nearer than `edge` to where an episode ends, the nearest of 175 other
     actions takes its place, where violations are added to its distance as a cost. An object that is
-    nearer than `edge` already can be pushed along it. An action without such a prediction is only
-    clipped to [-1, 1].
+    nearer than `edge` already can be pushed along it, and one that is nearer than `object_clearance`
+    may stay as near, down to half of that and a fifth of its motion. An action without such a
+    prediction is only clipped to [-1, 1].
 
     A policy that is kept from the only push that it knows would wait for ever. Where the object has
     stayed within 1 cm for 2 s, the tool's way to it included, `object_clearance` and `edge` fall, and

@@ -31,13 +31,16 @@ def _nearness(
 def violation(action: NDArray[np.float64], scene: PushedScene, limit: float = np.inf) -> float:
     """By how much an action `[3]`, base frame, is predicted to come too near to something [m].
 
-    After the action the tool stands still for a step, which is possible at any time. Of an object that is
-    at the edge already, only its way further out counts. A sum of more than `limit` is not completed.
+    After the action the tool stands still for a step, which is possible at any time. An object that is
+    nearer than `object_clearance` already may stay as near, unless that is less than half of it. Of one
+    that is at the edge, only its way further out counts. A sum of more than `limit` is not completed.
     """
     total, is_pushed = 0.0, False
     obstacles_move = len(scene.moving) > 0
     pose, speed, inside = start(scene)
     edge = outside(scene, pose)
+    most = scene.object_clearance + 2 * _ERROR * scene.motion[0]
+    away = most - _nearness(scene, scene.outline, pose, 0.0, most)
     fastest, radius = 0.0, math.hypot(scene.outline[0, 0], scene.outline[0, 1])
     moves = obstacles_move or speed != (0.0, 0.0, 0.0)
     for i in range(1, 2 * PARTS + 1):
@@ -51,7 +54,9 @@ def violation(action: NDArray[np.float64], scene: PushedScene, limit: float = np
         if part <= 1.0 or obstacles_move:
             total += _nearness(scene, scene.low_tool, tip, part, scene.clearance)
         if is_pushed or moves:
-            clearance = scene.object_clearance + _ERROR * fastest
+            error = _ERROR * fastest
+            clearance = min(scene.object_clearance + error, away)
+            clearance = max(clearance, 0.5 * scene.object_clearance + error)
             total += _nearness(scene, scene.outline, pose, part, clearance)
         if total > limit:
             return total

@@ -91,13 +91,22 @@ def test_the_object_is_not_pushed_against_an_obstacle() -> None:
     assert float(action[1]) < 0.5
 
 
+def test_an_object_near_an_obstacle_is_pushed_along_it_and_no_nearer() -> None:
+    """Between box and obstacle are 7 or 11 mm, where 1 cm and 4 mm for the motion are kept."""
+    for y, speed in ((0.056, 0.5), (0.06, 1.0)):
+        bits = blocked((0.5, y))
+        beside, below = (0.4385, 0.0, math.pi / 2), (0.5, -0.0365, 0.0)
+        along = filtered([1.0, 0.0, 0.0], beside, (0.5, 0.0, 0.0), bits=bits)
+        assert along.tolist() == [speed, 0.0, 0.0]
+        nearer = filtered([0.0, 1.0, 0.0], below, (0.5, 0.0, 0.0), bits=bits)
+        assert float(nearer[1]) < 0.2
+
+
 def test_a_push_that_was_refused_for_long_is_allowed_unless_something_would_touch() -> None:
     """A box is pushed along an obstacle or against it."""
     along, against = (0.5 - 0.088, 0.0, 0.0), (0.5, -0.036, 0.0)
     for gap, steps, share in [
-        (0.01, 0.0, 0.0),
-        (0.01, 30.0, 0.0),
-        (0.01, 60.0, 1.0),
+        (0.004, 0.0, 0.0),
         (0.004, 30.0, 0.0),
         (0.004, 60.0, 0.5),  # no faster, since the prediction may be wrong by a fifth of the motion
     ]:
