@@ -61,9 +61,10 @@ _CONTACT_FILTER = (
     "Not in the graphs. An action in the base frame, also of a recovery, is replaced if it is predicted "
     "to bring the tool, of which what is lower than the obstacles counts, nearer to an obstacle than "
     "`clearance` [m], or the object that it pushes nearer than `object_clearance` [m] and a fifth of its "
-    "motion, or the object's centre nearer than `edge` [m] to where an episode ends, or if there would "
-    "soon be no way left to push the object aside for a moving obstacle. Of `object_clearance` and "
-    "`edge` less and less is kept where the object has not moved for 2 s: modpush.mdp.ContactFilter."
+    "motion (one that is nearer already may stay as near, down to half), or the object's centre nearer "
+    "than `edge` [m] to where an episode ends, or if there would soon be no way left to push the object "
+    "aside for a moving obstacle. Of `object_clearance` and `edge` less and less is kept where the "
+    "object has not moved for 2 s: modpush.mdp.ContactFilter."
 )
 _PLANNING = (
     "Arguments of `OccupancyGrid` and `PlannerSubgoals`, lengths in metres. Cells outside `bounds`, made "

@@ -70,7 +70,7 @@ def _cost(
         is_pushed = False
         for _ in range(PARTS):
             tip = (tip[0] + dx, tip[1] + dy, tip[2])
-            pose, speed, pushed = object_after(scene, pose, speed, tip, inside, PARTS)
+            pose, speed, pushed = object_after(scene, pose, speed, tip, inside)
             is_pushed = is_pushed or pushed
         after = float(first + step + 1)
         if struck(scene, scene.outline, pose, after, clearance) > 0.0:

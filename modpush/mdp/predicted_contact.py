@@ -46,7 +46,7 @@ def violation(action: NDArray[np.float64], scene: PushedScene, limit: float = np
     for i in range(1, 2 * PARTS + 1):
         part = i / PARTS
         tip = tip_at(scene, action, min(part, 1.0))
-        pose, speed, pushed = object_after(scene, pose, speed, tip, inside, PARTS)
+        pose, speed, pushed = object_after(scene, pose, speed, tip, inside)
         is_pushed = is_pushed or pushed
         fastest = max(fastest, math.hypot(speed[0], speed[1]) + radius * abs(speed[2]))
         if i % _LOOKED_AT:
@@ -73,7 +73,7 @@ def _can_escape(action: NDArray[np.float64], scene: PushedScene) -> bool:
     fastest, radius = 0.0, math.hypot(scene.outline[0, 0], scene.outline[0, 1])
     for i in range(1, 2 * PARTS + 1):
         tip = tip_at(scene, action, min(i / PARTS, 1.0))
-        pose, speed, _ = object_after(scene, pose, speed, tip, inside, PARTS)
+        pose, speed, _ = object_after(scene, pose, speed, tip, inside)
         fastest = max(fastest, math.hypot(speed[0], speed[1]) + radius * abs(speed[2]))
     clearance = scene.clearance + _ERROR * fastest
     if passes(scene, pose, 1, scene.ahead, clearance):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from modpush._kernels import njit
 
 PARTS = 16
-"""Number of parts of a step in which the motion by one action is predicted.
+"""Number of parts of a step in which motion is predicted.
 
 With longer ones a tool that meets a corner can be predicted to push the wrong side of the object.
 """
@@ -217,14 +217,14 @@ def tip_at(scene: PushedScene, action: NDArray[np.float64], acted: float) -> Pos
 
 @njit()
 def object_after(
-    scene: PushedScene, pose: Pose, speed: Pose, tip: Pose, inside: float, parts: int
+    scene: PushedScene, pose: Pose, speed: Pose, tip: Pose, inside: float
 ) -> tuple[Pose, Pose, bool]:
-    """Pose and motion per step of the object after one of `parts` of a step, and if it was pushed."""
+    """Pose and motion per step of the object after one of the parts of a step, and if it was pushed."""
     vx, vy, turn = speed
     whole = math.hypot(vx, vy) + scene.lever * abs(turn)
-    kept = 1.0 - min(1.0, scene.slowing / (parts * whole)) if whole > 0.0 else 0.0
+    kept = 1.0 - min(1.0, scene.slowing / (PARTS * whole)) if whole > 0.0 else 0.0
     vx, vy, turn = kept * vx, kept * vy, kept * turn
-    slid = (pose[0] + vx / parts, pose[1] + vy / parts, pose[2] + turn / parts)
+    slid = (pose[0] + vx / PARTS, pose[1] + vy / PARTS, pose[2] + turn / PARTS)
     after = _pushed(scene, slid, tip, inside)
     if after == slid:
         return slid, (vx, vy, turn), False
@@ -232,7 +232,7 @@ def object_after(
     x, y, yaw = pose
     return (
         after,
-        ((after[0] - x) * parts, (after[1] - y) * parts, (after[2] - yaw) * parts),
+        ((after[0] - x) * PARTS, (after[1] - y) * PARTS, (after[2] - yaw) * PARTS),
         True,
     )
 
@@ -255,7 +255,5 @@ def pose_after(action: NDArray[np.float64], scene: PushedScene) -> Pose:
     """Predicted pose of the object after a step with an action `[3]`, base frame [m, m, rad]."""
     pose, speed, inside = start(scene)
     for i in range(1, PARTS + 1):
-        pose, speed, _ = object_after(
-            scene, pose, speed, tip_at(scene, action, i / PARTS), inside, PARTS
-        )
+        pose, speed, _ = object_after(scene, pose, speed, tip_at(scene, action, i / PARTS), inside)
     return pose

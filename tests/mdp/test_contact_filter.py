@@ -212,7 +212,7 @@ def test_a_way_out_that_has_been_begun_is_there_in_the_next_step() -> None:
             continue
         for part in range(1, PARTS + 1):
             there = tip_at(pushed, np.array([dx, dy, 0.0]), part / PARTS)
-            pose, speed, _ = object_after(pushed, pose, speed, there, inside, PARTS)
+            pose, speed, _ = object_after(pushed, pose, speed, there, inside)
         after = escape(pushed, (pose, speed, there, inside), 1, 0.005, False)[0]
         assert after <= before - 1.0
         begun += 1
