@@ -228,8 +228,8 @@ class SceneWorker:
         with set_exploration_type(ExplorationType.RANDOM):
             td = self.explore(td)
         if self.greedy_envs:
-            dist = self.actor.get_dist(td.select(*self.actor.in_keys)[self.greedy_envs])
-            td["action"][self.greedy_envs] = dist.deterministic_sample
+            dist = self.actor.build_dist_from_params(td)  # of the parameters that it has just written
+            td["action"][self.greedy_envs] = dist.deterministic_sample[self.greedy_envs]
         return td
 
     def _ended_episodes(self, after: TensorDictBase, random: bool) -> list[dict[str, float]]:
