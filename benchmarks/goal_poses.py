@@ -115,7 +115,9 @@ def main(
             )
             assert angle > min(degrees) or rows["success"].sum() == found["success"].sum()
             lines.append({"set": name, "degrees": angle, **rows.mean()})
-            print({k: v if isinstance(v, str) else round(float(v), 3) for k, v in lines[-1].items()})
+            print(
+                {k: v if isinstance(v, str) else round(float(v), 3) for k, v in lines[-1].items()}
+            )
             if len(chosen.objects) > 1:
                 rows["object"] = [scenario.pushed_object for scenario in chosen]
                 rows["scene"] = [scenario.scene for scenario in chosen]

@@ -228,7 +228,8 @@ class SceneWorker:
         with set_exploration_type(ExplorationType.RANDOM):
             td = self.explore(td)
         if self.greedy_envs:
-            dist = self.actor.build_dist_from_params(td)  # of the parameters that it has just written
+            # Of the parameters that the policy has just written, without calling it again.
+            dist = self.actor.build_dist_from_params(td)
             td["action"][self.greedy_envs] = dist.deterministic_sample[self.greedy_envs]
         return td
 
