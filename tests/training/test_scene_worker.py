@@ -61,10 +61,12 @@ def test_each_scenes_sums_are_of_its_own_episode() -> None:
     assert SceneWorker._ended_episodes(worker, steps[2], random=True)[1]["greedy"] == 0
 
 
-def test_greedy_scenes_act_without_noise_and_the_others_with_it() -> None:
+@pytest.mark.parametrize("loss", ["tqc", "td3"])
+def test_greedy_scenes_act_without_noise_and_the_others_with_it(loss: str) -> None:
     torch.manual_seed(0)
     observed = Composite(observation=Unbounded((3,)))
-    agent = make_tqc_from_specs(TQCConfig(hidden_sizes=(8,)), observed, Bounded(-1, 1, (2,)))
+    config = TQCConfig(hidden_sizes=(8,), loss=loss)
+    agent = make_tqc_from_specs(config, observed, Bounded(-1, 1, (2,)))
     worker: Any = SimpleNamespace(
         explore=agent.exploration_policy, actor=agent.actor, greedy_envs=[2, 3]
     )

@@ -65,7 +65,8 @@ class LearnerSpecs:
 
 
 ActorFactory = Callable[[TQCConfig, LearnerSpecs], ProbabilisticActor]
-"""Makes the policy. It must write the action within its bounds; it may read any observed key."""
+"""Makes the policy. It must write the action within its bounds, and beside it the parameters of the
+distribution; it may read any observed key."""
 CriticFactory = Callable[[TQCConfig, LearnerSpecs], TensorDictModule]
 """Makes one critic; called once per critic. It reads any observed key and the action, and writes
 `state_action_value`: return quantiles `[*B, n]`, or for losses with scalar critics `[*B, 1]`."""
