@@ -66,11 +66,11 @@ def test_pose_is_of_its_preset() -> None:
 @pytest.mark.parametrize(
     ("changes", "least", "least_clean"),
     [
-        ({}, 53, 53),
+        ({}, 52, 52),
         pytest.param(
             {"contact_filter": False, "motion_ahead": 0.0, "planner_clearance": 0.0},
             48,
-            36,  # the policy relies on the filter
+            40,
             marks=pytest.mark.slow,
         ),
     ],
