@@ -12,7 +12,6 @@ from torch import Tensor
 
 _NO_NUMBERS = {torch.bool, torch.complex32, torch.complex64, torch.complex128}
 
-_STRIDE = 8  # of the pixels that are looked at first
 _TOLERANCE = 1.1  # of the camera's height over the table
 
 
@@ -74,11 +73,9 @@ def check_depth_unit(depth: Tensor, camera_z: float) -> None:
         camera_z: Height of the camera over the table [m].
     """
     limit = _TOLERANCE * camera_z
-    # NaN and infinity count as beyond. Few images get past the first, cheap look.
-    if (
-        depth.shape[0] == 0
-        or (depth[:, ::_STRIDE, ::_STRIDE].abs() <= limit).flatten(1).any(1).all()
-    ):
+    # NaN and infinity count as beyond. The pixel in the middle settles nearly all images.
+    height, width = depth.shape[1:]
+    if (depth[:, height // 2, width // 2].abs() <= limit).all():
         return
     good = (depth.abs() <= limit).flatten(1).any(1)
     if not good.all():

@@ -18,15 +18,19 @@ def processor_precision() -> Precision:
 
 
 @contextmanager
-def networks_in(precision: Precision) -> Iterator[None]:
+def networks_in(precision: Precision, *, fixed_weights: bool = False) -> Iterator[None]:
     """Context in which the library's networks compute in a precision on the CPU, see `autocast`.
 
-    It holds for all threads of the process.
+    It holds for all threads of the process. With `fixed_weights` each weight is cast once for the whole
+    context, and none may change within it.
     """
     global _reduced
     before, _reduced = _reduced, precision == "bfloat16"
+    # torch keeps the casts until its outermost autocast ends.
+    outermost = torch.autocast("cpu", torch.bfloat16, enabled=False)
     try:
-        yield
+        with outermost if fixed_weights and _reduced else nullcontext():
+            yield
     finally:
         _reduced = before
 

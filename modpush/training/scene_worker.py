@@ -193,7 +193,7 @@ class SceneWorker:
             self.load_policy(weights)
         td, rows, episodes = self._td, [], []
         hindsight: dict[NestedKey, NDArray] = {}
-        with networks_in(self._precision):
+        with networks_in(self._precision, fixed_weights=True):
             for _ in range(steps):
                 td = self._first_action(td) if random else self._act(td)
                 scenarios = self._simulator.scenarios if self._hindsight is not None else []

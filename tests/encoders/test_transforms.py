@@ -69,6 +69,24 @@ def test_latents_of_encoders_in_bfloat16_are_float32_and_close(make_encoder):
     assert 0 < (rounded - exact).abs().max() < 0.03 * exact.abs().max()
 
 
+def test_fixed_weights_are_cast_once_and_anew_in_the_next_context():
+    encoder = Encode(ConvEncoder())
+    window = TensorDict(window=torch.rand(6, 1, 64, 64))
+
+    def latents(count, **options):
+        with networks_in("bfloat16", **options):
+            return [encoder(window.clone())["latent"] for _ in range(count)]
+
+    (usual,) = latents(1)
+    assert all(torch.equal(latent, usual) for latent in latents(2, fixed_weights=True))
+    with torch.no_grad():
+        encoder.encoder.layers[0].weight.mul_(2.0)
+    (changed,) = latents(1)
+    assert not torch.equal(changed, usual)
+    assert all(torch.equal(latent, changed) for latent in latents(2, fixed_weights=True))
+    assert not torch.is_autocast_enabled("cpu")
+
+
 @pytest.mark.parametrize("encoder", [DepthVAE, RayScan, ConvEncoder])
 def test_specs_hold_on_a_push_env(push_env, encoder):
     env = TransformedEnv(push_env, Compose(EgocentricWindow(), Encode(encoder())))

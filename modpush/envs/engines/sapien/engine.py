@@ -46,7 +46,9 @@ class SapienEngine(Engine):
         self.task, self._scene, self._objects = task, task.scene, task.objects
         self._obstacles, self._contacts = task.obstacles, task.contacts
         robot = task.agent.robot
-        self._joints = [joint._objs[0] for joint in robot.active_joints]
+        joints = [joint._objs[0] for joint in robot.active_joints]
+        # Looked up once: these are called some fifty times a step.
+        self._drives = [(j.set_drive_target, j.set_drive_velocity_target) for j in joints]
         self._robot = robot._objs[0]
         self._links = {name: link._objs[0] for name, link in robot.links_map.items()}
         self._entities = {name: actor._objs[0] for name, actor in self._objects.actors.items()}
@@ -65,7 +67,7 @@ class SapienEngine(Engine):
         self._feet: dict[str, list[physx.PhysxCollisionShape]] = {}
         # SAPIEN builds a camera that changes its scene anew, with the shaders that are set then.
         self._camera_scenes: list[sapien.Scene] = []
-        self._no_force = np.zeros(len(self._joints), dtype=np.float32)
+        self._no_force = np.zeros(len(joints), dtype=np.float32)
 
     @classmethod
     def build(cls, spec: SceneSpec) -> "SapienEngine":
@@ -148,15 +150,15 @@ class SapienEngine(Engine):
         obstacles: NDArray[np.float64] | None = None,
     ) -> list[bool]:
         """See `Engine`: what ManiSkill's `step` does to the bodies."""
-        step, contacts, joints = self._scene.px.step, self._contacts, self._joints
+        step, contacts, drives = self._scene.px.step, self._contacts, self._drives
         contacts.clear()
         last: Sequence[float] | None = None
         for substep, (angles, rates) in enumerate(zip(position, velocity, strict=True), start=1):
-            for joint, angle in zip(joints, angles, strict=True):
-                joint.set_drive_target(angle)
+            for (set_angle, _), angle in zip(drives, angles, strict=True):
+                set_angle(angle)
             if rates != last:
-                for joint, rate in zip(joints, rates, strict=True):
-                    joint.set_drive_velocity_target(rate)
+                for (_, set_rate), rate in zip(drives, rates, strict=True):
+                    set_rate(rate)
                 last = rates
             if obstacles is not None:
                 self._obstacles.move(obstacles[substep - 1].tolist())
@@ -202,7 +204,7 @@ class SapienEngine(Engine):
         pushed = self.task.scene_spec.dynamic_obstacles
         movable = sum(pushed or o.motion is not None for o in scenario.obstacles)
         num_bodies = 2 + movable  # with the object and the arm's base
-        size = _BODY * num_bodies + _JOINT * len(self._joints)
+        size = _BODY * num_bodies + _JOINT * len(self._drives)
         check_vector(packed, size)
         if not (np.abs(packed) <= _LARGEST).all():  # False for NaN
             raise ValueError(
