@@ -1,6 +1,6 @@
 """Train an agent: environment and learner each in their own process, on two cores.
 
-    modpush train cpu --out runs/train            # the first part of `make train`, some tens of minutes
+    modpush train cpu --out runs/train            # the first part of `make train`, ten to thirty minutes
     modpush train cpu --out runs/train --resume   # continue after an interrupt
     modpush train refine --init-from runs/train --out runs/refine   # the second part: more careful
     modpush train smoke --out /tmp/smoke          # everything once, in some seconds
@@ -15,7 +15,7 @@ The folder gets `config.yaml`, `log.csv`, `evaluations.csv` (greedy, on held-out
 and stop.
 
 Presets:
-  cpu                The configuration that learns soonest on two CPU cores, in some tens of minutes.
+  cpu                The configuration that learns soonest on two CPU cores, in ten to thirty minutes.
   any_object         The same with twelve objects, eight of them of random shape, and random mass and
                      friction.
   movable            The small cube among boxes that can be pushed away, past which there may be no

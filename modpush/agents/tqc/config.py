@@ -89,8 +89,8 @@ class TQCConfig:
     device: Device = "cpu"
     """Torch device of the networks and updates; only "cpu" has been tried."""
     execution: Execution = "eager"
-    """Execution of an update: operation by operation ("eager") or compiled ("compile"); see
-    `TQCUpdate`."""
+    """Execution of an update: operation by operation ("eager"), compiled ("compile"), or compiled and
+    recorded on a CUDA device ("cudagraph"); see `TQCUpdate`."""
 
     precision: Precision | Literal["auto"] = "float32"
     """Precision of the networks on the CPU, in updates and in the scenes that act in a run: "float32";
