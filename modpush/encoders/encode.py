@@ -90,7 +90,8 @@ class Encode(StatelessTransform):
         self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase
     ) -> TensorDictBase:
         keys = self.in_keys, self.out_keys
-        return write_scenes_reset(self._call, tensordict, tensordict_reset, *keys, at_least=_FEW)
+        scenes = _FEW // len(self.out_keys)  # each has a mirror image where these are encoded, too
+        return write_scenes_reset(self._call, tensordict, tensordict_reset, *keys, at_least=scenes)
 
     def transform_observation_spec(self, observation_spec: TensorSpec) -> TensorSpec:
         """Add the latents."""
