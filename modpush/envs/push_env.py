@@ -214,7 +214,8 @@ class PushEnv(EnvBase):
             raise TypeError(f"PushEnv: scenario must be a ScenarioConfig, got {config!r}.")
         if config is not self._scenario:
             check_new_scenario(config, self._scenario, self._simulation, self._digests)
-            if config.max_start_radius != self._scenario.max_start_radius:  # the workspace is the same
+            # The workspace is the same, for which the reach has been checked.
+            if config.max_start_radius != self._scenario.max_start_radius:
                 check_reach(self.robot, config)
         self._scenario = config
 
