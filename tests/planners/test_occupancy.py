@@ -191,3 +191,11 @@ def test_nothing_is_inflated_again_while_obstacles_stand_still():
 def test_bad_images_are_refused(arguments, error, message):
     with pytest.raises(error, match=message):
         OccupancyMap()(*arguments)
+
+
+def test_one_pixel_within_the_camera_s_height_is_enough():
+    depth = torch.full((2, 256, 256), torch.inf)
+    depth[0, 3, 250] = depth[1, 128, 128] = 1.0
+    OccupancyMap()(depth, 0.03)
+    with pytest.raises(ValueError, match="in scene 1"):
+        OccupancyMap()(depth.index_fill(2, torch.tensor([128]), torch.nan), 0.03)
