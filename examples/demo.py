@@ -4,7 +4,7 @@
 
 Prints how often each of them arrives and how much of the time it touches the object, and writes
 `runs/two_policies.mp4`: the top views side by side, with the planned path and the sub-goal in magenta.
-The first run on a machine compiles for about a minute. `modpush demo` shows more scenes.
+The first run on a machine compiles for a minute or two. `modpush demo` shows more scenes.
 """
 
 import argparse
