@@ -26,10 +26,11 @@ def networks_in(precision: Precision, *, fixed_weights: bool = False) -> Iterato
     """
     global _reduced
     before, _reduced = _reduced, precision == "bfloat16"
-    # torch keeps the casts until its outermost autocast ends.
-    outermost = torch.autocast("cpu", torch.bfloat16, enabled=False)
+    keeping: AbstractContextManager[None] = nullcontext()
+    if fixed_weights and _reduced:  # torch keeps casts until its outermost autocast ends
+        keeping = torch.autocast("cpu", torch.bfloat16, enabled=False)
     try:
-        with outermost if fixed_weights and _reduced else nullcontext():
+        with keeping:
             yield
     finally:
         _reduced = before
