@@ -30,13 +30,13 @@ _REFINED_WEIGHTS = {
 
 
 _SHIPPED_TQC = TQCConfig.preset("cpu", updates_per_step=1 / 12, learning_starts=10_000)
-"""Updates a step and learning rates of the shipped agents for positions; `cpu` has been tuned again."""
+"""Pace and learning rates of the shipped agents for positions; `cpu` has been tuned again."""
 
 
 def _cpu() -> TrainConfig:
     return TrainConfig(
         env=PushEnvConfig.preset("cpu"),
-        tqc=TQCConfig.preset("cpu", actor_lr=6e-4, critic_lr=6e-4, learning_starts=10_000),
+        tqc=TQCConfig.preset("cpu", actor_lr=6e-4, critic_lr=6e-4),
         replay=ReplayConfig(batch_size=256, n_steps=3),
         # The scripted pusher's transitions show what reaching the goal is worth, so that no easy episodes
         # are needed; and a policy that has only pushed in free space learns anew among obstacles.

@@ -168,6 +168,7 @@ def test_all_in_which_the_cpu_preset_departs_from_the_paper():
         "tqc.alpha_init": 0.02,
         "tqc.batch_size": 256,
         "tqc.updates_per_step": 1 / 8,
+        "tqc.learning_starts": 3000,
         "tqc.precision": "auto",
         "replay.batch_size": 256,
         "replay.n_steps": 3,
