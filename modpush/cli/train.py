@@ -91,7 +91,7 @@ Learner (TQC) and replay buffer:
   --train.tqc.batch-size N            Number of transitions in each update, the same as the next [256].
   --train.replay.batch-size N         Number of transitions in each sample, the same as the last [256].
   --train.tqc.updates-per-step X      Number of updates per environment step [0.125].
-  --train.tqc.learning-starts N       Environment steps before the first update [10000].
+  --train.tqc.learning-starts N       Environment steps before the first update [3000].
   --train.replay.sampler NAME         attentive, uniform or prioritized [attentive].
   --train.replay.n-steps N            Number of steps whose rewards are summed before bootstrapping [3].
   --train.replay.capacity N           Number of transitions that the buffer holds [1000000].
